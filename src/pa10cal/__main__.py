@@ -1,0 +1,36 @@
+"""Command line: `pa10cal <stage> …` runs one stage of the workflow."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from pa10cal.stages.command import REFUSED, limit_threads
+
+#: Stage name and what it does, in the order of the workflow.
+STAGES = {
+    "simulate": "write a campaign with the virtual cell",
+    "ingest": "raw logs to a table of poses",
+    "seed": "base frame from the straight-line moves",
+    "calibrate": "two-level calibration of one load case",
+    "montecarlo": "position error from resolver uncertainty in one plane",
+    "evaluate": "held-out points and loads",
+    "figures": "draw one figure or table",
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one stage and return its exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    if not words or words[0] in ("-h", "--help") or words[0] not in STAGES:
+        lines = [f"  {name:<11} {what}" for name, what in STAGES.items()]
+        print("usage: pa10cal STAGE [options]   (pa10cal STAGE --help)\n" + "\n".join(lines))
+        return 0 if words and words[0] in ("-h", "--help") else REFUSED
+    limit_threads()
+    module = import_module(f"pa10cal.stages.{words[0]}")
+    return int(module.main(words[1:]))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

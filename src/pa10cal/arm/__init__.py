@@ -1,0 +1,1 @@
+"""The nominal arm and its chain."""

@@ -1,0 +1,1 @@
+"""Raw logs of a measurement campaign to a table of poses."""

@@ -1,0 +1,48 @@
+"""The one error a user sees: what is wrong, where, the value, what is allowed, what to do."""
+
+from __future__ import annotations
+
+
+class Pa10calError(Exception):
+    """A refusal with everything the reader needs to mend its cause.
+
+    Attributes:
+        what: what is wrong, one clause.
+        where: file and line, or configuration key, or parameter name.
+        value: the offending value, where there is one.
+        allowed: what would have been accepted.
+        remedy: what to do about it.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        where: str,
+        allowed: str,
+        remedy: str,
+        value: object | None = None,
+    ) -> None:
+        self.what = what
+        self.where = where
+        self.value = value
+        self.allowed = allowed
+        self.remedy = remedy
+        got = "" if value is None else f" (got {value!r})"
+        super().__init__(f"{where}: {what}{got}; allowed: {allowed}; {remedy}")
+
+
+class SettingsError(Pa10calError):
+    """The configuration cannot be used."""
+
+
+class RawDataError(Pa10calError):
+    """A raw file cannot be used."""
+
+
+class ArmError(Pa10calError):
+    """An arm description cannot be used."""
+
+
+class CalibrationError(Pa10calError):
+    """The data do not allow this calibration."""

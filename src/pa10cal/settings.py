@@ -1,0 +1,234 @@
+"""Every setting of the pipeline, typed, with its default; unknown keys are refused."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pa10cal.errors import SettingsError
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+
+
+_S = TypeVar("_S", bound="Section")
+
+
+class Section(BaseModel):
+    """A part of the configuration: frozen, and closed to unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class IngestSettings(Section):
+    """Raw logs to a table of poses."""
+
+    stray_touch_sigma: Positive = Field(
+        6.0,
+        description="a touch further off its sphere than this many instrument sigmas is a stray",
+    )
+    still_speed_deg_s: Positive = Field(
+        0.02, description="a joint slower than this stands still [deg/s]"
+    )
+    max_quarantined_fraction: Annotated[float, Field(gt=0, le=1)] = Field(
+        0.2, description="more rows left out than this stops the stage"
+    )
+
+
+class BaseFrameSettings(Section):
+    """Base frame from the straight-line moves, equations (5)-(7)."""
+
+    min_length_mm: Positive = Field(50.0, description="a shorter straight move is refused")
+    max_bend_mm: Positive = Field(
+        5.0, description="largest rms distance from the fitted line before it counts as bent"
+    )
+    min_angle_deg: Annotated[float, Field(gt=0, lt=90)] = Field(
+        60.0, description="a smaller angle between the x and y moves counts as parallel"
+    )
+
+
+class ToleranceSettings(Section):
+    """Manufacturing tolerances that scale the departures (paper, Section II.C)."""
+
+    a_m: Positive = 0.25e-3
+    alpha_rad: Positive = 1e-3
+    d_m: Positive = 0.25e-3
+    beta_rad: Positive = 1e-3
+    theta_rad: Positive = 5e-4
+
+
+class CalibrationSettings(Section):
+    """The two-level calibration, equations (1)-(4), and the readings of the paper."""
+
+    epsilon: NonNegative = Field(1.6e-4, description="weight of the tolerance terms")
+    epsilon_acts_on: Literal["residual", "cost"] = Field(
+        "residual", description="what epsilon multiplies"
+    )
+    tolerance_terms: Literal["null_space", "all"] = Field(
+        "null_space",
+        description="null_space: the terms settle only what the data leave open; "
+        "all: on every departure, as printed",
+    )
+    tolerances: ToleranceSettings = ToleranceSettings()
+    inner_poses: Annotated[int, Field(ge=1)] | Literal["all"] = Field(
+        8, description="M: poses of the inner level"
+    )
+    inner_subsets: Annotated[int, Field(ge=0)] = Field(
+        20, description="random choices of the M poses tried to see how much the answer depends"
+    )
+    flexible_joints: tuple[Annotated[int, Field(ge=1)], ...] = Field(
+        (2, 3, 5), description="joints with a cubic spring; the others are rigid"
+    )
+    r_max_m: Positive = Field(1.0, description="length that normalises positions")
+    starts: Annotated[int, Field(ge=1)] = Field(8, description="initial guesses tried")
+    random_seed: int = 20080427
+    max_iterations: Annotated[int, Field(ge=1)] = 200
+    apparatus_uncertainty_mm: NonNegative = Field(
+        0.005,
+        description="standard uncertainty of a tooling ball's place on the apparatus, per axis",
+    )
+
+
+class MonteCarloSettings(Section):
+    """Position error from resolver uncertainty, plane by plane."""
+
+    planes_mm: tuple[int, ...] = (300, 400, 500, 600, 700)
+    cycles: Annotated[int, Field(ge=2)] = 100_000
+    positions: Annotated[int, Field(ge=2)] = 200
+    sigma_deg: Positive = 0.011
+    reach_m: tuple[Positive, Positive] = (0.5, 0.9)
+    random_seed: int = 20080427
+    map_spacing_mm: Positive = 50.0
+
+
+class EvaluationSettings(Section):
+    """Held-out points and loads."""
+
+    calibration: str = Field("combined", description="which load case's models are evaluated")
+
+
+class FigureSettings(Section):
+    """Looks shared by all figures."""
+
+    png_dpi: Annotated[int, Field(ge=50, le=600)] = 150
+
+
+class SimulateSettings(Section):
+    """The virtual cell: what campaign `pa10cal simulate` writes."""
+
+    random_seed: int = 2008
+    hidden_effects: tuple[dict[str, Any], ...] = Field(
+        (),
+        description="entries {id, of, parameters} in the vocabulary of effects",
+    )
+
+
+class Settings(Section):
+    """The whole of config.yaml."""
+
+    campaigns: Annotated[tuple[str, ...], Field(min_length=1)]
+    raw_dir: str = "data/raw"
+    results_dir: str = "results"
+    kcub_reading: Literal["text_e7", "table_e8"] = Field(
+        "text_e7",
+        description="the exponent of the paper's cubic stiffness: its text or its Table I",
+    )
+    ingest: IngestSettings = IngestSettings()
+    base_frame: BaseFrameSettings = BaseFrameSettings()
+    calibration: CalibrationSettings = CalibrationSettings()
+    montecarlo: MonteCarloSettings = MonteCarloSettings()
+    evaluation: EvaluationSettings = EvaluationSettings()
+    figures: FigureSettings = FigureSettings()
+    simulate: dict[str, SimulateSettings] = Field(
+        default_factory=dict, description="campaigns the virtual cell can write, by name"
+    )
+
+
+def parse_settings(raw: object, *, where: str) -> Settings:
+    """Check a mapping against `Settings`.
+
+    Args:
+        raw: what YAML or the command line gave.
+        where: the file or option it came from, for the message.
+
+    Raises:
+        SettingsError: naming the first offending key, its value and the nearest right name.
+    """
+    return parse_section(Settings, raw, where=where)
+
+
+def parse_section(section: type[_S], raw: object, *, where: str) -> _S:
+    """Check a mapping against one section; see `parse_settings`."""
+    try:
+        return section.model_validate(raw)
+    except ValidationError as error:
+        raise _explain(section, error, where) from None
+
+
+def read_settings_argument(section: type[_S], argument: str) -> _S:
+    """Read a section from the command line: a JSON object, or the path of a YAML file.
+
+    Raises:
+        SettingsError: when it is neither, or its content does not fit `section`.
+    """
+    if argument.lstrip().startswith("{"):
+        return parse_section(section, json.loads(argument), where="--settings")
+    path = Path(argument)
+    try:
+        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        raise SettingsError(
+            "settings cannot be read",
+            where=argument,
+            value=str(error),
+            allowed="a JSON object or the path of a YAML file",
+            remedy="check the path and its syntax",
+        ) from None
+    return parse_section(section, raw, where=argument)
+
+
+def _explain(section: type[Section], error: ValidationError, where: str) -> SettingsError:
+    """Turn pydantic's first finding into one message in the project's form."""
+    first = error.errors()[0]
+    location = tuple(str(part) for part in first["loc"])
+    key = ".".join(location) or "the whole"
+    if first["type"] == "extra_forbidden":
+        known = _known_keys(section, location[:-1])
+        near = difflib.get_close_matches(location[-1], known, n=1, cutoff=0.0)
+        return SettingsError(
+            f"unknown key {key}",
+            where=where,
+            allowed=", ".join(sorted(known)),
+            remedy=f"did you mean {near[0]!r}?" if near else "remove it",
+        )
+    return SettingsError(
+        f"key {key} does not fit",
+        where=where,
+        value=first.get("input"),
+        allowed=first["msg"],
+        remedy=f"set {key} accordingly",
+    )
+
+
+def _known_keys(section: type[Section], path: tuple[str, ...]) -> list[str]:
+    """Return the field names of the (sub)section at `path`."""
+    current: Any = section
+    for part in path:
+        field = current.model_fields.get(part)
+        if field is None:  # the key of a mapping, such as a campaign's name
+            continue
+        annotation = field.annotation
+        current = next(
+            (
+                kind
+                for kind in (annotation, *getattr(annotation, "__args__", ()))
+                if isinstance(kind, type) and issubclass(kind, Section)
+            ),
+            current,
+        )
+    return list(current.model_fields)
