@@ -36,7 +36,7 @@ class PoseStates:
     @property
     def n(self) -> int:
         """Number of joints."""
-        return self.q_rad.shape[1]
+        return int(self.q_rad.shape[1])
 
     def take(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> PoseStates:
         """Return the states of some poses."""

@@ -1,0 +1,187 @@
+"""The chain: forward kinematics and, for every chain coordinate, the screw it moves the end by.
+
+A chain is a row of elementary motions (rotations about and translations along the axes of the
+moving frame). Each is driven by one chain coordinate: the base frame, theta, d, a, alpha and beta
+of every Denavit-Hartenberg row, the tool. The derivative of the end's pose by a coordinate is the
+screw of its axis, exact and at no extra cost (paper, Section II.C; Hayati's beta ends each row).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+
+Array = NDArray[np.float64]
+Axis = Literal[0, 1, 2]
+
+BASE = ("base.x", "base.y", "base.z", "base.rx", "base.ry", "base.rz")
+TOOL = ("tool.x", "tool.y", "tool.z", "tool.rx", "tool.ry", "tool.rz")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One elementary motion: along or about an axis of the moving frame.
+
+    Attributes:
+        coordinate: name of the chain coordinate that drives it.
+        axis: 0, 1, 2 for x, y, z of the moving frame.
+        turns: whether it rotates (else it translates).
+    """
+
+    coordinate: str
+    axis: Axis
+    turns: bool
+
+
+@dataclass(frozen=True)
+class EndPose:
+    """Pose of the end of the chain and its derivative by every chain coordinate.
+
+    Attributes:
+        T: (P, 4, 4) pose in the frame the chain starts from [m].
+        screws: (P, 6, m) velocity of the end point [m per unit] over angular velocity
+            [rad per unit], both along the axes of the starting frame; the angular part is a
+            small rotation applied on the left.
+    """
+
+    T: Array
+    screws: Array
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The chain of an arm; build it with `Chain.of`.
+
+    Attributes:
+        arm: the nominal arm.
+        motions: elementary motions from the base to the end, one a coordinate.
+        nominal: (m,) coordinates at zero joint positions.
+        joint_columns: (n,) column of the coordinate that each joint position drives.
+    """
+
+    arm: Arm
+    motions: tuple[Motion, ...]
+    nominal: Array
+    joint_columns: NDArray[np.intp]
+    _columns: dict[str, int] = field(repr=False)
+
+    @classmethod
+    def of(cls, arm: Arm) -> Chain:
+        """Lay out the chain of an arm: base, Denavit-Hartenberg rows, tool."""
+        motions = _free_frame(BASE)
+        for row in range(1, arm.n + 1):
+            motions += _row_motions(row, arm.convention)
+        motions += _free_frame(TOOL)
+        columns = {motion.coordinate: k for k, motion in enumerate(motions)}
+        nominal = np.zeros(len(motions))
+        for row in range(arm.n):
+            nominal[columns[f"theta_{row + 1}"]] = arm.theta_rad[row]
+            nominal[columns[f"d_{row + 1}"]] = arm.d_m[row]
+            nominal[columns[f"a_{row + 1}"]] = arm.a_m[row]
+            nominal[columns[f"alpha_{row + 1}"]] = arm.alpha_rad[row]
+        joints = [
+            columns[f"{'d' if slides else 'theta'}_{row}"]
+            for row, slides in enumerate(arm.prismatic, start=1)
+        ]
+        return cls(arm, motions, nominal, np.array(joints), columns)
+
+    def columns(self, names: tuple[str, ...]) -> NDArray[np.intp]:
+        """Return the columns of the named chain coordinates (KeyError when there is none)."""
+        return np.array([self._columns[name] for name in names], dtype=np.intp)
+
+    def coordinates(self, q_rad: Array) -> Array:
+        """Return the nominal chain coordinates (P, m) at joint positions (P, n)."""
+        coordinates = np.tile(self.nominal, (len(q_rad), 1))
+        coordinates[:, self.joint_columns] += q_rad
+        return coordinates
+
+    def forward(self, q_rad: Array) -> Array:
+        """Return the nominal pose of the end, T_base_ee (P, 4, 4), at joint positions (P, n)."""
+        return end_pose(self, self.coordinates(q_rad))
+
+    def forward_with_screws(self, q_rad: Array) -> EndPose:
+        """Return the nominal pose of the end and its screws at joint positions (P, n)."""
+        return end_pose_with_screws(self, self.coordinates(q_rad))
+
+
+def end_pose(chain: Chain, coordinates: Array) -> Array:
+    """Return the pose of the end (P, 4, 4) at chain coordinates (P, m)."""
+    frame, origin = _walk(chain, coordinates, None, None)
+    return _homogeneous(frame, origin)
+
+
+def end_pose_with_screws(chain: Chain, coordinates: Array) -> EndPose:
+    """Return the pose of the end and the screw of every coordinate at coordinates (P, m)."""
+    m, count = len(chain.motions), len(coordinates)
+    axes = np.empty((m, 3, count))
+    origins = np.empty((m, 3, count))
+    frame, end = _walk(chain, coordinates, axes, origins)
+    turns = np.array([motion.turns for motion in chain.motions])
+    screws = np.zeros((m, 6, count))
+    screws[turns, 3:] = axes[turns]
+    arm_x, arm_y, arm_z = np.moveaxis(end - origins[turns], 1, 0)
+    axis_x, axis_y, axis_z = np.moveaxis(axes[turns], 1, 0)
+    screws[turns, 0] = axis_y * arm_z - axis_z * arm_y
+    screws[turns, 1] = axis_z * arm_x - axis_x * arm_z
+    screws[turns, 2] = axis_x * arm_y - axis_y * arm_x
+    screws[~turns, :3] = axes[~turns]
+    return EndPose(_homogeneous(frame, end), screws.transpose(2, 1, 0))
+
+
+def _walk(
+    chain: Chain, coordinates: Array, axes: Array | None, origins: Array | None
+) -> tuple[list[Array], Array]:
+    """Carry the frame along the chain; note each motion's axis and origin where asked.
+
+    The frame is kept as its three axes, each (3, P): a rotation then touches two of them.
+    """
+    count = len(coordinates)
+    frame = [np.repeat(column[:, None], count, axis=1) for column in np.eye(3)]
+    origin = np.zeros((3, count))
+    for k, motion in enumerate(chain.motions):
+        value = coordinates[:, k]
+        if axes is not None and origins is not None:
+            axes[k] = frame[motion.axis]
+            origins[k] = origin
+        if not value.any():
+            continue
+        if motion.turns:
+            first, second = (motion.axis + 1) % 3, (motion.axis + 2) % 3
+            cos, sin = np.cos(value), np.sin(value)
+            frame[first], frame[second] = (
+                cos * frame[first] + sin * frame[second],
+                cos * frame[second] - sin * frame[first],
+            )
+        else:
+            origin = origin + value * frame[motion.axis]
+    return frame, origin
+
+
+def _homogeneous(frame: list[Array], origin: Array) -> Array:
+    T = np.zeros((origin.shape[1], 4, 4))
+    for column, axis in enumerate([*frame, origin]):
+        T[:, :3, column] = axis.T
+    T[:, 3, 3] = 1.0
+    return T
+
+
+def _free_frame(names: tuple[str, ...]) -> tuple[Motion, ...]:
+    """Six motions x, y, z, then about x, y, z."""
+    axes: tuple[Axis, ...] = (0, 1, 2, 0, 1, 2)
+    return tuple(
+        Motion(name, axis, k >= 3) for k, (name, axis) in enumerate(zip(names, axes, strict=True))
+    )
+
+
+def _row_motions(row: int, convention: str) -> tuple[Motion, ...]:
+    theta, d = Motion(f"theta_{row}", 2, True), Motion(f"d_{row}", 2, False)
+    a, alpha = Motion(f"a_{row}", 0, False), Motion(f"alpha_{row}", 0, True)
+    beta = Motion(f"beta_{row}", 1, True)
+    if convention == "modified":
+        return (beta, alpha, a, theta, d)
+    return (theta, d, a, alpha, beta)

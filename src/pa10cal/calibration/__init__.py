@@ -1,0 +1,1 @@
+"""Two-level calibration: inner base frame, outer link parameters and springs."""

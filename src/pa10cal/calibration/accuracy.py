@@ -1,0 +1,101 @@
+"""Position and orientation error of predicted poses, as the paper states them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.calibration.inner import fit_base_frame
+from pa10cal.calibration.pose_error import angle_rad, pose_error
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.terms.model import Model
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Errors over a set of configurations.
+
+    Attributes:
+        mean_mm, peak_mm, rms_mm: distances at the end-effector frame.
+        orientation_deg: mean angle between predicted and measured attitude.
+        configurations: how many.
+    """
+
+    mean_mm: float
+    peak_mm: float
+    rms_mm: float
+    orientation_deg: float
+    configurations: int
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """Predicted minus measured, configuration by configuration.
+
+    Attributes:
+        position_mm: (P, 3) along the base axes.
+        rotation_deg: (P, 3) axis times angle, along the base axes.
+    """
+
+    position_mm: Array
+    rotation_deg: Array
+
+    @property
+    def distance_mm(self) -> Array:
+        """Return the position errors (P,)."""
+        distance: Array = np.linalg.norm(self.position_mm, axis=1)
+        return distance
+
+    @property
+    def angle_deg(self) -> Array:
+        """Return the orientation errors (P,)."""
+        angle: Array = np.linalg.norm(self.rotation_deg, axis=1)
+        return angle
+
+
+def deviations(T_base_ee: Array, T_cmm_base: Array, observations: PoseObservations) -> Deviations:
+    """Compare predicted with measured poses."""
+    error = pose_error(T_cmm_base @ T_base_ee, observations.T_cmm_ee)
+    angle = angle_rad(error)
+    chord = 2.0 * np.sin(angle / 2.0)
+    stretch = np.divide(angle, chord, out=np.ones_like(angle), where=chord > 0)
+    to_base = T_cmm_base[:3, :3]
+    return Deviations(
+        1e3 * error.position_m @ to_base,
+        np.degrees(error.chord * stretch[:, None]) @ to_base,
+    )
+
+
+def summarise(found: Deviations, rows: NDArray[np.bool_] | slice = slice(None)) -> Accuracy:
+    """Summarise deviations over some rows."""
+    distance = found.distance_mm[rows]
+    return Accuracy(
+        mean_mm=float(distance.mean()),
+        peak_mm=float(distance.max()),
+        rms_mm=float(np.sqrt(np.mean(distance**2))),
+        orientation_deg=float(found.angle_deg[rows].mean()),
+        configurations=len(distance),
+    )
+
+
+def summarise_by_load(found: Deviations, load_N: Array) -> dict[float, Accuracy]:
+    """Summarise deviations for every load."""
+    return {float(load): summarise(found, load_N == load) for load in np.unique(load_N)}
+
+
+def align_nominal(nominal: Model, observations: PoseObservations) -> Array:
+    """Return T_cmm_base (4, 4) that aligns the nominal model on unloaded positions.
+
+    This is the alignment behind the paper's errors before calibration: positions only, once, on
+    the poses with the smallest load.
+    """
+    unloaded = observations.take(observations.states.load_N == observations.states.load_N.min())
+    return fit_base_frame(
+        nominal.predict(unloaded.states, np.zeros(0)),
+        unloaded.T_cmm_ee,
+        attitude_weight_m2=0.0,
+    ).T_cmm_base

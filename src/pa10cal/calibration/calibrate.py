@@ -1,0 +1,207 @@
+"""The calibration of one load case, from measured poses to parameters with uncertainties."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.calibration.identifiability import (
+    Direction,
+    Identifiability,
+    identify,
+    open_directions,
+    open_parameters,
+)
+from pa10cal.calibration.inner_poses import rows_of, spread_poses
+from pa10cal.calibration.levels import Level, OneLevel, TwoLevel
+from pa10cal.calibration.solve import Solution, random_starts, solve
+from pa10cal.calibration.tolerance_terms import all_terms, null_space_terms, residual_weight
+from pa10cal.calibration.uncertainty import Covariances, propagate
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.errors import CalibrationError
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import base_frame
+
+Array = NDArray[np.float64]
+
+#: Starts whose cost is within this part of the best have found the same minimum.
+_SAME_COST = 1e-6
+#: The null space hardly moves with the parameters; it is found again at the solution this often.
+_NULL_SPACE_PASSES = 3
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to calibrate; see `settings.CalibrationSettings` for the meaning of each.
+
+    Attributes:
+        inner_poses: M, None for all.
+    """
+
+    epsilon: float = 1.6e-4
+    epsilon_acts_on: str = "residual"
+    tolerance_terms: str = "null_space"
+    inner_poses: int | None = 8
+    r_max_m: float = 1.0
+    starts: int = 8
+    random_seed: int = 20080427
+    max_iterations: int = 200
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibrated model.
+
+    Attributes:
+        level: the problem that was solved.
+        solution: the best of all starts.
+        starts: where every start ended, in order.
+        terms: (r, k) tolerance rows.
+        inner_poses: labels of the poses of the inner level.
+        T_cmm_base: (4, 4) base frame.
+        identifiability: of all unknowns, base frame included.
+        open_directions: directions of all unknowns that the data leave open.
+        open_parameters: names of the parameters that take part in them.
+        covariances: of parameters and base frame.
+    """
+
+    level: Level
+    solution: Solution
+    starts: tuple[Solution, ...]
+    terms: Array
+    inner_poses: tuple[str, ...]
+    T_cmm_base: Array
+    identifiability: Identifiability
+    open_directions: tuple[Direction, ...]
+    open_parameters: frozenset[str]
+    covariances: Covariances
+
+    @property
+    def converged(self) -> bool:
+        """Return whether the best start ended at a stationary point."""
+        return self.solution.converged
+
+    @property
+    def starts_agreeing(self) -> int:
+        """Return how many starts ended at the best cost."""
+        best = self.solution.cost
+        return sum(start.cost <= best * (1.0 + _SAME_COST) for start in self.starts)
+
+
+def calibrate(
+    model: Model,
+    observations: PoseObservations,
+    options: Options,
+    apparatus: Array,
+    *,
+    inner_poses: tuple[str, ...] | None = None,
+) -> Calibration:
+    """Calibrate a model on two levels, from several starts (paper, Section II.C).
+
+    Args:
+        model: chain and terms, the base frame not among them.
+        observations: N measured poses.
+        options: how to calibrate.
+        apparatus: (6, 6) covariance of the end-effector frame on the apparatus.
+        inner_poses: labels of the M poses; None chooses them spread out.
+
+    Raises:
+        CalibrationError: when there are fewer equations than unknowns.
+    """
+    poses = inner_poses or spread_poses(observations, options.inner_poses)
+    level = TwoLevel(model, observations, rows_of(observations, poses), options.r_max_m)
+    _check_enough(model, observations)
+    starts = random_starts(model, options.starts, options.random_seed)
+    terms = tolerance_rows(level, starts[0], options)
+    solutions = [solve(level, start, terms, options.max_iterations) for start in starts]
+    best = min(solutions, key=lambda solution: (not solution.converged, solution.cost))
+    for _ in range(_NULL_SPACE_PASSES):
+        refreshed = tolerance_rows(level, best.x, options)
+        if _same_span(terms, refreshed):
+            break
+        terms = refreshed
+        again = solve(level, best.x, terms, options.max_iterations)
+        best = replace(again, iterations=best.iterations + again.iterations)
+    return describe(level, best, tuple(solutions), terms, poses, apparatus)
+
+
+def describe(
+    level: TwoLevel,
+    solution: Solution,
+    starts: tuple[Solution, ...],
+    terms: Array,
+    inner_poses: tuple[str, ...],
+    apparatus: Array,
+) -> Calibration:
+    """Work out base frame, rank and uncertainties of a solution."""
+    model, observations = level.model, level.observations
+    at_solution = level.linearise(solution.x)
+    whole = one_level(level, at_solution.T_cmm_base)
+    everything = whole.linearise(np.concatenate([solution.x, np.zeros(6)]))
+    jacobian = everything.jacobian.reshape(-1, len(solution.x) + 6)
+    identifiability = identify(jacobian, whole.model.scale)
+    return Calibration(
+        level=level,
+        solution=solution,
+        starts=starts,
+        terms=terms,
+        inner_poses=inner_poses,
+        T_cmm_base=at_solution.T_cmm_base,
+        identifiability=identifiability,
+        open_directions=open_directions(identifiability, whole.model.parameters),
+        open_parameters=open_parameters(identifiability, whole.model.parameters)
+        & {parameter.name for parameter in model.parameters},
+        covariances=propagate(
+            at_solution, observations, level.inner_rows, terms, level.r_max_m, apparatus
+        ),
+    )
+
+
+def one_level(level: TwoLevel, T_cmm_base: Array) -> OneLevel:
+    """Return the same problem with the base frame among the unknowns, starting at `T_cmm_base`."""
+    model = Model(level.model.chain, (*level.model.terms, base_frame()))
+    return OneLevel(model, level.observations, T_cmm_base, level.r_max_m)
+
+
+def solve_one_level(
+    level: TwoLevel, T_cmm_base: Array, x_start: Array, terms: Array, max_iterations: int
+) -> Solution:
+    """Solve for all unknowns at once; the last six are the base frame's small motions."""
+    padded = np.concatenate([terms, np.zeros((len(terms), 6))], axis=1)
+    start = np.concatenate([x_start, np.zeros(6)])
+    return solve(one_level(level, T_cmm_base), start, padded, max_iterations)
+
+
+def tolerance_rows(level: Level, x: Array, options: Options) -> Array:
+    """Return the tolerance rows (r, k) that the options ask for, at parameters x."""
+    weight = residual_weight(options.epsilon, options.epsilon_acts_on)
+    parameters = level.model.parameters
+    if options.tolerance_terms == "all":
+        return all_terms(parameters, weight)
+    scale = level.model.scale
+    jacobian = level.linearise(x).jacobian.reshape(-1, len(x))
+    return null_space_terms(identify(jacobian, scale), scale, weight)
+
+
+def _same_span(first: Array, second: Array) -> bool:
+    """Tell whether two sets of rows weigh the same directions alike."""
+    if first.shape != second.shape:
+        return False
+    difference = first.T @ first - second.T @ second
+    return bool(
+        np.abs(difference).max(initial=0.0) <= 1e-9 * np.abs(first.T @ first).max(initial=1.0)
+    )
+
+
+def _check_enough(model: Model, observations: PoseObservations) -> None:
+    unknowns = len(model.parameters) + 6
+    if 6 * len(observations) < unknowns:
+        raise CalibrationError(
+            "fewer equations than unknowns",
+            where="grid poses",
+            value=f"{len(observations)} poses, {unknowns} unknowns",
+            allowed=f"at least {-(-unknowns // 6)} poses",
+            remedy="measure more poses or leave parameters out",
+        )

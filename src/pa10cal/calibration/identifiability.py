@@ -1,0 +1,120 @@
+"""What the poses can tell: rank, null directions by name, observability indices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr
+
+from pa10cal.terms.term import Parameter
+
+Array = NDArray[np.float64]
+
+#: Singular values below this part of the largest belong to directions without any effect: exact
+#: null directions come out near 1e-16, the weakest real ones above 1e-6.
+NULL_RATIO = 1e-9
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A direction of parameter space that the data leave open.
+
+    Attributes:
+        weights: parameter name to its part, in its own unit, the first being 1 unit.
+    """
+
+    weights: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Singular values of the Jacobian in parameters divided by their scale.
+
+    Attributes:
+        singular_values: (k,) descending.
+        rank: directions that the data tell.
+        null_space: (k, k - rank) orthonormal basis of the others, in scaled parameters.
+        condition: ratio of the largest to the smallest singular value that counts.
+    """
+
+    singular_values: Array
+    rank: int
+    null_space: Array
+    condition: float
+
+
+@dataclass(frozen=True)
+class ObservabilityIndices:
+    """Observability indices O1 to O5 of the identifiable directions (Sun and Hollerbach, 2008).
+
+    Attributes:
+        O1: geometric mean of the singular values over the square root of the number of poses.
+        O2: smallest over largest.
+        O3: smallest.
+        O4: smallest squared over largest.
+        O5: reciprocal of the sum of reciprocals.
+    """
+
+    O1: float
+    O2: float
+    O3: float
+    O4: float
+    O5: float
+
+
+def identify(jacobian: Array, scale: Array) -> Identifiability:
+    """Find what a Jacobian (rows, k) tells of parameters of given scale (k,)."""
+    scaled = jacobian * scale
+    # The Gram matrix would square the condition number; QR first keeps the cost linear in rows.
+    triangle = np.linalg.qr(scaled, mode="r")
+    _, values, right = np.linalg.svd(triangle)
+    full = np.zeros(len(scale))
+    full[: len(values)] = values
+    rank = int(np.count_nonzero(full > NULL_RATIO * full[0]))
+    return Identifiability(full, rank, right[rank:].T, float(full[0] / full[rank - 1]))
+
+
+def open_directions(
+    identifiability: Identifiability, parameters: tuple[Parameter, ...]
+) -> tuple[Direction, ...]:
+    """Name the null directions, each by as few parameters as the null space allows."""
+    basis = identifiability.null_space
+    count = basis.shape[1]
+    if count == 0:
+        return ()
+    # Make the basis the identity on the rows that carry it best: sparse, hence nameable.
+    _, _, order = qr(basis.T, pivoting=True, mode="economic")
+    basis = basis @ np.linalg.inv(basis[order[:count]])
+    scale = np.array([parameter.scale for parameter in parameters])
+    directions = []
+    for column, pivot in zip(basis.T, order[:count], strict=True):
+        weights = column * scale / scale[pivot]
+        members = np.flatnonzero(np.abs(column) > 1e-6)
+        ranked = sorted(members, key=lambda k: (k != pivot, -abs(column[k])))
+        directions.append(Direction({parameters[k].name: float(weights[k]) for k in ranked}))
+    return tuple(directions)
+
+
+def open_parameters(
+    identifiability: Identifiability, parameters: tuple[Parameter, ...]
+) -> frozenset[str]:
+    """Return the names of the parameters that take part in a null direction."""
+    share = np.linalg.norm(identifiability.null_space, axis=1)
+    return frozenset(
+        parameter.name for parameter, part in zip(parameters, share, strict=True) if part > 1e-6
+    )
+
+
+def observability(identifiability: Identifiability, poses: int) -> ObservabilityIndices:
+    """Return the observability indices over the identifiable directions."""
+    values = identifiability.singular_values[: identifiability.rank]
+    largest, smallest = float(values[0]), float(values[-1])
+    return ObservabilityIndices(
+        O1=float(np.exp(np.log(values).mean()) / np.sqrt(poses)),
+        O2=smallest / largest,
+        O3=smallest,
+        O4=smallest**2 / largest,
+        O5=float(1.0 / np.sum(1.0 / values)),
+    )

@@ -1,0 +1,41 @@
+"""The tolerance terms of paper equation (2): what they weigh, and on which directions.
+
+As printed they act on every departure and so pull identified parameters towards nominal. Their
+use is to settle directions that the data leave open; `null_space_terms` does that and no more.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.calibration.identifiability import Identifiability
+from pa10cal.terms.term import Parameter
+
+Array = NDArray[np.float64]
+
+
+def all_terms(parameters: tuple[Parameter, ...], weight: float) -> Array:
+    """Return rows W (r, k) such that W x are the tolerance terms on every departure.
+
+    Args:
+        parameters: the k parameters; those without a tolerance have no term.
+        weight: factor on the residual, epsilon or its square root (see `residual_weight`).
+    """
+    rows = np.array(
+        [
+            0.0 if parameter.tolerance is None else weight / parameter.tolerance
+            for parameter in parameters
+        ]
+    )
+    return np.diag(rows)[rows > 0]
+
+
+def null_space_terms(identifiability: Identifiability, scale: Array, weight: float) -> Array:
+    """Return rows W (r, k) that act on the r directions the data leave open, and on no other."""
+    return weight * identifiability.null_space.T / scale
+
+
+def residual_weight(epsilon: float, acts_on: str) -> float:
+    """Return the factor on the residuals for either reading of epsilon."""
+    return epsilon if acts_on == "residual" else float(np.sqrt(epsilon))

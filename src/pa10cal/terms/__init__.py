@@ -1,0 +1,1 @@
+"""Everything that moves the chain off nominal, one class a term."""

@@ -1,0 +1,91 @@
+"""A model: a chain plus terms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import Chain, end_pose, end_pose_with_screws
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.term import Parameter, Report, Term
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PoseJacobian:
+    """Predicted poses and their derivative by the parameters of a model.
+
+    Attributes:
+        T_base_ee: (P, 4, 4) predicted poses [m].
+        jacobian: (P, 6, k) velocity of the end over its angular velocity, along base axes.
+    """
+
+    T_base_ee: Array
+    jacobian: Array
+
+
+@dataclass(frozen=True)
+class Model:
+    """Predicts the pose of the end-effector from the state of the arm.
+
+    Attributes:
+        chain: the nominal chain.
+        terms: what moves it off nominal.
+    """
+
+    chain: Chain
+    terms: tuple[Term, ...]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the parameters of all terms, in order."""
+        return tuple(parameter for term in self.terms for parameter in term.parameters)
+
+    @property
+    def scale(self) -> Array:
+        """Return the typical size of each parameter, (k,)."""
+        return np.array([parameter.scale for parameter in self.parameters])
+
+    def predict(self, states: PoseStates, x: Array) -> Array:
+        """Return T_base_ee (P, 4, 4) for parameters x (k,)."""
+        return end_pose(self.chain, self._coordinates(states, x))
+
+    def predict_with_jacobian(self, states: PoseStates, x: Array) -> PoseJacobian:
+        """Return predicted poses and their exact derivative by x."""
+        end = end_pose_with_screws(self.chain, self._coordinates(states, x))
+        jacobian = np.empty((len(states), 6, len(x)))
+        for term, columns in self._slices():
+            screws = end.screws[:, :, self.chain.columns(term.coordinates)]
+            jacobian[:, :, columns] = screws @ term.derivative(states, x[columns])
+        return PoseJacobian(end.T, jacobian)
+
+    def report(self, x: Array) -> Report:
+        """Return all parameters in the form readers know them."""
+        reports = [term.report(x[columns]) for term, columns in self._slices()]
+        jacobian = np.zeros((sum(len(report.values) for report in reports), len(x)))
+        row = 0
+        for report, (_, columns) in zip(reports, self._slices(), strict=True):
+            jacobian[row : row + len(report.values), columns] = report.jacobian
+            row += len(report.values)
+        return Report(
+            tuple(parameter for report in reports for parameter in report.parameters),
+            np.concatenate([report.values for report in reports]),
+            jacobian,
+        )
+
+    def _coordinates(self, states: PoseStates, x: Array) -> Array:
+        coordinates = self.chain.coordinates(states.q_rad)
+        for term, columns in self._slices():
+            coordinates[:, self.chain.columns(term.coordinates)] += term.shift(states, x[columns])
+        return coordinates
+
+    def _slices(self) -> list[tuple[Term, slice]]:
+        slices, start = [], 0
+        for term in self.terms:
+            stop = start + len(term.parameters)
+            slices.append((term, slice(start, stop)))
+            start = stop
+        return slices

@@ -1,0 +1,91 @@
+"""Constant departures of chain coordinates: link parameters and the base frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import BASE
+from pa10cal.arm.description import Arm
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.term import Parameter, Report, report_as_solved
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Manufacturing tolerances of link parameters (paper, Section II.C).
+
+    Attributes:
+        a_m, alpha_rad, d_m, beta_rad, theta_rad: tolerance of each kind of departure.
+    """
+
+    a_m: float = 0.25e-3
+    alpha_rad: float = 1e-3
+    d_m: float = 0.25e-3
+    beta_rad: float = 1e-3
+    theta_rad: float = 5e-4
+
+
+@dataclass(frozen=True)
+class Offsets:
+    """Adds each parameter to one chain coordinate, the same in every pose.
+
+    Attributes:
+        parameters: k parameters.
+        coordinates: the k coordinates they shift.
+    """
+
+    parameters: tuple[Parameter, ...]
+    coordinates: tuple[str, ...]
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        """Return the parameters themselves, (1, k)."""
+        del states
+        return x[None, :]
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the identity, (1, k, k)."""
+        del states
+        return np.eye(len(x))[None]
+
+    def report(self, x: Array) -> Report:
+        """Return the parameters as they are."""
+        return report_as_solved(self.parameters, x)
+
+
+def link_departures(arm: Arm, tolerances: Tolerances) -> Offsets:
+    """Build the departures of all link parameters: a, alpha, d (or beta), theta of every row.
+
+    A row with Hayati's parameter has beta in place of d (paper, Table I).
+    """
+    kinds = {
+        "a": (tolerances.a_m, "m"),
+        "alpha": (tolerances.alpha_rad, "rad"),
+        "d": (tolerances.d_m, "m"),
+        "beta": (tolerances.beta_rad, "rad"),
+        "theta": (tolerances.theta_rad, "rad"),
+    }
+    coordinates = tuple(
+        f"{kind}_{row}"
+        for kind in kinds
+        for row, hayati in enumerate(arm.hayati, start=1)
+        if not (kind == "d" and hayati) and not (kind == "beta" and not hayati)
+    )
+    parameters = tuple(
+        Parameter(f"delta_{name}", unit, tolerance, tolerance)
+        for name in coordinates
+        for tolerance, unit in (kinds[name.rpartition("_")[0]],)
+    )
+    return Offsets(parameters, coordinates)
+
+
+def base_frame() -> Offsets:
+    """Build the six small motions of the base away from where the chain is put."""
+    parameters = tuple(
+        Parameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3) for name in BASE
+    )
+    return Offsets(parameters, BASE)

@@ -1,0 +1,73 @@
+"""What a term is: a few parameters that shift chain coordinates, with the derivative."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.state import PoseStates
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One unknown of a model.
+
+    Attributes:
+        name: unique within a model.
+        unit: SI unit.
+        scale: a typical size, by which it is scaled in solving and in judging rank.
+        tolerance: manufacturing tolerance (paper, Section II.C), or None where it has none.
+        lower: smallest value with a physical meaning, or None.
+    """
+
+    name: str
+    unit: str
+    scale: float
+    tolerance: float | None = None
+    lower: float | None = None
+
+
+@dataclass(frozen=True)
+class Report:
+    """Parameters in the form readers know them, from those a term is solved in.
+
+    Attributes:
+        parameters: k' reported parameters.
+        values: (k',) their values.
+        jacobian: (k', k) derivative by the solved parameters, for uncertainties.
+    """
+
+    parameters: tuple[Parameter, ...]
+    values: Array
+    jacobian: Array
+
+
+class Term(Protocol):
+    """A part of the model that adds to chain coordinates."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the k parameters it is solved in."""
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the m chain coordinates it adds to."""
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        """Return what it adds to its coordinates, (P, m) or (1, m)."""
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the derivative of `shift` by x, (P, m, k) or (1, m, k)."""
+
+    def report(self, x: Array) -> Report:
+        """Return the parameters in the form readers know them."""
+
+
+def report_as_solved(parameters: tuple[Parameter, ...], x: Array) -> Report:
+    """Report parameters that readers know in the form they are solved in."""
+    return Report(parameters, x, np.eye(len(x)))
