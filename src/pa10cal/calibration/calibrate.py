@@ -67,7 +67,7 @@ class Calibration:
         covariances: of parameters and base frame.
     """
 
-    level: Level
+    level: TwoLevel
     solution: Solution
     starts: tuple[Solution, ...]
     terms: Array
@@ -168,7 +168,7 @@ def one_level(level: TwoLevel, T_cmm_base: Array) -> OneLevel:
 def solve_one_level(
     level: TwoLevel, T_cmm_base: Array, x_start: Array, terms: Array, max_iterations: int
 ) -> Solution:
-    """Solve for all unknowns at once; the last six are the base frame's small motions."""
+    """Solve for all unknowns at once, the base frame's six small motions last."""
     padded = np.concatenate([terms, np.zeros((len(terms), 6))], axis=1)
     start = np.concatenate([x_start, np.zeros(6)])
     return solve(one_level(level, T_cmm_base), start, padded, max_iterations)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,12 @@ from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
 
-#: Relative changes at which a solve has arrived; near what double precision can show.
-_ARRIVED = 1e-15
+#: Relative changes near what double precision can show.
+FULL_PRECISION = 1e-15
 _POLISHING_STEPS = 8
+#: Distances from a bound, in scales: where a start is moved to, and what counts as being on it.
+_INSIDE = 1e-3
+_NEAR_BOUND = 1e-2
 
 
 @dataclass(frozen=True)
@@ -42,72 +45,67 @@ class Solution:
     reason: str
 
 
-def solve(level: Level, x_start: Array, terms: Array, max_iterations: int) -> Solution:
+def solve(
+    level: Level,
+    x_start: Array,
+    terms: Array,
+    max_iterations: int,
+    precision: float = FULL_PRECISION,
+) -> Solution:
     """Minimise the data rows plus the tolerance terms from one start.
 
-    Steps are those of scipy's Levenberg-Marquardt in trust-region form. A parameter that leaves
-    its physical range is put on the bound and the others are solved again.
+    Steps are those of scipy's Levenberg-Marquardt in trust-region form, kept inside the physical
+    range of the parameters; what ends at a bound is put on it, and the rest takes its last digits
+    from Gauss-Newton steps.
 
     Args:
         level: the problem.
-        x_start: (k,) start.
+        x_start: (k,) start, inside the physical range.
         terms: (r, k) tolerance rows; `terms @ x` are residuals.
-        max_iterations: bound on the steps tried in one solve.
+        max_iterations: bound on the steps tried.
+        precision: relative changes at which it has arrived.
     """
-    lower = np.array([-np.inf if p.lower is None else p.lower for p in level.model.parameters])
-    free = np.ones(len(lower), dtype=bool)
-    solution = _solve_free(level, x_start, terms, max_iterations, free)
-    iterations = solution.iterations
-    while (solution.x < lower).any():
-        free &= solution.x >= lower
-        start = np.where(free, solution.x, np.maximum(solution.x, lower))
-        solution = _solve_free(level, start, terms, max_iterations, free)
-        iterations += solution.iterations
-    return replace(solution, iterations=iterations)
-
-
-def _solve_free(
-    level: Level, x_start: Array, terms: Array, max_iterations: int, free: NDArray[np.bool_]
-) -> Solution:
-    """Solve for the free parameters; the others stay at their start."""
-    scale = level.model.scale[free]
+    scale = level.model.scale
+    parameters = level.model.parameters
+    lower = np.array([-np.inf if p.lower is None else p.lower for p in parameters]) / scale
+    upper = np.array([np.inf if p.upper is None else p.upper for p in parameters]) / scale
     last: dict[bytes, Linearisation] = {}
-
-    def point(z: Array) -> Array:
-        x = x_start.copy()
-        x[free] = z * scale
-        return x
 
     def linearise(z: Array) -> Linearisation:
         # One linearisation, hence one inner solve, serves residuals and derivative of a step.
         key = z.tobytes()
         if key not in last:
             last.clear()
-            last[key] = level.linearise(point(z))
+            last[key] = level.linearise(z * scale)
         return last[key]
 
     def residuals(z: Array) -> Array:
-        return np.concatenate([linearise(z).residuals.ravel(), terms @ point(z)])
+        return np.concatenate([linearise(z).residuals.ravel(), terms @ (z * scale)])
 
     def jacobian(z: Array) -> Array:
         rows = linearise(z).jacobian
-        return np.concatenate([rows.reshape(-1, rows.shape[2]), terms])[:, free] * scale
+        return np.concatenate([rows.reshape(-1, len(z)), terms]) * scale
 
     result = least_squares(
         residuals,
-        x_start[free] / scale,
+        np.clip(x_start / scale, lower + _INSIDE, upper - _INSIDE),
         jacobian,
+        bounds=(lower, upper),
         method="trf",
         x_scale="jac",
-        ftol=_ARRIVED,
-        xtol=_ARRIVED,
-        gtol=_ARRIVED,
+        ftol=precision,
+        xtol=precision,
+        gtol=precision,
         max_nfev=max_iterations,
     )
-    z = _polish(result.x, residuals, jacobian)
+    at_lower = (result.x - lower < _NEAR_BOUND) & (result.grad > 0)
+    at_upper = (upper - result.x < _NEAR_BOUND) & (result.grad < 0)
+    at_bound = at_lower | at_upper
+    z = np.where(at_lower, lower, np.where(at_upper, upper, result.x))
+    z = _polish(z, residuals, jacobian, ~at_bound)
     return Solution(
-        x=point(z),
-        at_bound=~free,
+        x=z * scale,
+        at_bound=at_bound,
         cost=float(np.sum(residuals(z) ** 2)),
         iterations=int(result.nfev),
         converged=bool(result.status > 0),
@@ -116,14 +114,19 @@ def _solve_free(
 
 
 def _polish(
-    z: Array, residuals: Callable[[Array], Array], jacobian: Callable[[Array], Array]
+    z: Array,
+    residuals: Callable[[Array], Array],
+    jacobian: Callable[[Array], Array],
+    free: NDArray[np.bool_],
 ) -> Array:
     """Take Gauss-Newton steps while they shrink: the last digits that a cost cannot show."""
     last = np.inf
     for _ in range(_POLISHING_STEPS):
-        matrix = jacobian(z)
+        matrix = jacobian(z)[:, free]
         size = np.linalg.norm(matrix, axis=0)
-        step = lstsq(matrix / size, -residuals(z), lapack_driver="gelsy")[0] / size
+        size[size == 0.0] = 1.0  # the hardening of a rigid joint moves nothing
+        step = np.zeros(len(z))
+        step[free] = lstsq(matrix / size, -residuals(z), lapack_driver="gelsy")[0] / size
         length = float(np.linalg.norm(step))
         if not length < 0.5 * last:
             break
@@ -134,7 +137,9 @@ def _polish(
 def random_starts(model: Model, count: int, random_seed: int) -> list[Array]:
     """Draw starts: nominal geometry with usual springs first, then scattered ones.
 
-    Departures are scattered with five tolerances, stiffness over a decade.
+    Departures are scattered with five tolerances, stiffness over a decade. Springs start soft in
+    their cubic part: from a hard one the solver can run into a purely cubic spring, which is a
+    minimum too, but not the lowest.
     """
     generator = np.random.default_rng(random_seed)
     starts = []
@@ -144,7 +149,7 @@ def random_starts(model: Model, count: int, random_seed: int) -> list[Array]:
         for term in model.terms:
             if isinstance(term, JointSpring):
                 k_lin = 1e4 * 10.0 ** (spread * generator.uniform(-0.5, 0.5))
-                k_cub = 1e7 * 10.0 ** (spread * generator.uniform(-1.0, 0.5))
+                k_cub = 1e6 * 10.0 ** (spread * generator.uniform(-1.0, 1.0))
                 parts.append(term.solved(k_lin, k_cub))
             else:
                 sizes = np.array([parameter.scale for parameter in term.parameters])

@@ -75,8 +75,9 @@ def propagate(
     k = J.shape[2]
     flat = J.reshape(-1, k)
     size = np.sqrt(np.sum(flat**2, axis=0) + np.sum(terms**2, axis=0))
+    size[size == 0.0] = 1.0
     normal = (flat.T @ flat + terms.T @ terms) / np.outer(size, size)
-    normal_inverse = np.linalg.inv(normal) / np.outer(size, size)
+    normal_inverse = np.linalg.pinv(normal, hermitian=True) / np.outer(size, size)
     through = J.transpose(0, 2, 1).copy()  # (N, k, 6): what e_i does to the outer gradient
     base_influence = np.zeros((len(J), 6, 6))
     if len(inner_rows):

@@ -17,8 +17,11 @@ Array = NDArray[np.float64]
 _COMPLIANCE_SCALE = 1e-6
 _HARDENING_SCALE = 300.0
 
-#: Compliance below which a joint counts as rigid [rad/(N m)].
+#: Ends of the physical range: a joint that counts as rigid and one too soft to carry an arm
+#: [rad/(N m)]; hardening that would double the stiffness within 0.6 mrad [1/rad^2].
 _RIGID = 1e-9
+_SOFTEST = 2e-3
+_HARDEST = 1e6
 
 
 @dataclass(frozen=True)
@@ -41,9 +44,15 @@ class JointSpring:
     def parameters(self) -> tuple[Parameter, ...]:
         """Return compliance and, for a cubic spring, hardening."""
         compliance = Parameter(
-            f"compliance_{self.joint}", "rad/(N m)", _COMPLIANCE_SCALE, lower=_RIGID
+            f"compliance_{self.joint}",
+            "rad/(N m)",
+            _COMPLIANCE_SCALE,
+            lower=_RIGID,
+            upper=_SOFTEST,
         )
-        hardening = Parameter(f"hardening_{self.joint}", "1/rad^2", _HARDENING_SCALE, lower=0.0)
+        hardening = Parameter(
+            f"hardening_{self.joint}", "1/rad^2", _HARDENING_SCALE, lower=0.0, upper=_HARDEST
+        )
         return (compliance, hardening) if self.cubic else (compliance,)
 
     @property

@@ -22,7 +22,7 @@ class Parameter:
         unit: SI unit.
         scale: a typical size, by which it is scaled in solving and in judging rank.
         tolerance: manufacturing tolerance (paper, Section II.C), or None where it has none.
-        lower: smallest value with a physical meaning, or None.
+        lower, upper: ends of the range with a physical meaning, or None.
     """
 
     name: str
@@ -30,6 +30,7 @@ class Parameter:
     scale: float
     tolerance: float | None = None
     lower: float | None = None
+    upper: float | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,212 @@
+"""Everything that is worked out for one load case: both springs, both levels, what it rests on."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+from pa10cal.calibration.accuracy import (
+    Accuracy,
+    Deviations,
+    align_nominal,
+    deviations,
+    summarise_by_load,
+)
+from pa10cal.calibration.calibrate import Calibration, Options, calibrate, solve_one_level
+from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependence
+from pa10cal.calibration.l_curve import LCurvePoint, l_curve
+from pa10cal.calibration.solve import random_starts
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.errors import CalibrationError
+from pa10cal.terms.baseline import baseline, nominal
+from pa10cal.terms.offsets import Tolerances
+
+Array = NDArray[np.float64]
+
+COMBINED = "combined"
+#: Weights of the L-curve: from no influence to next to no departures.
+_L_CURVE_WEIGHTS = np.geomspace(1e-6, 1e-2, 13)
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a load case is worked out with.
+
+    Attributes:
+        flexible_joints: joints with a spring.
+        tolerances: of the link parameters.
+        options: of the solver.
+        inner_subsets: random choices of the inner poses to try.
+    """
+
+    flexible_joints: tuple[int, ...]
+    tolerances: Tolerances
+    options: Options
+    inner_subsets: int
+
+
+@dataclass(frozen=True)
+class OneLevelCheck:
+    """The one-level solution beside the two-level one.
+
+    Attributes:
+        largest_difference: of any identifiable parameter from two levels with M = N, over the
+            parameter's scale.
+        mean_mm: mean position error of the one-level solution over the poses fitted.
+        shift: (k,) one-level minus two-level solution with M poses, over its standard uncertainty.
+    """
+
+    largest_difference: float
+    mean_mm: float
+    shift: Array
+
+
+@dataclass(frozen=True)
+class LoadCase:
+    """One load case of a campaign, worked out.
+
+    Attributes:
+        load: `combined`, or a load such as `44N`.
+        cubic: the paper's model.
+        linear: the same with K_cub = 0.
+        grid: averaged grid poses of every load.
+        residuals: predicted minus measured of the cubic model on `grid`.
+        before: nominal rigid model, base frame aligned on unloaded positions, for every load.
+        before_seed_frame: nominal rigid model with the base frame of the straight-line moves.
+        dependence: on the choice of inner poses.
+        one_level: the one-level solution beside it.
+        l_curve: what the weight of the tolerance terms would do, for the combined case.
+        seed_angle_deg, seed_distance_mm: how far the base frame ended from its seed.
+        seconds: time taken.
+    """
+
+    load: str
+    cubic: Calibration
+    linear: Calibration
+    grid: PoseObservations
+    residuals: Deviations
+    before: dict[float, Accuracy]
+    before_seed_frame: dict[float, Accuracy]
+    dependence: InnerDependence
+    one_level: OneLevelCheck
+    l_curve: tuple[LCurvePoint, ...]
+    seed_angle_deg: float
+    seed_distance_mm: float
+    seconds: float
+
+
+def work_out(
+    arm: Arm,
+    grid: PoseObservations,
+    T_cmm_base_seed: Array,
+    load: str,
+    apparatus: Array,
+    study: Study,
+) -> LoadCase:
+    """Work out one load case.
+
+    Args:
+        arm: the nominal arm.
+        grid: averaged grid poses of every load.
+        T_cmm_base_seed: (4, 4) base frame from the straight-line moves.
+        load: `combined`, or a load such as `44N`.
+        apparatus: (6, 6) covariance of the end-effector frame on the apparatus.
+        study: models and options.
+
+    Raises:
+        CalibrationError: when no grid pose has that load, or there are too few of them.
+    """
+    began = time.perf_counter()
+    used = select_load(grid, load)
+    options = study.options
+    cubic, linear = (
+        calibrate(
+            baseline(arm, study.flexible_joints, study.tolerances, cubic=is_cubic),
+            used,
+            options,
+            apparatus,
+        )
+        for is_cubic in (True, False)
+    )
+    rigid = nominal(arm)
+    T_rigid = rigid.predict(grid.states, np.zeros(0))
+    away = np.linalg.inv(T_cmm_base_seed) @ cubic.T_cmm_base
+    return LoadCase(
+        load=load,
+        cubic=cubic,
+        linear=linear,
+        grid=grid,
+        residuals=model_deviations(cubic, grid),
+        before=summarise_by_load(
+            deviations(T_rigid, align_nominal(rigid, grid), grid), grid.states.load_N
+        ),
+        before_seed_frame=summarise_by_load(
+            deviations(T_rigid, T_cmm_base_seed, grid), grid.states.load_N
+        ),
+        dependence=inner_dependence(cubic.level, cubic.solution.x, options, study.inner_subsets),
+        one_level=_check_one_level(cubic, T_cmm_base_seed, options, apparatus),
+        l_curve=(
+            l_curve(cubic.level, cubic.solution.x, _L_CURVE_WEIGHTS, options.max_iterations)
+            if load == COMBINED
+            else ()
+        ),
+        seed_angle_deg=float(
+            np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1)))
+        ),
+        seed_distance_mm=float(1e3 * np.linalg.norm(away[:3, 3])),
+        seconds=time.perf_counter() - began,
+    )
+
+
+def select_load(grid: PoseObservations, load: str) -> PoseObservations:
+    """Return the grid poses of a load case."""
+    if load == COMBINED:
+        return grid
+    labels = np.array([f"{value:g}N" for value in grid.states.load_N])
+    if load not in labels:
+        raise CalibrationError(
+            "no grid pose with this load",
+            where="--load",
+            value=load,
+            allowed=", ".join([*dict.fromkeys(labels), COMBINED]),
+            remedy="choose one of the measured loads",
+        )
+    return grid.take(labels == load)
+
+
+def model_deviations(calibration: Calibration, poses: PoseObservations) -> Deviations:
+    """Return predicted minus measured of a calibrated model."""
+    T_base_ee = calibration.level.model.predict(poses.states, calibration.solution.x)
+    return deviations(T_base_ee, calibration.T_cmm_base, poses)
+
+
+def _check_one_level(
+    cubic: Calibration, T_cmm_base_seed: Array, options: Options, apparatus: Array
+) -> OneLevelCheck:
+    """Solve on one level from the seed, and on two with all poses inside."""
+    level, terms = cubic.level, cubic.terms
+    start = random_starts(level.model, 1, options.random_seed)[0]
+    one = solve_one_level(level, T_cmm_base_seed, start, terms, options.max_iterations)
+    x = one.x[:-6]
+    all_inside = replace(level, inner_rows=np.arange(len(level.observations)))
+    two = calibrate(
+        level.model,
+        level.observations,
+        replace(options, inner_poses=None, starts=1),
+        apparatus,
+    )
+    known = np.array(
+        [parameter.name not in cubic.open_parameters for parameter in level.model.parameters]
+    )
+    T_base_ee = level.model.predict(level.observations.states, x)
+    found = deviations(T_base_ee, all_inside.base(x).T_cmm_base, level.observations)
+    std = np.sqrt(np.diag(cubic.covariances.parameters))
+    return OneLevelCheck(
+        largest_difference=float(np.abs((x - two.solution.x) / level.model.scale)[known].max()),
+        mean_mm=float(found.distance_mm.mean()),
+        shift=np.where(known, (x - cubic.solution.x) / np.where(std > 0, std, 1.0), 0.0),
+    )

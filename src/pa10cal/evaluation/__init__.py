@@ -1,0 +1,1 @@
+"""Models judged on configurations that were never used to fit them."""

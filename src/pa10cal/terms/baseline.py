@@ -1,0 +1,64 @@
+"""The paper's model: link departures and a spring on each flexible joint."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm
+from pa10cal.errors import CalibrationError
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import Tolerances, link_departures
+
+Array = NDArray[np.float64]
+
+
+def baseline(
+    arm: Arm, flexible_joints: tuple[int, ...], tolerances: Tolerances, *, cubic: bool = True
+) -> Model:
+    """Build the paper's model of an arm (Section II.C, Table I).
+
+    Args:
+        arm: the nominal arm.
+        flexible_joints: joints 1 … n with a spring; the others are rigid.
+        tolerances: manufacturing tolerances of the link parameters.
+        cubic: whether the springs have a cubic coefficient.
+
+    Raises:
+        CalibrationError: when a flexible joint is not one of the arm's.
+    """
+    for joint in flexible_joints:
+        if not 1 <= joint <= arm.n:
+            raise CalibrationError(
+                "no such joint",
+                where="calibration.flexible_joints",
+                value=joint,
+                allowed=f"1 to {arm.n}",
+                remedy="correct the list",
+            )
+    springs = tuple(JointSpring(joint, cubic) for joint in sorted(set(flexible_joints)))
+    return Model(Chain.of(arm), (link_departures(arm, tolerances), *springs))
+
+
+def nominal(arm: Arm) -> Model:
+    """Build the nominal rigid model, without any parameter."""
+    return Model(Chain.of(arm), ())
+
+
+def solved_parameters(model: Model, reported: dict[str, float]) -> Array:
+    """Return the parameters (k,) a model is solved in, from those it reports.
+
+    Args:
+        model: a baseline model.
+        reported: name to value, as `Model.report` names them.
+    """
+    parts = []
+    for term in model.terms:
+        if isinstance(term, JointSpring):
+            k_lin = reported[f"K_lin_{term.joint}"]
+            parts.append(term.solved(k_lin, reported[f"K_cub_{term.joint}"]))
+        else:
+            parts.append(np.array([reported[parameter.name] for parameter in term.parameters]))
+    return np.concatenate(parts)
