@@ -55,7 +55,7 @@ class OneLevelCheck:
 
     Attributes:
         largest_difference: of any identifiable parameter from two levels with M = N, over the
-            parameter's scale.
+            parameter's size (its value, or its scale where that is larger).
         mean_mm: mean position error of the one-level solution over the poses fitted.
         shift: (k,) one-level minus two-level solution with M poses, over its standard uncertainty.
     """
@@ -202,11 +202,12 @@ def _check_one_level(
     known = np.array(
         [parameter.name not in cubic.open_parameters for parameter in level.model.parameters]
     )
+    size = np.maximum(np.abs(two.solution.x), level.model.scale)
     T_base_ee = level.model.predict(level.observations.states, x)
     found = deviations(T_base_ee, all_inside.base(x).T_cmm_base, level.observations)
     std = np.sqrt(np.diag(cubic.covariances.parameters))
     return OneLevelCheck(
-        largest_difference=float(np.abs((x - two.solution.x) / level.model.scale)[known].max()),
+        largest_difference=float((np.abs(x - two.solution.x) / size)[known].max()),
         mean_mm=float(found.distance_mm.mean()),
         shift=np.where(known, (x - cubic.solution.x) / np.where(std > 0, std, 1.0), 0.0),
     )

@@ -31,15 +31,15 @@ def _run(arguments: argparse.Namespace) -> None:
 
     from pa10cal.calibration.load_case import work_out
     from pa10cal.calibration.uncertainty import apparatus_covariance
-    from pa10cal.campaign.description import read_description
+    from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import observations, read_pose_table
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
     from pa10cal.settings import CalibrationSettings, read_settings_argument
-    from pa10cal.stages.calibration_record import load_case_record, study_of
+    from pa10cal.stages.calibration_record import SCHEMA, load_case_record, study_of
 
     settings = read_settings_argument(CalibrationSettings, arguments.settings)
-    campaign = read_description(arguments.campaign_dir)
+    campaign = read_campaign(arguments.campaign_dir)
     seed = json.loads(arguments.base_frame.read_text(encoding="utf-8"))
     apparatus = apparatus_covariance(
         1e-3 * np.array(list(campaign.tool.balls_mm.values())),
@@ -55,7 +55,7 @@ def _run(arguments: argparse.Namespace) -> None:
     )
     record = load_case_record(case)
     header = {
-        "schema": "pa10cal-calibration/1",
+        "schema": SCHEMA,
         "campaign": campaign.name,
         "provenance": campaign.provenance,
         "robot": campaign.robot,

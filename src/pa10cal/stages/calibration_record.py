@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,7 @@ from pa10cal.calibration.calibrate import Calibration, Options
 from pa10cal.calibration.identifiability import observability
 from pa10cal.calibration.load_case import LoadCase, Study, model_deviations
 from pa10cal.campaign.observations import PoseObservations
+from pa10cal.errors import RawDataError
 from pa10cal.settings import CalibrationSettings
 from pa10cal.terms.baseline import baseline, solved_parameters
 from pa10cal.terms.model import Model
@@ -22,6 +25,8 @@ from pa10cal.terms.offsets import Tolerances
 from pa10cal.terms.term import Parameter, Report
 
 Array = NDArray[np.float64]
+
+SCHEMA = "pa10cal-calibration/1"
 
 #: The straight lines give the base frame to about the nominal model's own error, near 1 deg.
 _FAR_FROM_SEED_DEG = 3.0
@@ -144,13 +149,37 @@ def fit_record(calibration: Calibration, grid: PoseObservations) -> dict[str, An
     }
 
 
-def read_fit(
-    record: dict[str, Any], arm: Arm, settings: CalibrationSettings, *, cubic: bool
-) -> tuple[Model, Array, Array]:
-    """Return model, parameters (k,) and T_cmm_base (4, 4) of a fit record."""
+def read_record(path: Path) -> dict[str, Any]:
+    """Read `calibration/<load>.json`.
+
+    Raises:
+        RawDataError: when it is not such a file.
+    """
+    record = json.loads(path.read_text(encoding="utf-8"))
+    if record.get("schema") != SCHEMA:
+        raise RawDataError(
+            "not a calibration record",
+            where=str(path),
+            value=record.get("schema"),
+            allowed=SCHEMA,
+            remedy="give a file that the calibrate stage wrote",
+        )
+    return dict(record)
+
+
+def read_fit(record: dict[str, Any], arm: Arm, *, cubic: bool) -> tuple[Model, Array, Array]:
+    """Return model, parameters (k,) and T_cmm_base (4, 4) of a calibration record.
+
+    Args:
+        record: content of `calibration/<load>.json`.
+        arm: the nominal arm.
+        cubic: the fit with cubic springs, else the linear one.
+    """
+    settings = CalibrationSettings.model_validate(record["settings"])
+    fit = record if cubic else record["linear"]
     model = baseline(arm, settings.flexible_joints, _tolerances(settings), cubic=cubic)
-    reported = {name: float(entry["value"]) for name, entry in record["parameters"].items()}
-    return model, solved_parameters(model, reported), np.array(record["T_cmm_base"])
+    reported = {name: float(entry["value"]) for name, entry in fit["parameters"].items()}
+    return model, solved_parameters(model, reported), np.array(fit["T_cmm_base"])
 
 
 def _tolerances(settings: CalibrationSettings) -> Tolerances:

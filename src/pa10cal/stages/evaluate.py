@@ -1,0 +1,118 @@
+"""Stage: uncalibrated, linear and cubic models on held-out points and loads."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pa10cal.stages.command import limit_threads, run_stage
+
+if TYPE_CHECKING:
+    from pa10cal.campaign.observations import PoseObservations
+    from pa10cal.evaluation.holdout import HeldOut
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the stage and return its exit code."""
+    return run_stage("evaluate", _describe, _run, argv)
+
+
+def _describe(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--campaign-dir", type=Path, required=True)
+    parser.add_argument("--poses", type=Path, required=True, help="table of poses (parquet)")
+    parser.add_argument("--calibration", type=Path, required=True, help="calibration to evaluate")
+    parser.add_argument("--out", type=Path, required=True)
+
+
+def _run(arguments: argparse.Namespace) -> None:
+    import numpy as np
+
+    from pa10cal.calibration.accuracy import align_nominal
+    from pa10cal.campaign.description import read_campaign
+    from pa10cal.campaign.table import observations, read_pose_table
+    from pa10cal.evaluation.holdout import judge
+    from pa10cal.files.arms import load_arm
+    from pa10cal.files.output import write_json
+    from pa10cal.stages.calibration_record import accuracy_records, read_fit, read_record
+    from pa10cal.terms.baseline import nominal
+
+    campaign = read_campaign(arguments.campaign_dir)
+    arm = load_arm(campaign.robot)
+    table = read_pose_table(arguments.poses)
+    record = read_record(arguments.calibration)
+    header = {
+        "schema": "pa10cal-holdout/1",
+        "campaign": campaign.name,
+        "provenance": campaign.provenance,
+        "calibration": record["load"],
+    }
+    if not (table["kind"] == "holdout").any():
+        write_json(
+            arguments.out,
+            {**header, "configurations": 0, "models": {}, "note": "no held-out rows measured"},
+        )
+        print(f"{campaign.name}: no held-out rows to evaluate")
+        return
+    held_out = observations(table, kind="holdout")
+    rigid = nominal(arm)
+    fits = {
+        "uncalibrated": (
+            rigid,
+            np.zeros(0),
+            align_nominal(rigid, observations(table, kind="grid")),
+        ),
+        "linear": read_fit(record, arm, cubic=False),
+        "cubic": read_fit(record, arm, cubic=True),
+    }
+    judged = {
+        name: judge(model.predict(held_out.states, x), T_cmm_base, held_out)
+        for name, (model, x, T_cmm_base) in fits.items()
+    }
+    write_json(
+        arguments.out,
+        {
+            **header,
+            "configurations": len(held_out),
+            "models": {
+                name: {
+                    **asdict(found.overall),
+                    "per_load": accuracy_records(found.by_load),
+                    "per_point": {key: asdict(value) for key, value in found.by_point.items()},
+                    "tool_twist": _twist_record(found),
+                    "rows": _row_records(found, held_out),
+                }
+                for name, found in judged.items()
+            },
+        },
+    )
+    summary = ", ".join(
+        f"{name} {found.overall.mean_mm:.3f}/{found.overall.peak_mm:.3f} mm"
+        for name, found in judged.items()
+    )
+    print(f"{campaign.name} held out ({len(held_out)}): mean/peak {summary}")
+
+
+def _twist_record(found: HeldOut) -> dict[str, Any]:
+    twist = found.tool_twist
+    return {**asdict(twist), "rotation_deg": twist.rotation_deg.tolist()}
+
+
+def _row_records(found: HeldOut, held_out: PoseObservations) -> list[dict[str, Any]]:
+    return [
+        {
+            "pose": str(held_out.pose[k]),
+            "load_N": float(held_out.states.load_N[k]),
+            "position_mm": found.found.position_mm[k].tolist(),
+            "rotation_deg": found.found.rotation_deg[k].tolist(),
+        }
+        for k in range(len(held_out))
+    ]
+
+
+if __name__ == "__main__":
+    limit_threads()
+    sys.exit(main())
