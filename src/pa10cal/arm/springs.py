@@ -15,6 +15,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+#: Below this h (c tau)^2 the root is c tau - h (c tau)^3 to the last digit; so it is continued for
+#: negative h, where the cubic has lost its root.
+_SERIES_SUFFICES = 1e-9
+
 
 @dataclass(frozen=True)
 class Deflection:
@@ -40,12 +44,14 @@ def deflect(tau_Nm: Array, compliance: float, hardening: float) -> Deflection:
         hardening: h = K_cub / K_lin [1/rad^2]; negative values are the continuation above.
     """
     linear = compliance * tau_Nm
-    if hardening <= 0.0:
+    if hardening * np.max(linear**2, initial=0.0) <= _SERIES_SUFFICES:
         cube = linear**3
         slope = 1.0 - 3.0 * hardening * linear**2
         return Deflection(linear - hardening * cube, tau_Nm * slope, -cube)
     # Cardano in its hyperbolic form: no cancellation, down to the smallest h.
     reach = np.sqrt(3.0 * hardening)
     delta = 2.0 / reach * np.sinh(np.arcsinh(1.5 * reach * linear) / 3.0)
+    # One Newton step takes off the rounding of the two transcendental functions.
+    delta = delta - (delta + hardening * delta**3 - linear) / (1.0 + 3.0 * hardening * delta**2)
     slope = 1.0 + 3.0 * hardening * delta**2
     return Deflection(delta, tau_Nm / slope, -(delta**3) / slope)

@@ -159,6 +159,34 @@ def describe(
     )
 
 
+def weak_directions(calibration: Calibration) -> tuple[tuple[float, Direction], ...]:
+    """Return directions of the link parameters that tolerances tell better than the data do.
+
+    Returns:
+        Standard uncertainty over the tolerance of each, above 1, and the direction.
+    """
+    parameters = calibration.level.model.parameters
+    links = [
+        k
+        for k, parameter in enumerate(parameters)
+        if parameter.tolerance is not None and parameter.name not in calibration.open_parameters
+    ]
+    tolerance = np.array([parameters[k].tolerance for k in links], dtype=float)
+    covariance = calibration.covariances.parameters[np.ix_(links, links)]
+    sizes, vectors = np.linalg.eigh(covariance / np.outer(tolerance, tolerance))
+    return tuple(
+        (float(np.sqrt(size)), _direction(vector, [parameters[k].name for k in links]))
+        for size, vector in zip(sizes[::-1], vectors.T[::-1], strict=True)
+        if size > 1.0
+    )
+
+
+def _direction(vector: Array, names: list[str]) -> Direction:
+    """Name the parameters that make up most of a direction, in tolerances, largest first."""
+    order = np.argsort(-np.abs(vector))
+    return Direction({names[k]: float(vector[k]) for k in order if abs(vector[k]) > 0.1})
+
+
 def one_level(level: TwoLevel, T_cmm_base: Array) -> OneLevel:
     """Return the same problem with the base frame among the unknowns, starting at `T_cmm_base`."""
     model = Model(level.model.chain, (*level.model.terms, base_frame()))

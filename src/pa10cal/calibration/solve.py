@@ -16,8 +16,8 @@ from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
 
-#: Relative changes near what double precision can show.
-FULL_PRECISION = 1e-15
+#: Relative changes at which the Gauss-Newton steps that follow converge to the last digit.
+FULL_PRECISION = 1e-10
 _POLISHING_STEPS = 8
 #: Distances from a bound, in scales: where a start is moved to, and what counts as being on it.
 _INSIDE = 1e-3

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.accuracy import Accuracy, summarise_by_load
 from pa10cal.calibration.base_parameters import report_base
-from pa10cal.calibration.calibrate import Calibration, Options
+from pa10cal.calibration.calibrate import Calibration, Options, weak_directions
 from pa10cal.calibration.identifiability import observability
 from pa10cal.calibration.load_case import LoadCase, Study, model_deviations
 from pa10cal.campaign.observations import PoseObservations
@@ -66,6 +66,10 @@ def load_case_record(case: LoadCase) -> dict[str, Any]:
         "condition": cubic.identifiability.condition,
         "singular_values": cubic.identifiability.singular_values.tolist(),
         "null_directions": [direction.weights for direction in cubic.open_directions],
+        "weak_directions": [
+            {"std_over_tolerance": size, "weights": direction.weights}
+            for size, direction in weak_directions(cubic)
+        ],
         "observability": asdict(
             observability(cubic.identifiability, len(cubic.level.observations))
         ),
@@ -258,7 +262,7 @@ def _record(parameter: Parameter, value: float, std: float) -> dict[str, Any]:
 def _at_bound(calibration: Calibration, report: Report) -> frozenset[str]:
     """Return the reported parameters that stand or fall with a parameter at its bound."""
     held = np.flatnonzero(calibration.solution.at_bound)
-    own = np.abs(report.jacobian[:, held]) > 0
+    touched = np.abs(report.jacobian[:, held]).sum(axis=1) > 0
     names = (parameter.name for parameter in report.parameters)
     # A spring at its bound: K_cub = 0 for no hardening, K_lin and K_cub for no compliance.
-    return frozenset(name for name, touched in zip(names, own.any(axis=1), strict=True) if touched)
+    return frozenset(name for name, moved in zip(names, touched, strict=True) if moved)

@@ -1,0 +1,258 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from pa10cal.calibration.accuracy import deviations, summarise
+from pa10cal.calibration.calibrate import (
+    Options,
+    calibrate,
+    one_level,
+    solve_one_level,
+    tolerance_rows,
+    weak_directions,
+)
+from pa10cal.calibration.identifiability import identify, observability, open_directions
+from pa10cal.calibration.inner_dependence import inner_dependence
+from pa10cal.calibration.l_curve import l_curve
+from pa10cal.calibration.levels import TwoLevel
+from pa10cal.calibration.load_case import select_load
+from pa10cal.calibration.solve import random_starts, solve
+from pa10cal.calibration.uncertainty import apparatus_covariance
+from pa10cal.errors import CalibrationError
+from pa10cal.terms.baseline import baseline
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import Tolerances
+
+NO_APPARATUS = np.zeros((6, 6))
+QUICK = Options(starts=2)
+
+
+@pytest.fixture(scope="module")
+def calibrated(model, observe):
+    return calibrate(model, observe(noise=1.0), Options(), NO_APPARATUS)
+
+
+def known(calibration):
+    names = [parameter.name for parameter in calibration.level.model.parameters]
+    return np.array([name not in calibration.open_parameters for name in names])
+
+
+def test_recovers_the_truth_of_exact_poses(model, truth, observe):
+    found = calibrate(model, observe(noise=0.0), QUICK, NO_APPARATUS)
+    assert found.converged
+    error = (found.solution.x - truth) / model.scale
+    assert np.abs(error[known(found)]).max() < 1e-7
+
+
+def test_rank_is_34_of_36_and_the_open_directions_have_names(calibrated):
+    # contract: delta_theta_1 goes with base yaw, delta_d_1 with base height
+    assert calibrated.identifiability.rank == 34
+    assert len(calibrated.identifiability.singular_values) == 36
+    assert calibrated.open_parameters == {"delta_theta_1", "delta_d_1"}
+    pairs = {frozenset(direction.weights) for direction in calibrated.open_directions}
+    assert pairs == {frozenset({"delta_theta_1", "base_rz"}), frozenset({"delta_d_1", "base_z"})}
+
+
+def test_one_attitude_leaves_two_more_directions_open(model, observe, states, T_cmm_base):
+    # contract: tool orientation fixed gives rank 32
+    chain = model.chain
+    rng = np.random.default_rng(8)
+    target = chain.forward(np.array([[0.3, 0.35, 1.4, 0.2, -0.5, 0.4]]))[0]
+    q = []
+    for _ in range(27):
+        place = target[:3, 3] + rng.uniform(-0.15, 0.15, 3)
+
+        def miss(joints, place=place):
+            T = chain.forward(joints[None])[0]
+            return np.r_[T[:3, 3] - place, (T[:3, :3] - target[:3, :3]).ravel()]
+
+        q.append(least_squares(miss, [0.3, 0.35, 1.4, 0.2, -0.5, 0.4], xtol=1e-15).x)
+    fixed = replace(states, q_rad=np.repeat(q, 3, axis=0))
+    links = Model(chain, model.terms[:1])  # of the 36, the springs' 6 are told in any case
+    for chosen, rank in ((states, 28), (fixed, 26)):
+        observations = replace(
+            observe(), states=chosen, T_cmm_ee=T_cmm_base @ chain.forward(chosen.q_rad)
+        )
+        level = one_level(TwoLevel(links, observations, np.arange(81)), T_cmm_base)
+        jacobian = level.linearise(np.zeros(30)).jacobian.reshape(-1, 30)
+        assert identify(jacobian, level.model.scale).rank == rank
+
+
+def test_one_level_agrees_with_two_levels_over_all_poses(model, observe, T_cmm_base):
+    options = replace(QUICK, inner_poses=None)
+    two = calibrate(model, observe(noise=1.0), options, NO_APPARATUS)
+    start = random_starts(model, 1, 0)[0]
+    one = solve_one_level(two.level, T_cmm_base, start, two.terms, 200)
+    difference = np.abs(one.x[:-6] - two.solution.x) / np.maximum(
+        np.abs(two.solution.x), model.scale
+    )
+    assert difference[known(two)].max() < 1e-8
+
+
+def test_inner_subset_moves_the_answer_by_less_than_its_uncertainty(calibrated):
+    options = Options()
+    spread = inner_dependence(calibrated.level, calibrated.solution.x, options, 5)
+    report = calibrated.level.model.report(calibrated.solution.x)
+    covariance = report.jacobian @ calibrated.covariances.parameters @ report.jacobian.T
+    mask = np.array([p.name not in calibrated.open_parameters for p in report.parameters])
+    assert spread.choices == 5
+    assert (spread.std[mask] < 2 * np.sqrt(np.diag(covariance))[mask]).all()
+    assert (spread.std[mask] > 0).all()
+
+
+def test_intervals_hold_what_they_promise(model, truth, observe):
+    scores = []
+    for seed in range(40):
+        found = calibrate(
+            model, observe(noise=1.0, seed=seed), replace(QUICK, starts=1), NO_APPARATUS
+        )
+        std = np.sqrt(np.diag(found.covariances.parameters))
+        scores.append(((found.solution.x - truth) / std)[known(found)])
+    inside = np.mean(np.abs(scores) < 1.96)
+    assert 0.92 < inside < 0.98  # 40 x 28 correlated scores about 0.95
+    assert 0.9 < np.std(scores) < 1.1
+
+
+def test_an_error_of_the_apparatus_is_in_the_intervals(model, truth, observe):
+    """The same wrong ball places in all poses: the repeats cannot show it, the interval must."""
+    balls = np.array([[0.095, 0, 0.31], [-0.05, 0.08, 0.31], [-0.05, -0.08, 0.312]])
+    apparatus = apparatus_covariance(balls, 2e-5)
+    root = np.linalg.cholesky(apparatus)
+    scores = []
+    for seed in range(30):
+        twist = root @ np.random.default_rng(seed).standard_normal(6)
+        error = np.eye(4)
+        error[:3, :3] += np.array(
+            [[0, -twist[5], twist[4]], [twist[5], 0, -twist[3]], [-twist[4], twist[3], 0]]
+        )
+        error[:3, :3] = np.linalg.qr(error[:3, :3])[0] * np.sign(
+            np.diag(np.linalg.qr(error[:3, :3])[1])
+        )
+        error[:3, 3] = twist[:3]
+        observations = observe(noise=0.1, seed=seed)
+        observations = replace(observations, T_cmm_ee=observations.T_cmm_ee @ error)
+        found = calibrate(model, observations, replace(QUICK, starts=1), apparatus)
+        std = np.sqrt(np.diag(found.covariances.parameters))
+        scores.append(((found.solution.x - truth) / std)[known(found)])
+    assert 0.8 < np.std(scores) < 1.2
+
+
+@pytest.mark.parametrize("acts_on", ["residual", "cost"])
+def test_epsilon_as_printed_pulls_towards_nominal(model, truth, observe, acts_on):
+    """The two readings of epsilon = 1.6e-4 differ, and both bend what the data tell."""
+    observations = observe(noise=0.0)
+    options = replace(QUICK, tolerance_terms="all", epsilon_acts_on=acts_on)
+    found = calibrate(model, observations, options, NO_APPARATUS)
+    T_base_ee = model.predict(observations.states, found.solution.x)
+    mean_mm = summarise(deviations(T_base_ee, found.T_cmm_base, observations)).mean_mm
+    links = slice(0, 24)
+    departure = np.linalg.norm((found.solution.x / model.scale)[links])
+    true_departure = np.linalg.norm((truth / model.scale)[links])
+    if acts_on == "residual":
+        assert 0.02 < mean_mm < 0.3
+        assert 0.8 < departure / true_departure < 1.0
+    else:
+        assert mean_mm > 1.0
+        assert departure / true_departure < 0.1
+
+
+def test_tolerance_terms_leave_identified_parameters_alone(model, observe):
+    """A thousand times the weight changes nothing but what the data leave open."""
+    observations = observe(noise=1.0)
+    light = calibrate(model, observations, QUICK, NO_APPARATUS)
+    heavy = calibrate(model, observations, replace(QUICK, epsilon=0.16), NO_APPARATUS)
+    assert np.abs((light.solution.x - heavy.solution.x) / model.scale).max() < 1e-6
+    names = [parameter.name for parameter in model.parameters]
+    for name in light.open_parameters:
+        assert abs(light.solution.x[names.index(name)]) < 1e-10
+
+
+def test_linear_springs_fit_worse_and_have_no_cubic_part(pa10, observe):
+    linear = baseline(pa10, (2, 3, 5), Tolerances(), cubic=False)
+    found = calibrate(linear, observe(noise=0.0), QUICK, NO_APPARATUS)
+    assert found.solution.cost > 1e-9  # the cubic spring leaves 1e-20 there
+    reported = linear.report(found.solution.x)
+    names = [parameter.name for parameter in reported.parameters]
+    assert reported.values[names.index("K_cub_3")] == 0.0
+
+
+def test_negative_stiffness_ends_at_the_bound(pa10, model, truth, observe):
+    """Data of a softening spring: K_cub is put on zero and said to be there."""
+    names = [parameter.name for parameter in model.parameters]
+    soft = truth.copy()
+    soft[names.index("hardening_3")] *= -1.0
+    found = calibrate(model, observe(noise=0.0, x=soft), QUICK, NO_APPARATUS)
+    assert found.solution.x[names.index("hardening_3")] == 0.0
+    assert [n for n, held in zip(names, found.solution.at_bound, strict=True) if held] == [
+        "hardening_3"
+    ]
+
+
+def test_l_curve_trades_misfit_for_departure(calibrated):
+    points = l_curve(calibrated.level, calibrated.solution.x, np.geomspace(1e-6, 1e-3, 4), 100)
+    assert np.all(np.diff([point.misfit for point in points]) > 0)
+    assert np.all(np.diff([point.departure for point in points]) < 0)
+
+
+def test_nested_finite_differences_give_the_same_answer(model, observe):
+    """The paper's way: both levels by finite differences, no derivative of ours."""
+    observations = observe(noise=1.0)
+    options = replace(QUICK, inner_poses=None)
+    exact = calibrate(model, observations, options, NO_APPARATUS)
+    terms = tolerance_rows(exact.level, exact.solution.x, options)
+
+    def rows(z):
+        x = z * model.scale
+        return np.concatenate([exact.level.residuals(x).ravel(), terms @ x])
+
+    start = exact.solution.x / model.scale + np.random.default_rng(0).normal(size=30)
+    found = least_squares(rows, start, x_scale="jac", xtol=1e-13, ftol=1e-13, gtol=1e-13)
+    difference = (found.x - exact.solution.x / model.scale)[known(exact)]
+    std = np.sqrt(np.diag(exact.covariances.parameters)) / model.scale
+    assert np.abs(difference / std[known(exact)]).max() < 1e-2
+
+
+def test_solver_reports_that_it_did_not_arrive(model, observe):
+    level = TwoLevel(model, observe(noise=1.0), np.arange(24))
+    start = random_starts(model, 1, 0)[0]
+    stopped = solve(level, start, np.zeros((0, 30)), max_iterations=2)
+    assert not stopped.converged
+
+
+def test_too_few_poses_are_refused(model, observe):
+    with pytest.raises(CalibrationError, match=r"5 poses, 36 unknowns.*at least 6 poses"):
+        calibrate(model, observe().take(slice(0, 5)), QUICK, NO_APPARATUS, inner_poses=("P01",))
+
+
+def test_unknown_load_is_refused(observe):
+    with pytest.raises(CalibrationError, match=r"33N.*0N, 22N, 44N, combined"):
+        select_load(observe(), "33N")
+    assert len(select_load(observe(), "22N")) == 27
+
+
+def test_null_directions_of_a_made_up_matrix():
+    class P:
+        def __init__(self, name):
+            self.name, self.scale = name, 1.0
+
+    jacobian = np.array([[1.0, 1.0, 0.0], [2.0, 2.0, 0.0], [0.0, 0.0, 3.0]])
+    found = identify(jacobian, np.ones(3))
+    assert found.rank == 2
+    (direction,) = open_directions(found, (P("a"), P("b"), P("c")))
+    assert direction.weights == pytest.approx(
+        {"a": 1.0, "b": -1.0}
+    ) or direction.weights == pytest.approx({"b": 1.0, "a": -1.0})
+    index = observability(found, poses=1)
+    assert pytest.approx(3.0) == index.O3
+    assert pytest.approx(np.sqrt(3.0 * np.sqrt(10.0))) == index.O1
+    assert pytest.approx(3.0 / np.sqrt(10.0)) == index.O2
+
+
+def test_directions_that_noise_drowns_are_named(model, observe, calibrated):
+    assert weak_directions(calibrated) == ()
+    drowned = calibrate(model, observe(noise=100.0), QUICK, NO_APPARATUS)
+    weak = weak_directions(drowned)
+    assert weak[0][0] > 1.0
+    assert set(weak[0][1].weights) <= {parameter.name for parameter in model.parameters}

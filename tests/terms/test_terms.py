@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.errors import CalibrationError
+from pa10cal.files.arms import load_arm
+from pa10cal.terms.baseline import baseline, nominal, solved_parameters
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.offsets import Tolerances, base_frame, link_departures
+
+TERMS = {
+    "link departures": (link_departures(load_arm("pa10_6ce"), Tolerances()), None),
+    "base frame": (base_frame(), None),
+    "cubic spring": (JointSpring(3), JointSpring(3).solved(1.3e4, 1.5e7)),
+    "linear spring": (JointSpring(5, cubic=False), JointSpring(5, cubic=False).solved(2.5e3, 0.0)),
+}
+
+
+def some_states(count=4):
+    rng = np.random.default_rng(3)
+    return PoseStates(
+        q_rad=rng.uniform(-1, 1, (count, 6)),
+        tau_Nm=rng.uniform(-80, 80, (count, 6)),
+        arrival=rng.choice([-1.0, 0.0, 1.0], (count, 6)),
+        load_N=rng.choice([0.0, 44.0], count),
+        temperature_C=np.full(count, 21.0),
+        time_s=np.arange(float(count)),
+    )
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_derivative_and_report_equal_finite_differences(name):
+    term, x = TERMS[name]
+    k = len(term.parameters)
+    x = np.random.default_rng(0).normal(scale=1e-3, size=k) if x is None else x
+    states = some_states()
+    derivative, report = term.derivative(states, x), term.report(x)
+    assert term.shift(states, x).shape[1:] == (len(term.coordinates),)
+    for column in range(k):
+        step = np.zeros(k)
+        step[column] = 1e-5 * max(abs(x[column]), 1e-6)
+        difference = (term.shift(states, x + step) - term.shift(states, x - step)) / (
+            2 * step[column]
+        )
+        np.testing.assert_allclose(
+            difference, np.broadcast_to(derivative[:, :, column], difference.shape), rtol=1e-6
+        )
+        slope = (term.report(x + step).values - term.report(x - step).values) / (2 * step[column])
+        np.testing.assert_allclose(slope, report.jacobian[:, column], rtol=1e-6, atol=1e-12)
+
+
+def test_paper_has_24_link_parameters_and_6_stiffness_coefficients():
+    model = baseline(load_arm("pa10_6ce"), (2, 3, 5), Tolerances())
+    names = [parameter.name for parameter in model.parameters]
+    assert len(names) == 30
+    assert sum(name.startswith("delta_") for name in names) == 24
+    assert "delta_beta_2" in names
+    assert "delta_d_2" not in names  # Hayati: beta in place of d
+    assert len(nominal(load_arm("pa10_6ce")).parameters) == 0
+
+
+@pytest.mark.parametrize("cubic", [True, False])
+def test_reported_parameters_lead_back_to_solved_ones(cubic):
+    model = baseline(load_arm("pa10_6ce"), (2, 3, 5), Tolerances(), cubic=cubic)
+    rng = np.random.default_rng(5)
+    x = model.scale * rng.uniform(1, 50, len(model.parameters))
+    report = model.report(x)
+    named = {p.name: v for p, v in zip(report.parameters, report.values, strict=True)}
+    np.testing.assert_allclose(solved_parameters(model, named), x, rtol=1e-14)
+
+
+def test_a_flexible_joint_must_exist():
+    with pytest.raises(CalibrationError, match=r"flexible_joints.*7.*1 to 6"):
+        baseline(load_arm("pa10_6ce"), (2, 7), Tolerances())
