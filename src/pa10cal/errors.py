@@ -46,3 +46,11 @@ class ArmError(Pa10calError):
 
 class CalibrationError(Pa10calError):
     """The data do not allow this calibration."""
+
+
+class SimulationError(Pa10calError):
+    """The virtual cell cannot make this campaign."""
+
+
+class RecordError(Pa10calError):
+    """A result of an earlier stage cannot be used."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -36,11 +35,12 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
     from pa10cal.settings import CalibrationSettings, read_settings_argument
-    from pa10cal.stages.calibration_record import SCHEMA, load_case_record, study_of
+    from pa10cal.stages.calibration_record import load_case_record, study_of
+    from pa10cal.stages.records import BASE_FRAME, CALIBRATION, read_record
 
     settings = read_settings_argument(CalibrationSettings, arguments.settings)
     campaign = read_campaign(arguments.campaign_dir)
-    seed = json.loads(arguments.base_frame.read_text(encoding="utf-8"))
+    seed = read_record(arguments.base_frame, BASE_FRAME, ("T_cmm_base",))
     apparatus = apparatus_covariance(
         1e-3 * np.array(list(campaign.tool.balls_mm.values())),
         1e-3 * settings.apparatus_uncertainty_mm,
@@ -55,7 +55,7 @@ def _run(arguments: argparse.Namespace) -> None:
     )
     record = load_case_record(case)
     header = {
-        "schema": SCHEMA,
+        "schema": CALIBRATION,
         "campaign": campaign.name,
         "provenance": campaign.provenance,
         "robot": campaign.robot,

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,6 @@ from pa10cal.calibration.calibrate import Calibration, Options, weak_directions
 from pa10cal.calibration.identifiability import observability
 from pa10cal.calibration.load_case import LoadCase, Study, model_deviations
 from pa10cal.campaign.observations import PoseObservations
-from pa10cal.errors import RawDataError
 from pa10cal.settings import CalibrationSettings
 from pa10cal.terms.baseline import baseline, solved_parameters
 from pa10cal.terms.model import Model
@@ -25,8 +22,6 @@ from pa10cal.terms.offsets import Tolerances
 from pa10cal.terms.term import Parameter, Report
 
 Array = NDArray[np.float64]
-
-SCHEMA = "pa10cal-calibration/1"
 
 #: The straight lines give the base frame to about the nominal model's own error, near 1 deg.
 _FAR_FROM_SEED_DEG = 3.0
@@ -151,24 +146,6 @@ def fit_record(calibration: Calibration, grid: PoseObservations) -> dict[str, An
         "T_cmm_base": calibration.T_cmm_base.tolist(),
         "after": accuracy_records(summarise_by_load(found, grid.states.load_N)),
     }
-
-
-def read_record(path: Path) -> dict[str, Any]:
-    """Read `calibration/<load>.json`.
-
-    Raises:
-        RawDataError: when it is not such a file.
-    """
-    record = json.loads(path.read_text(encoding="utf-8"))
-    if record.get("schema") != SCHEMA:
-        raise RawDataError(
-            "not a calibration record",
-            where=str(path),
-            value=record.get("schema"),
-            allowed=SCHEMA,
-            remedy="give a file that the calibrate stage wrote",
-        )
-    return dict(record)
 
 
 def read_fit(record: dict[str, Any], arm: Arm, *, cubic: bool) -> tuple[Model, Array, Array]:

@@ -37,15 +37,16 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.evaluation.holdout import judge
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
-    from pa10cal.stages.calibration_record import accuracy_records, read_fit, read_record
+    from pa10cal.stages.calibration_record import accuracy_records, read_fit
+    from pa10cal.stages.records import CALIBRATION, HOLDOUT, read_record
     from pa10cal.terms.baseline import nominal
 
     campaign = read_campaign(arguments.campaign_dir)
     arm = load_arm(campaign.robot)
     table = read_pose_table(arguments.poses)
-    record = read_record(arguments.calibration)
+    record = read_record(arguments.calibration, CALIBRATION, ("parameters", "linear"))
     header = {
-        "schema": "pa10cal-holdout/1",
+        "schema": HOLDOUT,
         "campaign": campaign.name,
         "provenance": campaign.provenance,
         "calibration": record["load"],

@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.evaluation.holdout import judge
+from pa10cal.evaluation.tool_twist import constant_tool_twist
+
+
+@settings(deadline=None, max_examples=20)
+@given(angle=st.floats(1e-4, 0.1), seed=st.integers(0, 100))
+def test_a_constant_twist_of_the_tool_explains_all(angle, seed):
+    rng = np.random.default_rng(seed)
+    R = Rotation.random(12, rng=rng)
+    axis = rng.normal(size=3)
+    twist = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+    found = constant_tool_twist(R.as_matrix(), (R * twist).as_matrix())
+    assert found.angle_deg == pytest.approx(np.degrees(angle), rel=1e-6)
+    assert found.before_deg == pytest.approx(np.degrees(angle), rel=1e-6)
+    assert found.after_deg < 1e-5
+    np.testing.assert_allclose(np.radians(found.rotation_deg), twist.as_rotvec(), atol=1e-9)
+
+
+def test_scattered_differences_are_not_explained_by_a_twist():
+    rng = np.random.default_rng(1)
+    R = Rotation.random(200, rng=rng)
+    scatter = Rotation.from_rotvec(rng.normal(scale=0.01, size=(200, 3)))
+    found = constant_tool_twist(R.as_matrix(), (R * scatter).as_matrix())
+    assert found.after_deg > 0.95 * found.before_deg
+
+
+def test_judges_by_load_and_by_point():
+    T = np.tile(np.eye(4), (4, 1, 1))
+    predicted = T.copy()
+    predicted[:, 0, 3] += [1e-3, 2e-3, 3e-3, 6e-3]
+    load = np.array([22.0, 90.0, 22.0, 90.0])
+    zeros = np.zeros((4, 6))
+    states = PoseStates(zeros, zeros, zeros, load, np.zeros(4), np.zeros(4))
+    labels = np.array(["H01", "H01", "H02", "H02"])
+    observations = PoseObservations(
+        labels, states, T, np.zeros((4, 6, 6)), np.ones(4, dtype=np.int64)
+    )
+    found = judge(predicted, np.eye(4), observations)
+    assert found.overall.mean_mm == pytest.approx(3.0)
+    assert found.overall.peak_mm == pytest.approx(6.0)
+    assert found.by_load[90.0].mean_mm == pytest.approx(4.0)
+    assert found.by_point["H01"].mean_mm == pytest.approx(1.5)
+    assert found.overall.orientation_deg == pytest.approx(0.0)
