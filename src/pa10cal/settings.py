@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from pa10cal.errors import SettingsError
 
@@ -105,6 +105,13 @@ class MonteCarloSettings(Section):
     random_seed: int = 20080427
     map_spacing_mm: Positive = 50.0
 
+    @field_validator("reach_m")
+    @classmethod
+    def _increasing(cls, reach_m: tuple[float, float]) -> tuple[float, float]:
+        if reach_m[0] >= reach_m[1]:
+            raise ValueError("two distances [m], the nearer first")
+        return reach_m
+
 
 class EvaluationSettings(Section):
     """Held-out points and loads."""
@@ -118,14 +125,88 @@ class FigureSettings(Section):
     png_dpi: Annotated[int, Field(ge=50, le=600)] = 150
 
 
+class HiddenEffectSettings(Section):
+    """One effect for the virtual cell to hide, in the vocabulary of effects."""
+
+    id: str
+    of: str = Field(description="where it sits: `joint 2`, `forearm`, `base`, ...")
+    parameters: dict[str, Any] = Field(default_factory=dict)
+
+
+class CellPosesSettings(Section):
+    """Where the virtual cell measures: a 3 x 3 x 3 grid, points around it, two lines through it."""
+
+    centre_deg: tuple[float, ...] = Field(
+        (0.0, 15.0, 90.0, 0.0, 45.0, -90.0),
+        description="joint angles in the middle of the grid; they set its place, the attitude "
+        "that all others vary, and the branch of the inverse kinematics",
+    )
+    spacing_m: tuple[Positive, Positive, Positive] = Field(
+        (0.125, 0.125, 0.125), description="spacing of the grid along the robot's base axes"
+    )
+    tilt_rad: tuple[NonNegative, NonNegative, NonNegative] = Field(
+        (0.5, 0.1, 0.1),
+        description="the tool turns by up to this about its x, y and z axes, pose by pose",
+    )
+    outside_m: Positive = Field(
+        0.1, description="held-out points lie outside the grid's volume by up to this"
+    )
+    line_length_m: Positive = Field(0.2, description="length of the straight moves")
+    tilt_seed: int = Field(1, description="draws tool attitudes and held-out points")
+
+
+class CellNoiseSettings(Section):
+    """Standard deviations of what differs from reading to reading; 0 switches one off."""
+
+    touch_mm: NonNegative = Field(0.004, description="one touch, each coordinate")
+    apparatus_mm: NonNegative = Field(
+        0.005, description="the separate measurement of the balls' places, each coordinate"
+    )
+    servo_rad: NonNegative = Field(
+        1.5e-5, description="motor angle about its command; the resolver sees it"
+    )
+    unseen_rad: NonNegative = Field(
+        6e-6, description="link against motor from repeat to repeat; the resolver does not see it"
+    )
+    resolver_rad: NonNegative = Field(4e-6, description="one resolver sample")
+    resolver_count_rad: NonNegative = Field(7.67e-6, description="one count at the joint")
+    torque_fraction: NonNegative = Field(
+        1.7e-3, description="one torque sample, as a fraction of the joint's rated torque"
+    )
+
+
 class SimulateSettings(Section):
     """The virtual cell: what campaign `pa10cal simulate` writes."""
 
-    random_seed: int = 2008
-    hidden_effects: tuple[dict[str, Any], ...] = Field(
+    random_seed: Annotated[int, Field(ge=0)] = 2008
+    hidden_effects: tuple[HiddenEffectSettings, ...] = Field(
         (),
         description="entries {id, of, parameters} in the vocabulary of effects",
     )
+    robot: str = Field("pa10_6ce", description="an arm description with masses")
+    built: Literal["table_1", "drawn"] = Field(
+        "table_1",
+        description="table_1: departures and springs of the paper (its robot only); drawn: from "
+        "the manufacturing tolerances and the rated torques",
+    )
+    flexible_joints: tuple[Annotated[int, Field(ge=1)], ...] = Field(
+        (2, 3, 5), description="joints with a cubic spring"
+    )
+    loads_N: Annotated[tuple[NonNegative, ...], Field(min_length=1)] = (0.0, 22.0, 44.0)
+    repeats: Annotated[int, Field(ge=1)] = 10
+    holdout_points: Annotated[int, Field(ge=0)] = 10
+    holdout_loads_N: tuple[NonNegative, ...] = (22.0, 44.0, 66.0, 90.0)
+    holdout_repeats: Annotated[int, Field(ge=1)] = 3
+    path: Literal["same", "alternating"] = Field(
+        "same",
+        description="same: every repeat runs along one path, so a joint always arrives in a pose "
+        "from the same side; alternating: every other repeat runs it backwards",
+    )
+    temperature_drift_C: NonNegative = Field(
+        0.0, description="amplitude of the hall's slow drift about the reference temperature"
+    )
+    poses: CellPosesSettings = CellPosesSettings()
+    noise: CellNoiseSettings = CellNoiseSettings()
 
 
 class Settings(Section):
@@ -176,25 +257,25 @@ def read_settings_argument(section: type[_S], argument: str) -> _S:
     Raises:
         SettingsError: when it is neither, or its content does not fit `section`.
     """
-    if argument.lstrip().startswith("{"):
-        return parse_section(section, json.loads(argument), where="--settings")
-    path = Path(argument)
+    inline = argument.lstrip().startswith("{")
+    where = "--settings" if inline else argument
     try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
+        text = argument if inline else Path(argument).read_text(encoding="utf-8")
+        raw = json.loads(text) if inline else yaml.safe_load(text)
+    except (OSError, ValueError, yaml.YAMLError) as error:
         raise SettingsError(
             "settings cannot be read",
-            where=argument,
+            where=where,
             value=str(error),
             allowed="a JSON object or the path of a YAML file",
             remedy="check the path and its syntax",
         ) from None
-    return parse_section(section, raw, where=argument)
+    return parse_section(section, raw, where=where)
 
 
 def _explain(section: type[Section], error: ValidationError, where: str) -> SettingsError:
-    """Turn pydantic's first finding into one message in the project's form."""
-    first = error.errors()[0]
+    """Turn one of pydantic's findings, an unknown key first, into one message of the project."""
+    first = min(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
     location = tuple(str(part) for part in first["loc"])
     key = ".".join(location) or "the whole"
     if first["type"] == "extra_forbidden":
@@ -205,6 +286,10 @@ def _explain(section: type[Section], error: ValidationError, where: str) -> Sett
             where=where,
             allowed=", ".join(sorted(known)),
             remedy=f"did you mean {near[0]!r}?" if near else "remove it",
+        )
+    if first["type"] == "missing":
+        return SettingsError(
+            f"missing key {key}", where=where, allowed="a value", remedy=f"set {key}"
         )
     return SettingsError(
         f"key {key} does not fit",

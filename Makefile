@@ -1,0 +1,70 @@
+# Targets for a newcomer: reproduce, test. The rest: setup, figures, report, check, bench, clean,
+# and for maintainers: lock, schema.
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help setup reproduce figures report test check bench clean lock schema
+
+PYTHON ?= python3
+CORES ?= 2
+BIN := .venv/bin
+SNAKEMAKE := $(BIN)/snakemake --cores $(CORES) --workflow-profile workflow/profiles/default
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check --no-input install
+
+help:
+	@echo "make reproduce   set up .venv, run the whole workflow, write results/ and results/report.html"
+	@echo "make test        set up .venv, run the tests"
+	@echo "make figures     figures and tables, and what they stand on where it is not up to date"
+	@echo "make report      results/report.html alone"
+	@echo "make check       lint, format, types, workflow lint"
+	@echo "make bench       measure, and write benchmarks/results.md"
+	@echo "make clean       remove results/ (make setup builds .venv; make lock, make schema: maintainers)"
+
+setup: .venv/.complete
+
+.venv/.locked: requirements.lock
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	  echo "make setup: $(PYTHON) is missing or older than Python 3.11;" \
+	    "name a newer one: make $(MAKECMDGOALS) PYTHON=python3.11" >&2; exit 1; }
+	@echo "Setting up .venv from requirements.lock (a minute, once) ..."
+	@$(PYTHON) -m venv --clear .venv
+	@$(PIP) --require-hashes --requirement requirements.lock
+	@touch $@
+
+.venv/.complete: .venv/.locked pyproject.toml
+	@$(PIP) --no-deps --no-build-isolation --editable .
+	@touch $@
+
+reproduce: setup
+	$(SNAKEMAKE)
+	$(SNAKEMAKE) --report results/report.html
+
+figures: setup
+	$(SNAKEMAKE) figures
+
+report: setup
+	$(SNAKEMAKE) --report results/report.html
+
+test: setup
+	$(BIN)/pytest -n $(CORES)
+
+check: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/snakefmt --check Snakefile workflow
+	$(BIN)/snakemake --lint
+
+bench: setup
+	$(BIN)/python -m benchmarks
+
+clean:
+	rm -rf results
+
+# Universal: one lock for every platform and Python version. Pins and hashes only, no address.
+lock:
+	@command -v uv >/dev/null || { echo "make lock: uv is needed (a maintainer's tool)" >&2; exit 1; }
+	uv pip compile --quiet --universal --python-version 3.11 --all-extras --generate-hashes \
+	  --no-header --no-emit-index-url --no-emit-find-links --output-file requirements.lock pyproject.toml
+
+schema: setup
+	$(BIN)/python -m pa10cal.planning.schema workflow/schemas/config.schema.json

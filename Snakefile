@@ -1,0 +1,31 @@
+"""Raw logs of measurement campaigns to calibrated models, figures and tables."""
+
+
+configfile: f"{workflow.basedir}/config.yaml"
+
+
+# Jobs run in the environment that runs Snakemake, set up from requirements.lock. A site that must run
+# them in containers builds this image from the same lock.
+container: "pa10cal.sif"
+
+
+report: "workflow/report/workflow.rst"
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/ingest.smk"
+include: "workflow/rules/base_frame.smk"
+include: "workflow/rules/calibration.smk"
+include: "workflow/rules/montecarlo.smk"
+include: "workflow/rules/evaluation.smk"
+include: "workflow/rules/figures.smk"
+include: "workflow/rules/simulate.smk"
+
+
+rule all:
+    """Everything, for every campaign of the configuration."""
+    default_target: True
+    input:
+        every(calibrations_of),
+        every(planes_of),
+        rules.figures.input,

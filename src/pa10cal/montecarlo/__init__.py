@@ -1,0 +1,1 @@
+"""How far resolver uncertainty moves the flange: drawn cycle by cycle, and in closed form."""

@@ -1,0 +1,107 @@
+"""The Monte Carlo of one plane (paper, Section II.D): places, draws, closed form, map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm
+from pa10cal.errors import ArmError
+from pa10cal.montecarlo.displacement import joint_motion, plan_displacement
+from pa10cal.montecarlo.expectation import ExpectedError, expected_error
+from pa10cal.montecarlo.places import Places, draw_places, grid_places, reference_in_plane
+from pa10cal.montecarlo.sampling import ErrorSums, Progress, sample_errors, stream
+from pa10cal.montecarlo.statistics import counts_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlaneTask:
+    """What to work out.
+
+    Attributes:
+        plane_mm: height of the flange above the base.
+        reach_m: least and greatest distance of the flange from the base z axis.
+        positions: places drawn.
+        cycles: draws at each place.
+        sigma_rad: standard uncertainty of every joint.
+        random_seed: of places and draws.
+        map_spacing_m: grid of the map.
+    """
+
+    plane_mm: int
+    reach_m: tuple[float, float]
+    positions: int
+    cycles: int
+    sigma_rad: float
+    random_seed: int
+    map_spacing_m: float
+
+
+@dataclass(frozen=True)
+class PlaneErrors:
+    """Errors in one plane.
+
+    Attributes:
+        places: P places that were drawn.
+        sums: of the drawn errors there.
+        expected: closed form there.
+        map_places: K places of the map.
+        map_expected: closed form there.
+    """
+
+    places: Places
+    sums: ErrorSums
+    expected: ExpectedError
+    map_places: Places
+    map_expected: ExpectedError
+
+
+def study_plane(
+    arm: Arm, task: PlaneTask, progress: Progress = lambda _done, _all: None
+) -> PlaneErrors:
+    """Draw resolver errors at places of one plane and set the closed form beside them.
+
+    Args:
+        arm: the nominal arm.
+        task: what to work out.
+        progress: told before the first and after every place.
+
+    Raises:
+        SettingsError: when the plane cannot be reached or the map is too fine.
+        ArmError: when a joint slides.
+    """
+    _refuse_sliding_joints(arm)
+    chain = Chain.of(arm)
+    reference = reference_in_plane(chain, 1e-3 * task.plane_mm, task.reach_m)
+    map_places = grid_places(chain, reference, task.reach_m, task.map_spacing_m)
+    map_motion = joint_motion(chain, map_places.q_rad)
+    source = stream(task.random_seed, task.plane_mm, None)
+    places = draw_places(chain, reference, task.reach_m, task.positions, source)
+    motion = joint_motion(chain, places.q_rad)
+    streams = [
+        stream(task.random_seed, task.plane_mm, position) for position in range(task.positions)
+    ]
+    plan = plan_displacement(motion, task.sigma_rad)
+    return PlaneErrors(
+        places=places,
+        sums=sample_errors(plan, streams, counts_of(task.cycles), progress),
+        expected=expected_error(motion.jacobian, task.sigma_rad),
+        map_places=map_places,
+        map_expected=expected_error(map_motion.jacobian, task.sigma_rad),
+    )
+
+
+def _refuse_sliding_joints(arm: Arm) -> None:
+    if arm.prismatic.any():
+        raise ArmError(
+            "resolver uncertainty is an angle, but a joint slides",
+            where=arm.name,
+            value=f"joint {int(np.argmax(arm.prismatic)) + 1}",
+            allowed="arms whose joints all turn",
+            remedy="leave this robot out of the Monte Carlo",
+        )

@@ -1,0 +1,98 @@
+"""What the sums of the draws say: mean, spread within and between places, convergence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.montecarlo.sampling import ErrorSums
+
+Array = NDArray[np.float64]
+
+_NORMAL_95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class ErrorStatistics:
+    """Statistics of the drawn errors at P places.
+
+    Attributes:
+        place_mean_m: (P,) mean at each place.
+        place_std_m: (P,) standard deviation at each place.
+        mean_m: mean of all draws.
+        std_within_m: spread within a place: root mean square of `place_std_m`.
+        std_between_m: standard deviation of `place_mean_m`.
+        std_total_m: standard deviation of all draws.
+        half_width_m: half the 95 % interval of `mean_m` over these places: what more cycles
+            would narrow.
+        places_half_width_m: half the 95 % interval of `mean_m` over all places of the plane: what
+            more places would narrow.
+    """
+
+    place_mean_m: Array
+    place_std_m: Array
+    mean_m: float
+    std_within_m: float
+    std_between_m: float
+    std_total_m: float
+    half_width_m: float
+    places_half_width_m: float
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Mean of all places after the first cycles at each.
+
+    Attributes:
+        cycles: (C,) cycles at each place.
+        mean_m: (C,) running mean.
+        half_width_m: (C,) half its 95 % interval over these places.
+    """
+
+    cycles: NDArray[np.int64]
+    mean_m: Array
+    half_width_m: Array
+
+
+def counts_of(cycles: int, most: int = 20, first: int = 10) -> NDArray[np.int64]:
+    """Return at most `most` counts of cycles, evenly spread by ratio, that end with all of them."""
+    return np.unique(np.round(np.geomspace(min(first, cycles), cycles, most)).astype(np.int64))
+
+
+def summarise(sums: ErrorSums) -> ErrorStatistics:
+    """Return the statistics of all cycles."""
+    mean, variance = _moments(sums)
+    mean, variance = mean[:, -1], variance[:, -1]
+    places, cycles = len(mean), int(sums.cycles[-1])
+    between = float(np.std(mean, ddof=1))
+    total = np.mean(sums.squared_m2[:, -1]) / cycles - np.mean(mean) ** 2
+    return ErrorStatistics(
+        place_mean_m=mean,
+        place_std_m=np.sqrt(variance),
+        mean_m=float(np.mean(mean)),
+        std_within_m=float(np.sqrt(np.mean(variance))),
+        std_between_m=between,
+        std_total_m=float(np.sqrt(total)),
+        half_width_m=float(_half_width(variance[:, None], sums.cycles[-1:])[0]),
+        places_half_width_m=_NORMAL_95 * between / float(np.sqrt(places)),
+    )
+
+
+def convergence(sums: ErrorSums) -> Convergence:
+    """Return how the mean settled."""
+    mean, variance = _moments(sums)
+    return Convergence(sums.cycles, mean.mean(axis=0), _half_width(variance, sums.cycles))
+
+
+def _moments(sums: ErrorSums) -> tuple[Array, Array]:
+    """Return mean and unbiased variance (P, C) of the first cycles at each place."""
+    mean = sums.error_m / sums.cycles
+    return mean, np.maximum(sums.squared_m2 - sums.error_m * mean, 0.0) / (sums.cycles - 1)
+
+
+def _half_width(variance: Array, cycles: NDArray[np.int64]) -> Array:
+    """Return half the 95 % interval (C,) of the mean of all places."""
+    variance_of_sum: Array = (variance / cycles).sum(axis=0)
+    return _NORMAL_95 * np.sqrt(variance_of_sum) / len(variance)

@@ -1,0 +1,52 @@
+"""A glance at a campaign while jobs are planned.
+
+Nothing is refused here: what is wrong with a campaign is for the stage to say, which names file,
+line and remedy. A glance at an unusable file therefore gives a plan in which that stage still runs.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+
+def raw_files(folder: Path) -> list[Path]:
+    """Return the files that `campaign.yaml` names under `files` and that are there."""
+    named = _description(folder).get("files")
+    if not isinstance(named, dict):
+        return []
+    paths = [folder / name for name in named.values() if isinstance(name, str)]
+    return [path for path in paths if path.is_file()]
+
+
+def robot_name(folder: Path) -> str:
+    """Return the robot that `campaign.yaml` names, or an empty text."""
+    return str(_description(folder).get("robot", ""))
+
+
+def campaign_name(folder: Path) -> str:
+    """Return the name that `campaign.yaml` gives, or else that of the folder."""
+    return str(_description(folder).get("name", folder.name))
+
+
+def load_cases(poses: Path) -> list[str]:
+    """Return the labels of the grid's loads in a table of poses, by rising load: `0N`, `22N`, ….
+
+    Args:
+        poses: the table that ingest wrote (`ingest/poses.parquet`).
+    """
+    import pyarrow.parquet as pq  # late: most plans need no table
+
+    rows = pq.read_table(poses, columns=["kind", "load_N"]).to_pylist()
+    return [f"{load_N:g}N" for load_N in sorted({r["load_N"] for r in rows if r["kind"] == "grid"})]
+
+
+def _description(folder: Path) -> dict[str, Any]:
+    """Return the content of `campaign.yaml`, empty where it cannot be read."""
+    try:
+        content = yaml.safe_load((folder / "campaign.yaml").read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, yaml.YAMLError):
+        return {}
+    return content if isinstance(content, dict) else {}

@@ -1,0 +1,77 @@
+"""Outputs are whole or not there."""
+
+import json
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pa10cal.files.output import whole_file, write_json, write_text
+
+
+def write_half(path):
+    with whole_file(path) as beside:
+        beside.write_text("half")
+        raise OSError("disk")
+
+
+def test_writes_into_a_folder_that_is_not_there_yet(tmp_path):
+    path = tmp_path / "a/b/result.csv"
+    write_text(path, "δθ\n1\n")
+    assert path.read_bytes() == "δθ\n1\n".encode()
+
+
+def test_a_failure_leaves_nothing_behind(tmp_path):
+    path = tmp_path / "result.json"
+    with pytest.raises(OSError, match="disk"):
+        write_half(path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failure_leaves_the_former_output_as_it_was(tmp_path):
+    path = tmp_path / "result.txt"
+    write_text(path, "former")
+    with pytest.raises(OSError, match="disk"):
+        write_half(path)
+    assert path.read_text() == "former"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_output_is_not_seen_before_it_is_whole(tmp_path):
+    path = tmp_path / "result.txt"
+    with whole_file(path) as beside:
+        beside.write_text("half")
+        assert not path.exists()
+        assert beside.suffix == path.suffix
+    assert path.read_text() == "half"
+
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+contents = st.dictionaries(
+    st.text(max_size=5),
+    st.recursive(
+        numbers | st.integers() | st.text(max_size=5) | st.booleans() | st.none(),
+        lambda inner: (
+            st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+        ),
+        max_leaves=6,
+    ),
+    max_size=4,
+)
+
+
+@given(content=contents)
+@settings(max_examples=50, deadline=None)
+def test_json_comes_back_as_it_was(tmp_path_factory, content):
+    path = tmp_path_factory.mktemp("json") / "result.json"
+    write_json(path, content)
+    assert json.loads(path.read_text(encoding="utf-8")) == content
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+def test_refuses_numbers_that_are_not_finite_and_names_the_key(tmp_path, number):
+    path = tmp_path / "result.json"
+    with pytest.raises(ValueError, match=r"errors\.44N\[1\] is"):
+        write_json(path, {"errors": {"44N": [1.0, number]}})
+    assert list(tmp_path.iterdir()) == []

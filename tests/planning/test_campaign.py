@@ -1,0 +1,45 @@
+"""A glance at a campaign never refuses; what it sees is right."""
+
+import pandas as pd
+import pytest
+
+from pa10cal.planning.campaign import campaign_name, load_cases, raw_files, robot_name
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    def write(text):
+        (tmp_path / "campaign.yaml").write_bytes(text.encode())
+        return tmp_path
+
+    return write
+
+
+def test_sees_robot_and_the_files_that_are_there(campaign):
+    folder = campaign(
+        "\ufeffname: First\r\nrobot: other\r\nfiles:\r\n  cmm: cmm.csv\r\n  resolver: gone.csv\r\n"
+    )
+    (folder / "cmm.csv").touch()
+    assert campaign_name(folder) == "First"
+    assert robot_name(folder) == "other"
+    assert raw_files(folder) == [folder / "cmm.csv"]
+
+
+@pytest.mark.parametrize("text", ["", "- a list", "robot: [", "files: cmm.csv", "files: {cmm: 3}"])
+def test_leaves_refusals_to_the_stage(campaign, text):
+    folder = campaign(text)
+    assert robot_name(folder) == ""
+    assert raw_files(folder) == []
+
+
+def test_a_campaign_that_is_not_there_has_nothing(tmp_path):
+    assert robot_name(tmp_path / "gone") == ""
+    assert campaign_name(tmp_path / "gone") == "gone"
+    assert raw_files(tmp_path / "gone") == []
+
+
+def test_load_cases_are_the_loads_of_the_grid_by_rising_load(tmp_path):
+    kinds = ["grid", "grid", "holdout", "line_x", "grid", "grid"]
+    table = pd.DataFrame({"kind": kinds, "load_N": [100.0, 0.0, 90.0, 5.0, 22.5, 0.0]})
+    table.to_parquet(tmp_path / "poses.parquet")
+    assert load_cases(tmp_path / "poses.parquet") == ["0N", "22.5N", "100N"]

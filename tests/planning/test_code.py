@@ -1,0 +1,45 @@
+"""Which files a module is made of."""
+
+from pathlib import Path
+
+import pytest
+
+import pa10cal
+from pa10cal.planning.code import source_files
+
+PACKAGE = Path(pa10cal.__file__).parent
+
+
+def files_of(*modules):
+    return {path.relative_to(PACKAGE).as_posix() for path in source_files(*modules)}
+
+
+def test_a_leaf_is_itself_and_its_packages():
+    assert files_of("pa10cal.errors") == {"__init__.py", "errors.py", "py.typed"}
+
+
+def test_follows_imports_and_brings_the_data_of_a_package():
+    files = files_of("pa10cal.files.arms")
+    assert {"files/arms.py", "files/arms/pa10_6ce.yaml", "arm/description.py", "errors.py"} <= files
+    assert not [path for path in files if path.startswith(("calibration/", "stages/"))]
+
+
+def test_follows_imports_inside_functions():
+    files = files_of("pa10cal.stages.calibrate")
+    assert {"calibration/load_case.py", "arm/chain.py", "stages/command.py"} <= files
+    assert not [path for path in files if path.startswith(("cell/", "figures/", "montecarlo/"))]
+
+
+def test_several_modules_give_the_union():
+    both = files_of("pa10cal.errors", "pa10cal.arm.state")
+    assert both == files_of("pa10cal.errors") | files_of("pa10cal.arm.state")
+
+
+def test_the_order_does_not_depend_on_the_run():
+    files = source_files("pa10cal.settings")
+    assert list(files) == sorted(files)
+
+
+def test_refuses_a_module_that_is_not_there():
+    with pytest.raises(ModuleNotFoundError, match=r"pa10cal\.stages\.nothing"):
+        source_files("pa10cal.stages.nothing")

@@ -1,0 +1,149 @@
+"""Rules of the house that hold for every file, as docs/architecture.md states them."""
+
+import ast
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "src/pa10cal"
+MODULES = sorted(PACKAGE.rglob("*.py"))
+CODE = [
+    *MODULES,
+    *sorted((ROOT / "tests").rglob("*.py")),
+    *sorted((ROOT / "benchmarks").rglob("*.py")),
+]
+PURE = {"arm", "terms", "frame", "calibration", "montecarlo", "evaluation"}
+FLOOR = {"errors"}
+
+#: What a package may import besides itself and `errors`: packages, or single modules.
+MAY_IMPORT = {
+    "settings": set(),
+    "arm": set(),
+    "terms": {"arm"},
+    "frame": set(),
+    "campaign": {"arm", "frame", "settings"},
+    "calibration": {"arm", "terms", "campaign.observations", "frame"},
+    "montecarlo": {"arm"},
+    "evaluation": {"arm", "terms", "campaign.observations", "frame", "calibration", "montecarlo"},
+    "cell": {"arm.description", "files", "settings"},
+    "files": {"arm.description", "settings"},
+    "figures": {"files", "settings"},
+    "planning": {"files", "settings"},
+}
+#: Libraries that only some packages or modules may import.
+KEPT_TO = {
+    "matplotlib": {"figures"},
+    "pinocchio": {"arm.statics", "cell"},
+    "snakemake": set(),
+}
+NOT_IN_PURE = {"pandas", "pyarrow", "yaml", "json", "csv", "pydantic", "pathlib", "os", "sys"}
+
+
+def name_of(path):
+    """Return a module's name without the package's own: `arm.chain`."""
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imports_of(path):
+    """Yield every module imported, `from a import b` as `a.b`."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def within(module, places):
+    """Say whether a module is one of the places or lies in one."""
+    return any(module == place or module.startswith(f"{place}.") for place in places)
+
+
+@pytest.mark.parametrize("package", MAY_IMPORT)
+def test_imports_run_downward(package):
+    allowed = MAY_IMPORT[package] | FLOOR | {package}
+    wrong = [
+        f"{name_of(path)} imports {module}"
+        for path in MODULES
+        if within(name_of(path), {package})
+        for module in imports_of(path)
+        if module.startswith("pa10cal.") and not within(module.removeprefix("pa10cal."), allowed)
+    ]
+    assert not wrong
+
+
+def test_every_package_has_its_place():
+    packages = {path.parent.relative_to(PACKAGE).parts[0] for path in PACKAGE.glob("*/*.py")}
+    assert packages - {"stages"} <= set(MAY_IMPORT)
+    table = re.findall(r"^\| `(\w+)/` ", (ROOT / "docs/architecture.md").read_text("utf-8"), re.M)
+    assert packages <= set(table)
+
+
+@pytest.mark.parametrize("library", KEPT_TO)
+def test_a_library_stays_where_it_belongs(library):
+    users = {name_of(path) for path in MODULES for m in imports_of(path) if within(m, {library})}
+    assert not {user for user in users if not within(user, KEPT_TO[library])}
+
+
+def test_pure_packages_know_no_files_no_settings_and_do_not_print():
+    wrong = []
+    for path in MODULES:
+        if not within(name_of(path), PURE):
+            continue
+        wrong += [f"{path.name}: {m}" for m in imports_of(path) if within(m, NOT_IN_PURE)]
+        calls = (n for n in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(n, ast.Call))
+        names = {call.func.id for call in calls if isinstance(call.func, ast.Name)}
+        wrong += [f"{path.name}: {name}()" for name in names & {"print", "open"}]
+    assert not wrong
+
+
+def test_no_private_name_crosses_modules():
+    wrong = [
+        f"{path.relative_to(ROOT)} imports {module}"
+        for path in CODE
+        for module in imports_of(path)
+        if module.startswith("pa10cal.") and re.search(r"\._(?!_)", module)
+    ]
+    assert not wrong
+
+
+def test_no_module_is_longer_than_400_lines():
+    lengths = {path: len(path.read_text("utf-8").splitlines()) for path in CODE}
+    assert not [path for path, length in lengths.items() if length > 400]
+
+
+def test_rules_only_call_stages():
+    rules = [ROOT / "Snakefile", *(ROOT / "workflow/rules").glob("*.smk")]
+    for path in rules:
+        text = path.read_text("utf-8")
+        assert not re.search(r"^\s*(run|script|notebook|wrapper):", text, re.MULTILINE), path
+        commands = re.findall(r"shell:\s+\"(.*)", text)
+        assert all(command.startswith("python -m pa10cal ") for command in commands), path
+
+
+def test_lock_pins_every_package_by_hash_and_names_no_address():
+    text = (ROOT / "requirements.lock").read_text("utf-8")
+    assert "://" not in text
+    assert not re.search(r"^-", text, re.MULTILINE), "an option of pip, such as an index"
+    assert not re.search(r"\b[\w-]+\.(org|com|io|net)\b", text)
+    requirements = re.split(r"\n(?=\S)", text.strip())
+    assert len(requirements) > 50
+    for requirement in requirements:
+        assert re.match(r"[A-Za-z0-9._-]+(\[[\w,-]+\])?==\S+", requirement), requirement[:60]
+        assert "--hash=sha256:" in requirement, requirement[:60]
+
+
+def test_lock_holds_every_dependency_of_the_project():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    wanted = {*project["dependencies"], *project["optional-dependencies"]["dev"]}
+    text = (ROOT / "requirements.lock").read_text("utf-8")
+    locked = set(re.findall(r"^([A-Za-z0-9._-]+)(?:\[\w+\])?==", text, re.MULTILINE))
+
+    def plain(name):
+        return re.sub(r"[-_.]+", "-", name).lower()
+
+    assert {plain(name) for name in wanted} <= {plain(name) for name in locked}

@@ -1,0 +1,123 @@
+"""Settings: defaults in config.yaml, refusals with the nearest right name."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from pa10cal.errors import SettingsError
+from pa10cal.settings import (
+    CalibrationSettings,
+    MonteCarloSettings,
+    Settings,
+    parse_settings,
+    read_settings_argument,
+)
+
+ROOT = Path(__file__).parents[1]
+CHOSEN = {"campaigns", "simulate"}
+
+
+@pytest.fixture(scope="module")
+def config():
+    return yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
+
+
+def test_config_writes_out_every_default(config):
+    defaults = Settings(campaigns=("c1",)).model_dump(mode="json", exclude=CHOSEN)
+    written = {key: value for key, value in config.items() if key not in CHOSEN}
+    assert written == defaults
+
+
+def test_config_explains_every_setting():
+    lines = (ROOT / "config.yaml").read_text(encoding="utf-8").splitlines()
+    settings = [line for line in lines if line.strip() and not line.startswith("#")]
+    bare = [
+        line for line in settings if " # " not in line and not line.startswith("  lightcap2008")
+    ]
+    assert not bare
+
+
+def test_config_is_accepted_and_names_the_shipped_campaigns(config):
+    settings = parse_settings(config, where="config.yaml")
+    assert settings.campaigns == ("cell-a", "cell-null", "lightcap2008")
+    assert set(settings.simulate) == {"lightcap2008"}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"montecarl": {}}, ["unknown key montecarl", "'montecarlo'"]),
+        ({"calibration": {"start": 3}}, ["unknown key calibration.start;", "'starts'"]),
+        ({"calibration": {"tolerances": {"a_mm": 1}}}, ["calibration.tolerances.a_mm", "'a_m'"]),
+        ({"simulate": {"x": {"seed": 1}}}, ["unknown key simulate.x.seed"]),
+        ({"ingest": {"still_speed_deg_s": -1}}, ["ingest.still_speed_deg_s", "-1", "than 0"]),
+        ({"campaigns": []}, ["key campaigns does not fit", "at least 1"]),
+        ({"calibration": {"epsilon_acts_on": "both"}}, ["'both'", "'residual' or 'cost'"]),
+    ],
+)
+def test_refusal_names_key_value_and_remedy(config, change, words):
+    with pytest.raises(SettingsError) as caught:
+        parse_settings({**config, **change}, where="my.yaml")
+    message = str(caught.value)
+    assert message.startswith("my.yaml: ")
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+@pytest.mark.parametrize("raw", [None, 3, ["campaigns"], {}])
+def test_refuses_what_is_no_configuration(raw):
+    with pytest.raises(SettingsError):
+        parse_settings(raw, where="config.yaml")
+
+
+@given(
+    cycles=st.integers(2, 10**9),
+    sigma_deg=st.floats(1e-9, 10),
+    planes_mm=st.lists(st.integers(-1000, 2000)),
+)
+@hypothesis_settings(max_examples=30, deadline=None)
+def test_what_a_rule_passes_is_what_the_stage_reads(cycles, sigma_deg, planes_mm):
+    section = MonteCarloSettings(cycles=cycles, sigma_deg=sigma_deg, planes_mm=tuple(planes_mm))
+    assert read_settings_argument(MonteCarloSettings, section.model_dump_json()) == section
+
+
+def test_reads_a_section_from_a_file(tmp_path):
+    path = tmp_path / "calibration.yaml"
+    path.write_text("starts: 3\ninner_poses: all\n", encoding="utf-8")
+    section = read_settings_argument(CalibrationSettings, str(path))
+    assert (section.starts, section.inner_poses) == (3, "all")
+
+
+@pytest.mark.parametrize("content", ["starts: [", None])
+def test_refuses_a_file_that_cannot_be_read(tmp_path, content):
+    path = tmp_path / "calibration.yaml"
+    if content is not None:
+        path.write_text(content, encoding="utf-8")
+    with pytest.raises(SettingsError, match=r"calibration\.yaml: settings cannot be read"):
+        read_settings_argument(CalibrationSettings, str(path))
+
+
+def test_refuses_json_that_is_broken():
+    with pytest.raises(SettingsError, match="--settings"):
+        read_settings_argument(CalibrationSettings, '{"starts": 3')
+
+
+def test_settings_cannot_be_changed_once_read():
+    settings = CalibrationSettings()
+    with pytest.raises(ValueError, match="frozen"):
+        settings.starts = 3
+
+
+def test_an_unknown_key_is_refused_in_every_section():
+    for name, field in Settings.model_fields.items():
+        if hasattr(field.annotation, "model_fields"):
+            with pytest.raises(SettingsError, match=f"unknown key {name}.nonsense"):
+                parse_settings(
+                    json.loads(json.dumps({"campaigns": ["c1"], name: {"nonsense": 1}})), where="x"
+                )

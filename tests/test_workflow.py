@@ -1,0 +1,259 @@
+"""The workflow itself: which jobs it plans, what it passes to stages, what a change runs again.
+
+The planning tests use the project as it is. The running tests use a copy whose stages are stand-ins
+that take the same command lines and write little files, so that only the workflow is on trial.
+"""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+import yaml
+
+from pa10cal.figures.catalogue import FIGURES, TABLES
+
+ROOT = Path(__file__).parents[1]
+PICTURES = {*FIGURES, *TABLES}
+
+#: Stage, the options it is called with, and what the stand-in writes.
+STAND_INS = {
+    "ingest": (
+        ["--campaign-dir", "--settings", "--out", "--quarantine"],
+        """
+        import pyarrow, pyarrow.parquet
+        if "refuse" in (Path(a.campaign_dir) / "campaign.yaml").read_text():
+            raise RawDataError("broken", where="cmm.csv:7", allowed="sense", remedy="mend it")
+        rows = {"kind": ["grid", "grid", "holdout"], "load_N": [22.5, 0.0, 90.0]}
+        pyarrow.parquet.write_table(pyarrow.table(rows), a.out)
+        write_text(Path(a.quarantine), "file,line,reason")
+        """,
+    ),
+    "seed": (["--campaign-dir", "--poses", "--settings", "--out"], ""),
+    "calibrate": (
+        ["--campaign-dir", "--poses", "--base-frame", "--load", "--settings", "--out"],
+        "import pa10cal.calibration.probe",
+    ),
+    "montecarlo": (["--campaign", "--robot", "--plane-mm", "--settings", "--out"], ""),
+    "evaluate": (["--campaign-dir", "--poses", "--calibration", "--out"], ""),
+    "figures": (
+        ["--figure", "--campaign-dir", "--results-dir", "--settings", "--out-dir"],
+        """
+        endings = ["csv", "md"] if a.out_dir.endswith("tables") else ["svg", "pdf", "png"]
+        for ending in endings:
+            write_text(Path(a.out_dir) / f"{a.figure}.{ending}", a.figure)
+        """,
+    ),
+    "simulate": (
+        ["--name", "--settings", "--kcub-reading", "--out", "--truth"],
+        """
+        for name in ("campaign.yaml", "cmm.csv.gz", "resolver.csv.gz"):
+            write_text(Path(a.out) / name, a.name)
+        write_text(Path(a.truth), a.kcub_reading)
+        """,
+    ),
+}
+STAND_IN = """
+import json, sys
+from pathlib import Path
+from pa10cal.errors import RawDataError
+from pa10cal.files.output import write_text
+from pa10cal.stages.command import run_stage
+
+def describe(parser):
+    for option in {options}:
+        parser.add_argument(option, required=True)
+
+def run(a):
+    print("{stage} at work", file=sys.stderr)
+    json.loads(getattr(a, "settings", "{{}}"))
+    if hasattr(a, "out") and {stage!r} != "simulate":
+        write_text(Path(a.out), json.dumps(vars(a)))
+{body}
+
+def main(argv=None):
+    return run_stage({stage!r}, describe, run, argv)
+"""
+
+
+def snakemake(*words, cwd, env=None):
+    """Run snakemake and return its exit code and all it printed."""
+    done = subprocess.run(
+        [sys.executable, "-m", "snakemake", "--cores", "2", "--nocolor", *map(str, words)],
+        cwd=cwd,
+        env={**os.environ, **(env or {})},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=300,
+    )
+    return done.returncode, done.stdout
+
+
+def planned(text):
+    """Read the job counts of a dry run; none when there is nothing to do."""
+    table = re.search(r"^Job stats:\n.*\n-.*\n((?:\S+ +\d+\n)+)", text, re.MULTILINE)
+    rows = (row.split() for row in table[1].splitlines()) if table else ()
+    return Counter({name: int(count) for name, count in rows})
+
+
+@pytest.fixture
+def plan(tmp_path):
+    """Dry-run the project as it is, away from its folder."""
+
+    def run(*words, **config):
+        config = {"raw_dir": ROOT / "data/raw", "results_dir": tmp_path / "out"} | config
+        pairs = [f"{key}={value}" for key, value in config.items()]
+        return snakemake("-n", "-s", ROOT / "Snakefile", *words, "--config", *pairs, cwd=tmp_path)
+
+    return run
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    """Lay out a copy of the project with stand-in stages and one campaign; return a runner."""
+    place = tmp_path / "check out"
+    package = place / "src/pa10cal"
+    shutil.copytree(
+        ROOT / "src/pa10cal", package, ignore=shutil.ignore_patterns("__pycache__", "figures")
+    )
+    shutil.copytree(ROOT / "workflow", place / "workflow")
+    for name in ("Snakefile", "config.yaml", "README.md"):
+        shutil.copy(ROOT / name, place)
+    for stage, (options, body) in STAND_INS.items():
+        lines = "".join(f"    {line}\n" for line in dedent(body).splitlines())
+        text = STAND_IN.format(stage=stage, options=options, body=lines)
+        (package / f"stages/{stage}.py").write_text(text)
+    (package / "calibration/probe.py").write_text("ANSWER = 1\n")
+    (package / "figures").mkdir()
+    for name in ("__init__", *PICTURES):
+        (package / f"figures/{name}.py").write_text(f'"""{name}"""\n')
+    campaign = place / "data/raw/c1"
+    campaign.mkdir(parents=True)
+    content = {
+        "name": "first",
+        "robot": "pa10_6ce",
+        "files": {"cmm": "cmm.csv", "resolver": "gone.csv"},
+    }
+    (campaign / "campaign.yaml").write_text(yaml.safe_dump(content))
+    (campaign / "cmm.csv").write_text("time_s\n")
+
+    def run(*words, config=()):
+        pairs = ["campaigns=['c1']", "montecarlo={'planes_mm': [300, 500]}", *config]
+        env = {"PYTHONPATH": str(package.parent), "PYTHONDONTWRITEBYTECODE": "1"}
+        return snakemake(*words, "--config", *pairs, cwd=place, env=env)
+
+    run.place = place
+    return run
+
+
+def test_plans_one_campaign_with_one_monte_carlo_job_a_plane(plan):
+    code, text = plan(campaigns='["cell-null"]')
+    assert code == 0, text
+    jobs = planned(text)
+    assert jobs["ingest"] == jobs["base_frame"] == jobs["evaluate"] == 1
+    assert jobs["montecarlo"] == 5
+    assert "alteration of the DAG" in text  # the load cases follow from what ingest finds
+
+
+def test_plans_a_single_stage_and_what_it_stands_on(plan, tmp_path):
+    code, text = plan(tmp_path / "out/cell-a/calibration/44N.json")
+    assert code == 0, text
+    assert planned(text) == {"ingest": 1, "base_frame": 1, "calibrate": 1, "total": 3}
+
+
+@pytest.mark.parametrize(
+    ("config", "expected"),
+    [
+        ({"calibraton": 1}, "unknown key calibraton.*did you mean 'calibration'"),
+        ({"montecarlo": '{"cycle": 5}'}, "unknown key montecarlo.cycle.*'cycles'"),
+        ({"campaigns": "[]"}, "key campaigns does not fit"),
+    ],
+)
+def test_refuses_a_wrong_configuration_in_one_message(plan, config, expected):
+    code, text = plan(**config)
+    assert code != 0
+    assert re.search(expected, text)
+    assert "Traceback" not in text
+
+
+def test_names_a_campaign_that_is_not_there(plan, tmp_path):
+    code, text = plan(tmp_path / "out/celll/ingest/poses.parquet")
+    assert code != 0
+    assert "celll/campaign.yaml" in text
+    assert "Traceback" not in text
+
+
+def test_every_picture_has_a_caption():
+    captions = {path.stem for path in (ROOT / "workflow/report").glob("*.rst")}
+    assert captions == PICTURES | {"workflow"}
+
+
+def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
+    code, text = checkout()
+    assert code == 0, text
+    results = checkout.place / "results/c1"
+    calibrations = {path.stem for path in (results / "calibration").iterdir()}
+    assert calibrations == {"0N", "22.5N", "combined"}
+    assert {path.stem for path in (results / "montecarlo").iterdir()} == {"z300", "z500"}
+    drawn = {path.stem for path in results.glob("[ft][ia][gb]*/*.*")}
+    assert drawn == PICTURES
+    assert "seed at work" in text
+    assert (results / "logs/base_frame.log").read_text() == "seed at work\n"
+    passed = json.loads((results / "montecarlo/z300.json").read_text())
+    assert (passed["campaign"], passed["robot"]) == ("first", "pa10_6ce")
+
+    assert "Nothing to be done" in checkout()[1]
+    (checkout.place / "README.md").write_text("other words")
+    assert "Nothing to be done" in checkout("-n")[1]
+
+    other_starts = ["calibration={'starts': 2}"]
+    jobs = planned(checkout("-n", config=other_starts)[1])
+    assert jobs["calibrate"] == 3
+    assert jobs["evaluate"] == jobs["l_curve"] == 1
+    assert not {"ingest", "base_frame", "montecarlo"} & set(jobs)
+
+    probe = checkout.place / "src/pa10cal/calibration/probe.py"
+    probe.write_text("ANSWER = 2\n")
+    jobs = planned(checkout("-n")[1])
+    assert jobs["calibrate"] == 3
+    assert not {"ingest", "base_frame", "montecarlo", "montecarlo_map"} & set(jobs)
+    probe.write_text("ANSWER = 1\n")
+
+    (checkout.place / "src/pa10cal/figures/l_curve.py").write_text("LINE = 1\n")
+    assert set(planned(checkout("-n", "figures")[1])) == {"l_curve", "figures", "total"}
+
+
+def test_shows_and_keeps_the_message_of_a_stage_that_refuses(checkout):
+    campaign = checkout.place / "data/raw/c1/campaign.yaml"
+    campaign.write_text(campaign.read_text() + "refuse: true\n")
+    code, text = checkout("results/c1/ingest/poses.parquet")
+    message = "pa10cal ingest: cmm.csv:7: broken; allowed: sense; mend it\n"
+    assert code != 0
+    assert message in text
+    assert "exit status 2" in text
+    assert "Traceback" not in text
+    results = checkout.place / "results/c1"
+    assert (results / "logs/ingest.log").read_text().endswith(message)
+    assert not (results / "ingest/poses.parquet").exists()
+
+
+def test_simulates_beside_the_results_and_never_over_raw_data(checkout, tmp_path):
+    before = sorted((checkout.place / "data").rglob("*"))
+    elsewhere = tmp_path / "else where"
+    code, text = checkout("simulate", config=[f"results_dir={elsewhere}"])
+    assert code == 0, text
+    folder = elsewhere / "simulated/lightcap2008"
+    assert {path.name for path in folder.iterdir()} == {
+        "campaign.yaml",
+        "cmm.csv.gz",
+        "resolver.csv.gz",
+    }
+    assert (elsewhere / "simulated/lightcap2008.truth.json").read_text() == "text_e7"
+    assert sorted((checkout.place / "data").rglob("*")) == before

@@ -1,0 +1,156 @@
+"""What the rules share: settings, paths, and the functions that give inputs and parameters."""
+
+import os
+import re
+import shlex
+import sys
+from pathlib import Path
+
+from pa10cal.errors import SettingsError
+from pa10cal.planning.campaign import campaign_name, load_cases, raw_files, robot_name
+from pa10cal.planning.code import source_files
+from pa10cal.settings import parse_settings
+
+try:
+    SETTINGS = parse_settings(config, where="config.yaml or --config")
+except SettingsError as error:
+    sys.exit(f"pa10cal: {error}")  # one line; an exception would bring Snakemake's own beside it
+
+# Setting a prefix drops Snakemake's own, so the first part repeats it. The second lets the rules say
+# `python` whether or not the environment of Snakemake is activated.
+shell.prefix(
+    f'set -euo pipefail; export PATH={shlex.quote(str(Path(sys.executable).parent))}:"$PATH"; '
+)
+
+
+wildcard_constraints:
+    campaign=r"[^/]+",
+    load=r"[0-9.e+-]+N|combined",
+    plane=r"[0-9]+",
+
+
+def raw(name):
+    """The path pattern of a raw file of a campaign."""
+    return os.path.join(_literal(SETTINGS.raw_dir), "{campaign}", name)
+
+
+def result(name):
+    """The path pattern of a result of a campaign."""
+    return os.path.join(_literal(SETTINGS.results_dir), "{campaign}", name)
+
+
+def _literal(path):
+    return os.path.normpath(path).replace("{", "{{").replace("}", "}}")
+
+
+def code_of(*modules):
+    """The files of the package that a stage is made of, so that editing one runs it again."""
+
+    def files(wildcards):
+        paths = source_files(*(f"pa10cal.{module}" for module in modules))
+        return [
+            os.path.relpath(path) if path.is_relative_to(os.getcwd()) else path for path in paths
+        ]
+
+    return files
+
+
+def settings_of(section, without=()):
+    """One section of the settings as JSON: changing another section runs nothing again."""
+    text = getattr(SETTINGS, section).model_dump_json(exclude=set(without))
+    return lambda wildcards: text
+
+
+def sections_of(*sections):
+    """Several sections of the settings as one JSON object."""
+    text = SETTINGS.model_dump_json(include=set(sections))
+    return lambda wildcards: text
+
+
+def campaign_folder(wildcards):
+    return os.path.join(os.path.normpath(SETTINGS.raw_dir), wildcards.campaign)
+
+
+def results_folder(wildcards):
+    return os.path.join(os.path.normpath(SETTINGS.results_dir), wildcards.campaign)
+
+
+def logs_of_campaign(wildcards):
+    return raw_files(Path(campaign_folder(wildcards)))
+
+
+def name_of_campaign(wildcards):
+    return campaign_name(Path(campaign_folder(wildcards)))
+
+
+def robot_of_campaign(wildcards):
+    return robot_name(Path(campaign_folder(wildcards)))
+
+
+def planes_of(campaign):
+    """The Monte Carlo results of a campaign, one a plane."""
+    return expand(
+        result("montecarlo/z{plane}.json"),
+        campaign=campaign,
+        plane=SETTINGS.montecarlo.planes_mm,
+    )
+
+
+def calibrations_of(campaign):
+    """The calibrations of a campaign: one a load that ingest found, and the combined one."""
+    poses = Path(checkpoints.ingest.get(campaign=campaign).output.poses)
+    return expand(
+        result("calibration/{load}.json"),
+        campaign=campaign,
+        load=[*load_cases(poses), "combined"],
+    )
+
+
+def every(results_of):
+    """The results that a function of the campaign names, for every campaign."""
+    return lambda wildcards: [
+        path for campaign in SETTINGS.campaigns for path in results_of(campaign)
+    ]
+
+
+def needs(*entries):
+    """The results a picture is drawn from: paths, or functions of the campaign that name several."""
+
+    def files(wildcards):
+        return [
+            path
+            for entry in entries
+            for path in (
+                entry(wildcards.campaign)
+                if callable(entry)
+                else expand(result(entry), campaign=wildcards.campaign)
+            )
+        ]
+
+    return files
+
+
+def figure_files(name, title):
+    """What is drawn of a figure; the SVG goes into the report."""
+    return {
+        "svg": _reported(f"figures/{name}.svg", name, title),
+        "pdf": result(f"figures/{name}.pdf"),
+        "png": result(f"figures/{name}.png"),
+    }
+
+
+def table_files(name, title):
+    """What is written of a table; the CSV goes into the report."""
+    return {
+        "csv": _reported(f"tables/{name}.csv", name, title),
+        "markdown": result(f"tables/{name}.md"),
+    }
+
+
+def _reported(path, name, title):
+    return report(
+        result(path),
+        caption=f"../report/{name}.rst",
+        category="{campaign}",
+        labels={"picture": title},
+    )

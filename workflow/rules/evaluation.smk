@@ -1,0 +1,17 @@
+rule evaluate:
+    """Uncalibrated, linear and cubic models on the held-out points and loads."""
+    input:
+        campaign=raw("campaign.yaml"),
+        poses=result("ingest/poses.parquet"),
+        calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
+        code=code_of("stages.evaluate"),
+    output:
+        result("evaluation/holdout.json"),
+    log:
+        result("logs/evaluate.log"),
+    params:
+        folder=campaign_folder,
+    shell:
+        "python -m pa10cal evaluate --campaign-dir {params.folder:q} --poses {input.poses:q}"
+        " --calibration {input.calibration:q} --out {output:q}"
+        " 2>&1 | tee {log:q} >&2"

@@ -1,0 +1,17 @@
+rule montecarlo:
+    """Position error from resolver uncertainty in one horizontal plane."""
+    input:
+        campaign=ancient(raw("campaign.yaml")),  # its name and robot are parameters below
+        code=code_of("stages.montecarlo"),
+    output:
+        result("montecarlo/z{plane}.json"),
+    log:
+        result("logs/montecarlo_z{plane}.log"),
+    params:
+        name=name_of_campaign,
+        robot=robot_of_campaign,
+        settings=settings_of("montecarlo", without=["planes_mm"]),
+    shell:
+        "python -m pa10cal montecarlo --campaign {params.name:q} --robot {params.robot:q}"
+        " --plane-mm {wildcards.plane} --settings {params.settings:q} --out {output:q}"
+        " 2>&1 | tee {log:q} >&2"

@@ -1,0 +1,31 @@
+# Beside the results, never over the raw data: those are only read.
+SIMULATED = os.path.join(_literal(SETTINGS.results_dir), "simulated", "{name}")
+
+
+rule simulate:
+    """Every campaign that the configuration describes for the virtual cell."""
+    input:
+        expand(f"{SIMULATED}/campaign.yaml", name=SETTINGS.simulate),
+
+
+rule simulate_campaign:
+    """One campaign of the virtual cell, and apart from it the truth that no estimate may read."""
+    input:
+        code=code_of("stages.simulate"),
+    output:
+        campaign=f"{SIMULATED}/campaign.yaml",
+        cmm=f"{SIMULATED}/cmm.csv.gz",
+        resolver=f"{SIMULATED}/resolver.csv.gz",
+        truth=f"{SIMULATED}.truth.json",
+    log:
+        f"{SIMULATED}.log",
+    wildcard_constraints:
+        name="|".join(map(re.escape, SETTINGS.simulate)) or "(?!)",
+    params:
+        folder=lambda wildcards, output: os.path.dirname(output.campaign),
+        kcub_reading=SETTINGS.kcub_reading,
+        settings=lambda wildcards: SETTINGS.simulate[wildcards.name].model_dump_json(),
+    shell:
+        "python -m pa10cal simulate --name {wildcards.name:q} --settings {params.settings:q}"
+        " --kcub-reading {params.kcub_reading} --out {params.folder:q} --truth {output.truth:q}"
+        " 2>&1 | tee {log:q} >&2"
