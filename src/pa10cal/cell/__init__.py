@@ -1,0 +1,1 @@
+"""The virtual cell: writes raw campaigns; shares no formula with the estimator."""

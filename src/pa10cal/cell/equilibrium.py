@@ -1,0 +1,138 @@
+"""Where the links of a loaded arm come to rest: springs and structure against gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.cell.built import BuiltRobot, Springs
+from pa10cal.cell.effects.kinds import Effect, Loading, Shape, StructureEffect, WindupEffect
+from pa10cal.cell.mechanism import Mechanism, Strain
+from pa10cal.errors import SimulationError
+
+Array = NDArray[np.float64]
+
+#: The iteration stops when no joint and no link moves by more than this [rad, m].
+TOLERANCE = 1e-13
+_MAX_ITERATIONS = 200
+
+
+@dataclass(frozen=True)
+class RestPoses:
+    """P configurations of an arm at rest.
+
+    Attributes:
+        q_rad: (P, n) link angles.
+        tau_Nm: (P, n) torques that the motors exert.
+        T_base_ee: (P, 4, 4) flange in the robot base frame [m].
+    """
+
+    q_rad: Array
+    tau_Nm: Array
+    T_base_ee: Array
+
+
+def rest_poses(
+    robot: BuiltRobot,
+    effects: Sequence[Effect],
+    drive_rad: Array,
+    load_N: Array,
+    time_s: Array,
+    warming_K: Array,
+) -> RestPoses:
+    """Find where the robot comes to rest.
+
+    The torque is that of the deflected posture: tau(q) = k_lin (drive - q) + k_cub (drive - q)^3,
+    equation (1) of the paper.
+
+    Args:
+        robot: the robot as built.
+        effects: what else moves it; only windup and structure matter here.
+        drive_rad: (P, n) motor angles with what the transmissions add to them.
+        load_N: (P,) hanging weights.
+        time_s: (P,) times since the start of the campaign.
+        warming_K: (P,) temperatures above the reference.
+
+    Raises:
+        SimulationError: where no equilibrium is found.
+    """
+    arm = _YieldingArm(
+        Mechanism.of(robot),
+        robot.springs,
+        [effect for effect in effects if isinstance(effect, WindupEffect)],
+        [effect for effect in effects if isinstance(effect, StructureEffect)],
+    )
+    poses, n = drive_rad.shape
+    rest = RestPoses(np.empty((poses, n)), np.empty((poses, n)), np.empty((poses, 4, 4)))
+    for i in range(poses):
+        arm.mechanism.hang(load_N[i])
+        q, tau = arm.settle(drive_rad[i], time_s[i], warming_K[i])
+        rest.q_rad[i], rest.tau_Nm[i] = q, tau
+        rest.T_base_ee[i] = arm.mechanism.T_base_ee(q)
+    return rest
+
+
+class _YieldingArm:
+    """A mechanism with everything in it that gives way under weights."""
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        springs: Springs,
+        windups: Sequence[WindupEffect],
+        structures: Sequence[StructureEffect],
+    ) -> None:
+        self.mechanism = mechanism
+        self._shape = Shape.of(mechanism)
+        self._windups = windups
+        self._structures = structures
+        self._flexible = springs.flexible
+        self._k_lin = springs.k_lin[self._flexible]
+        self._k_cub = springs.k_cub[self._flexible]
+
+    def settle(self, drive: Array, time_s: float, warming_K: float) -> tuple[Array, Array]:
+        """Return link angles and torques at rest, and leave the mechanism in that shape.
+
+        Torque and strain are taken from the last posture, the springs follow by a Newton step;
+        since gravity changes little over a deflection, each round gains about two digits.
+        """
+        q, delta = drive.copy(), np.zeros_like(drive)
+        strain = Strain.none(self.mechanism.n)
+        for _ in range(_MAX_ITERATIONS):
+            tau = self.mechanism.torques_Nm(q)
+            strain_next = self._strain(strain, time_s, warming_K)
+            delta = self._spring_step(delta, tau)
+            q_next = drive - delta - sum(effect.deflection_rad(tau) for effect in self._windups)
+            moved = max(float(np.abs(q_next - q).max()), strain_next.distance(strain))
+            q, strain = q_next, strain_next
+            if moved <= TOLERANCE:
+                return q, tau
+        raise SimulationError(
+            "the arm finds no rest under its weight",
+            where="the virtual cell",
+            value=f"still moving by {moved:.1e} rad or m after {_MAX_ITERATIONS} rounds",
+            allowed="springs and links much stiffer than gravity changes over their deflection",
+            remedy="stiffen the springs or shrink the hidden compliance",
+        )
+
+    def _spring_step(self, delta: Array, tau: Array) -> Array:
+        """Return one Newton step of k_lin delta + k_cub delta^3 = tau in the flexible joints."""
+        stepped = delta.copy()
+        d = delta[self._flexible]
+        excess = self._k_lin * d + self._k_cub * d**3 - tau[self._flexible]
+        stepped[self._flexible] = d - excess / (self._k_lin + 3.0 * self._k_cub * d**2)
+        return stepped
+
+    def _strain(self, strain: Strain, time_s: float, warming_K: float) -> Strain:
+        """Give the mechanism the shape that its moments ask for; return that strain."""
+        if not self._structures:
+            return strain
+        loading = Loading(self._shape, self.mechanism.moments(), time_s, warming_K)
+        total = Strain.none(self.mechanism.n)
+        for effect in self._structures:
+            total = total + effect.strain(loading)
+        self.mechanism.take_shape(total)
+        return total

@@ -1,0 +1,168 @@
+"""One individual robot: the paper's, or one drawn from manufacturing tolerances."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+from pa10cal.cell.built import Apparatus, BuiltRobot, Departures, Springs
+from pa10cal.cell.mechanism import Mechanism
+from pa10cal.cell.poses import centre_rad
+from pa10cal.errors import SimulationError
+from pa10cal.settings import SimulateSettings, ToleranceSettings
+
+Array = NDArray[np.float64]
+KcubReading = Literal["text_e7", "table_e8"]
+
+PAPER_ROBOT = "pa10_6ce"
+#: Table I of the paper. It gives beta in the row of joint 2, in place of a departure of d.
+TABLE_1 = Departures(
+    a_m=1e-3 * np.array([0.33, -0.46, 1.09, -0.48, -0.30, -3.44]),
+    alpha_rad=np.array([-4.9e-4, 1.2e-4, -2.3e-3, 2.1e-4, 3.7e-5, -7.1e-4]),
+    d_m=1e-3 * np.array([0.09, 0.0, 1.26, 0.22, 0.10, 0.17]),
+    theta_rad=np.array([-5.9e-3, -7.8e-3, 2.9e-3, 8.1e-3, -1.5e-3, 1.3e-2]),
+    beta_rad=np.array([0.0, -1.0e-3, 0.0, 0.0, 0.0, 0.0]),
+)
+TABLE_1_K_LIN = np.array([np.inf, 1.98e4, 1.27e4, np.inf, 2.56e3, np.inf])
+#: Section III.B prints the cubic stiffnesses ten times smaller than Table I.
+PAPER_K_CUB: dict[KcubReading, Array] = {
+    "text_e7": np.array([0.0, 3.35e7, 1.46e7, 0.0, 3.83e7, 0.0]),
+    "table_e8": np.array([0.0, 3.35e8, 1.46e8, 0.0, 3.84e8, 0.0]),
+}
+
+#: The apparatus: three balls in front of four 0.31 m rods, 2.4 kg (Section II.B).
+APPARATUS_MASS_KG = 2.4
+APPARATUS_COM_M = np.array([0.0, 0.0, 0.190])
+LOAD_POINT_M = np.array([0.0, 0.0, 0.030])
+BALL_NAMES = ("A", "B", "C")
+BALLS_DESIGN_M = 1e-3 * np.array([[95.0, 0.0, 310.0], [-50.0, 80.0, 310.0], [-50.0, -80.0, 312.0]])
+BALL_DIAMETER_M = 0.0254
+_BALL_MAKING_M = 5e-5
+
+#: Where the balls are in the measuring machine, and how level the robot stands.
+_CMM_MIDDLE_M = np.array([0.40, 0.40, 0.40])
+_CMM_MIDDLE_SPREAD_M = 0.02
+_TILT_RAD = 4e-3
+
+#: Joint stiffness a rated torque, and its spread, of a drawn robot; harmonic drives of the
+#: paper's robot lie at 85 to 177 rated torques a radian, hardening by 1 to 19 % at 5 mrad.
+_K_LIN_PER_RATED = 120.0
+_K_LIN_SPREAD = 0.25
+_K_CUB_PER_K_LIN = 1700.0
+
+
+def build_robot(
+    arm: Arm,
+    settings: SimulateSettings,
+    kcub_reading: KcubReading,
+    rng: np.random.Generator,
+) -> BuiltRobot:
+    """Build one robot and stand it in front of the measuring machine.
+
+    Args:
+        arm: its description, with masses.
+        settings: whether it is the paper's robot or a drawn one, how well its apparatus was
+            measured, and the middle of the grid, which comes to the middle of the machine.
+        kcub_reading: which of the paper's two cubic stiffnesses holds.
+        rng: draws the base's place, the balls, and the departures where they are drawn.
+
+    Raises:
+        SimulationError: for an arm without masses, or for Table I on another robot.
+    """
+    if arm.mass_kg is None or arm.com_m is None:
+        raise SimulationError(
+            "the arm has no masses, so gravity cannot load its springs",
+            where=f"robot {arm.name}",
+            allowed="an arm description with mass_kg and com_m",
+            remedy="add them to the description or choose another robot",
+        )
+    if settings.built == "table_1":
+        departures, springs = _paper_robot(arm, kcub_reading)
+    else:
+        departures, springs = _drawn_robot(arm, settings.flexible_joints, rng)
+    apparatus = _apparatus(settings.noise.apparatus_mm, rng)
+    nominal = Mechanism(arm, Departures.none(arm.n), arm.mass_kg, arm.com_m, apparatus)
+    T_base_middle = nominal.T_base_ee(centre_rad(arm, settings.poses))
+    p_base_middle_m = (T_base_middle @ np.append(BALLS_DESIGN_M.mean(axis=0), 1.0))[:3]
+    return BuiltRobot(
+        arm=arm,
+        departures=departures,
+        springs=springs,
+        mass_kg=arm.mass_kg,
+        com_m=arm.com_m,
+        apparatus=apparatus,
+        T_cmm_base=_stand(p_base_middle_m, rng),
+    )
+
+
+def _paper_robot(arm: Arm, kcub_reading: KcubReading) -> tuple[Departures, Springs]:
+    if arm.name != PAPER_ROBOT:
+        raise SimulationError(
+            "Table I belongs to another robot",
+            where="robot",
+            value=arm.name,
+            allowed=f"{PAPER_ROBOT} with built: table_1",
+            remedy="set built: drawn",
+        )
+    return TABLE_1, Springs(TABLE_1_K_LIN, PAPER_K_CUB[kcub_reading], kcub_reading)
+
+
+def _drawn_robot(
+    arm: Arm, flexible_joints: tuple[int, ...], rng: np.random.Generator
+) -> tuple[Departures, Springs]:
+    """Draw departures from the tolerances and springs from the rated torques."""
+    beyond = [joint for joint in flexible_joints if joint > arm.n]
+    if beyond:
+        raise SimulationError(
+            "a flexible joint does not exist",
+            where="flexible_joints",
+            value=beyond[0],
+            allowed=f"1 to {arm.n}",
+            remedy="name joints of this robot",
+        )
+    tolerance = ToleranceSettings()
+    hayati = arm.hayati.astype(float)
+    departures = Departures(
+        a_m=rng.normal(0.0, tolerance.a_m, arm.n),
+        alpha_rad=rng.normal(0.0, tolerance.alpha_rad, arm.n),
+        d_m=rng.normal(0.0, tolerance.d_m, arm.n) * (1.0 - hayati),
+        theta_rad=rng.normal(0.0, tolerance.theta_rad, arm.n),
+        beta_rad=rng.normal(0.0, tolerance.beta_rad, arm.n) * hayati,
+    )
+    spread = np.exp(rng.normal(0.0, _K_LIN_SPREAD, arm.n))
+    hardening = np.exp(rng.normal(0.0, _K_LIN_SPREAD, arm.n))
+    k_lin = _K_LIN_PER_RATED * arm.torque_limit_Nm * spread
+    flexible = np.isin(np.arange(1, arm.n + 1), flexible_joints)
+    return departures, Springs(
+        np.where(flexible, k_lin, np.inf),
+        np.where(flexible, _K_CUB_PER_K_LIN * k_lin * hardening, 0.0),
+        "drawn",
+    )
+
+
+def _apparatus(measured_to_mm: float, rng: np.random.Generator) -> Apparatus:
+    balls_m = BALLS_DESIGN_M + rng.normal(0.0, _BALL_MAKING_M, BALLS_DESIGN_M.shape)
+    error_m = 1e-3 * measured_to_mm * rng.standard_normal(balls_m.shape)
+    return Apparatus(
+        mass_kg=APPARATUS_MASS_KG,
+        com_m=APPARATUS_COM_M,
+        load_point_m=LOAD_POINT_M,
+        ball_names=BALL_NAMES,
+        balls_m=balls_m,
+        balls_measured_m=balls_m + error_m,
+        ball_diameter_m=BALL_DIAMETER_M,
+    )
+
+
+def _stand(p_base_middle_m: Array, rng: np.random.Generator) -> Array:
+    """Return the base in the machine: turned any way about the vertical, and not quite level."""
+    roll, pitch = rng.normal(0.0, _TILT_RAD, 2)
+    T_cmm_base = np.eye(4)
+    T_cmm_base[:3, :3] = pin.rpy.rpyToMatrix(roll, pitch, rng.uniform(-np.pi, np.pi))
+    p_cmm_middle_m = _CMM_MIDDLE_M + rng.normal(0.0, _CMM_MIDDLE_SPREAD_M, 3)
+    T_cmm_base[:3, 3] = p_cmm_middle_m - T_cmm_base[:3, :3] @ p_base_middle_m
+    return T_cmm_base

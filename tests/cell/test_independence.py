@@ -1,0 +1,28 @@
+"""The cell shares no formula with the estimator."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import pa10cal.cell
+
+PACKAGE = Path(pa10cal.cell.__file__).parent
+MODULES = sorted(PACKAGE.rglob("*.py"))
+ALLOWED = ("pa10cal.cell", "pa10cal.errors", "pa10cal.files", "pa10cal.settings")
+
+
+def imports(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "relative imports are not used here"
+            yield node.module
+
+
+@pytest.mark.parametrize("path", MODULES, ids=[str(path.relative_to(PACKAGE)) for path in MODULES])
+def test_imports_nothing_of_the_estimator(path):
+    own = [name for name in imports(path) if name.split(".")[0] == "pa10cal"]
+    beyond = [name for name in own if not name.startswith(ALLOWED)]
+    assert set(beyond) <= {"pa10cal.arm.description"}
