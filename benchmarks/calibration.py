@@ -57,7 +57,12 @@ def problem(poses: int) -> TwoLevel:
     T[:, :3, :3] = noise.as_matrix() @ T[:, :3, :3]
     labels = np.array([f"P{k:05d}" for k in range(poses)])
     observations = PoseObservations(
-        labels, states, T, np.zeros((poses, 6, 6)), np.ones(poses, dtype=np.int64)
+        labels,
+        states,
+        T,
+        np.zeros((poses, 6, 6)),
+        np.zeros((poses, 6, 0)),
+        np.ones(poses, dtype=np.int64),
     )
     return TwoLevel(model, observations, rows_of(observations, spread_poses(observations, 24)))
 

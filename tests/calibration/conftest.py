@@ -86,6 +86,7 @@ def observe(model, truth, T_cmm_base, states) -> Callable[..., PoseObservations]
             states=states,
             T_cmm_ee=T,
             cov_ee=np.tile(np.diag(sigma**2), (len(T), 1, 1)),
+            by_apparatus=np.zeros((len(T), 6, 0)),
             repeats=np.ones(len(T), dtype=np.int64),
         )
 

@@ -19,19 +19,22 @@ from pa10cal.calibration.l_curve import l_curve
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.load_case import select_load
 from pa10cal.calibration.solve import random_starts, solve
-from pa10cal.calibration.uncertainty import apparatus_covariance
+from pa10cal.calibration.uncertainty import ErrorSources
+from pa10cal.campaign.averages import average_repeats
+from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import CalibrationError
+from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Tolerances
 
-NO_APPARATUS = np.zeros((6, 6))
+AS_MEASURED = ErrorSources()
 QUICK = Options(starts=2)
 
 
 @pytest.fixture(scope="module")
 def calibrated(model, observe):
-    return calibrate(model, observe(noise=1.0), Options(), NO_APPARATUS)
+    return calibrate(model, observe(noise=1.0), Options(), AS_MEASURED)
 
 
 def known(calibration):
@@ -40,7 +43,7 @@ def known(calibration):
 
 
 def test_recovers_the_truth_of_exact_poses(model, truth, observe):
-    found = calibrate(model, observe(noise=0.0), QUICK, NO_APPARATUS)
+    found = calibrate(model, observe(noise=0.0), QUICK, AS_MEASURED)
     assert found.converged
     error = (found.solution.x - truth) / model.scale
     assert np.abs(error[known(found)]).max() < 1e-7
@@ -82,7 +85,7 @@ def test_one_attitude_leaves_two_more_directions_open(model, observe, states, T_
 
 def test_one_level_agrees_with_two_levels_over_all_poses(model, observe, T_cmm_base):
     options = replace(QUICK, inner_poses=None)
-    two = calibrate(model, observe(noise=1.0), options, NO_APPARATUS)
+    two = calibrate(model, observe(noise=1.0), options, AS_MEASURED)
     start = random_starts(model, 1, 0)[0]
     one = solve_one_level(two.level, T_cmm_base, start, two.terms, 200)
     difference = np.abs(one.x[:-6] - two.solution.x) / np.maximum(
@@ -106,7 +109,7 @@ def test_intervals_hold_what_they_promise(model, truth, observe):
     scores = []
     for seed in range(40):
         found = calibrate(
-            model, observe(noise=1.0, seed=seed), replace(QUICK, starts=1), NO_APPARATUS
+            model, observe(noise=1.0, seed=seed), replace(QUICK, starts=1), AS_MEASURED
         )
         std = np.sqrt(np.diag(found.covariances.parameters))
         scores.append(((found.solution.x - truth) / std)[known(found)])
@@ -116,24 +119,53 @@ def test_intervals_hold_what_they_promise(model, truth, observe):
 
 
 def test_an_error_of_the_apparatus_is_in_the_intervals(model, truth, observe):
-    """The same wrong ball places in all poses: the repeats cannot show it, the interval must."""
+    """The same wrong ball places in all poses: the repeats cannot show it, the interval must.
+
+    The balls' noise is the instrument's and larger along its z, so how a pose answers to a wrong
+    place depends on the tool's attitude.
+    """
     balls = np.array([[0.095, 0, 0.31], [-0.05, 0.08, 0.31], [-0.05, -0.08, 0.312]])
-    apparatus = apparatus_covariance(balls, 2e-5)
-    root = np.linalg.cholesky(apparatus)
+    observations = observe(noise=0.1)
+    T = observations.T_cmm_ee
+    centres = balls @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
+    covariances = np.tile(np.diag([1.0, 1.0, 4.0]) * 1e-10, (len(T), 3, 1, 1))
+    u_m, scores = 2e-5, []
+    for seed in range(30):
+        wrong = balls + u_m * np.random.default_rng(seed).standard_normal((3, 3))
+        T_fitted = fit_rigid_weighted(wrong, centres, covariances).T
+        measured = replace(
+            observe(noise=0.1, seed=seed),
+            T_cmm_ee=T_fitted,
+            by_apparatus=pose_by_source(T_fitted, centres, covariances),
+        )
+        found = calibrate(
+            model, measured, replace(QUICK, starts=1), ErrorSources(u_apparatus_m=u_m)
+        )
+        std = np.sqrt(np.diag(found.covariances.parameters))
+        scores.append(((found.solution.x - truth) / std)[known(found)])
+    assert 0.8 < np.std(scores) < 1.2
+    assert (found.covariances.from_apparatus[known(found)] > 0).all()
+
+
+def test_noise_of_the_torques_is_in_the_intervals(model, truth, states, T_cmm_base):
+    """Repeats of exact poses whose logged torques are noisy: only the readings can show it."""
     scores = []
     for seed in range(30):
-        twist = root @ np.random.default_rng(seed).standard_normal(6)
-        error = np.eye(4)
-        error[:3, :3] += np.array(
-            [[0, -twist[5], twist[4]], [twist[5], 0, -twist[3]], [-twist[4], twist[3], 0]]
+        rng = np.random.default_rng(seed)
+        each = np.repeat(np.arange(81), 4)
+        logged = states.take(each)
+        logged = replace(logged, tau_Nm=logged.tau_Nm + rng.normal(scale=0.2, size=(324, 6)))
+        readings = PoseObservations(
+            pose=np.repeat([f"P{k:02d}" for k in range(1, 28)], 12),
+            states=logged,
+            T_cmm_ee=T_cmm_base @ model.predict(states.take(each), truth),
+            cov_ee=np.zeros((324, 6, 6)),
+            by_apparatus=np.zeros((324, 6, 0)),
+            repeats=np.ones(324, dtype=np.int64),
         )
-        error[:3, :3] = np.linalg.qr(error[:3, :3])[0] * np.sign(
-            np.diag(np.linalg.qr(error[:3, :3])[1])
+        found = calibrate(
+            model, average_repeats(readings), replace(QUICK, starts=1), ErrorSources(readings)
         )
-        error[:3, 3] = twist[:3]
-        observations = observe(noise=0.1, seed=seed)
-        observations = replace(observations, T_cmm_ee=observations.T_cmm_ee @ error)
-        found = calibrate(model, observations, replace(QUICK, starts=1), apparatus)
         std = np.sqrt(np.diag(found.covariances.parameters))
         scores.append(((found.solution.x - truth) / std)[known(found)])
     assert 0.8 < np.std(scores) < 1.2
@@ -144,7 +176,7 @@ def test_epsilon_as_printed_pulls_towards_nominal(model, truth, observe, acts_on
     """The two readings of epsilon = 1.6e-4 differ, and both bend what the data tell."""
     observations = observe(noise=0.0)
     options = replace(QUICK, tolerance_terms="all", epsilon_acts_on=acts_on)
-    found = calibrate(model, observations, options, NO_APPARATUS)
+    found = calibrate(model, observations, options, AS_MEASURED)
     T_base_ee = model.predict(observations.states, found.solution.x)
     mean_mm = summarise(deviations(T_base_ee, found.T_cmm_base, observations)).mean_mm
     links = slice(0, 24)
@@ -161,8 +193,8 @@ def test_epsilon_as_printed_pulls_towards_nominal(model, truth, observe, acts_on
 def test_tolerance_terms_leave_identified_parameters_alone(model, observe):
     """A thousand times the weight changes nothing but what the data leave open."""
     observations = observe(noise=1.0)
-    light = calibrate(model, observations, QUICK, NO_APPARATUS)
-    heavy = calibrate(model, observations, replace(QUICK, epsilon=0.16), NO_APPARATUS)
+    light = calibrate(model, observations, QUICK, AS_MEASURED)
+    heavy = calibrate(model, observations, replace(QUICK, epsilon=0.16), AS_MEASURED)
     assert np.abs((light.solution.x - heavy.solution.x) / model.scale).max() < 1e-6
     names = [parameter.name for parameter in model.parameters]
     for name in light.open_parameters:
@@ -171,7 +203,7 @@ def test_tolerance_terms_leave_identified_parameters_alone(model, observe):
 
 def test_linear_springs_fit_worse_and_have_no_cubic_part(pa10, observe):
     linear = baseline(pa10, (2, 3, 5), Tolerances(), cubic=False)
-    found = calibrate(linear, observe(noise=0.0), QUICK, NO_APPARATUS)
+    found = calibrate(linear, observe(noise=0.0), QUICK, AS_MEASURED)
     assert found.solution.cost > 1e-9  # the cubic spring leaves 1e-20 there
     reported = linear.report(found.solution.x)
     names = [parameter.name for parameter in reported.parameters]
@@ -183,7 +215,7 @@ def test_negative_stiffness_ends_at_the_bound(pa10, model, truth, observe):
     names = [parameter.name for parameter in model.parameters]
     soft = truth.copy()
     soft[names.index("hardening_3")] *= -1.0
-    found = calibrate(model, observe(noise=0.0, x=soft), QUICK, NO_APPARATUS)
+    found = calibrate(model, observe(noise=0.0, x=soft), QUICK, AS_MEASURED)
     assert found.solution.x[names.index("hardening_3")] == 0.0
     assert [n for n, held in zip(names, found.solution.at_bound, strict=True) if held] == [
         "hardening_3"
@@ -200,7 +232,7 @@ def test_nested_finite_differences_give_the_same_answer(model, observe):
     """The paper's way: both levels by finite differences, no derivative of ours."""
     observations = observe(noise=1.0)
     options = replace(QUICK, inner_poses=None)
-    exact = calibrate(model, observations, options, NO_APPARATUS)
+    exact = calibrate(model, observations, options, AS_MEASURED)
     terms = tolerance_rows(exact.level, exact.solution.x, options)
 
     def rows(z):
@@ -223,7 +255,7 @@ def test_solver_reports_that_it_did_not_arrive(model, observe):
 
 def test_too_few_poses_are_refused(model, observe):
     with pytest.raises(CalibrationError, match=r"5 poses, 36 unknowns.*at least 6 poses"):
-        calibrate(model, observe().take(slice(0, 5)), QUICK, NO_APPARATUS, inner_poses=("P01",))
+        calibrate(model, observe().take(slice(0, 5)), QUICK, AS_MEASURED, inner_poses=("P01",))
 
 
 def test_unknown_load_is_refused(observe):
@@ -252,7 +284,7 @@ def test_null_directions_of_a_made_up_matrix():
 
 def test_directions_that_noise_drowns_are_named(model, observe, calibrated):
     assert weak_directions(calibrated) == ()
-    drowned = calibrate(model, observe(noise=100.0), QUICK, NO_APPARATUS)
+    drowned = calibrate(model, observe(noise=100.0), QUICK, AS_MEASURED)
     weak = weak_directions(drowned)
     assert weak[0][0] > 1.0
     assert set(weak[0][1].weights) <= {parameter.name for parameter in model.parameters}

@@ -41,7 +41,7 @@ def test_judges_by_load_and_by_point():
     states = PoseStates(zeros, zeros, zeros, load, np.zeros(4), np.zeros(4))
     labels = np.array(["H01", "H01", "H02", "H02"])
     observations = PoseObservations(
-        labels, states, T, np.zeros((4, 6, 6)), np.ones(4, dtype=np.int64)
+        labels, states, T, np.zeros((4, 6, 6)), np.zeros((4, 6, 0)), np.ones(4, dtype=np.int64)
     )
     found = judge(predicted, np.eye(4), observations)
     assert found.overall.mean_mm == pytest.approx(3.0)

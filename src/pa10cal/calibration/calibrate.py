@@ -18,7 +18,12 @@ from pa10cal.calibration.inner_poses import rows_of, spread_poses
 from pa10cal.calibration.levels import Level, OneLevel, TwoLevel
 from pa10cal.calibration.solve import Solution, random_starts, solve
 from pa10cal.calibration.tolerance_terms import all_terms, null_space_terms, residual_weight
-from pa10cal.calibration.uncertainty import Covariances, propagate
+from pa10cal.calibration.uncertainty import (
+    Covariances,
+    ErrorSources,
+    propagate,
+    with_own_scatter,
+)
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.model import Model
@@ -94,7 +99,7 @@ def calibrate(
     model: Model,
     observations: PoseObservations,
     options: Options,
-    apparatus: Array,
+    errors: ErrorSources,
     *,
     inner_poses: tuple[str, ...] | None = None,
 ) -> Calibration:
@@ -104,7 +109,7 @@ def calibrate(
         model: chain and terms, the base frame not among them.
         observations: N measured poses.
         options: how to calibrate.
-        apparatus: (6, 6) covariance of the end-effector frame on the apparatus.
+        errors: what is known of the errors of the measured poses.
         inner_poses: labels of the M poses; None chooses them spread out.
 
     Raises:
@@ -124,7 +129,7 @@ def calibrate(
         terms = refreshed
         again = solve(level, best.x, terms, options.max_iterations)
         best = replace(again, iterations=best.iterations + again.iterations)
-    return describe(level, best, tuple(solutions), terms, poses, apparatus)
+    return describe(level, best, tuple(solutions), terms, poses, errors)
 
 
 def describe(
@@ -133,7 +138,7 @@ def describe(
     starts: tuple[Solution, ...],
     terms: Array,
     inner_poses: tuple[str, ...],
-    apparatus: Array,
+    errors: ErrorSources,
 ) -> Calibration:
     """Work out base frame, rank and uncertainties of a solution."""
     model, observations = level.model, level.observations
@@ -154,7 +159,14 @@ def describe(
         open_parameters=open_parameters(identifiability, whole.model.parameters)
         & {parameter.name for parameter in model.parameters},
         covariances=propagate(
-            at_solution, observations, level.inner_rows, terms, level.r_max_m, apparatus
+            at_solution,
+            observations
+            if errors.readings is None
+            else with_own_scatter(observations, errors.readings, model, solution.x),
+            level.inner_rows,
+            terms,
+            level.r_max_m,
+            errors.u_apparatus_m,
         ),
     )
 

@@ -20,6 +20,8 @@ from pa10cal.calibration.calibrate import Calibration, Options, calibrate, solve
 from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependence
 from pa10cal.calibration.l_curve import LCurvePoint, l_curve
 from pa10cal.calibration.solve import random_starts
+from pa10cal.calibration.uncertainty import ErrorSources
+from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.baseline import baseline, nominal
@@ -101,34 +103,36 @@ class LoadCase:
 
 def work_out(
     arm: Arm,
-    grid: PoseObservations,
+    readings: PoseObservations,
     T_cmm_base_seed: Array,
     load: str,
-    apparatus: Array,
+    u_apparatus_m: float,
     study: Study,
 ) -> LoadCase:
     """Work out one load case.
 
     Args:
         arm: the nominal arm.
-        grid: averaged grid poses of every load.
+        readings: single readings of the grid poses, of every load.
         T_cmm_base_seed: (4, 4) base frame from the straight-line moves.
         load: `combined`, or a load such as `44N`.
-        apparatus: (6, 6) covariance of the end-effector frame on the apparatus.
+        u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
         study: models and options.
 
     Raises:
         CalibrationError: when no grid pose has that load, or there are too few of them.
     """
     began = time.perf_counter()
-    used = select_load(grid, load)
+    chosen = select_load(readings, load)
+    grid, used = average_repeats(readings), average_repeats(chosen)
+    errors = ErrorSources(chosen, u_apparatus_m)
     options = study.options
     cubic, linear = (
         calibrate(
             baseline(arm, study.flexible_joints, study.tolerances, cubic=is_cubic),
             used,
             options,
-            apparatus,
+            errors,
         )
         for is_cubic in (True, False)
     )
@@ -148,7 +152,7 @@ def work_out(
             deviations(T_rigid, T_cmm_base_seed, grid), grid.states.load_N
         ),
         dependence=inner_dependence(cubic.level, cubic.solution.x, options, study.inner_subsets),
-        one_level=_check_one_level(cubic, T_cmm_base_seed, options, apparatus),
+        one_level=_check_one_level(cubic, T_cmm_base_seed, options),
         l_curve=(
             l_curve(cubic.level, cubic.solution.x, _L_CURVE_WEIGHTS, options.max_iterations)
             if load == COMBINED
@@ -162,11 +166,11 @@ def work_out(
     )
 
 
-def select_load(grid: PoseObservations, load: str) -> PoseObservations:
-    """Return the grid poses of a load case."""
+def select_load(poses: PoseObservations, load: str) -> PoseObservations:
+    """Return the poses of a load case."""
     if load == COMBINED:
-        return grid
-    labels = np.array([f"{value:g}N" for value in grid.states.load_N])
+        return poses
+    labels = np.array([f"{value:g}N" for value in poses.states.load_N])
     if load not in labels:
         raise CalibrationError(
             "no grid pose with this load",
@@ -175,7 +179,7 @@ def select_load(grid: PoseObservations, load: str) -> PoseObservations:
             allowed=", ".join([*dict.fromkeys(labels), COMBINED]),
             remedy="choose one of the measured loads",
         )
-    return grid.take(labels == load)
+    return poses.take(labels == load)
 
 
 def model_deviations(calibration: Calibration, poses: PoseObservations) -> Deviations:
@@ -184,9 +188,7 @@ def model_deviations(calibration: Calibration, poses: PoseObservations) -> Devia
     return deviations(T_base_ee, calibration.T_cmm_base, poses)
 
 
-def _check_one_level(
-    cubic: Calibration, T_cmm_base_seed: Array, options: Options, apparatus: Array
-) -> OneLevelCheck:
+def _check_one_level(cubic: Calibration, T_cmm_base_seed: Array, options: Options) -> OneLevelCheck:
     """Solve on one level from the seed, and on two with all poses inside."""
     level, terms = cubic.level, cubic.terms
     start = random_starts(level.model, 1, options.random_seed)[0]
@@ -197,7 +199,7 @@ def _check_one_level(
         level.model,
         level.observations,
         replace(options, inner_poses=None, starts=1),
-        apparatus,
+        ErrorSources(),
     )
     known = np.array(
         [parameter.name not in cubic.open_parameters for parameter in level.model.parameters]

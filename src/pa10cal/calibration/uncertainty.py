@@ -7,15 +7,20 @@ places of the tooling balls on the apparatus is the same in all poses and is add
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from pa10cal.calibration.levels import Linearisation
-from pa10cal.calibration.pose_error import cross_matrix
+from pa10cal.campaign.averages import (
+    average_repeats,
+    reading_groups,
+    repeat_scatter,
+    with_scatter,
+)
 from pa10cal.campaign.observations import PoseObservations
+from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
 
@@ -36,21 +41,39 @@ class Covariances:
     from_apparatus: Array
 
 
-def apparatus_covariance(p_ee_balls_m: Array, u_ball_m: float) -> Array:
-    """Return the covariance (6, 6) of the end-effector frame that ball places define.
+@dataclass(frozen=True)
+class ErrorSources:
+    """What is known of the errors of measured poses.
+
+    Attributes:
+        readings: single readings behind the averaged poses; their scatter about the model is the
+            noise. None leaves the covariances that the poses came with.
+        u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
+    """
+
+    readings: PoseObservations | None = None
+    u_apparatus_m: float = 0.0
+
+
+def with_own_scatter(
+    observations: PoseObservations, readings: PoseObservations, model: Model, x: Array
+) -> PoseObservations:
+    """Give averaged poses the covariance that single readings show about the model.
+
+    What a reading's own joint angles and torques explain is taken off first: a servo that stops a
+    little elsewhere each time is no error, while the noise of torques and resolvers is one.
 
     Args:
-        p_ee_balls_m: (b, 3) ball centres in the end-effector frame, b >= 3.
-        u_ball_m: standard uncertainty of each coordinate of a ball's place.
-
-    Returns:
-        Covariance of translation [m] and small rotation [rad] along end-effector axes.
+        observations: averaged poses.
+        readings: the single readings; where nothing was repeated, `observations` stay as they are.
+        model, x: a calibrated model.
     """
-    rows = np.concatenate(
-        [np.concatenate([np.eye(3), -cross_matrix(p)], axis=1) for p in p_ee_balls_m]
-    )
-    covariance: Array = u_ball_m**2 * np.linalg.inv(rows.T @ rows)
-    return covariance
+    average = average_repeats(readings)
+    expected = model.predict(readings.states, x)
+    at_average = model.predict(average.states, x)[reading_groups(readings)]
+    explained = replace(readings, T_cmm_ee=readings.T_cmm_ee @ np.linalg.inv(expected) @ at_average)
+    scatter = repeat_scatter(explained)
+    return with_scatter(observations, scatter) if scatter.is_known else observations
 
 
 def propagate(
@@ -59,7 +82,7 @@ def propagate(
     inner_rows: NDArray[np.intp],
     terms: Array,
     r_max_m: float,
-    apparatus: Array,
+    u_apparatus_m: float,
 ) -> Covariances:
     """Propagate the errors of the measured poses to the estimate.
 
@@ -69,7 +92,7 @@ def propagate(
         inner_rows: rows of the inner level, none on one level.
         terms: (r, k) tolerance rows of the solve.
         r_max_m: length that normalises positions.
-        apparatus: (6, 6) covariance of the end-effector frame, the same in all poses.
+        u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
     """
     J, by_base = at_solution.jacobian, at_solution.by_base
     k = J.shape[2]
@@ -90,12 +113,11 @@ def propagate(
     base_influence = base_influence + at_solution.base_jacobian @ influence
     unit = np.concatenate([np.full(3, 1.0 / r_max_m), np.ones(3)])
     noise = observations.cov_ee * np.outer(unit, unit)
-    R_cmm_ee = observations.T_cmm_ee[:, :3, :3]
-    common = np.array([block_diag(R / r_max_m, R) for R in R_cmm_ee])
-    from_apparatus = _common(influence, common, apparatus)
+    common = observations.by_apparatus * unit[:, None]
+    from_apparatus = _common(influence, common, u_apparatus_m)
     return Covariances(
         parameters=_independent(influence, noise) + from_apparatus,
-        base=_independent(base_influence, noise) + _common(base_influence, common, apparatus),
+        base=_independent(base_influence, noise) + _common(base_influence, common, u_apparatus_m),
         from_apparatus=np.diag(from_apparatus).copy(),
     )
 
@@ -105,7 +127,7 @@ def _independent(influence: Array, noise: Array) -> Array:
     return total
 
 
-def _common(influence: Array, common: Array, covariance: Array) -> Array:
-    moved = np.einsum("nai,nij->aj", influence, common)
-    total: Array = moved @ covariance @ moved.T
+def _common(influence: Array, common: Array, u_m: float) -> Array:
+    moved = np.einsum("nai,nij->aj", influence, common, optimize=True)
+    total: Array = u_m**2 * moved @ moved.T
     return total

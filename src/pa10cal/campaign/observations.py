@@ -22,6 +22,9 @@ class PoseObservations:
         T_cmm_ee: (P, 4, 4) measured end-effector in the instrument's frame [m].
         cov_ee: (P, 6, 6) covariance of position [m] and of a small rotation [rad] applied on the
             left, both along the instrument's axes.
+        by_apparatus: (P, 6, a) derivative of the measured pose (position, small left rotation) by
+            the a coordinates of the targets' places on the apparatus [m], which are wrong alike in
+            every pose; a = 0 where the instrument measures the pose itself.
         repeats: (P,) readings averaged into each row.
     """
 
@@ -29,6 +32,7 @@ class PoseObservations:
     states: PoseStates
     T_cmm_ee: Array
     cov_ee: Array
+    by_apparatus: Array
     repeats: NDArray[np.int64]
 
     def __len__(self) -> int:
@@ -41,5 +45,6 @@ class PoseObservations:
             self.states.take(rows),
             self.T_cmm_ee[rows],
             self.cov_ee[rows],
+            self.by_apparatus[rows],
             self.repeats[rows],
         )

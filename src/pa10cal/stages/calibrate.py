@@ -29,7 +29,6 @@ def _run(arguments: argparse.Namespace) -> None:
     import numpy as np
 
     from pa10cal.calibration.load_case import work_out
-    from pa10cal.calibration.uncertainty import apparatus_covariance
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import observations, read_pose_table
     from pa10cal.files.arms import load_arm
@@ -41,16 +40,12 @@ def _run(arguments: argparse.Namespace) -> None:
     settings = read_settings_argument(CalibrationSettings, arguments.settings)
     campaign = read_campaign(arguments.campaign_dir)
     seed = read_record(arguments.base_frame, BASE_FRAME, ("T_cmm_base",))
-    apparatus = apparatus_covariance(
-        1e-3 * np.array(list(campaign.tool.balls_mm.values())),
-        1e-3 * settings.apparatus_uncertainty_mm,
-    )
     case = work_out(
         load_arm(campaign.robot),
-        observations(read_pose_table(arguments.poses), kind="grid"),
+        observations(read_pose_table(arguments.poses), kind="grid", average=False),
         np.array(seed["T_cmm_base"]),
         arguments.load,
-        apparatus,
+        1e-3 * settings.apparatus_uncertainty_mm,
         study_of(settings),
     )
     record = load_case_record(case)

@@ -1,0 +1,116 @@
+"""Repeats of the same pose and load: their mean, and how much single readings scatter about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.campaign.observations import PoseObservations
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: Freedoms below which the scatter of repeats says too little about six components.
+LEAST_FREEDOMS = 12
+
+
+@dataclass(frozen=True)
+class RepeatScatter:
+    """Scatter of single readings of a pose about their mean, pooled over poses and loads.
+
+    Attributes:
+        cov_ee: (6, 6) covariance of one reading: position [m] and small rotation [rad], both along
+            the end-effector's own axes.
+        freedoms: readings less averaged poses; 0 where nothing was repeated.
+    """
+
+    cov_ee: Array
+    freedoms: int
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there were enough repeats."""
+        return self.freedoms >= LEAST_FREEDOMS
+
+
+def average_repeats(single: PoseObservations) -> PoseObservations:
+    """Average the readings of the same pose and load.
+
+    Args:
+        single: one reading a row; `cov_ee` is that of the reading.
+
+    Returns:
+        One row for each pose and load, ordered by them: means of joints, torques, arrivals (a joint
+        that arrived from either side has one between -1 and 1), temperature, time and position, the
+        chordal mean of the attitude, and the covariance of that mean for independent readings.
+    """
+    code, first = _groups(single)
+    count = np.bincount(code, minlength=len(first))
+
+    def mean(values: Array) -> Array:
+        total = np.zeros((len(count), *values.shape[1:]))
+        np.add.at(total, code, values)
+        return np.asarray(total / count.reshape(-1, *[1] * (values.ndim - 1)))
+
+    states = single.states
+    T = mean(single.T_cmm_ee)
+    U, _, Vt = np.linalg.svd(T[:, :3, :3])
+    U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
+    T[:, :3, :3] = U @ Vt
+    return PoseObservations(
+        pose=single.pose[first],
+        states=PoseStates(
+            q_rad=mean(states.q_rad),
+            tau_Nm=mean(states.tau_Nm),
+            arrival=mean(states.arrival),
+            load_N=states.load_N[first],
+            temperature_C=mean(states.temperature_C),
+            time_s=mean(states.time_s),
+        ),
+        T_cmm_ee=T,
+        cov_ee=mean(single.cov_ee) / count[:, None, None],
+        by_apparatus=mean(single.by_apparatus),
+        repeats=count,
+    )
+
+
+def repeat_scatter(single: PoseObservations) -> RepeatScatter:
+    """Pool the scatter of readings about the mean of their pose and load.
+
+    Deviations are taken along the end-effector's axes, in which the noise of balls, tool and wrist
+    looks alike in every pose.
+    """
+    code, first = _groups(single)
+    mean = average_repeats(single).T_cmm_ee[code]
+    R_ee_cmm = np.swapaxes(mean[:, :3, :3], 1, 2)
+    shift = R_ee_cmm @ (single.T_cmm_ee[:, :3, 3] - mean[:, :3, 3])[..., None]
+    turn = Rotation.from_matrix(R_ee_cmm @ single.T_cmm_ee[:, :3, :3]).as_rotvec()
+    deviation = np.hstack([shift[..., 0], turn])
+    freedoms = len(single) - len(first)
+    return RepeatScatter(deviation.T @ deviation / max(freedoms, 1), freedoms)
+
+
+def with_scatter(poses: PoseObservations, scatter: RepeatScatter) -> PoseObservations:
+    """Give averaged poses the covariance that the scatter of single readings implies."""
+    R = poses.T_cmm_ee[:, :3, :3]
+    turn = np.zeros((len(poses), 6, 6))
+    turn[:, :3, :3] = turn[:, 3:, 3:] = R
+    covariance = turn @ scatter.cov_ee @ np.swapaxes(turn, 1, 2)
+    return replace(poses, cov_ee=covariance / poses.repeats[:, None, None])
+
+
+def reading_groups(single: PoseObservations) -> Index:
+    """Return, for every reading, its row in `average_repeats`."""
+    return _groups(single)[0]
+
+
+def _groups(single: PoseObservations) -> tuple[Index, Index]:
+    """Return each reading's group, numbered by pose, then load; and each group's first reading."""
+    _, pose = np.unique(single.pose, return_inverse=True)
+    loads, load = np.unique(single.states.load_N, return_inverse=True)
+    _, first, code = np.unique(pose * len(loads) + load, return_index=True, return_inverse=True)
+    return code, first

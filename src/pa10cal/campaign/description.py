@@ -1,0 +1,187 @@
+"""campaign.yaml, typed: what was measured, with which instrument, on which robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import Field, FiniteFloat, StringConstraints
+
+from pa10cal.errors import RawDataError
+from pa10cal.settings import Section, parse_section
+
+Array = NDArray[np.float64]
+
+SCHEMA = "pa10cal-campaign/1"
+DESCRIPTION_FILE = "campaign.yaml"
+
+Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+PositiveFinite = Annotated[FiniteFloat, Field(gt=0)]
+Text = Annotated[str, StringConstraints(min_length=1)]
+BallName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]+$")]
+FileName = Annotated[str, StringConstraints(pattern=r"^[^/\\]+$")]
+
+
+class Instrument(Section):
+    """What measured the end-effector."""
+
+    kind: Literal["touch_trigger_cmm", "pose", "points", "distance"]
+    uncertainty_mm: PositiveFinite = Field(
+        description="standard uncertainty of one measured centre, per axis"
+    )
+
+
+class Tool(Section):
+    """The apparatus at the flange, in the end-effector frame."""
+
+    mass_kg: Annotated[FiniteFloat, Field(ge=0)]
+    com_mm: Vector
+    load_point_mm: Vector
+    balls_mm: dict[BallName, Vector] = Field(
+        default_factory=dict, description="centres of the tooling balls by name"
+    )
+
+
+class Files(Section):
+    """Names of the raw files inside the campaign's folder."""
+
+    cmm: FileName | None = None
+    resolver: FileName | None = None
+    poses: FileName | None = None
+
+
+class Holdout(Section):
+    """Which poses are held out when the rows themselves do not say it."""
+
+    last_fraction: Annotated[float, Field(gt=0, lt=1)] | None = None
+    every: Annotated[int, Field(ge=2)] | None = None
+
+
+class Campaign(Section):
+    """One measurement campaign.
+
+    Every key is one of the raw-data contract; see `read_campaign` for what each instrument needs.
+    """
+
+    name: Text
+    provenance: Text
+    robot: Text
+    instrument: Instrument
+    tool: Tool
+    gravity_m_s2: Vector
+    reference_temperature_C: FiniteFloat
+    files: Files
+    ball_diameter_mm: PositiveFinite | None = None
+    holdout: Holdout | None = None
+
+    @property
+    def ball_names(self) -> tuple[str, ...]:
+        """Names of the tooling balls, sorted."""
+        return tuple(sorted(self.tool.balls_mm))
+
+    @property
+    def p_ee_balls_mm(self) -> Array:
+        """Ball centres (B, 3) in the end-effector frame, in the order of `ball_names`."""
+        centres = [self.tool.balls_mm[name] for name in self.ball_names]
+        return np.array(centres, dtype=float).reshape(-1, 3)
+
+
+def read_campaign(folder: Path) -> Campaign:
+    """Read and check a campaign's description.
+
+    Args:
+        folder: the campaign's folder.
+
+    Raises:
+        RawDataError: when the file is missing or unreadable, names another schema, lacks what its
+            instrument needs, or names a raw file that is not there.
+        SettingsError: when a key is unknown (naming the nearest right one) or does not fit.
+    """
+    path = folder / DESCRIPTION_FILE
+    content = _read_mapping(path)
+    schema = content.pop("schema", None)
+    if schema != SCHEMA:
+        raise RawDataError(
+            "the campaign follows another schema",
+            where=f"{path}: schema",
+            value=schema,
+            allowed=SCHEMA,
+            remedy=f"convert the campaign and state schema: {SCHEMA}",
+        )
+    campaign = parse_section(Campaign, content, where=str(path))
+    _check_instrument(campaign, folder)
+    if campaign.holdout is not None:
+        _check_holdout(campaign.holdout, path)
+    return campaign
+
+
+def _read_mapping(path: Path) -> dict[str, object]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise RawDataError(
+            "the campaign's description cannot be read",
+            where=str(path),
+            value=" ".join(str(error).split()),
+            allowed="a UTF-8 YAML file",
+            remedy="check the path and the file's syntax",
+        ) from None
+    if not isinstance(content, dict):
+        raise RawDataError(
+            "the campaign's description holds no keys",
+            where=str(path),
+            value=content,
+            allowed="keys and values, beginning with schema",
+            remedy="write the description as the raw-data contract says",
+        )
+    return content
+
+
+def _check_instrument(campaign: Campaign, folder: Path) -> None:
+    """Refuse a campaign that lacks what its kind of instrument needs."""
+    kind = campaign.instrument.kind
+    if kind in ("points", "distance"):
+        raise _unfit(folder, "instrument.kind", kind, "touch_trigger_cmm or pose; others not yet")
+    if kind == "touch_trigger_cmm":
+        if campaign.ball_diameter_mm is None:
+            raise _unfit(folder, "ball_diameter_mm", None, "the diameter of the tooling balls")
+        offsets = campaign.p_ee_balls_mm - campaign.p_ee_balls_mm.mean(axis=0, keepdims=True)
+        if len(offsets) < 3 or np.linalg.matrix_rank(offsets, tol=1.0) < 2:
+            raise _unfit(
+                folder,
+                "tool.balls_mm",
+                dict(campaign.tool.balls_mm),
+                "at least three balls, not on one line",
+            )
+    needed = ("cmm", "resolver") if kind == "touch_trigger_cmm" else ("poses",)
+    for key in needed:
+        name = getattr(campaign.files, key)
+        if name is None:
+            raise _unfit(folder, f"files.{key}", None, f"a file name, as the kind is {kind}")
+        if not (folder / name).is_file():
+            raise _unfit(folder, f"files.{key}", name, "a file inside the campaign's folder")
+
+
+def _check_holdout(holdout: Holdout, path: Path) -> None:
+    given = holdout.model_dump(exclude_none=True)
+    if len(given) != 1:
+        raise RawDataError(
+            "the held-out poses are not stated in one way",
+            where=f"{path}: holdout",
+            value=given,
+            allowed="last_fraction or every, one of them",
+            remedy="keep one of the two keys",
+        )
+
+
+def _unfit(folder: Path, key: str, value: object, allowed: str) -> RawDataError:
+    return RawDataError(
+        "the key is missing" if value is None else "the key cannot be used",
+        where=f"{folder / DESCRIPTION_FILE}: {key}",
+        value=value,
+        allowed=allowed,
+        remedy=f"set {key} accordingly",
+    )

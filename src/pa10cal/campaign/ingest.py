@@ -1,0 +1,106 @@
+"""A campaign's folder to measured configurations, whatever the instrument."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+from pa10cal.campaign.description import DESCRIPTION_FILE, Campaign, Holdout
+from pa10cal.campaign.measured import Ingested, MeasuredPoses
+from pa10cal.campaign.poses import poses_from_touches
+from pa10cal.campaign.tracked import poses_from_tracker
+from pa10cal.errors import RawDataError
+from pa10cal.settings import IngestSettings
+
+
+def ingest_campaign(
+    campaign: Campaign, arm: Arm, folder: Path, settings: IngestSettings
+) -> Ingested:
+    """Read a campaign: rows of its files to configurations, held-out poses marked.
+
+    Args:
+        campaign: its description.
+        arm: the nominal arm it names.
+        folder: its folder.
+        settings: the `ingest` section.
+
+    Raises:
+        RawDataError: when a file, or too much of it, cannot be used, when there is no `grid` row,
+            or when the arm has sliding joints, for which the logs have no columns.
+    """
+    if arm.prismatic.any():
+        raise RawDataError(
+            "the arm has sliding joints",
+            where=f"{folder / DESCRIPTION_FILE}: robot",
+            value=arm.name,
+            allowed="turning joints, as the logs give positions in degrees",
+            remedy="use an arm without sliding joints",
+        )
+    touched = campaign.instrument.kind == "touch_trigger_cmm"
+    read = poses_from_touches if touched else poses_from_tracker
+    ingested = read(campaign, arm, folder, settings)
+    poses = ingested.poses
+    if campaign.holdout is not None:
+        poses = hold_out(poses, campaign.holdout, f"{folder / DESCRIPTION_FILE}: holdout")
+    kinds = set(poses.kind)
+    if "grid" not in kinds:
+        raise RawDataError(
+            "there is no usable grid row to calibrate with",
+            where=str(folder),
+            value=", ".join(sorted(kinds)),
+            allowed="rows of kind grid",
+            remedy="check the column kind",
+        )
+    missing = [kind for kind in ("line_x", "line_y", "holdout") if kind not in kinds]
+    notes = (*ingested.notes, *(f"no {kind} rows" for kind in missing))
+    return Ingested(poses, tuple(sorted(ingested.left_out)), notes)
+
+
+def hold_out(poses: MeasuredPoses, rule: Holdout, where: str) -> MeasuredPoses:
+    """Mark grid poses as held out: the last of them in time, or every so-manieth.
+
+    All loads and repeats of a pose go together, as they are the same command.
+
+    Args:
+        poses: configurations in order of time.
+        rule: which poses.
+        where: file and key, for the message.
+
+    Raises:
+        RawDataError: when rows already say that they are held out.
+    """
+    if "holdout" in poses.kind:
+        raise RawDataError(
+            "held-out poses are stated both here and in the rows",
+            where=where,
+            allowed="one of the two",
+            remedy="remove the key, or the kind holdout from the rows",
+        )
+    grid = poses.kind == "grid"
+    labels = pd.unique(pd.Series(poses.pose[grid]))
+    if rule.every is not None:
+        chosen = labels[rule.every - 1 :: rule.every]
+    else:
+        chosen = labels[len(labels) - round((rule.last_fraction or 0.0) * len(labels)) :]
+    kind = poses.kind.astype("U7")
+    kind[grid & np.isin(poses.pose, np.asarray(chosen, dtype=str))] = "holdout"
+    return replace(poses, kind=kind)
+
+
+def repeatability_mm(poses: MeasuredPoses) -> dict[float, float]:
+    """Return, for each load, the mean standard deviation of position within one grid pose.
+
+    The deviation is that of the distance from the mean of the repeats (paper, Section III); loads
+    without repeats are not in it.
+    """
+    rows = poses.take(poses.kind == "grid")
+    p_mm = pd.DataFrame(rows.T_cmm_ee_mm[:, :3, 3])
+    groups = p_mm.groupby([rows.load_N, rows.pose])
+    square: NDArray[np.float64] = groups.var().sum(axis=1).to_numpy()[groups.size().to_numpy() > 1]
+    load = groups.size().index.get_level_values(0).to_numpy()[groups.size().to_numpy() > 1]
+    return {float(at): float(np.sqrt(square[load == at]).mean()) for at in np.unique(load)}

@@ -1,0 +1,82 @@
+"""Measured configurations as arrays, whatever instrument they come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.campaign.quarantine import LeftOut
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MeasuredPoses:
+    """C measured configurations of an arm with n joints, in order of time.
+
+    Attributes:
+        kind: (C,) `line_x`, `line_y`, `grid` or `holdout`.
+        pose: (C,) label.
+        load_N: (C,) external load.
+        repeat: (C,) repeat.
+        time_s: (C,) middle of the reading.
+        q_rad: (C, n) joint positions.
+        q_u_rad: (C, n) standard uncertainty of their mean, nan where unknown.
+        tau_Nm: (C, n) torques, nan where not logged.
+        tau_u_Nm: (C, n) standard uncertainty of their mean, nan where unknown.
+        arrival: (C, n) direction of arrival: -1, 0 or +1.
+        temperature_C: (C,) temperature, nan where not logged.
+        dwell_samples: (C,) samples averaged; 0 where there is no log.
+        ball_names: names of the B balls; none for instruments without balls.
+        p_cmm_balls_mm: (C, B, 3) ball centres.
+        cov_balls_mm2: (C, B, 3, 3) their covariances.
+        ball_touches: (C, B) touches used.
+        T_cmm_ee_mm: (C, 4, 4) end-effector in the instrument's frame [mm].
+        cov_ee_mm: (C, 6, 6) covariance of its position and of a small rotation applied on the left,
+            both along the instrument's axes [mm², mm rad, rad²], as the instrument's uncertainty
+            implies it.
+    """
+
+    kind: NDArray[np.str_]
+    pose: NDArray[np.str_]
+    load_N: Array
+    repeat: NDArray[np.int64]
+    time_s: Array
+    q_rad: Array
+    q_u_rad: Array
+    tau_Nm: Array
+    tau_u_Nm: Array
+    arrival: Array
+    temperature_C: Array
+    dwell_samples: NDArray[np.int64]
+    ball_names: tuple[str, ...]
+    p_cmm_balls_mm: Array
+    cov_balls_mm2: Array
+    ball_touches: NDArray[np.int64]
+    T_cmm_ee_mm: Array
+    cov_ee_mm: Array
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> MeasuredPoses:
+        """Return some of the configurations."""
+        arrays = (field.name for field in fields(self) if field.name != "ball_names")
+        return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
+
+
+@dataclass(frozen=True)
+class Ingested:
+    """A campaign's measured configurations and what was left out on the way.
+
+    Attributes:
+        poses: the configurations.
+        left_out: rows left out, each once.
+        notes: what the reader should know, one clause each.
+    """
+
+    poses: MeasuredPoses
+    left_out: tuple[LeftOut, ...]
+    notes: tuple[str, ...]

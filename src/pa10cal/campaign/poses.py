@@ -1,0 +1,263 @@
+"""Touches and resolver log to measured configurations: balls, poses, dwells, joined by time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+from pa10cal.campaign.balls import LocatedBalls, TouchedTool, locate_balls
+from pa10cal.campaign.description import Campaign
+from pa10cal.campaign.dwell import (
+    DwellReadings,
+    Dwells,
+    best_clock_offset,
+    dwell_readings,
+    find_dwells,
+)
+from pa10cal.campaign.grouping import TouchGroups, commonest, configurations, group_touches
+from pa10cal.campaign.logs import Samples, Touches, read_samples, read_touches
+from pa10cal.campaign.measured import Ingested, MeasuredPoses
+from pa10cal.campaign.plausibility import (
+    OTHER_COMMAND,
+    SAME_COMMAND_DEG,
+    off_command,
+    refuse_wrong_angle_unit,
+)
+from pa10cal.campaign.quarantine import LeftOut, left_out, refuse_too_many
+from pa10cal.errors import RawDataError
+from pa10cal.frame.rigid_fit import fit_rigid_weighted
+from pa10cal.settings import IngestSettings
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: The touches' scatter may exceed the instrument's statement by this factor without a note.
+SCATTER_NOTE = 1.5
+#: Part of the touches that may lie outside dwells before the clocks are doubted, and the part of
+#: those that may still do so under the offset that is then to blame.
+FEW_OUTSIDE = 0.05
+OFFSET_LEAVES = 0.2
+
+OUTSIDE = "touched outside any dwell: the arm moved, or the clocks differ"
+OTHER_DWELL = "touched in another dwell than the rest of its configuration"
+NOT_TOUCHED = "a dwell in which nothing was touched"
+LOST = "a dwell whose configuration is left out"
+
+
+def poses_from_touches(
+    campaign: Campaign, arm: Arm, folder: Path, settings: IngestSettings
+) -> Ingested:
+    """Read a campaign of a touch-trigger instrument.
+
+    Args:
+        campaign: its description.
+        arm: the nominal arm.
+        folder: its folder.
+        settings: the `ingest` section.
+
+    Returns:
+        One entry a configuration, and every row that was left out.
+
+    Raises:
+        RawDataError: when a file, or too much of it, cannot be used.
+    """
+    cmm, resolver = (folder / str(name) for name in (campaign.files.cmm, campaign.files.resolver))
+    touches, cmm_read = read_touches(cmm, campaign.ball_names)
+    samples, resolver_read = read_samples(resolver, arm.n)
+    reads = (cmm_read, resolver_read)
+    totals = {read.file: read.total for read in reads}
+    listed = [*cmm_read.left_out, *resolver_read.left_out]
+    refuse_too_many(listed, totals, settings.max_quarantined_fraction)
+    _check_angle_unit(campaign, arm, touches, samples, str(resolver))
+
+    dwells = find_dwells(samples, settings.still_speed_deg_s)
+    touched = dwells.at(touches.time_s)
+    _check_clocks(touches, touched, dwells, str(cmm), str(resolver))
+    touches, dwell, outside = _in_one_dwell(touches, touched, cmm.name)
+    listed += outside
+    refuse_too_many(listed, totals, settings.max_quarantined_fraction)
+
+    groups = group_touches(touches, len(campaign.ball_names))
+    tool = TouchedTool(
+        names=campaign.ball_names,
+        p_ee_balls_mm=campaign.p_ee_balls_mm,
+        radius_mm=0.5 * float(campaign.ball_diameter_mm or np.nan),
+        centre_uncertainty_mm=campaign.instrument.uncertainty_mm,
+        stray_sigma=settings.stray_touch_sigma,
+    )
+    balls = locate_balls(touches.p_cmm_mm[groups.row], groups.valid, tool, str(cmm))
+    readings = dwell_readings(samples, dwells)
+    dwell = dwell[groups.first]
+    off = off_command(touches.pose[groups.first], readings.q_rad[dwell])
+    late = (balls.reason == "") & (off > SAME_COMMAND_DEG)
+    reason = np.where(late, OTHER_COMMAND, balls.reason)
+    listed += _unused_touches(touches, groups, balls, reason, cmm.name, settings)
+    refuse_too_many(listed, totals, settings.max_quarantined_fraction)
+
+    good = np.flatnonzero(reason == "")
+    poses = _assemble(tool, touches, groups, balls, readings, dwell, good)
+    idle, idle_notes = _idle_samples(samples, dwells, touched, dwell[good], resolver.name)
+    notes = [note for read in reads for note in read.notes] + _scatter_notes(balls) + idle_notes
+    return Ingested(poses, (*listed, *idle), tuple(notes))
+
+
+def _check_angle_unit(
+    campaign: Campaign, arm: Arm, touches: Touches, samples: Samples, where: str
+) -> None:
+    """Compare the joints' motion with that of one ball's touches."""
+    one = touches.ball == np.bincount(touches.ball).argmax()
+    reach_mm = float(np.linalg.norm(campaign.p_ee_balls_mm, axis=1).max())
+    refuse_wrong_angle_unit(
+        (samples.time_s, samples.q_deg),
+        (touches.time_s[one], touches.p_cmm_mm[one]),
+        arm,
+        reach_mm,
+        f"{where}: q1_deg … q{arm.n}_deg",
+    )
+
+
+def _check_clocks(
+    touches: Touches, touched: Index, dwells: Dwells, where: str, where_log: str
+) -> None:
+    """Stop when the arm never stood still, or the touches are not in the dwells.
+
+    That is when most touches lie outside the dwells, or when an offset of the clocks would bring in
+    nearly all of those that do.
+    """
+    if not len(dwells):
+        raise RawDataError(
+            "the arm stands still nowhere in the log",
+            where=where_log,
+            allowed="dwells, in which the touches are made",
+            remedy="check time_s, or raise ingest.still_speed_deg_s above the joints' noise",
+        )
+    outside = touched < 0
+    if outside.mean() <= FEW_OUTSIDE:
+        return
+    offset = best_clock_offset(touches.time_s, dwells)
+    explained = 1.0 - offset.inside <= OFFSET_LEAVES * outside.mean()
+    if 2 * outside.sum() <= len(touched) and not explained:
+        return
+    raise RawDataError(
+        f"{outside.sum()} of {len(touched)} touches lie outside any dwell of the arm",
+        where=f"{where}:{touches.line[np.argmax(outside)]}",
+        allowed="touches while the arm stands still, on the clock of the resolver log",
+        remedy=f"the clocks seem to differ: adding {offset.seconds:+.1f} s to time_s would bring "
+        f"{offset.inside:.0%} of the touches into dwells"
+        if explained
+        else "check both clocks and ingest.still_speed_deg_s; no constant offset would do",
+    )
+
+
+def _in_one_dwell(
+    touches: Touches, touched: Index, file: str
+) -> tuple[Touches, Index, tuple[LeftOut, ...]]:
+    """Keep the touches of each configuration that were made in one and the same dwell."""
+    outside = touched < 0
+    rows = left_out(file, touches.line[outside], OUTSIDE, _seconds(touches.time_s[outside]))
+    touches, touched = touches.take(~outside), touched[~outside]
+    of_touch = configurations(touches)
+    other = touched != commonest(of_touch, touched)[of_touch]
+    rows += left_out(file, touches.line[other], OTHER_DWELL, _seconds(touches.time_s[other]))
+    return touches.take(~other), touched[~other], rows
+
+
+def _unused_touches(
+    touches: Touches,
+    groups: TouchGroups,
+    balls: LocatedBalls,
+    reason: NDArray[np.object_],
+    file: str,
+    settings: IngestSettings,
+) -> tuple[LeftOut, ...]:
+    """List stray touches, and the touches of configurations that cannot be used."""
+    astray = np.zeros(len(touches), dtype=bool)
+    astray[groups.row[balls.stray]] = True
+    why = np.where(astray, "", reason[groups.of_touch])
+    lost = np.flatnonzero(why != "")
+    labels = _labels(touches)
+    stray = f"stray: more than {settings.stray_touch_sigma:g} sigmas off its ball"
+    rows = left_out(file, touches.line[astray], stray, labels[astray])
+    for text in np.unique(why[lost].astype(str)):
+        these = why == text
+        rows += left_out(file, touches.line[these], str(text), labels[these])
+    return rows
+
+
+def _assemble(
+    tool: TouchedTool,
+    touches: Touches,
+    groups: TouchGroups,
+    balls: LocatedBalls,
+    readings: DwellReadings,
+    dwell: Index,
+    good: Index,
+) -> MeasuredPoses:
+    """Fit the end-effector to the balls of the good configurations and gather their readings."""
+    first = groups.first[good]
+    cov_balls_mm2 = balls.cov_mm2[good]
+    fit = fit_rigid_weighted(tool.p_ee_balls_mm, balls.p_cmm_mm[good], cov_balls_mm2)
+    used = balls.used[good]
+    time_s = touches.time_s[groups.row[good]]
+    begin = np.where(used, time_s, np.inf).min(axis=(1, 2), initial=np.inf)
+    end = np.where(used, time_s, -np.inf).max(axis=(1, 2), initial=-np.inf)
+    at = dwell[good]
+    return MeasuredPoses(
+        kind=touches.kind[first],
+        pose=touches.pose[first],
+        load_N=touches.load_N[first],
+        repeat=touches.repeat[first],
+        time_s=0.5 * (begin + end),
+        q_rad=readings.q_rad[at],
+        q_u_rad=readings.q_u_rad[at],
+        tau_Nm=readings.tau_Nm[at],
+        tau_u_Nm=readings.tau_u_Nm[at],
+        arrival=readings.arrival[at],
+        temperature_C=readings.temperature_C[at],
+        dwell_samples=readings.samples[at],
+        ball_names=tool.names,
+        p_cmm_balls_mm=balls.p_cmm_mm[good],
+        cov_balls_mm2=cov_balls_mm2,
+        ball_touches=used.sum(axis=2),
+        T_cmm_ee_mm=fit.T,
+        cov_ee_mm=fit.covariance,
+    )
+
+
+def _idle_samples(
+    samples: Samples, dwells: Dwells, touched: Index, used: Index, file: str
+) -> tuple[tuple[LeftOut, ...], list[str]]:
+    """List the samples of dwells that serve no configuration; the arm may have waited there."""
+    serves, seen = np.zeros(len(dwells), dtype=bool), np.zeros(len(dwells), dtype=bool)
+    serves[used] = True
+    seen[touched[touched >= 0]] = True
+    standing = dwells.of_sample >= 0
+    dwell = np.where(standing, dwells.of_sample, 0)
+    lost = standing & seen[dwell] & ~serves[dwell]
+    idle = standing & ~seen[dwell]
+    rows = left_out(file, samples.line[idle], NOT_TOUCHED)
+    rows += left_out(file, samples.line[lost], LOST)
+    count = int((~seen).sum())
+    return rows, [f"dwells without touches: {count}"] if count else []
+
+
+def _scatter_notes(balls: LocatedBalls) -> list[str]:
+    if not balls.pooled_sigma_mm > SCATTER_NOTE * balls.touch_sigma_mm:
+        return []
+    return [
+        f"touches scatter by {balls.pooled_sigma_mm:.4f} mm where the instrument's statement "
+        f"implies {balls.touch_sigma_mm:.4f} mm"
+    ]
+
+
+def _labels(touches: Touches) -> NDArray[np.object_]:
+    parts = (touches.pose, touches.load_N, touches.repeat)
+    text = [f"{pose} at {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
+    return np.array(text, dtype=object)
+
+
+def _seconds(time_s: Array) -> list[str]:
+    return [f"time_s = {value:g}" for value in time_s]

@@ -1,0 +1,197 @@
+"""The table of poses: measured configurations as Parquet, and back as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.campaign.averages import average_repeats, repeat_scatter, with_scatter
+from pa10cal.campaign.measured import MeasuredPoses
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.errors import RawDataError
+from pa10cal.frame.rigid_fit import pose_by_source
+
+Array = NDArray[np.float64]
+
+SCHEMA = "pa10cal-poses/1"
+MM = 1e-3
+AXES = "xyz"
+QUATERNION = ("ee_qw", "ee_qx", "ee_qy", "ee_qz")
+COVARIANCE = tuple(f"ee_cov_{i}{j}" for i in range(6) for j in range(i, 6))
+
+
+def write_pose_table(path: Path, poses: MeasuredPoses, campaign: str) -> None:
+    """Write measured configurations as a Parquet table, the same bytes for the same poses.
+
+    Args:
+        path: where to write.
+        poses: the configurations.
+        campaign: name of the campaign, kept in the file's metadata.
+    """
+    table = pa.table(_columns(poses))
+    table = table.replace_schema_metadata({"schema": SCHEMA, "campaign": campaign})
+    pq.write_table(table, path, compression="zstd")
+
+
+def read_pose_table(path: Path) -> pd.DataFrame:
+    """Read the table of poses; see the column list in docs/architecture.md.
+
+    The name of the campaign is in `table.attrs["campaign"]`.
+
+    Raises:
+        RawDataError: when the file is missing or is no such table.
+    """
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowException) as error:
+        raise _not_a_table(path, " ".join(str(error).split())) from None
+    metadata = table.schema.metadata or {}
+    schema = metadata.get(b"schema", b"none").decode()
+    if schema != SCHEMA:
+        raise _not_a_table(path, f"schema {schema}")
+    frame: pd.DataFrame = table.to_pandas()
+    frame.attrs["campaign"] = metadata[b"campaign"].decode()
+    return frame
+
+
+def observations(
+    table: pd.DataFrame,
+    kind: str = "grid",
+    loads: Sequence[float] | None = None,
+    average: bool = True,
+    covariance: Literal["repeats", "instrument"] = "repeats",
+) -> PoseObservations:
+    """Return the poses of one kind in metres and radians, ordered by pose and load.
+
+    Args:
+        table: from `read_pose_table`.
+        kind: `grid`, `holdout`, `line_x` or `line_y`.
+        loads: external loads wanted [N]; None for all.
+        average: whether repeats of the same pose and load become one row (see `average_repeats`).
+        covariance: where `cov_ee` comes from. `repeats`: the scatter of repeats, pooled over all
+            poses and loads of this kind along the end-effector's axes (the instrument's where too
+            little is repeated); `instrument`: its stated uncertainty, propagated. Either is
+            divided by the repeats averaged.
+
+    Returns:
+        P poses; none when the table holds no such rows.
+    """
+    every = _single(table[table["kind"] == kind])
+    single = every if loads is None else every.take(np.isin(every.states.load_N, list(loads)))
+    poses = average_repeats(single) if average else single
+    scatter = repeat_scatter(every)
+    if covariance == "repeats" and scatter.is_known:
+        return with_scatter(poses, scatter)
+    return poses
+
+
+def _single(rows: pd.DataFrame) -> PoseObservations:
+    """Return every row as an observation with the instrument's covariance."""
+    rows = rows.sort_values(["pose", "load_N", "time_s"], kind="stable")
+    n = sum(name.startswith("tau") and name.endswith("_u_Nm") for name in rows.columns)
+
+    def numbers(names: Sequence[str]) -> Array:
+        return np.array(rows[list(names)], dtype=float)
+
+    T = np.tile(np.eye(4), (len(rows), 1, 1))
+    T[:, :3, 3] = MM * numbers([f"ee_{axis}_mm" for axis in AXES])
+    T[:, :3, :3] = Rotation.from_quat(numbers(QUATERNION), scalar_first=True).as_matrix()
+    upper = np.triu_indices(6)
+    cov_ee = np.zeros((len(rows), 6, 6))
+    cov_ee[:, upper[0], upper[1]] = cov_ee[:, upper[1], upper[0]] = numbers(COVARIANCE)
+    scale = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
+    return PoseObservations(
+        pose=rows["pose"].to_numpy(dtype=str),
+        states=PoseStates(
+            q_rad=numbers(_joint_columns("q", n, "_rad")),
+            tau_Nm=numbers(_joint_columns("tau", n, "_Nm")),
+            arrival=numbers(_joint_columns("s", n, "")),
+            load_N=numbers(["load_N"])[:, 0],
+            temperature_C=numbers(["temperature_C"])[:, 0],
+            time_s=numbers(["time_s"])[:, 0],
+        ),
+        T_cmm_ee=T,
+        cov_ee=cov_ee * np.outer(scale, scale),
+        by_apparatus=_by_apparatus(rows, T),
+        repeats=np.ones(len(rows), dtype=np.int64),
+    )
+
+
+def _by_apparatus(rows: pd.DataFrame, T_cmm_ee: Array) -> Array:
+    """Return how each measured pose answers to the balls' places on the apparatus."""
+    balls = [
+        name[4:-5] for name in rows.columns if name.startswith("ball") and name.endswith("_x_mm")
+    ]
+    if not balls:
+        return np.zeros((len(rows), 6, 0))
+    centres = np.stack(
+        [np.array(rows[[f"ball{ball}_{axis}_mm" for axis in AXES]], dtype=float) for ball in balls],
+        axis=1,
+    )
+    covariances = np.zeros((len(rows), len(balls), 3, 3))
+    for b, ball in enumerate(balls):
+        for i in range(3):
+            for j in range(i, 3):
+                column = np.array(rows[f"ball{ball}_c{AXES[i]}{AXES[j]}_mm2"], dtype=float)
+                covariances[:, b, i, j] = covariances[:, b, j, i] = column
+    return pose_by_source(T_cmm_ee, MM * centres, MM**2 * covariances)
+
+
+def _joint_columns(prefix: str, joints: int, suffix: str) -> list[str]:
+    """Return the names of a joint quantity's columns, such as q1_rad … q6_rad."""
+    return [f"{prefix}{joint}{suffix}" for joint in range(1, joints + 1)]
+
+
+def _columns(poses: MeasuredPoses) -> dict[str, object]:
+    n = poses.q_rad.shape[1]
+    columns: dict[str, object] = {
+        "kind": poses.kind.astype(object),
+        "pose": poses.pose.astype(object),
+        "load_N": poses.load_N,
+        "repeat": poses.repeat,
+        "time_s": poses.time_s,
+    }
+    for prefix, suffix, values in (
+        ("q", "_rad", poses.q_rad),
+        ("q", "_u_rad", poses.q_u_rad),
+        ("tau", "_Nm", poses.tau_Nm),
+        ("tau", "_u_Nm", poses.tau_u_Nm),
+        ("s", "", poses.arrival.astype(np.int8)),
+    ):
+        columns |= dict(zip(_joint_columns(prefix, n, suffix), values.T, strict=True))
+    columns["temperature_C"] = poses.temperature_C
+    columns["dwell_samples"] = poses.dwell_samples
+    for b, name in enumerate(poses.ball_names):
+        for k, axis in enumerate(AXES):
+            columns[f"ball{name}_{axis}_mm"] = poses.p_cmm_balls_mm[:, b, k]
+        for i in range(3):
+            for j in range(i, 3):
+                columns[f"ball{name}_c{AXES[i]}{AXES[j]}_mm2"] = poses.cov_balls_mm2[:, b, i, j]
+        columns[f"ball{name}_touches"] = poses.ball_touches[:, b]
+    for k, axis in enumerate(AXES):
+        columns[f"ee_{axis}_mm"] = poses.T_cmm_ee_mm[:, k, 3]
+    quaternion = Rotation.from_matrix(poses.T_cmm_ee_mm[:, :3, :3]).as_quat(
+        canonical=True, scalar_first=True
+    )
+    columns |= dict(zip(QUATERNION, quaternion.T, strict=True))
+    upper = poses.cov_ee_mm[:, *np.triu_indices(6)]
+    return columns | dict(zip(COVARIANCE, upper.T, strict=True))
+
+
+def _not_a_table(path: Path, value: str) -> RawDataError:
+    return RawDataError(
+        "the table of poses cannot be read",
+        where=str(path),
+        value=value,
+        allowed=f"a Parquet file of schema {SCHEMA}",
+        remedy="run the ingest stage again",
+    )

@@ -1,0 +1,191 @@
+"""Base frame from moves along the robot's x and y axes, equations (5)-(7) of the paper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.errors import CalibrationError
+
+Array = NDArray[np.float64]
+#: Positions of the same poses as measured and as the nominal model has them.
+Positions = tuple[Array, Array]
+
+
+@dataclass(frozen=True)
+class LineLimits:
+    """What a pair of straight moves must satisfy to give a base frame.
+
+    Attributes:
+        min_length_m: shortest move.
+        max_bend_m: largest rms distance of its points from the fitted line.
+        min_angle_rad: smallest angle between the two moves.
+    """
+
+    min_length_m: float
+    max_bend_m: float
+    min_angle_rad: float
+
+
+@dataclass(frozen=True)
+class StraightLine:
+    """A least-squares line through the measured points of one move.
+
+    Attributes:
+        direction_cmm: (3,) unit vector, in the sense in which the robot's coordinate grows.
+        centre_cmm_m: (3,) mean of the points.
+        length_m: distance between the outermost points, along the line.
+        bend_rms_m: root mean square distance of the points from the line.
+        direction_u_rad: standard uncertainty of the direction, per axis across the line, from
+            the points' scatter about the line and their spread along it.
+        points: number of points.
+    """
+
+    direction_cmm: Array
+    centre_cmm_m: Array
+    length_m: float
+    bend_rms_m: float
+    direction_u_rad: float
+    points: int
+
+
+@dataclass(frozen=True)
+class LineSeed:
+    """The base frame in the instrument's frame, from straight moves.
+
+    Attributes:
+        T_cmm_base: (4, 4) instrument from base [m].
+        line_x: the move along the robot's x axis.
+        line_y: the move along the robot's y axis, before it is made perpendicular to x.
+        angle_rad: angle between the two measured lines.
+        origin_scatter_m: root mean square distance of the single poses' origins from their mean.
+        origin_poses: poses averaged for the origin.
+    """
+
+    T_cmm_base: Array
+    line_x: StraightLine
+    line_y: StraightLine
+    angle_rad: float
+    origin_scatter_m: float
+    origin_poses: int
+
+
+def fit_line(p_cmm_m: Array, travel_m: Array, name: str = "straight move") -> StraightLine:
+    """Fit a line to points by least squares of their distances from it.
+
+    Args:
+        p_cmm_m: (N, 3) measured points, N >= 3.
+        travel_m: (N,) the robot's own coordinate along the move at each point; gives the sense.
+        name: of the move, for messages.
+
+    Returns:
+        The line. Its direction follows `travel_m`, in whatever order the points come.
+
+    Raises:
+        CalibrationError: with fewer than three points.
+    """
+    count = len(p_cmm_m)
+    if count < 3:
+        raise CalibrationError(
+            "too few points for a line and its uncertainty",
+            where=name,
+            value=count,
+            allowed="at least 3 measured points",
+            remedy="measure more points along the move",
+        )
+    centre = p_cmm_m.mean(axis=0)
+    offsets = p_cmm_m - centre
+    direction = np.linalg.svd(offsets, full_matrices=False)[2][0]
+    along = offsets @ direction
+    if along @ (travel_m - travel_m.mean()) < 0.0:
+        direction, along = -direction, -along
+    across = offsets - np.outer(along, direction)
+    square = float((across**2).sum())
+    scatter = np.sqrt(square / (2 * (count - 2)))  # two axes across, N - 2 freedoms each
+    spread = float(np.sqrt((along**2).sum()))
+    return StraightLine(
+        direction_cmm=direction,
+        centre_cmm_m=centre,
+        length_m=float(np.ptp(along)),
+        bend_rms_m=float(np.sqrt(square / count)),
+        direction_u_rad=float(scatter / spread) if spread > 0.0 else float("inf"),
+        points=count,
+    )
+
+
+def axes_from_lines(x_cmm: Array, y_cmm: Array) -> Array:
+    """Return R_cmm_base (3, 3) from the directions of the two moves.
+
+    z = x × y (5), y = z × x (6), R = [x y z] (7). x is kept as measured, z is normalised, since
+    the measured lines are not exactly perpendicular.
+    """
+    x = x_cmm / np.linalg.norm(x_cmm)
+    z = np.cross(x, y_cmm)
+    z /= np.linalg.norm(z)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def seed_from_lines(
+    x_move: Positions, y_move: Positions, origin_poses: Positions, limits: LineLimits
+) -> LineSeed:
+    """Find the base frame: axes from the straight moves, origin from the nominal model.
+
+    The origin is the mean over the given poses of p_cmm_ee - R_cmm_base p_base_ee.
+
+    Args:
+        x_move: end-effector positions of the move along x, (N, 3) each [m]: measured in the
+            instrument's frame, and the nominal model's in the base frame for the same poses.
+        y_move: the same for the move along y.
+        origin_poses: the same for the poses that fix the origin.
+        limits: what the moves must satisfy.
+
+    Raises:
+        CalibrationError: when a move has fewer than three points, is too short or bent, or the
+            two are parallel.
+    """
+    line_x = _checked_line(x_move[0], x_move[1][:, 0], "line_x", limits)
+    line_y = _checked_line(y_move[0], y_move[1][:, 1], "line_y", limits)
+    angle = _angle(line_x.direction_cmm, line_y.direction_cmm)
+    if not limits.min_angle_rad <= angle <= np.pi - limits.min_angle_rad:
+        least = np.degrees(limits.min_angle_rad)
+        raise CalibrationError(
+            "the straight moves are too nearly parallel",
+            where="line_x and line_y",
+            value=f"{np.degrees(angle):.2f} deg",
+            allowed=f"an angle of {least:g} to {180 - least:g} deg between them",
+            remedy="check the labels line_x and line_y, or move along two perpendicular axes",
+        )
+    R_cmm_base = axes_from_lines(line_x.direction_cmm, line_y.direction_cmm)
+    p_cmm_m, p_base_m = origin_poses
+    origins = p_cmm_m - p_base_m @ R_cmm_base.T
+    T_cmm_base = np.eye(4)
+    T_cmm_base[:3, :3], T_cmm_base[:3, 3] = R_cmm_base, origins.mean(axis=0)
+    scatter = np.sqrt(((origins - T_cmm_base[:3, 3]) ** 2).sum(axis=1).mean())
+    return LineSeed(T_cmm_base, line_x, line_y, angle, float(scatter), len(origins))
+
+
+def _checked_line(p_cmm_m: Array, travel_m: Array, where: str, limits: LineLimits) -> StraightLine:
+    line = fit_line(p_cmm_m, travel_m, where)
+    if line.length_m < limits.min_length_m:
+        raise CalibrationError(
+            "the straight move is too short",
+            where=where,
+            value=f"{1e3 * line.length_m:.3f} mm",
+            allowed=f"at least {1e3 * limits.min_length_m:g} mm (base_frame.min_length_mm)",
+            remedy="measure a longer move",
+        )
+    if line.bend_rms_m > limits.max_bend_m:
+        raise CalibrationError(
+            "the straight move is bent",
+            where=where,
+            value=f"{1e3 * line.bend_rms_m:.3f} mm rms from the line",
+            allowed=f"at most {1e3 * limits.max_bend_m:g} mm (base_frame.max_bend_mm)",
+            remedy="check for a point of another move, or measure the move again",
+        )
+    return line
+
+
+def _angle(first: Array, second: Array) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))

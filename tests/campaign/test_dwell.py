@@ -1,0 +1,114 @@
+"""Dwells: found between approaches, averaged, with each joint's last real movement."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pa10cal.campaign.dwell import best_clock_offset, dwell_readings, find_dwells
+from pa10cal.campaign.logs import Samples
+
+STILL = 0.02
+
+
+def log(time_s, q_deg, tau_Nm=None, temperature_C=None):
+    time_s, q_deg = np.asarray(time_s, float), np.asarray(q_deg, float)
+    count = len(time_s)
+    return Samples(
+        line=np.arange(count) + 2,
+        time_s=time_s,
+        q_deg=q_deg,
+        tau_Nm=np.zeros_like(q_deg) if tau_Nm is None else tau_Nm,
+        temperature_C=np.full(count, 21.0) if temperature_C is None else temperature_C,
+    )
+
+
+def stops(rate_s, seed=0, noise_deg=2e-4, stays=4):
+    """Two joints that go on by a degree and stay for 10 s, again and again; logged throughout."""
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(0.0, stays * 15.0, rate_s)
+    within = time_s % 15.0
+    done = np.minimum(within / 5.0, 1.0) + time_s // 15.0
+    q_deg = np.column_stack([done, -2.0 * done]) + rng.normal(0, noise_deg, (len(time_s), 2))
+    return log(time_s, q_deg)
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    rate_s=st.sampled_from([0.01, 0.05, 0.3, 1.0]),
+    noise_deg=st.sampled_from([0.0, 1e-5, 2e-4, 5e-4]),
+    seed=st.integers(0, 1000),
+)
+def test_finds_every_dwell_at_any_rate_and_noise(rate_s, noise_deg, seed):
+    dwells = find_dwells(stops(rate_s, seed, noise_deg), STILL)
+    assert len(dwells) == 4
+    slack = 0.35 + rate_s
+    np.testing.assert_allclose(dwells.start_s, 15.0 * np.arange(4) + 5.0, atol=slack)
+    np.testing.assert_allclose(dwells.end_s, 15.0 * np.arange(4) + 15.0, atol=slack)
+    inside = dwells.at(15.0 * np.arange(4) + 10.0)
+    np.testing.assert_array_equal(inside, np.arange(4))
+    np.testing.assert_array_equal(dwells.at(np.array([-5.0, 2.0, 17.0, 1e9])), -1)
+
+
+def test_a_pause_of_the_log_ends_a_dwell_when_the_arm_moved_ever_so_little():
+    time_s = np.array([0, 2, 4, 6, 30, 30.4, 30.8, 32, 34, 36])
+    q_deg = np.array([0, 0, 0, 0, 0.015, 0.5, 1, 1, 1, 1])[:, None]
+    dwells = find_dwells(log(time_s, q_deg), STILL)
+    np.testing.assert_array_equal(dwells.end_s, [6, 36])
+
+
+def test_readings_are_means_with_the_standard_uncertainty_of_the_mean():
+    rng = np.random.default_rng(1)
+    samples = stops(0.2)
+    tau_Nm = rng.normal(5.0, 0.3, samples.q_deg.shape)
+    temperature_C = np.linspace(20.0, 22.0, len(samples))
+    samples = log(samples.time_s, samples.q_deg, tau_Nm, temperature_C)
+    dwells = find_dwells(samples, STILL)
+    readings = dwell_readings(samples, dwells)
+    for d in range(len(dwells)):
+        rows = slice(dwells.first[d], dwells.last[d] + 1)
+        count = readings.samples[d]
+        np.testing.assert_allclose(
+            readings.q_rad[d], np.radians(samples.q_deg[rows].mean(axis=0)), rtol=1e-12
+        )
+        u = tau_Nm[rows].std(axis=0, ddof=1) / np.sqrt(count)
+        np.testing.assert_allclose(readings.tau_u_Nm[d], u, rtol=1e-9)
+        np.testing.assert_allclose(readings.temperature_C[d], temperature_C[rows].mean())
+
+
+@pytest.mark.parametrize(
+    ("approach_deg", "arrival"),
+    [
+        ([[-3.0, 3.0], [-1.0, 1.0]], [1, -1]),
+        ([[3.0, 0.0], [-1.0, 0.0]], [1, 0]),  # turned back: the last movement counts
+        ([[-1.0, 0.0005], [-0.5, -0.0005]], [1, 0]),  # noise is no movement
+        ([[-1.0, 0.01], [-0.5, 0.0]], [1, -1]),  # small but real, and then still
+    ],
+)
+def test_arrival_is_the_sign_of_the_last_real_movement(approach_deg, arrival):
+    q_deg = np.vstack([approach_deg, np.zeros((6, 2))])
+    time_s = np.concatenate([[-0.8, -0.4], 2.0 * np.arange(6)])
+    samples = log(time_s, q_deg)
+    readings = dwell_readings(samples, find_dwells(samples, STILL))
+    np.testing.assert_array_equal(readings.arrival, [arrival])
+
+
+def test_without_an_approach_the_arrival_is_zero():
+    samples = log(np.arange(5.0), np.zeros((5, 2)))
+    readings = dwell_readings(samples, find_dwells(samples, STILL))
+    np.testing.assert_array_equal(readings.arrival, [[0, 0]])
+
+
+@settings(deadline=None, max_examples=25)
+@given(offset=st.one_of(st.floats(-3000, 3000), st.floats(1e9, 2e9)))
+def test_finds_a_clock_offset_to_within_the_slack_of_the_dwells(offset):
+    rng = np.random.default_rng(2)
+    samples = stops(0.2, stays=12)
+    dwells = find_dwells(samples, STILL)
+    gaps = rng.permutation(12)[:9]
+    touches = np.sort(np.concatenate([15.0 * gaps + 7.0 + k for k in range(6)]))
+    found = best_clock_offset(touches - offset, dwells)
+    assert found.seconds == pytest.approx(offset, abs=2.5)
+    assert found.inside == 1.0

@@ -1,0 +1,185 @@
+"""The table of poses: written the same, read back, averaged with the scatter of repeats."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pa10cal.campaign.description import read_campaign
+from pa10cal.campaign.ingest import ingest_campaign
+from pa10cal.campaign.measured import MeasuredPoses
+from pa10cal.campaign.table import observations, read_pose_table, write_pose_table
+from pa10cal.errors import RawDataError
+from pa10cal.files.arms import load_arm
+from pa10cal.settings import IngestSettings
+
+ARMS, AXES = 6, "xyz"
+
+
+@pytest.fixture
+def poses(raw_campaign) -> MeasuredPoses:
+    folder = raw_campaign.write()
+    campaign = read_campaign(folder)
+    return ingest_campaign(campaign, load_arm(campaign.robot), folder, IngestSettings()).poses
+
+
+@pytest.fixture
+def table(poses, tmp_path):
+    write_pose_table(tmp_path / "poses.parquet", poses, "made-up")
+    return read_pose_table(tmp_path / "poses.parquet")
+
+
+def made_up_poses(repeats, scatter_ee, rng, poses=40):
+    """Poses whose readings scatter about a mean by a known covariance along the tool's axes."""
+    root = np.linalg.cholesky(scatter_ee)
+    count = poses * repeats
+    R = np.repeat(Rotation.random(poses, random_state=rng).as_matrix(), repeats, axis=0)
+    place = np.repeat(rng.uniform(-500, 500, (poses, 3)), repeats, axis=0)
+    error = rng.normal(size=(count, 6)) @ root.T
+    T = np.tile(np.eye(4), (count, 1, 1))
+    turn = (R @ error[:, 3:, None])[..., 0]
+    T[:, :3, :3] = Rotation.from_rotvec(turn).as_matrix() @ R
+    T[:, :3, 3] = place + (R @ error[:, :3, None])[..., 0]
+    zeros = np.zeros((count, ARMS))
+    return MeasuredPoses(
+        kind=np.full(count, "grid"),
+        pose=np.repeat([f"P{k:02d}" for k in range(poses)], repeats),
+        load_N=np.zeros(count),
+        repeat=np.tile(np.arange(1, repeats + 1), poses),
+        time_s=np.arange(count, dtype=float),
+        q_rad=rng.normal(size=(count, ARMS)),
+        q_u_rad=zeros,
+        tau_Nm=rng.normal(size=(count, ARMS)),
+        tau_u_Nm=zeros,
+        arrival=np.sign(rng.normal(size=(count, ARMS))),
+        temperature_C=np.full(count, 21.0),
+        dwell_samples=np.full(count, 10),
+        ball_names=(),
+        p_cmm_balls_mm=np.zeros((count, 0, 3)),
+        cov_balls_mm2=np.zeros((count, 0, 3, 3)),
+        ball_touches=np.zeros((count, 0), dtype=np.int64),
+        T_cmm_ee_mm=T,
+        cov_ee_mm=np.tile(4.0 * scatter_ee, (count, 1, 1)),
+    )
+
+
+def written(poses, tmp_path):
+    write_pose_table(tmp_path / "again.parquet", poses, "made-up")
+    return read_pose_table(tmp_path / "again.parquet")
+
+
+def test_the_same_poses_give_the_same_bytes(poses, tmp_path):
+    for name in ("first", "second"):
+        write_pose_table(tmp_path / name, poses, "made-up")
+    assert (tmp_path / "first").read_bytes() == (tmp_path / "second").read_bytes()
+
+
+def test_columns_are_those_of_the_architecture_page(table):
+    expected = ["kind", "pose", "load_N", "repeat", "time_s"]
+    for names in ("q{}_rad", "q{}_u_rad", "tau{}_Nm", "tau{}_u_Nm", "s{}"):
+        expected += [names.format(j) for j in range(1, 7)]
+    expected += ["temperature_C", "dwell_samples"]
+    for ball in "ABC":
+        expected += [f"ball{ball}_{axis}_mm" for axis in AXES]
+        expected += [f"ball{ball}_c{k}_mm2" for k in ("xx", "xy", "xz", "yy", "yz", "zz")]
+        expected += [f"ball{ball}_touches"]
+    expected += [f"ee_{axis}_mm" for axis in AXES] + ["ee_qw", "ee_qx", "ee_qy", "ee_qz"]
+    expected += [f"ee_cov_{i}{j}" for i in range(6) for j in range(i, 6)]
+    assert list(table.columns) == expected
+    assert table.attrs["campaign"] == "made-up"
+    assert (table["ee_qw"] >= 0).all()
+    assert table["time_s"].is_monotonic_increasing
+    assert not table.isna().to_numpy().any()
+
+
+def test_poses_are_those_the_touches_were_made_from(table, raw_campaign):
+    for kind, expected in (("grid", 12), ("holdout", 2), ("line_x", 4), ("line_y", 4)):
+        assert len(observations(table, kind)) == expected
+    single = observations(table, average=False)
+    truth = {key: c for c, key in enumerate(raw_campaign.keys) if key[0] == "grid"}
+    labels = zip(single.pose, single.states.load_N, strict=True)
+    index = [truth["grid", pose, load, 1] for pose, load in labels]
+    T = raw_campaign.T_cmm_ee[index]
+    np.testing.assert_allclose(single.T_cmm_ee[:, :3, 3], T[:, :3, 3], atol=5e-5)
+    turned = single.T_cmm_ee[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
+    assert Rotation.from_matrix(turned).magnitude().max() < 2e-4
+    np.testing.assert_allclose(single.states.q_rad, raw_campaign.q_rad[index], atol=3e-6)
+    np.testing.assert_allclose(single.states.tau_Nm[:, 1], -40.0, atol=0.6)
+
+
+def test_arrivals_are_those_of_the_approach(table):
+    s = table[[f"s{j}" for j in range(1, 7)]].to_numpy()
+    rows = np.arange(len(s))[:, None]
+    np.testing.assert_array_equal(s, np.where(np.arange(6) % 2 == rows % 2, 1, -1))
+
+
+def test_averages_are_plain_means_ordered_by_pose_and_load(table):
+    mean = observations(table)
+    assert list(mean.pose) == sorted(mean.pose)
+    np.testing.assert_array_equal(mean.states.load_N, [0.0, 22.0] * 6)
+    np.testing.assert_array_equal(mean.repeats, 2)
+    rows = table[(table["pose"] == "P03") & (table["load_N"] == 22)]
+    place = rows[["ee_x_mm", "ee_y_mm", "ee_z_mm"]].to_numpy()
+    np.testing.assert_allclose(mean.T_cmm_ee[5, :3, 3], 1e-3 * place.mean(axis=0), rtol=1e-14)
+    np.testing.assert_allclose(mean.states.tau_Nm[5, 2], rows["tau3_Nm"].mean())
+    R = Rotation.from_quat(rows[["ee_qw", "ee_qx", "ee_qy", "ee_qz"]], scalar_first=True)
+    np.testing.assert_allclose(mean.T_cmm_ee[5, :3, :3], R.mean().as_matrix(), atol=1e-9)
+
+
+def test_loads_choose_rows(table):
+    only = observations(table, loads=[22])
+    assert set(only.states.load_N) == {22.0}
+    every = observations(table)
+    np.testing.assert_array_equal(only.cov_ee, every.take(every.states.load_N == 22).cov_ee)
+    assert len(observations(table, loads=[90])) == 0
+
+
+def test_a_kind_without_rows_gives_no_poses(table):
+    none = observations(table[table["kind"] == "grid"], "holdout")
+    assert len(none) == 0
+    assert none.T_cmm_ee.shape == (0, 4, 4)
+    assert none.cov_ee.shape == (0, 6, 6)
+
+
+def test_covariance_of_the_mean_is_the_pooled_scatter_in_the_instruments_axes(tmp_path):
+    rng = np.random.default_rng(8)
+    sigmas = np.array([0.02, 0.01, 0.005, 5e-5, 2e-5, 1e-5])
+    correlated = np.eye(6)
+    correlated[0, 4] = correlated[4, 0] = 0.6
+    scatter = correlated * np.outer(sigmas, sigmas)
+    table = written(made_up_poses(25, scatter, rng), tmp_path)
+    mean = observations(table)
+    unit = np.array([1e-3] * 3 + [1.0] * 3)
+    R = mean.T_cmm_ee[7, :3, :3]
+    to_ee = np.kron(np.eye(2), R.T)
+    found = 25 * to_ee @ mean.cov_ee[7] @ to_ee.T / np.outer(unit, unit)
+    np.testing.assert_allclose(found / np.outer(sigmas, sigmas), correlated, atol=0.15)
+    single = observations(table, average=False)
+    np.testing.assert_allclose(single.cov_ee[7 * 25], 25 * mean.cov_ee[7], rtol=1e-2)
+
+
+def test_covariance_is_the_instruments_where_nothing_is_repeated_or_it_is_asked_for(tmp_path):
+    rng = np.random.default_rng(9)
+    scatter = np.diag([1e-4, 1e-4, 1e-4, 1e-9, 1e-9, 1e-9])
+    stated = 4.0 * scatter * np.outer([1e-3] * 3 + [1] * 3, [1e-3] * 3 + [1] * 3)
+    once = written(made_up_poses(1, scatter, rng), tmp_path)
+    np.testing.assert_allclose(observations(once).cov_ee[3], stated)
+    thrice = written(made_up_poses(3, scatter, rng), tmp_path)
+    asked = observations(thrice, covariance="instrument")
+    np.testing.assert_allclose(asked.cov_ee[3], stated / 3)
+
+
+@pytest.mark.parametrize("content", [None, b"kind,pose\n", b""])
+def test_refuses_what_is_no_table(tmp_path, content):
+    path = tmp_path / "poses.parquet"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(RawDataError, match=r"poses.parquet: the table of poses cannot be read"):
+        read_pose_table(path)
+
+
+def test_refuses_another_parquet_file(tmp_path, table):
+    table.to_parquet(tmp_path / "other.parquet")
+    with pytest.raises(RawDataError, match="schema none"):
+        read_pose_table(tmp_path / "other.parquet")
