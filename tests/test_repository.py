@@ -25,7 +25,7 @@ MAY_IMPORT = {
     "terms": {"arm"},
     "frame": set(),
     "campaign": {"arm", "frame", "settings"},
-    "calibration": {"arm", "terms", "campaign.observations", "frame"},
+    "calibration": {"arm", "terms", "campaign.observations", "campaign.averages", "frame"},
     "montecarlo": {"arm"},
     "evaluation": {"arm", "terms", "campaign.observations", "frame", "calibration", "montecarlo"},
     "cell": {"arm.description", "files", "settings"},

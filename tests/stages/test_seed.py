@@ -1,0 +1,117 @@
+"""Stage seed, in process: lines, the fall-back on the nominal model, refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pa10cal.stages.command import REFUSED
+from pa10cal.stages.ingest import main as ingest
+from pa10cal.stages.seed import main
+
+RAW = Path(__file__).parents[2] / "data" / "raw"
+
+
+def run(folder, out, settings="{}"):
+    """Ingest, then seed; return the exit code and the path of the base frame."""
+    table, seed = out / "poses.parquet", out / "base_frame.json"
+    shared = ["--campaign-dir", str(folder)]
+    status = ingest([*shared, "--out", str(table), "--quarantine", str(out / "quarantine.csv")])
+    assert status == 0
+    given = ["--poses", str(table), "--settings", settings, "--out", str(seed)]
+    return main([*shared, *given]), seed
+
+
+def read(path):
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def apart(T_cmm_base, record):
+    """Angle [rad] and distance [m] between a frame and the recorded one."""
+    found = np.array(record["T_cmm_base"])
+    turn = Rotation.from_matrix(T_cmm_base[:3, :3].T @ found[:3, :3]).magnitude()
+    return turn, np.linalg.norm(T_cmm_base[:3, 3] - found[:3, 3])
+
+
+def test_straight_moves_give_the_frame_the_campaign_was_made_with(raw_campaign, tmp_path, capsys):
+    status, path = run(raw_campaign.write(), tmp_path)
+    assert status == 0
+    record = read(path)
+    assert record["schema"] == "pa10cal-base-frame/1"
+    assert record["campaign"] == "made-up"
+    assert record["method"] == "straight_lines"
+    angle, distance = apart(raw_campaign.T_cmm_base, record)
+    assert angle < 4e-4
+    assert distance < 3e-4
+    assert record["line_x"]["length_mm"] == pytest.approx(150.0, abs=0.1)
+    assert record["line_y"]["bend_rms_mm"] < 0.03
+    assert 0 < record["x_direction_u_rad"] < 4e-4
+    assert record["angle_between_lines_deg"] == pytest.approx(90.0, abs=0.05)
+    R = np.array(record["R_cmm_base"])
+    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
+    np.testing.assert_array_equal(R, np.array(record["T_cmm_base"])[:3, :3])
+    assert "base frame by straight_lines" in capsys.readouterr().out
+
+
+def test_without_straight_moves_the_nominal_model_is_fitted(raw_campaign, tmp_path):
+    raw_campaign.cmm[1:] = [line for line in raw_campaign.cmm[1:] if ",line_" not in line]
+    status, path = run(raw_campaign.write(), tmp_path)
+    assert status == 0
+    record = read(path)
+    assert record["method"] == "rigid_fit_nominal"
+    angle, distance = apart(raw_campaign.T_cmm_base, record)
+    assert angle < 2e-4
+    assert distance < 2e-4
+    assert record["origin_poses"] == 6
+
+
+def test_a_tracked_campaign_without_balls_or_torques_has_a_seed_too(raw_campaign, tmp_path):
+    raw_campaign.description["instrument"]["kind"] = "pose"
+    raw_campaign.description["files"] = {"poses": "poses.csv"}
+    status, path = run(raw_campaign.write(), tmp_path)
+    assert status == 0
+    angle, distance = apart(raw_campaign.T_cmm_base, read(path))
+    assert angle < 1e-6
+    assert distance < 1e-6
+
+
+def test_the_shipped_campaign_agrees_with_a_fit_of_the_nominal_model(tmp_path):
+    status, path = run(RAW / "cell-null", tmp_path)
+    assert status == 0
+    record = read(path)
+    # The model's own errors, a few mrad, bend and turn the moves; the instrument does not.
+    assert record["origin_poses"] == 22 + 27
+    assert record["line_x"]["points"] == record["line_y"]["points"] == 11
+    assert 190 < record["line_x"]["length_mm"] < 210
+    assert record["line_x"]["bend_rms_mm"] < 0.1
+    assert record["origin_scatter_mm"] < 3.0
+    assert np.linalg.det(np.array(record["R_cmm_base"])) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ('{"min_length_mm": 500}', r"line_x: the straight move is too short"),
+        ('{"max_bend_mm": 1e-6}', r"line_x: the straight move is bent"),
+        ('{"min_angle_deg": 89.9999}', r"too nearly parallel"),
+        ('{"min_length": 50}', r"did you mean 'min_length_mm'"),
+    ],
+)
+def test_refuses_with_one_message_and_no_output(raw_campaign, tmp_path, capsys, settings, message):
+    status, path = run(raw_campaign.write(), tmp_path, settings)
+    assert status == REFUSED
+    assert not path.exists()
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert message in said
+
+
+def test_one_move_alone_is_refused(raw_campaign, tmp_path, capsys):
+    raw_campaign.cmm[1:] = [line for line in raw_campaign.cmm[1:] if ",line_y," not in line]
+    status, _ = run(raw_campaign.write(), tmp_path)
+    assert status == REFUSED
+    assert "line_y: too few points" in capsys.readouterr().err
