@@ -18,8 +18,8 @@ def main() -> None:
     lines = [
         "# What was measured",
         "",
-        f"`make bench` on {platform.machine()}, Python {platform.python_version()}, one thread. Ratios",
-        "are between two things timed in the same run; single times are of this machine only.",
+        f"`make bench` on {platform.machine()}, Python {platform.python_version()}, one thread.",
+        "Ratios are between things timed in the same run; single times are of one machine only.",
         "",
         "| what | measured | bar |",
         "| --- | --- | --- |",

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 #: Precision and difference steps with which nested differences do reach the same answer: the inner
 #: minimum must be much sharper than what the outer step moves it by.
 _INNER = {"diff_step": 1e-6, "ftol": 1e-15, "xtol": 1e-15, "gtol": 1e-15}
-_OUTER = {"diff_step": 1e-3, "ftol": 1e-13, "xtol": 1e-12, "gtol": 1e-15}
+_OUTER = {"jac": "3-point", "diff_step": 1e-2, "ftol": 1e-15, "xtol": 1e-13, "gtol": 1e-15}
 _SIZES = (81, 300, 1000, 3000, 10_000)
 
 

@@ -37,3 +37,7 @@ def retime(lines, seconds, first=1, last=None):
     for index in range(first, len(lines) if last is None else last):
         time_s = float(lines[index].split(",")[0])
         replace(lines, index, "time_s", f"{time_s + seconds:.2f}")
+
+
+def compressed(raw):
+    raw.description["files"] = {"cmm": "cmm.csv.gz", "resolver": "resolver.csv.gz"}

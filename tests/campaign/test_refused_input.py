@@ -8,6 +8,7 @@ import pytest
 
 from pa10cal.errors import Pa10calError
 from spoiling import (
+    compressed,
     delete,
     ingest,
     replace,

@@ -12,6 +12,7 @@ from spoiling import (
     CONFIGURATIONS,
     DWELL,
     TOUCHES,
+    compressed,
     delete,
     ingest,
     replace,
@@ -114,10 +115,6 @@ def quoted_fields(raw):
 def blank_lines(raw):
     raw.cmm.insert(7, "")
     raw.cmm.append("   ")
-
-
-def compressed(raw):
-    raw.description["files"] = {"cmm": "cmm.csv.gz", "resolver": "resolver.csv.gz"}
 
 
 def cut_in_a_field(raw):
