@@ -20,6 +20,7 @@ include: "workflow/rules/montecarlo.smk"
 include: "workflow/rules/evaluation.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/simulate.smk"
+include: "workflow/rules/coverage.smk"
 
 
 rule all:

@@ -17,6 +17,7 @@ STAGES = {
     "montecarlo": "position error from resolver uncertainty in one plane",
     "evaluate": "held-out points and loads",
     "figures": "draw one figure or table",
+    "coverage": "count how often intervals hold the truth of simulated campaigns",
 }
 
 

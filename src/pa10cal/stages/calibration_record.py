@@ -121,6 +121,16 @@ def parameter_records(calibration: Calibration) -> dict[str, dict[str, Any]]:
     return records
 
 
+def covariance_record(calibration: Calibration) -> dict[str, Any]:
+    """Return the covariance of the reported outer parameters, in products of their units."""
+    report = calibration.level.model.report(calibration.solution.x)
+    matrix = report.jacobian @ calibration.covariances.parameters @ report.jacobian.T
+    return {
+        "names": [parameter.name for parameter in report.parameters],
+        "matrix": matrix.tolist(),
+    }
+
+
 def accuracy_records(accuracies: dict[float, Accuracy]) -> dict[str, dict[str, Any]]:
     """Return accuracies keyed by load as `0`, `22`, …."""
     return {f"{load:g}": asdict(accuracy) for load, accuracy in accuracies.items()}
@@ -143,6 +153,7 @@ def fit_record(calibration: Calibration, grid: PoseObservations) -> dict[str, An
         "starts": len(calibration.starts),
         "starts_agreeing": calibration.starts_agreeing,
         "parameters": parameter_records(calibration),
+        "covariance": covariance_record(calibration),
         "T_cmm_base": calibration.T_cmm_base.tolist(),
         "after": accuracy_records(summarise_by_load(found, grid.states.load_N)),
     }

@@ -1,0 +1,53 @@
+"""Do intervals hold what they promise: scores of many campaigns whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm, t
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.95
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How often intervals held the truth.
+
+    Attributes:
+        inside: share of all scores inside their 95 % interval.
+        inside_low, inside_high: 95 % interval of that share, campaigns being independent and the
+            parameters of one campaign not.
+        rms: root mean square of the scores, 1 where the uncertainties are right.
+        by_parameter: (k,) share of the campaigns for each parameter.
+        rms_by_parameter: (k,) root mean square for each parameter.
+    """
+
+    inside: float
+    inside_low: float
+    inside_high: float
+    rms: float
+    by_parameter: Array
+    rms_by_parameter: Array
+
+
+def coverage(scores: Array) -> Coverage:
+    """Summarise scores (campaigns, parameters): (estimate - truth) / standard uncertainty."""
+    held = np.abs(scores) <= norm.ppf(0.5 + LEVEL / 2.0)
+    shares = held.mean(axis=1)
+    count = len(shares)
+    half = (
+        float(t.ppf(0.975, count - 1) * shares.std(ddof=1) / np.sqrt(count)) if count > 1 else 1.0
+    )
+    inside = float(shares.mean())
+    return Coverage(
+        inside=inside,
+        inside_low=max(0.0, inside - half),
+        inside_high=min(1.0, inside + half),
+        rms=float(np.sqrt(np.mean(scores**2))),
+        by_parameter=held.mean(axis=0),
+        rms_by_parameter=np.sqrt(np.mean(scores**2, axis=0)),
+    )

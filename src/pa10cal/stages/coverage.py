@@ -1,0 +1,119 @@
+"""Stage: calibrate many simulated campaigns and count how often intervals hold the truth.
+
+The truth is read here, after the estimate is made, and nowhere else.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pa10cal.stages.command import limit_threads, run_stage
+
+if TYPE_CHECKING:
+    from pa10cal.calibration.load_case import Study
+    from pa10cal.settings import CalibrationSettings, SimulateSettings
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the stage and return its exit code."""
+    return run_stage("coverage", _describe, _run, argv)
+
+
+def _describe(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--campaigns", type=int, default=50, help="how many to simulate")
+    parser.add_argument("--first-seed", type=int, default=1)
+    parser.add_argument("--simulate", default="{}", help="simulate section of the virtual cell")
+    parser.add_argument("--settings", default="{}", help="calibration section")
+    parser.add_argument("--out", type=Path, required=True)
+
+
+def _run(arguments: argparse.Namespace) -> None:
+    import numpy as np
+
+    from pa10cal.evaluation.coverage import coverage
+    from pa10cal.files.output import write_json
+    from pa10cal.settings import CalibrationSettings, SimulateSettings, read_settings_argument
+
+    simulate = read_settings_argument(SimulateSettings, arguments.simulate)
+    settings = read_settings_argument(CalibrationSettings, arguments.settings)
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.campaigns)
+    scores: list[dict[str, float]] = []
+    for seed in seeds:
+        scores.append(_scores(simulate.model_copy(update={"random_seed": seed}), settings))
+        if len(scores) % max(1, len(seeds) // 10) == 0:
+            print(f"coverage: {len(scores)} of {len(seeds)} campaigns", file=sys.stderr)
+    names = [name for name in scores[0] if all(name in row for row in scores)]
+    found = coverage(np.array([[row[name] for name in names] for row in scores]))
+    write_json(
+        arguments.out,
+        {
+            "schema": "pa10cal-coverage/1",
+            "provenance": "synthetic: virtual cell, no hidden effect",
+            "campaigns": len(scores),
+            "parameters": {
+                name: {"inside": float(inside), "rms": float(rms)}
+                for name, inside, rms in zip(
+                    names, found.by_parameter, found.rms_by_parameter, strict=True
+                )
+            },
+            "inside": found.inside,
+            "inside_interval95": [found.inside_low, found.inside_high],
+            "rms": found.rms,
+        },
+    )
+    print(
+        f"{100 * found.inside:.1f} % of {len(names)} parameters in {len(scores)} campaigns inside "
+        f"their 95 % intervals ({100 * found.inside_low:.1f} to {100 * found.inside_high:.1f} %), "
+        f"rms score {found.rms:.2f}"
+    )
+
+
+def _scores(simulate: SimulateSettings, settings: CalibrationSettings) -> dict[str, float]:
+    """Simulate, ingest and calibrate one campaign; score every identifiable parameter."""
+    from pa10cal.calibration.calibrate import calibrate
+    from pa10cal.calibration.uncertainty import ErrorSources
+    from pa10cal.campaign.averages import average_repeats
+    from pa10cal.campaign.description import read_campaign
+    from pa10cal.campaign.ingest import ingest_campaign
+    from pa10cal.campaign.table import observations, read_pose_table, write_pose_table
+    from pa10cal.cell.campaign import simulate_campaign
+    from pa10cal.cell.write import write_campaign
+    from pa10cal.files.arms import load_arm
+    from pa10cal.settings import IngestSettings
+    from pa10cal.stages.calibration_record import parameter_records, study_of
+    from pa10cal.stages.records import read_record
+    from pa10cal.terms.baseline import baseline
+
+    arm = load_arm(simulate.robot)
+    study: Study = study_of(settings)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        made = simulate_campaign("coverage", arm, simulate, "text_e7")
+        write_campaign(made, folder / "raw", folder / "truth.json")
+        campaign = read_campaign(folder / "raw")
+        ingested = ingest_campaign(campaign, arm, folder / "raw", IngestSettings())
+        write_pose_table(folder / "poses.parquet", ingested.poses, campaign.name)
+        table = read_pose_table(folder / "poses.parquet")
+        truth = read_record(folder / "truth.json", "pa10cal-truth/1")["parameters"]
+    readings = observations(table, kind="grid", average=False)
+    found = calibrate(
+        baseline(arm, study.flexible_joints, study.tolerances),
+        average_repeats(readings),
+        study.options,
+        ErrorSources(readings, 1e-3 * settings.apparatus_uncertainty_mm),
+    )
+    return {
+        name: (record["value"] - truth[name]["value"]) / record["std"]
+        for name, record in parameter_records(found).items()
+        if record["identifiable"] and name in truth
+    }
+
+
+if __name__ == "__main__":
+    limit_threads()
+    sys.exit(main())

@@ -1,0 +1,21 @@
+import numpy as np
+import pytest
+
+from pa10cal.evaluation.coverage import coverage
+
+
+def test_normal_scores_are_covered_as_promised():
+    found = coverage(np.random.default_rng(0).standard_normal((400, 10)))
+    assert found.inside == pytest.approx(0.95, abs=0.01)
+    assert found.inside_low < 0.95 < found.inside_high
+    assert found.rms == pytest.approx(1.0, abs=0.03)
+    assert found.by_parameter.shape == (10,)
+
+
+def test_scores_of_one_campaign_count_as_one():
+    """Ten copies of a score are no more evidence than one."""
+    one = np.random.default_rng(1).standard_normal((50, 1))
+    alone, copied = coverage(one), coverage(np.repeat(one, 10, axis=1))
+    assert alone.inside_high - alone.inside_low == pytest.approx(
+        copied.inside_high - copied.inside_low
+    )
