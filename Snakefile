@@ -18,6 +18,7 @@ include: "workflow/rules/base_frame.smk"
 include: "workflow/rules/calibration.smk"
 include: "workflow/rules/montecarlo.smk"
 include: "workflow/rules/evaluation.smk"
+include: "workflow/rules/export.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/simulate.smk"
 include: "workflow/rules/coverage.smk"
@@ -29,4 +30,5 @@ rule all:
     input:
         every(calibrations_of),
         every(planes_of),
+        expand(rules.export.output.model, campaign=SETTINGS.campaigns),
         rules.figures.input,

@@ -16,6 +16,7 @@ STAGES = {
     "calibrate": "two-level calibration of one load case",
     "montecarlo": "position error from resolver uncertainty in one plane",
     "evaluate": "held-out points and loads",
+    "export": "the calibrated model as model.yaml and robot.urdf",
     "figures": "draw one figure or table",
     "coverage": "count how often intervals hold the truth of simulated campaigns",
 }

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
-from pa10cal.stages import calibrate, evaluate, ingest, seed
+from pa10cal.stages import calibrate, evaluate, export, ingest, seed
 
 RAW = Path(__file__).parents[2] / "data" / "raw"
 
@@ -143,3 +144,21 @@ def test_evaluation_refuses_what_is_not_a_calibration(work, capsys, content):
     )
     assert code == 2
     assert "other.json" in capsys.readouterr().err
+
+
+def test_calibrated_model_is_exported(work, combined, tmp_path):
+    argv = ["--calibration", str(work / "combined.json"), "--model", str(tmp_path / "model.yaml")]
+    assert export.main([*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 0
+    model = yaml.safe_load((tmp_path / "model.yaml").read_text())
+    assert model["parameters"] == combined["parameters"]
+    assert "synthetic" in model["provenance"] or "virtual" in model["provenance"]
+    assert "joint_6" in (tmp_path / "robot.urdf").read_text()
+
+
+def test_a_fit_that_did_not_converge_is_not_exported(work, combined, tmp_path, capsys):
+    bad = tmp_path / "bad.json"
+    bad.write_text(json.dumps({**combined, "status": "not converged"}))
+    argv = ["--calibration", str(bad), "--model", str(tmp_path / "model.yaml")]
+    assert export.main([*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 2
+    assert "not converged" in capsys.readouterr().err
+    assert not list(tmp_path.glob("robot*"))

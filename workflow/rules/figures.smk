@@ -7,7 +7,7 @@ FIGURES = {
     },
     "fig5_before_after": {
         "title": "Fig. 5: error before and after calibration",
-        "needs": [calibrations_of],
+        "needs": [calibrations_of, "ingest/poses.parquet"],
         "settings": [],
     },
     "fig6_holdout": {
@@ -17,13 +17,13 @@ FIGURES = {
     },
     "residual_vectors": {
         "title": "Residual vectors in space",
-        "needs": ["ingest/poses.parquet", "calibration/combined.json"],
+        "needs": ["calibration/combined.json"],
         "settings": [],
     },
     "parameter_uncertainty": {
         "title": "Parameters and their uncertainty",
         "needs": ["calibration/combined.json"],
-        "settings": [],
+        "settings": ["kcub_reading"],
     },
     "l_curve": {
         "title": "L-curve of the tolerance terms",
@@ -58,7 +58,7 @@ TABLES = {
             calibrations_of,
             planes_of,
             "evaluation/holdout.json",
-            "seed/base_frame.json",
+            "ingest/poses.parquet",
         ],
         "settings": ["kcub_reading", "montecarlo"],
     },

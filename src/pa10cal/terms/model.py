@@ -51,11 +51,11 @@ class Model:
 
     def predict(self, states: PoseStates, x: Array) -> Array:
         """Return T_base_ee (P, 4, 4) for parameters x (k,)."""
-        return end_pose(self.chain, self._coordinates(states, x))
+        return end_pose(self.chain, self.chain_coordinates(states, x))
 
     def predict_with_jacobian(self, states: PoseStates, x: Array) -> PoseJacobian:
         """Return predicted poses and their exact derivative by x."""
-        end = end_pose_with_screws(self.chain, self._coordinates(states, x))
+        end = end_pose_with_screws(self.chain, self.chain_coordinates(states, x))
         jacobian = np.empty((len(states), 6, len(x)))
         for term, columns in self._slices():
             screws = end.screws[:, :, self.chain.columns(term.coordinates)]
@@ -76,7 +76,8 @@ class Model:
             jacobian,
         )
 
-    def _coordinates(self, states: PoseStates, x: Array) -> Array:
+    def chain_coordinates(self, states: PoseStates, x: Array) -> Array:
+        """Return the chain coordinates (P, m) that the terms lead to."""
         coordinates = self.chain.coordinates(states.q_rad)
         for term, columns in self._slices():
             coordinates[:, self.chain.columns(term.coordinates)] += term.shift(states, x[columns])

@@ -1,0 +1,69 @@
+"""Stage: the calibrated model as `model.yaml` and `robot.urdf`, for other programs."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from pa10cal.stages.command import limit_threads, run_stage
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the stage and return its exit code."""
+    return run_stage("export", _describe, _run, argv)
+
+
+def _describe(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--calibration", type=Path, required=True, help="calibration to export")
+    parser.add_argument("--model", type=Path, required=True, help="model.yaml to write")
+    parser.add_argument("--urdf", type=Path, required=True, help="robot.urdf to write")
+
+
+def _run(arguments: argparse.Namespace) -> None:
+    import numpy as np
+    import yaml
+
+    from pa10cal.arm.state import PoseStates
+    from pa10cal.arm.urdf import urdf_text
+    from pa10cal.errors import CalibrationError
+    from pa10cal.files.arms import load_arm
+    from pa10cal.files.output import write_text
+    from pa10cal.stages.calibration_record import read_fit
+    from pa10cal.stages.records import CALIBRATION, read_record
+
+    record = read_record(arguments.calibration, CALIBRATION, ("parameters", "robot", "status"))
+    if record["status"] != "converged":
+        raise CalibrationError(
+            "a fit that did not converge is not exported",
+            where=str(arguments.calibration),
+            value=record["status"],
+            allowed="converged",
+            remedy="raise calibration.max_iterations, or look at its warnings",
+        )
+    arm = load_arm(record["robot"])
+    model, x, T_cmm_base = read_fit(record, arm, cubic=True)
+    zeros, zero = np.zeros((1, arm.n)), np.zeros(1)
+    unloaded = PoseStates(zeros, zeros, zeros, zero, zero, zero)
+    urdf = urdf_text(model.chain, model.chain_coordinates(unloaded, x)[0], arm.name)
+    content = {
+        "schema": "pa10cal-model/1",
+        "campaign": record["campaign"],
+        "provenance": record["provenance"],
+        "robot": arm.name,
+        "calibration": record["load"],
+        "parameters": record["parameters"],
+        "T_cmm_base": T_cmm_base.tolist(),
+        "effects": [],
+        "warnings": record["warnings"],
+    }
+    text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+    write_text(arguments.urdf, urdf)
+    write_text(arguments.model, text)
+    print(f"{record['campaign']}: model and URDF of the {record['load']} calibration written")
+
+
+if __name__ == "__main__":
+    limit_threads()
+    sys.exit(main())

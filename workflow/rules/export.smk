@@ -1,0 +1,13 @@
+rule export:
+    """The calibrated model for other programs: all parameters, and the geometry as URDF."""
+    input:
+        calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
+        code=code_of("stages.export"),
+    output:
+        model=result("model/model.yaml"),
+        urdf=result("model/robot.urdf"),
+    log:
+        result("logs/export.log"),
+    shell:
+        "python -m pa10cal export --calibration {input.calibration:q} --model {output.model:q}"
+        " --urdf {output.urdf:q} 2>&1 | tee {log:q} >&2"
