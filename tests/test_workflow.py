@@ -42,6 +42,14 @@ STAND_INS = {
     ),
     "montecarlo": (["--campaign", "--robot", "--plane-mm", "--settings", "--out"], ""),
     "evaluate": (["--campaign-dir", "--poses", "--calibration", "--out"], ""),
+    "export": (
+        ["--calibration", "--model", "--urdf"],
+        """
+        for path in (a.model, a.urdf):
+            write_text(Path(path), a.calibration)
+        """,
+    ),
+    "coverage": (["--campaigns", "--settings", "--out"], ""),
     "figures": (
         ["--figure", "--campaign-dir", "--results-dir", "--settings", "--out-dir"],
         """
