@@ -29,14 +29,15 @@ Array = NDArray[np.float64]
 #: Precision and difference steps with which nested differences do reach the same answer: the inner
 #: minimum must be much sharper than what the outer step moves it by.
 _INNER = {"diff_step": 1e-6, "ftol": 1e-15, "xtol": 1e-15, "gtol": 1e-15}
-_OUTER = {"jac": "3-point", "diff_step": 1e-2, "ftol": 1e-15, "xtol": 1e-13, "gtol": 1e-15}
+_OUTER = {"jac": "3-point", "diff_step": 1e-3, "ftol": 1e-15, "xtol": 1e-13, "gtol": 1e-15}
 _SIZES = (81, 300, 1000, 3000, 10_000)
 
 
 def problem(poses: int) -> TwoLevel:
     """Build a calibration of so many poses with noise of 10 um and 50 urad."""
     rng = np.random.default_rng(poses)
-    model = baseline(load_arm("pa10_6ce"), (2, 3, 5), Tolerances())
+    tau_ref_Nm = np.array([1.0, 110.0, 75.0, 1.0, 10.0, 1.0])
+    model = baseline(load_arm("pa10_6ce"), (2, 3, 5), Tolerances(), tau_ref_Nm=tau_ref_Nm)
     q_rad = np.array([0.3, 0.35, 1.4, 0.2, -0.5, 0.4]) + rng.uniform(-0.5, 0.5, (poses, 6))
     tau_Nm = rng.uniform(-0.2, 1.0, (poses, 6)) * [0.0, -110.0, -75.0, 0.0, -10.0, 0.0]
     states = PoseStates(

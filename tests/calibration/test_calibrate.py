@@ -210,16 +210,29 @@ def test_linear_springs_fit_worse_and_have_no_cubic_part(pa10, observe):
     assert reported.values[names.index("K_cub_3")] == 0.0
 
 
-def test_negative_stiffness_ends_at_the_bound(pa10, model, truth, observe):
+def test_negative_stiffness_ends_at_the_bound(model, truth, observe, states, T_cmm_base):
     """Data of a softening spring: K_cub is put on zero and said to be there."""
     names = [parameter.name for parameter in model.parameters]
-    soft = truth.copy()
-    soft[names.index("hardening_3")] *= -1.0
-    found = calibrate(model, observe(noise=0.0, x=soft), QUICK, AS_MEASURED)
-    assert found.solution.x[names.index("hardening_3")] == 0.0
-    assert [n for n, held in zip(names, found.solution.at_bound, strict=True) if held] == [
-        "hardening_3"
-    ]
+    linear = truth.copy()
+    linear[names.index("cubic_share_3")] = 0.0
+    torque = states.tau_Nm[:, 2]
+    softer = 4e-9 * torque**3  # on top of a linear spring, growing faster than the torque
+    moved = replace(states, q_rad=states.q_rad - softer[:, None] * np.eye(6)[2])
+    observations = replace(observe(), T_cmm_ee=T_cmm_base @ model.predict(moved, linear))
+    found = calibrate(model, observations, QUICK, AS_MEASURED)
+    held = [n for n, at_end in zip(names, found.solution.at_bound, strict=True) if at_end]
+    assert "cubic_share_3" in held
+    assert found.solution.x[names.index("cubic_share_3")] == 0.0
+
+
+def test_reference_torque_does_not_change_the_answer(pa10, model, observe, calibrated):
+    other = baseline(
+        pa10, (2, 3, 5), Tolerances(), tau_ref_Nm=np.array([1.0, 90.0, 60.0, 1.0, 8.0, 1.0])
+    )
+    found = calibrate(other, observe(noise=1.0), QUICK, AS_MEASURED)
+    here, there = model.report(calibrated.solution.x), other.report(found.solution.x)
+    free = [p.name not in calibrated.open_parameters for p in here.parameters]
+    np.testing.assert_allclose(there.values[free], here.values[free], rtol=1e-6)
 
 
 def test_l_curve_trades_misfit_for_departure(calibrated):

@@ -11,8 +11,11 @@ from pa10cal.terms.offsets import Tolerances, base_frame, link_departures
 TERMS = {
     "link departures": (link_departures(load_arm("pa10_6ce"), Tolerances()), None),
     "base frame": (base_frame(), None),
-    "cubic spring": (JointSpring(3), JointSpring(3).solved(1.3e4, 1.5e7)),
-    "linear spring": (JointSpring(5, cubic=False), JointSpring(5, cubic=False).solved(2.5e3, 0.0)),
+    "cubic spring": (JointSpring(3, 70.0), JointSpring(3, 70.0).solved(1.3e4, 1.5e7)),
+    "linear spring": (
+        JointSpring(5, 8.0, cubic=False),
+        JointSpring(5, 8.0, cubic=False).solved(2.5e3, 0.0),
+    ),
 }
 
 
@@ -64,9 +67,22 @@ def test_reported_parameters_lead_back_to_solved_ones(cubic):
     model = baseline(load_arm("pa10_6ce"), (2, 3, 5), Tolerances(), cubic=cubic)
     rng = np.random.default_rng(5)
     x = model.scale * rng.uniform(1, 50, len(model.parameters))
+    for tau_ref in (None, np.full(6, 50.0)):
+        # Whatever the reference torque, the same stiffness predicts the same poses.
+        other = baseline(
+            load_arm("pa10_6ce"), (2, 3, 5), Tolerances(), cubic=cubic, tau_ref_Nm=tau_ref
+        )
+        report = model.report(x)
+        named = {p.name: v for p, v in zip(report.parameters, report.values, strict=True)}
+        states = some_states()
+        np.testing.assert_allclose(
+            other.predict(states, solved_parameters(other, named)),
+            model.predict(states, x),
+            atol=1e-13,
+        )
     report = model.report(x)
     named = {p.name: v for p, v in zip(report.parameters, report.values, strict=True)}
-    np.testing.assert_allclose(solved_parameters(model, named), x, rtol=1e-14)
+    np.testing.assert_allclose(solved_parameters(model, named), x, rtol=1e-12)
 
 
 def test_a_flexible_joint_must_exist():

@@ -1,9 +1,8 @@
 """The torsional spring of a joint, paper equation (1), solved in closed form.
 
-With compliance c = 1 / K_lin and hardening h = K_cub / K_lin the equation
-tau = K_lin delta + K_cub delta^3 reads delta + h delta^3 = c tau, which has one real root for the
-positive stiffness that the paper asks for. Below h = 0 the cubic would fold over and lose its
-root; a solver on its way may step there, so the root's tangent in h continues it smoothly.
+In units of a reference torque and of the deflection there, equation (1) reads
+(1 - s) x + s x^3 = t: s is the share of the cubic part at the reference. Every s from 0 (linear) to
+below 1 (cubic alone) is an ordinary point, and x has one real root.
 """
 
 from __future__ import annotations
@@ -15,43 +14,52 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Below this h (c tau)^2 the root is c tau - h (c tau)^3 to the last digit; so it is continued for
-#: negative h, where the cubic has lost its root.
+#: Below this s t^2 the root is t + s (t - t^3) to the last digit.
 _SERIES_SUFFICES = 1e-9
 
 
 @dataclass(frozen=True)
-class Deflection:
-    """Deflection of a spring and its derivatives.
+class UnitDeflection:
+    """Deflection of a spring over that at the reference torque.
 
     Attributes:
-        delta_rad: (P,) motor position minus link position.
-        by_compliance: (P,) derivative by c [N m].
-        by_hardening: (P,) derivative by h [rad^3].
+        x: (P,) the root.
+        by_share: (P,) its derivative by the cubic share.
     """
 
-    delta_rad: Array
-    by_compliance: Array
-    by_hardening: Array
+    x: Array
+    by_share: Array
 
 
-def deflect(tau_Nm: Array, compliance: float, hardening: float) -> Deflection:
-    """Solve delta + h delta^3 = c tau.
+def unit_deflection(t: Array, share: float) -> UnitDeflection:
+    """Solve (1 - s) x + s x^3 = t.
 
     Args:
-        tau_Nm: (P,) torque the spring carries.
-        compliance: c = 1 / K_lin [rad/(N m)]; zero is a rigid joint.
-        hardening: h = K_cub / K_lin [1/rad^2]; negative values are the continuation above.
+        t: (P,) torque over the reference torque.
+        share: s, 0 <= s < 1.
     """
-    linear = compliance * tau_Nm
-    if hardening * np.max(linear**2, initial=0.0) <= _SERIES_SUFFICES:
-        cube = linear**3
-        slope = 1.0 - 3.0 * hardening * linear**2
-        return Deflection(linear - hardening * cube, tau_Nm * slope, -cube)
-    # Cardano in its hyperbolic form: no cancellation, down to the smallest h.
-    reach = np.sqrt(3.0 * hardening)
-    delta = 2.0 / reach * np.sinh(np.arcsinh(1.5 * reach * linear) / 3.0)
-    # One Newton step takes off the rounding of the two transcendental functions.
-    delta = delta - (delta + hardening * delta**3 - linear) / (1.0 + 3.0 * hardening * delta**2)
-    slope = 1.0 + 3.0 * hardening * delta**2
-    return Deflection(delta, tau_Nm / slope, -(delta**3) / slope)
+    if share * max(1.0, float(np.max(t**2, initial=0.0))) <= _SERIES_SUFFICES:
+        x = t + share * (t - t**3)
+    else:
+        # Cardano in its hyperbolic form: no cancellation. One Newton step takes off the rounding.
+        reach = np.sqrt(3.0 * share / (1.0 - share))
+        x = 2.0 / reach * np.sinh(np.arcsinh(1.5 * reach * t / (1.0 - share)) / 3.0)
+        x = x - ((1.0 - share) * x + share * x**3 - t) / ((1.0 - share) + 3.0 * share * x**2)
+    slope = (1.0 - share) + 3.0 * share * x**2
+    return UnitDeflection(x, (x - x**3) / slope)
+
+
+def deflection_rad(tau_Nm: Array, k_lin: float, k_cub: float) -> Array:
+    """Solve tau = K_lin delta + K_cub delta^3 for delta, (P,).
+
+    Args:
+        tau_Nm: (P,) torques.
+        k_lin: K_lin > 0 [N m/rad].
+        k_cub: K_cub >= 0 [N m/rad^3].
+    """
+    unit_rad = np.sqrt(k_lin / k_cub) if k_cub > 0 else 1.0
+    if k_cub == 0 or not np.isfinite(unit_rad):
+        return tau_Nm / k_lin
+    # In this unit linear and cubic part are equal at x = 1: s = 1/2, t = tau / (2 K_lin unit).
+    found: Array = unit_rad * unit_deflection(tau_Nm / (2.0 * k_lin * unit_rad), 0.5).x
+    return found

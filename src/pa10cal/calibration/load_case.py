@@ -129,7 +129,13 @@ def work_out(
     options = study.options
     cubic, linear = (
         calibrate(
-            baseline(arm, study.flexible_joints, study.tolerances, cubic=is_cubic),
+            baseline(
+                arm,
+                study.flexible_joints,
+                study.tolerances,
+                cubic=is_cubic,
+                tau_ref_Nm=np.abs(used.states.tau_Nm).max(axis=0),
+            ),
             used,
             options,
             errors,

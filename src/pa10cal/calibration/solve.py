@@ -17,8 +17,10 @@ from pa10cal.terms.model import Model
 Array = NDArray[np.float64]
 
 #: Relative changes at which the Gauss-Newton steps that follow converge to the last digit.
-FULL_PRECISION = 1e-10
+FULL_PRECISION = 1e-13
 _POLISHING_STEPS = 8
+#: Rounding of a cost near its minimum, relative.
+_NO_WORSE = 1e-9
 #: Distances from a bound, in scales: where a start is moved to, and what counts as being on it.
 _INSIDE = 1e-3
 _NEAR_BOUND = 1e-2
@@ -102,7 +104,7 @@ def solve(
     at_upper = (upper - result.x < _NEAR_BOUND) & (result.grad < 0)
     at_bound = at_lower | at_upper
     z = np.where(at_lower, lower, np.where(at_upper, upper, result.x))
-    z = _polish(z, residuals, jacobian, ~at_bound)
+    z = _polish(z, residuals, jacobian, ~at_bound, (lower, upper))
     return Solution(
         x=z * scale,
         at_bound=at_bound,
@@ -118,19 +120,24 @@ def _polish(
     residuals: Callable[[Array], Array],
     jacobian: Callable[[Array], Array],
     free: NDArray[np.bool_],
+    ends: tuple[Array, Array],
 ) -> Array:
-    """Take Gauss-Newton steps while they shrink: the last digits that a cost cannot show."""
-    last = np.inf
+    """Take Gauss-Newton steps while they shrink: the last digits that a cost cannot show.
+
+    Where the valley is too long for them, the point that the solver gave stays.
+    """
+    last, cost = np.inf, float(np.sum(residuals(z) ** 2))
     for _ in range(_POLISHING_STEPS):
         matrix = jacobian(z)[:, free]
         size = np.linalg.norm(matrix, axis=0)
-        size[size == 0.0] = 1.0  # the hardening of a rigid joint moves nothing
+        size[size == 0.0] = 1.0  # the cubic share of a rigid joint moves nothing
         step = np.zeros(len(z))
         step[free] = lstsq(matrix / size, -residuals(z), lapack_driver="gelsy")[0] / size
         length = float(np.linalg.norm(step))
-        if not length < 0.5 * last:
+        ahead = np.clip(z + step, *ends)
+        if not length < 0.5 * last or np.sum(residuals(ahead) ** 2) > cost * (1.0 + _NO_WORSE):
             break
-        z, last = z + step, length
+        z, last = ahead, length
     return z
 
 

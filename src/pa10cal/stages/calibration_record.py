@@ -248,9 +248,13 @@ def _record(parameter: Parameter, value: float, std: float) -> dict[str, Any]:
 
 
 def _at_bound(calibration: Calibration, report: Report) -> frozenset[str]:
-    """Return the reported parameters that stand or fall with a parameter at its bound."""
+    """Return the reported parameters that stand or fall with a parameter at its bound.
+
+    A linear spring's K_cub is at its end, zero, while its K_lin is an ordinary number.
+    """
     held = np.flatnonzero(calibration.solution.at_bound)
     touched = np.abs(report.jacobian[:, held]).sum(axis=1) > 0
+    at_zero = touched & (report.values == 0.0)
     names = (parameter.name for parameter in report.parameters)
-    # A spring at its bound: K_cub = 0 for no hardening, K_lin and K_cub for no compliance.
-    return frozenset(name for name, moved in zip(names, touched, strict=True) if moved)
+    flagged = at_zero if at_zero.any() else touched
+    return frozenset(name for name, is_held in zip(names, flagged, strict=True) if is_held)

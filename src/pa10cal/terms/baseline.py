@@ -16,7 +16,12 @@ Array = NDArray[np.float64]
 
 
 def baseline(
-    arm: Arm, flexible_joints: tuple[int, ...], tolerances: Tolerances, *, cubic: bool = True
+    arm: Arm,
+    flexible_joints: tuple[int, ...],
+    tolerances: Tolerances,
+    *,
+    cubic: bool = True,
+    tau_ref_Nm: Array | None = None,
 ) -> Model:
     """Build the paper's model of an arm (Section II.C, Table I).
 
@@ -25,6 +30,8 @@ def baseline(
         flexible_joints: joints 1 … n with a spring; the others are rigid.
         tolerances: manufacturing tolerances of the link parameters.
         cubic: whether the springs have a cubic coefficient.
+        tau_ref_Nm: (n,) torques at which the springs' solved parameters are stated, best the
+            largest in the data; the rated torques where None. The model is the same.
 
     Raises:
         CalibrationError: when a flexible joint is not one of the arm's.
@@ -38,7 +45,11 @@ def baseline(
                 allowed=f"1 to {arm.n}",
                 remedy="correct the list",
             )
-    springs = tuple(JointSpring(joint, cubic) for joint in sorted(set(flexible_joints)))
+    tau_Nm = arm.torque_limit_Nm if tau_ref_Nm is None else tau_ref_Nm
+    springs = tuple(
+        JointSpring(joint, float(tau_Nm[joint - 1]), cubic)
+        for joint in sorted(set(flexible_joints))
+    )
     return Model(Chain.of(arm), (link_departures(arm, tolerances), *springs))
 
 

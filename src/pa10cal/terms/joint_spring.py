@@ -7,53 +7,54 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.springs import Deflection, deflect
+from pa10cal.arm.springs import UnitDeflection, deflection_rad, unit_deflection
 from pa10cal.arm.state import PoseStates
 from pa10cal.terms.term import Parameter, Report
 
 Array = NDArray[np.float64]
 
-#: Sizes of c and h that harmonic drives of this class show; they scale the solver's steps only.
-_COMPLIANCE_SCALE = 1e-6
-_HARDENING_SCALE = 300.0
-
-#: Ends of the physical range: a joint that counts as rigid and one too soft to carry an arm
-#: [rad/(N m)]; hardening that would double the stiffness within 0.6 mrad [1/rad^2].
-_RIGID = 1e-9
-_SOFTEST = 2e-3
-_HARDEST = 1e6
+#: Sizes by which the solver scales, near what a good campaign can tell.
+_WINDUP_SCALE_RAD = 1e-5
+_SHARE_SCALE = 1e-2
+#: Ends of the physical range: a joint that counts as rigid, one too soft to carry an arm [rad],
+#: and a spring that is all but cubic.
+_RIGID_RAD = 1e-7
+_SOFTEST_RAD = 0.1
+_LARGEST_SHARE = 0.95
 
 
 @dataclass(frozen=True)
 class JointSpring:
     """A spring between motor and link of one joint, under the measured torque.
 
-    Solved in compliance c = 1/K_lin and hardening h = K_cub/K_lin, in which the pose is nearly
-    linear and a rigid joint is an ordinary point; reported as K_lin and K_cub. Stiffness is
-    positive, as the paper asks.
+    Solved in its windup at a reference torque and the share of the cubic part there, which stay
+    bounded and nearly independent however much the data tell; reported as K_lin and K_cub.
+    Stiffness is positive, as the paper asks.
 
     Attributes:
         joint: 1 … n.
+        tau_ref_Nm: reference torque, best the largest that the joint carried.
         cubic: whether K_cub is an unknown; a linear spring has K_cub = 0.
     """
 
     joint: int
+    tau_ref_Nm: float
     cubic: bool = True
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return compliance and, for a cubic spring, hardening."""
-        compliance = Parameter(
-            f"compliance_{self.joint}",
-            "rad/(N m)",
-            _COMPLIANCE_SCALE,
-            lower=_RIGID,
-            upper=_SOFTEST,
+        """Return windup and, for a cubic spring, the cubic share."""
+        windup = Parameter(
+            f"windup_{self.joint}",
+            "rad",
+            _WINDUP_SCALE_RAD,
+            lower=_RIGID_RAD,
+            upper=_SOFTEST_RAD,
         )
-        hardening = Parameter(
-            f"hardening_{self.joint}", "1/rad^2", _HARDENING_SCALE, lower=0.0, upper=_HARDEST
+        share = Parameter(
+            f"cubic_share_{self.joint}", "1", _SHARE_SCALE, lower=0.0, upper=_LARGEST_SHARE
         )
-        return (compliance, hardening) if self.cubic else (compliance,)
+        return (windup, share) if self.cubic else (windup,)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -62,36 +63,37 @@ class JointSpring:
 
     def shift(self, states: PoseStates, x: Array) -> Array:
         """Return minus the deflection, (P, 1)."""
-        return -self._deflect(states, x).delta_rad[:, None]
+        shift: Array = -x[0] * self._unit(states, x).x[:, None]
+        return shift
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the derivative of `shift`, (P, 1, k), by the implicit-function theorem."""
-        deflection = self._deflect(states, x)
-        slopes = [-deflection.by_compliance, -deflection.by_hardening]
+        unit = self._unit(states, x)
+        slopes = [-unit.x, -x[0] * unit.by_share]
         return np.stack(slopes[: len(x)], axis=-1)[:, None, :]
 
     def report(self, x: Array) -> Report:
-        """Return K_lin = 1/c and K_cub = h/c."""
-        compliance = x[0]
-        hardening = x[1] if self.cubic else 0.0
+        """Return K_lin and K_cub."""
+        windup, share = x[0], x[1] if self.cubic else 0.0
+        tau = self.tau_ref_Nm
         names = (
             Parameter(f"K_lin_{self.joint}", "N m/rad", 1e3),
             Parameter(f"K_cub_{self.joint}", "N m/rad^3", 1e7),
         )
-        values = np.array([1.0 / compliance, hardening / compliance])
-        jacobian = np.array(
+        values = tau * np.array([(1.0 - share) / windup, share / windup**3])
+        jacobian = tau * np.array(
             [
-                [-1.0 / compliance**2, 0.0],
-                [-hardening / compliance**2, 1.0 / compliance],
+                [-(1.0 - share) / windup**2, -1.0 / windup],
+                [-3.0 * share / windup**4, 1.0 / windup**3],
             ]
         )
         return Report(names, values, jacobian[:, : len(x)])
 
     def solved(self, k_lin: float, k_cub: float) -> Array:
         """Return the solved parameters of a spring of known stiffness."""
-        return np.array([1.0 / k_lin, k_cub / k_lin][: 2 if self.cubic else 1])
+        windup = float(deflection_rad(np.array([self.tau_ref_Nm]), k_lin, k_cub)[0])
+        return np.array([windup, k_cub * windup**3 / self.tau_ref_Nm][: 2 if self.cubic else 1])
 
-    def _deflect(self, states: PoseStates, x: Array) -> Deflection:
-        return deflect(
-            states.tau_Nm[:, self.joint - 1], float(x[0]), float(x[1]) if self.cubic else 0.0
-        )
+    def _unit(self, states: PoseStates, x: Array) -> UnitDeflection:
+        share = float(x[1]) if self.cubic else 0.0
+        return unit_deflection(states.tau_Nm[:, self.joint - 1] / self.tau_ref_Nm, share)

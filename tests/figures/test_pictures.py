@@ -1,0 +1,97 @@
+"""Every picture: drawn from real records, legible, and the same bytes each time."""
+
+import os
+import pickle
+import subprocess
+import sys
+from importlib import import_module
+from itertools import combinations
+
+import pytest
+from matplotlib.backends.backend_agg import RendererAgg
+from matplotlib.text import Text
+
+from pa10cal.figures.catalogue import FIGURES
+from pa10cal.figures.style import WIDTH_MM, looks, write_figure
+
+DPI = 80
+LEAST_POINTS = 8.0
+
+DRAW_ALL = """
+import pickle, sys
+from importlib import import_module
+from pathlib import Path
+from pa10cal.figures.style import looks, write_figure
+results = pickle.loads(bytes.fromhex(sys.argv[1]))
+for name in sys.argv[4:]:
+    with looks():
+        figure = import_module(f"pa10cal.figures.{name}").draw(results)
+        write_figure(figure, results.footer, Path(sys.argv[2]), name, int(sys.argv[3]))
+"""
+
+
+@pytest.fixture(scope="module")
+def drawn(results, tmp_path_factory):
+    """Write every figure; return the folder, and each one's texts with the boxes they fill."""
+    place = tmp_path_factory.mktemp("drawn")
+    texts = {name: {} for name in FIGURES}
+    draw_text = Text.draw
+    with pytest.MonkeyPatch.context() as patch:
+        for name in FIGURES:
+
+            def draw(text, renderer, *rest, seen=texts[name], **more):
+                draw_text(text, renderer, *rest, **more)
+                if isinstance(renderer, RendererAgg) and text.get_visible() and text.get_text():
+                    seen[text] = (text.get_window_extent(renderer), renderer)
+
+            patch.setattr(Text, "draw", draw)
+            with looks():
+                figure = import_module(f"pa10cal.figures.{name}").draw(results)
+                write_figure(figure, results.footer, place, name, DPI)
+    return place, texts
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_is_written_in_three_formats(drawn, name):
+    place, _ = drawn
+    starts = {"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}
+    for ending, start in starts.items():
+        assert (place / f"{name}.{ending}").read_bytes().startswith(start)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(drawn, name):
+    texts = drawn[1][name]
+    assert len(texts) > 10
+    for text, (box, renderer) in texts.items():
+        assert text.get_fontsize() >= LEAST_POINTS, text
+        assert renderer.width <= DPI * WIDTH_MM / 25.4 + 1
+        assert box.x0 >= -1, text
+        assert box.y0 >= -1, text
+        assert box.x1 <= renderer.width + 1, text
+        assert box.y1 <= renderer.height + 1, text
+    # The box of a slanted text, on an axis in space, is larger than the text.
+    straight = [text for text in texts if text.get_rotation() % 90 == 0]
+    overlapping = [
+        (first.get_text(), second.get_text())
+        for first, second in combinations(straight, 2)
+        if texts[first][0].padded(-1).overlaps(texts[second][0].padded(-1))
+    ]
+    assert not overlapping
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_says_what_it_was_drawn_from(drawn, name):
+    texts = [text.get_text() for text in drawn[1][name]]
+    footer = "Campaign cell-null. Synthetic data (virtual cell, independent of this project)"
+    assert footer in texts
+    assert any("[mm]" in text or "[%]" in text or "tolerance" in text for text in texts)
+
+
+def test_another_process_writes_the_same_bytes(drawn, results, tmp_path):
+    place, _ = drawn
+    words = [pickle.dumps(results).hex(), str(tmp_path), str(DPI), *FIGURES]
+    env = {**os.environ, "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo", "SOURCE_DATE_EPOCH": "1"}
+    subprocess.run([sys.executable, "-c", DRAW_ALL, *words], check=True, env=env, timeout=120)
+    for path in place.iterdir():
+        assert (tmp_path / path.name).read_bytes() == path.read_bytes(), path.name

@@ -1,0 +1,41 @@
+"""The scatter of repeats, against numpy's own variance."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pa10cal.figures.repeats import scatter_by_load
+from pa10cal.figures.results import Poses
+
+
+def poses(p_mm, loads, kind="grid"):
+    """Poses of shape (loads, configurations, repeats, 3), in any order of loads."""
+    count, configurations, repeats = p_mm.shape[:3]
+    each = configurations * repeats
+    labels = np.tile(np.repeat([f"P{k}" for k in range(configurations)], repeats), count)
+    return Poses(
+        kind=np.full(count * each, kind),
+        pose=labels,
+        load_N=np.repeat(np.array(loads, dtype=float), each),
+        repeat=np.tile(np.arange(repeats), count * configurations),
+        p_cmm_mm=p_mm.reshape(-1, 3),
+    )
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**31), st.integers(1, 4), st.integers(2, 5))
+def test_is_the_standard_deviation_of_the_distance(seed, configurations, repeats):
+    p_mm = np.random.default_rng(seed).normal(500.0, 0.02, (2, configurations, repeats, 3))
+    found = scatter_by_load(poses(p_mm, [44, 0]))
+    expected = np.sqrt(p_mm.var(axis=2, ddof=1).sum(axis=2))
+    assert list(found) == ["0", "44"]
+    for name, at in (("44", 0), ("0", 1)):
+        assert found[name].largest_mm == pytest.approx(expected[at].max(), rel=1e-6)
+        assert found[name].mean_mm == pytest.approx(expected[at].mean(), rel=1e-6)
+
+
+def test_nothing_is_known_without_repeats_or_without_grid_poses():
+    p_mm = np.zeros((1, 3, 1, 3))
+    assert scatter_by_load(poses(p_mm, [0])) == {}
+    assert scatter_by_load(poses(np.zeros((1, 1, 4, 3)), [0], kind="holdout")) == {}

@@ -1,0 +1,123 @@
+"""Results are read whole, or refused with what is wrong and what to do."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from pa10cal.errors import RawDataError
+
+
+@pytest.fixture
+def spoiled(results, tmp_path):
+    """A copy of the results, to spoil."""
+    shutil.copytree(results.folder, tmp_path / "copy")
+    return replace(results, folder=tmp_path / "copy")
+
+
+def change(path, **changes):
+    content = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps({**content, **changes}), encoding="utf-8")
+
+
+def test_loads_are_those_that_the_combined_calibration_was_fitted_to(spoiled):
+    (spoiled.folder / "calibration/7N.json").write_text("stale", encoding="utf-8")
+    cases = spoiled.load_cases()
+    assert list(cases) == ["0", "22", "44"]
+    assert cases["22"].load == "22N"
+
+
+def test_planes_are_those_of_the_settings(results):
+    assert [plane.plane_mm for plane in results.planes()] == [300, 500, 700]
+
+
+def test_poses_come_in_order_of_time(results):
+    poses = results.poses()
+    assert len(poses.kind) == len(poses.p_cmm_mm) == 952
+    assert list(poses.kind[[0, 11, 22, -1]]) == ["line_x", "line_y", "grid", "holdout"]
+
+
+@pytest.mark.parametrize(
+    ("name", "read", "stage"),
+    [
+        ("calibration/combined.json", lambda r: r.calibration(), "calibrate"),
+        ("calibration/22N.json", lambda r: r.load_cases(), "calibrate"),
+        ("evaluation/holdout.json", lambda r: r.held_out(), "evaluate"),
+        ("seed/base_frame.json", lambda r: r.base_frame(), "seed"),
+        ("montecarlo/z500.json", lambda r: r.planes(), "montecarlo"),
+        ("ingest/poses.parquet", lambda r: r.poses(), "ingest"),
+    ],
+)
+class TestRefuses:
+    def test_what_is_missing(self, spoiled, name, read, stage):
+        (spoiled.folder / name).unlink()
+        with pytest.raises(RawDataError, match=rf"{name}: .*missing.*run the {stage} stage first"):
+            read(spoiled)
+
+    def test_what_is_broken(self, spoiled, name, read, stage):
+        (spoiled.folder / name).write_text("{", encoding="utf-8")
+        with pytest.raises(RawDataError, match=rf"{name}: .*cannot be read.*{stage} stage again"):
+            read(spoiled)
+
+    def test_what_follows_another_schema(self, spoiled, name, read, stage):
+        path = spoiled.folder / name
+        if path.suffix == ".json":
+            change(path, schema="other/1")
+        else:
+            table = pq.read_table(path)
+            pq.write_table(table.replace_schema_metadata({"schema": "other/1"}), path)
+        with pytest.raises(RawDataError, match=r"'other/1'.*pa10cal-"):
+            read(spoiled)
+
+    def test_what_belongs_to_another_campaign(self, spoiled, name, read, stage):
+        stranger = replace(spoiled, campaign="cell-z")
+        with pytest.raises(RawDataError, match=r"another campaign's \(got 'cell-null'\).*cell-z"):
+            read(stranger)
+
+
+def test_names_the_key_that_is_missing(spoiled):
+    change(spoiled.folder / "evaluation/holdout.json", models={"linear": {"mean_mm": 1}})
+    with pytest.raises(RawDataError, match=r"models\.linear\.peak_mm: Field required"):
+        spoiled.held_out()
+
+
+def test_names_the_column_that_is_missing(spoiled):
+    path = spoiled.folder / "ingest/poses.parquet"
+    table = pq.read_table(path)
+    pq.write_table(table.drop_columns(["ee_z_mm"]), path)
+    with pytest.raises(RawDataError, match="ee_z_mm"):
+        spoiled.poses()
+
+
+def test_an_array_is_no_result(spoiled):
+    (spoiled.folder / "seed/base_frame.json").write_text("[]", encoding="utf-8")
+    with pytest.raises(RawDataError, match="no schema"):
+        spoiled.base_frame()
+
+
+def test_a_table_of_something_else_is_no_table_of_poses(spoiled):
+    pq.write_table(pa.table({"a": [1]}), spoiled.folder / "ingest/poses.parquet")
+    with pytest.raises(RawDataError, match="cannot be read"):
+        spoiled.poses()
+
+
+@pytest.mark.parametrize(
+    ("provenance", "footer"),
+    [
+        ("virtual cell, by others", "Synthetic data (virtual cell, by others)"),
+        ("synthetic: written by a cell; more", "Synthetic data (written by a cell)"),
+        ("Simulated arm", "Synthetic data (Simulated arm)"),
+        ("synthetic", "Synthetic data"),
+        ("measured in hall 3, 2008", "measured in hall 3, 2008"),
+    ],
+)
+def test_footer_says_plainly_when_data_are_synthetic(results, provenance, footer):
+    assert replace(results, provenance=provenance).footer == f"Campaign cell-null. {footer}"
+
+
+def test_parameters_of_another_arm_are_not_compared_with_the_papers(results):
+    assert results.published("delta_a_1") == 0.33e-3
+    assert replace(results, robot="other").published("delta_a_1") is None
