@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 COMBINED = "combined"
 #: Weights of the L-curve: from no influence to next to no departures.
-_L_CURVE_WEIGHTS = np.geomspace(1e-6, 1e-2, 13)
+_L_CURVE_WEIGHTS = np.geomspace(1e-6, 3e-2, 14)
 
 
 @dataclass(frozen=True)
