@@ -53,7 +53,7 @@ STAND_INS = {
     "figures": (
         ["--figure", "--campaign-dir", "--results-dir", "--settings", "--out-dir"],
         """
-        endings = ["csv", "md"] if a.out_dir.endswith("tables") else ["svg", "pdf", "png"]
+        endings = ["csv", "md", "html"] if a.out_dir.endswith("tables") else ["svg", "pdf", "png"]
         for ending in endings:
             write_text(Path(a.out_dir) / f"{a.figure}.{ending}", a.figure)
         """,

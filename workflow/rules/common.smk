@@ -140,9 +140,10 @@ def figure_files(name, title):
 
 
 def table_files(name, title):
-    """What is written of a table; the CSV goes into the report."""
+    """What is written of a table; the page goes into the report, which shows no CSV."""
     return {
-        "csv": _reported(f"tables/{name}.csv", name, title),
+        "html": _reported(f"tables/{name}.html", name, title),
+        "csv": result(f"tables/{name}.csv"),
         "markdown": result(f"tables/{name}.md"),
     }
 

@@ -1,0 +1,104 @@
+"""A figure of the paper beside ours, and what ours is taken from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from pa10cal.figures import published
+from pa10cal.figures.records import Accuracy, Calibration, HeldOut, Plane
+from pa10cal.figures.repeats import Scatter, scatter_by_load
+from pa10cal.figures.results import Results
+
+NOT_MEASURED = "not measured"
+NOT_COMPUTED = "not computed"
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One figure of the paper.
+
+    Attributes:
+        quantity, condition, unit: what it is.
+        paper: as printed.
+        ours: from this campaign.
+        source: where in the paper it stands.
+        recomputed: from the paper's other figures, where it draws a conclusion from them.
+        remark: what to know before comparing.
+    """
+
+    quantity: str
+    condition: str
+    unit: str
+    paper: str
+    ours: str
+    source: str
+    recomputed: str = ""
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What our side of the comparison is taken from.
+
+    Attributes:
+        combined: calibration of all loads together.
+        cases: calibration of each load, by load as `0`, `22`, ....
+        held_out: evaluation on held-out points.
+        scatter: of repeats, by load.
+        planes: Monte Carlo by height [mm].
+        instrument_uncertainty_mm: as the campaign states it.
+        kcub_reading: which of the paper's cubic stiffnesses stands beside ours.
+    """
+
+    combined: Calibration
+    cases: dict[str, Calibration]
+    held_out: HeldOut
+    scatter: dict[str, Scatter]
+    planes: dict[int, Plane]
+    instrument_uncertainty_mm: float
+    kcub_reading: str
+
+    def before(self, load: int) -> Accuracy | None:
+        """Return the errors of the nominal model at a load, None where it was not measured."""
+        errors = self.combined.errors.get(str(load))
+        return None if errors is None else errors.before
+
+    def after(self, load: int) -> Accuracy | None:
+        """Return the errors at a load of the calibration at this load alone."""
+        case = self.cases.get(str(load))
+        return None if case is None else case.errors[str(load)].after
+
+    def after_combined(self, load: int) -> Accuracy | None:
+        """Return the errors at a load of the calibration of all loads together."""
+        errors = self.combined.errors.get(str(load))
+        return None if errors is None else errors.after
+
+    @property
+    def paper_plane(self) -> Plane | None:
+        """The plane for which the paper states its Monte Carlo result, None where not run."""
+        return self.planes.get(published.MONTE_CARLO_PLANE_MM)
+
+
+def find(results: Results) -> Found:
+    """Read everything that the comparison needs."""
+    return Found(
+        combined=results.calibration(),
+        cases=results.load_cases(),
+        held_out=results.held_out(),
+        scatter=scatter_by_load(results.poses()),
+        planes={plane.plane_mm: plane for plane in results.planes()},
+        instrument_uncertainty_mm=results.instrument_uncertainty_mm,
+        kcub_reading=results.settings.kcub_reading,
+    )
+
+
+def three_figures(value: float) -> str:
+    """Return a number with three significant figures."""
+    return f"{value:#.3g}".rstrip(".")
+
+
+def with_uncertainty(value: float, std: float) -> str:
+    """Return a large number and its standard uncertainty with one power of ten."""
+    power = math.floor(math.log10(max(abs(value), std)))
+    return f"({value / 10.0**power:.3f} ± {std / 10.0**power:.3f})e{power}"

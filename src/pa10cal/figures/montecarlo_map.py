@@ -1,0 +1,85 @@
+"""The expected error from resolver uncertainty over each plane."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.patches import Circle
+from matplotlib.ticker import MultipleLocator
+
+from pa10cal.figures.records import Plane
+from pa10cal.figures.results import Results
+from pa10cal.figures.style import BLACK, new_figure, panel, write_text_at
+
+_COLUMNS = 3
+_SIZE_MM = 47.0
+_APART_MM = 4.0
+_TITLE_ROOM_MM = 8.0
+_BELOW_MM = 36.0
+
+
+def draw(results: Results) -> Figure:
+    """Draw the closed-form mean on the grid of every plane, in common colours."""
+    planes = results.planes()
+    rows = -(-len(planes) // _COLUMNS)
+    height = _BELOW_MM + rows * (_SIZE_MM + _TITLE_ROOM_MM) + 8.0
+    figure = new_figure(height, "Expected position error from resolver uncertainty alone")
+    values = np.concatenate([[row[2] for row in plane.map.rows] for plane in planes])
+    limits = float(values.min()), float(values.max())
+    for k, plane in enumerate(planes):
+        row, column = divmod(k, _COLUMNS)
+        left = 18.0 + column * (_SIZE_MM + _APART_MM)
+        bottom = height - 8.0 - (row + 1) * (_SIZE_MM + _TITLE_ROOM_MM)
+        axes = panel(figure, left, bottom, _SIZE_MM, _SIZE_MM)
+        image = _draw_plane(axes, plane, limits)
+        axes.tick_params(labelleft=column == 0, labelbottom=k + _COLUMNS >= len(planes))
+        if column == 0:
+            axes.set_ylabel("y [mm]")
+        if k + _COLUMNS >= len(planes):
+            axes.set_xlabel("x [mm]")
+    bar = panel(figure, 30.0, 17.0, 110.0, 3.0)
+    figure.colorbar(image, cax=bar, orientation="horizontal")
+    bar.set_title("mean position error [mm]")
+    bar.grid(visible=False)
+    write_text_at(
+        figure,
+        2.0,
+        6.0,
+        "Circles: the reach asked for. White between them: no posture within the joint limits.",
+    )
+    return figure
+
+
+def _draw_plane(axes: Axes, plane: Plane, limits: tuple[float, float]) -> AxesImage:
+    """Draw the map of one plane and the ring of the reachable part."""
+    spacing = plane.map.spacing_mm
+    points = np.array(plane.map.rows)
+    index = np.round(points[:, :2] / spacing).astype(int)
+    low = index.min(axis=0)
+    shape = index.max(axis=0) - low + 1
+    grid = np.full(shape[::-1], np.nan)
+    grid[index[:, 1] - low[1], index[:, 0] - low[0]] = points[:, 2]
+    left, bottom = spacing * (low - 0.5)
+    right, top = spacing * (low + shape - 0.5)
+    image = axes.imshow(
+        np.ma.masked_invalid(grid),
+        extent=(left, right, bottom, top),
+        origin="lower",
+        interpolation="nearest",
+        cmap="cividis",
+        vmin=limits[0],
+        vmax=limits[1],
+    )
+    for reach_m in plane.reach_m:
+        axes.add_patch(Circle((0.0, 0.0), 1e3 * reach_m, fill=False, linewidth=0.6))
+    axes.plot(0.0, 0.0, color=BLACK, marker="s")
+    limit = 1.08e3 * plane.reach_m[1]
+    axes.set(xlim=(-limit, limit), ylim=(-limit, limit))
+    axes.set_aspect("equal")
+    axes.grid(visible=False)
+    axes.xaxis.set_major_locator(MultipleLocator(500.0))
+    axes.yaxis.set_major_locator(MultipleLocator(500.0))
+    axes.set_title(f"z = {plane.plane_mm} mm: mean {points[:, 2].mean():.3f} mm")
+    return image

@@ -1,0 +1,36 @@
+"""Every figure that the paper states, beside the same quantity from this campaign."""
+
+from __future__ import annotations
+
+from pa10cal.figures.compared import find
+from pa10cal.figures.compared_calibration import (
+    apparatus_rows,
+    error_rows,
+    parameter_rows,
+    repeat_rows,
+)
+from pa10cal.figures.compared_prediction import claim_rows, held_out_rows, monte_carlo_rows
+from pa10cal.figures.results import Results
+from pa10cal.figures.table import Grid, Table
+
+_COLUMNS = ("quantity", "condition", "unit", "paper", "recomputed", "ours", "source", "remark")
+_NOTES = (
+    "recomputed: what the paper's own figures give, where it draws a conclusion from them.",
+    "ours: from this campaign alone, whose arm is not the one that the authors measured.",
+)
+
+
+def tabulate(results: Results) -> Table:
+    """Return the paper's figures with ours."""
+    found = find(results)
+    rows = [
+        *error_rows(found),
+        *repeat_rows(found),
+        *held_out_rows(found),
+        *monte_carlo_rows(found),
+        *parameter_rows(found),
+        *apparatus_rows(found),
+        *claim_rows(found),
+    ]
+    grid = Grid(_COLUMNS, tuple(tuple(getattr(row, name) for name in _COLUMNS) for row in rows))
+    return Table("The paper's figures beside ours", data=grid, shown=(grid,), notes=_NOTES)

@@ -1,0 +1,54 @@
+"""How parameters are written in figures and tables: kind, joint, symbol and unit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Parameters of one kind, one a joint.
+
+    Attributes:
+        key: begins their names in results.
+        symbol: as the paper writes it.
+        title: in words.
+        unit: to show them in.
+        scale: from the unit of results to the unit shown.
+        digits: format of a value in that unit.
+    """
+
+    key: str
+    symbol: str
+    title: str
+    unit: str
+    scale: float
+    digits: str
+
+    def name(self, joint: int) -> str:
+        """Return the name in results."""
+        return f"{self.key}_{joint}"
+
+    def written(self, joint: int) -> str:
+        """Return the symbol with the joint as its index."""
+        return self.symbol + str(joint).translate(_SUBSCRIPTS)
+
+
+LINKS = (
+    Kind("delta_a", "δa", "link lengths", "mm", 1e3, ".3f"),
+    Kind("delta_alpha", "δα", "twists", "mrad", 1e3, ".3f"),
+    Kind("delta_d", "δd", "offsets", "mm", 1e3, ".3f"),
+    Kind("delta_beta", "δβ", "Hayati angle", "mrad", 1e3, ".3f"),
+    Kind("delta_theta", "δθ", "joint zeros", "mrad", 1e3, ".3f"),
+)
+K_LIN = Kind("K_lin", "K_lin,", "linear stiffness", "kN m/rad", 1e-3, ".2f")
+K_CUB = Kind("K_cub", "K_cub,", "cubic stiffness", "MN m/rad³", 1e-6, ".1f")
+KINDS = (*LINKS, K_LIN, K_CUB)
+
+
+def joints_of(kind: Kind, names: list[str]) -> list[int]:
+    """Return the joints that have a parameter of a kind, in order."""
+    begin = f"{kind.key}_"
+    return sorted(int(name.removeprefix(begin)) for name in names if name.startswith(begin))

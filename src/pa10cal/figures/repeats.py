@@ -1,0 +1,52 @@
+"""How much the repeats of one configuration scatter: the paper's repeatability."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pa10cal.figures.results import Poses
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Standard deviation of the measured position within one grid configuration, at one load.
+
+    That of the distance: the root of the variances along three axes together.
+
+    Attributes:
+        largest_mm: over the configurations.
+        mean_mm: over the configurations.
+    """
+
+    largest_mm: float
+    mean_mm: float
+
+    @property
+    def largest_per_axis_mm(self) -> float:
+        """Return the largest along one axis, nearest to the paper's scatter of a scalar error."""
+        return float(self.largest_mm / np.sqrt(3.0))
+
+
+def scatter_by_load(poses: Poses) -> dict[str, Scatter]:
+    """Return the scatter at each load with repeats, by load as `0`, `22`, …."""
+    grid = poses.kind == "grid"
+    load_N, p_mm = poses.load_N[grid], poses.p_cmm_mm[grid]
+    _, pose = np.unique(poses.pose[grid], return_inverse=True)
+    loads, load = np.unique(load_N, return_inverse=True)
+    _, first, group = np.unique(
+        load * (pose.max(initial=0) + 1) + pose, return_index=True, return_inverse=True
+    )
+    count = np.bincount(group)
+    mean = np.zeros((len(count), 3))
+    np.add.at(mean, group, p_mm)
+    mean /= count[:, None]
+    square = np.bincount(group, ((p_mm - mean[group]) ** 2).sum(axis=1))
+    repeated = count > 1
+    std = np.sqrt(square[repeated] / (count[repeated] - 1))
+    at = load[first][repeated]
+    return {
+        f"{loads[k]:g}": Scatter(float(std[at == k].max()), float(std[at == k].mean()))
+        for k in np.unique(at)
+    }

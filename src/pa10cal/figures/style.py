@@ -1,0 +1,150 @@
+"""How every picture looks, and how it is written: the same bytes for the same results."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from textwrap import shorten
+from typing import Any, Literal
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from pa10cal.files.output import whole_file
+
+WIDTH_MM = 170.0
+_MM_PER_INCH = 25.4
+_FOOTER_MM = 1.5
+_FOOTER_LETTERS = 112
+_TWO_DECADES = 100.0
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+# Okabe and Ito's colours, told apart by colour-blind readers.
+BLACK = "#000000"
+GREY = "#6e6e6e"
+SEPARATOR = "#bdbdbd"
+ORANGE = "#e69f00"
+SKY = "#56b4e9"
+GREEN = "#009e73"
+BLUE = "#0072b2"
+VERMILLION = "#d55e00"
+PURPLE = "#cc79a7"
+
+#: The paper's figures are black diamonds wherever they stand beside ours.
+PAPER: dict[str, Any] = {
+    "color": BLACK,
+    "marker": "D",
+    "markersize": 4.5,
+    "markerfacecolor": "white",
+}
+#: Models, in the order in which they improve.
+MODELS = {"uncalibrated": VERMILLION, "linear": GREEN, "cubic": BLUE, "extended": PURPLE}
+BEFORE, AFTER, AFTER_COMBINED = VERMILLION, BLUE, SKY
+#: One after the other for loads, planes and whatever else comes in a row.
+SERIES = (SKY, ORANGE, PURPLE, GREEN, VERMILLION, BLUE, GREY, BLACK)
+
+_LOOKS: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "figure.titlesize": 9.0,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.linewidth": 0.4,
+    "grid.color": "#d9d9d9",
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 4.0,
+    "legend.frameon": False,
+    "legend.borderaxespad": 0.0,
+    "svg.hashsalt": "pa10cal",
+    "svg.fonttype": "path",
+}
+#: Without dates and versions a picture changes only when what it shows does.
+_METADATA: dict[str, dict[str, Any]] = {
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "png": {"Software": None},
+}
+
+
+@contextmanager
+def looks() -> Iterator[None]:
+    """Draw and write with the project's looks, whatever the user's own settings are."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_LOOKS)
+        yield
+
+
+def new_figure(height_mm: float, title: str) -> Figure:
+    """Return an empty figure of the common width with its title."""
+    figure = Figure(figsize=(WIDTH_MM / _MM_PER_INCH, height_mm / _MM_PER_INCH))
+    figure.suptitle(title, x=2.0 / WIDTH_MM, y=1.0 - 1.5 / height_mm, ha="left", va="top")
+    return figure
+
+
+def height_of(figure: Figure) -> float:
+    """Return the height of a figure [mm]."""
+    return float(figure.get_figheight() * _MM_PER_INCH)
+
+
+def panel(
+    figure: Figure, x_mm: float, y_mm: float, width_mm: float, height_mm: float, **options: Any
+) -> Axes:
+    """Add axes whose frame has its lower left corner at (x, y), measured from the lower left."""
+    height = height_of(figure)
+    box = (x_mm / WIDTH_MM, y_mm / height, width_mm / WIDTH_MM, height_mm / height)
+    return figure.add_axes(box, **options)
+
+
+def plain_log(axes: Axes, along: Literal["x", "y"], low: float, high: float) -> None:
+    """Make an axis logarithmic from low to high, with plain numbers and always some of them."""
+    (axes.set_xscale if along == "x" else axes.set_yscale)("log")
+    (axes.set_xlim if along == "x" else axes.set_ylim)(low, high)
+    axis = axes.xaxis if along == "x" else axes.yaxis
+    subs = (1.0,) if high / low > _TWO_DECADES else (1.0, 2.0, 5.0)
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def power_of_ten(power: int) -> str:
+    """Return a power of ten as it is written."""
+    return "10" + str(power).translate(_SUPERSCRIPTS)
+
+
+def write_text_at(figure: Figure, x_mm: float, y_mm: float, text: str, **options: Any) -> None:
+    """Write text into the figure, placed in millimetres from the lower left."""
+    figure.text(x_mm / WIDTH_MM, y_mm / height_of(figure), text, **options)
+
+
+def say_nothing_measured(title: str, what: str) -> Figure:
+    """Return the figure that stands where a campaign holds nothing to draw."""
+    figure = new_figure(40.0, title)
+    write_text_at(figure, WIDTH_MM / 2, 20.0, what, ha="center", va="center")
+    return figure
+
+
+def write_figure(figure: Figure, footer: str, folder: Path, name: str, png_dpi: int) -> None:
+    """Write a figure as SVG, PDF and PNG with a footer: all three or none."""
+    line = shorten(footer, _FOOTER_LETTERS, placeholder=" …")
+    write_text_at(figure, 2.0, _FOOTER_MM, line, ha="left", va="bottom", color=GREY)
+    with ExitStack() as stack:
+        for ending, metadata in _METADATA.items():
+            path = stack.enter_context(whole_file(folder / f"{name}.{ending}"))
+            figure.savefig(path, format=ending, metadata=metadata, dpi=png_dpi)

@@ -1,0 +1,189 @@
+"""What pictures show is what the records say."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.quiver import Quiver, QuiverKey
+from matplotlib.text import Text
+
+from pa10cal.figures import (
+    fig4_test_path,
+    fig5_before_after,
+    fig6_holdout,
+    l_curve,
+    montecarlo_convergence,
+    montecarlo_map,
+    montecarlo_planes,
+    parameter_uncertainty,
+    residual_vectors,
+)
+from pa10cal.figures.records import LCurvePoint
+
+pytestmark = pytest.mark.usefixtures("project_looks")
+
+
+def texts_of(figure):
+    return [text.get_text() for text in figure.findobj(Text)]
+
+
+def legend_of(figure):
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+@pytest.fixture
+def changed(results, tmp_path):
+    """Copy the results with changes to the JSON of one of them."""
+
+    def copy(name, change):
+        folder = tmp_path / "changed"
+        shutil.copytree(results.folder, folder)
+        record = json.loads((folder / name).read_text("utf-8"))
+        change(record)
+        (folder / name).write_text(json.dumps(record), encoding="utf-8")
+        return replace(results, folder=folder)
+
+    return copy
+
+
+def test_the_path_is_that_of_the_arm_in_its_own_frame(results):
+    figure = fig4_test_path.draw(results)
+    space = figure.axes[0]
+    grid, held_out, line_x, line_y = (np.array(line.get_data_3d()) for line in space.lines[:4])
+    assert grid.shape == (3, 27)
+    assert held_out.shape == (3, 10)
+    T = results.base_frame()
+    poses = results.poses()
+    first = np.flatnonzero(poses.kind == "grid")[0]
+    np.testing.assert_allclose(
+        1e3 * T[:3, 3] + T[:3, :3] @ grid[:, 0], poses.p_cmm_mm[first], atol=1e-9
+    )
+    # The straight moves run along the axes of the frame that they give, to what the arm errs by.
+    assert np.ptp(line_x[0]) > 50 * np.ptp(line_x[1:], axis=1).max()
+    assert np.ptp(line_y[1]) > 50 * np.ptp(line_y[[0, 2]], axis=1).max()
+
+
+def test_before_and_after_are_written_as_recorded(results):
+    texts = texts_of(fig5_before_after.draw(results))
+    alone, together = results.load_cases(), results.calibration()
+    for load, case in alone.items():
+        before, after = case.errors[load].before, case.errors[load].after
+        assert f"{before.mean_mm:.2f} / {before.peak_mm:.2f}" in texts
+        assert f"{after.mean_mm:.3f} / {after.peak_mm:.3f}" in texts
+        errors = together.errors[load].after
+        assert f"{errors.mean_mm:.3f} / {errors.peak_mm:.3f}" in texts
+    assert {"0.58 / 1.22", "1.80 / 2.45", "0.33 / 0.71", "0.014"} <= set(texts)
+
+
+def test_the_papers_figures_stand_beside_its_own_arm_only(results):
+    other = replace(results, robot="other")
+    for module in (fig5_before_after, montecarlo_planes, parameter_uncertainty):
+        ours = legend_of(module.draw(other))
+        with_paper = legend_of(module.draw(results))
+        assert set(ours) < set(with_paper)
+        assert all("paper" in text for text in set(with_paper) - set(ours))
+    assert not any("paper:" in text for text in texts_of(fig6_holdout.draw(other)))
+
+
+def test_held_out_errors_are_drawn_load_by_load(results):
+    axes = fig6_holdout.draw(results).axes[0]
+    models = results.held_out().models
+    for line, (name, model) in zip(axes.lines, models.items(), strict=False):
+        assert name.split("_")[0] in line.get_label()
+        drawn = line.get_ydata()
+        assert len(drawn) == 40
+        assert drawn.mean() == pytest.approx(model.mean_mm)
+        at_90_N = [r.position_mm for r in model.rows if r.load_N == 90]
+        assert sorted(drawn[30:]) == pytest.approx(sorted(np.linalg.norm(at_90_N, axis=1)))
+
+
+def test_a_campaign_without_held_out_points_says_so(changed):
+    def empty(record):
+        record.update(models={}, configurations=0)
+
+    figure = fig6_holdout.draw(changed("evaluation/holdout.json", empty))
+    assert "No held-out configuration was measured." in texts_of(figure)
+
+
+def test_arrows_run_from_the_predicted_to_the_measured_place(results):
+    figure = residual_vectors.draw(results)
+    arrows = [artist for axes in figure.axes for artist in axes.findobj(Quiver)]
+    assert len(arrows) == 6
+    unloaded = [r for r in results.calibration().residuals if r.load_N == 0]
+    from_above = arrows[0]
+    np.testing.assert_allclose(from_above.X, [r.place_mm[0] for r in unloaded])
+    scale = -from_above.U / [r.position_mm[0] for r in unloaded]
+    np.testing.assert_allclose(scale, scale[0])
+    (key,) = figure.findobj(QuiverKey)
+    assert f"enlarged {scale[0]:g} times" in key.text.get_text()
+    assert key.text.get_text().startswith(f"this arrow: {key.U / scale[0]:g} mm")
+
+
+def test_open_and_bound_parameters_are_named(changed):
+    def bound(record):
+        record["parameters"]["K_cub_3"]["at_bound"] = True
+
+    texts = texts_of(parameter_uncertainty.draw(changed("calibration/combined.json", bound)))
+    assert texts.count("not identifiable: the tolerance decides") == 2
+    assert "joint 3\nat bound" in texts
+    assert "joint 5" in texts
+
+
+def points(weights, values):
+    return tuple(
+        LCurvePoint(weight=weight, misfit=value, departure=1 / value, mean_mm=2 * value)
+        for weight, value in zip(weights, values, strict=True)
+    )
+
+
+def test_both_readings_of_epsilon_are_marked_where_the_curve_reaches(changed):
+    def curve(last):
+        def put(record):
+            record["l_curve"] = [p.model_dump() for p in points([1e-6, 1.6e-4, last], [1, 2, 4])]
+
+        return put
+
+    short = legend_of(l_curve.draw(changed("calibration/combined.json", curve(1e-2))))
+    assert any("weight 0.00016: leaves 4.000 mm" in text for text in short)
+    assert any("weight 0.013: beyond the weights tried" in text for text in short)
+
+
+def test_the_second_reading_is_marked_on_a_curve_that_reaches_it(changed):
+    def put(record):
+        weights = [1e-6, 1.6e-4, 1.6e-4**0.5, 1e-1]
+        record["l_curve"] = [p.model_dump() for p in points(weights, [1, 2, 3, 4])]
+
+    long = legend_of(l_curve.draw(changed("calibration/combined.json", put)))
+    assert any("weight 0.013: leaves 6.000 mm" in text for text in long)
+
+
+def test_says_how_the_terms_act_in_the_calibration_itself(results, changed):
+    assert any("poses leave open" in text for text in texts_of(l_curve.draw(results)))
+
+    def as_printed(record):
+        record["settings"].update(tolerance_terms="all", epsilon_acts_on="cost")
+
+    texts = texts_of(l_curve.draw(changed("calibration/combined.json", as_printed)))
+    assert any("act on every departure, with ε on the cost" in text for text in texts)
+
+
+def test_the_map_shows_every_point_and_nothing_elsewhere(results):
+    plane = results.planes()[0]
+    image = montecarlo_map.draw(results).axes[0].images[0]
+    shown = image.get_array()
+    assert shown.count() == len(plane.map.rows)
+    left, right, bottom, top = image.get_extent()
+    for x_mm, y_mm, mean_mm in plane.map.rows:
+        column = int((x_mm - left) / (right - left) * shown.shape[1])
+        row = int((y_mm - bottom) / (top - bottom) * shown.shape[0])
+        assert shown[row, column] == mean_mm
+
+
+def test_convergence_ends_where_the_record_does(results):
+    running = montecarlo_convergence.draw(results).axes[0]
+    for line, plane in zip(running.lines, results.planes(), strict=False):
+        percent = 100 * (plane.mean_mm / plane.closed_form_mean_mm - 1)
+        assert line.get_ydata()[-1] == pytest.approx(percent, abs=1e-5)
+        assert line.get_xdata()[-1] == plane.cycles

@@ -1,0 +1,246 @@
+"""Tables: complete, with the paper's conclusions recomputed, and readable in every format."""
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from pa10cal.figures import paper_against_ours, published, table1_parameters
+from pa10cal.figures.results import PictureSettings
+from pa10cal.figures.table import Grid, Table, write_table
+
+
+@pytest.fixture(scope="module")
+def compared(results):
+    return rows_of(paper_against_ours.tabulate(results))
+
+
+def rows_of(table):
+    return [dict(zip(table.data.header, row, strict=True)) for row in table.data.rows]
+
+
+def one(rows, quantity, condition, remark=""):
+    found = [
+        row
+        for row in rows
+        if (row["quantity"], row["condition"]) == (quantity, condition) and remark in row["remark"]
+    ]
+    assert len(found) == 1, (quantity, condition, remark)
+    return found[0]
+
+
+BY_LOAD = {
+    "mean position error before calibration": ("0.58", "1.02", "1.80"),
+    "peak position error before calibration": ("1.22", "1.50", "2.45"),
+    "mean orientation error before calibration": ("1.2", "1.2", "1.1"),
+    "standard deviation within one configuration": ("≤ 0.014", "≤ 0.024", "≤ 0.023"),
+}
+AFTER_BY_LOAD = {
+    "mean position error after calibration": ("0.32", "0.28", "0.33"),
+    "peak position error after calibration": ("0.66", "0.58", "0.71"),
+    "mean orientation error after calibration": ("0.05", "0.04", "0.03"),
+}
+BY_MODEL = {
+    "mean position error, held out": ("1.77", "0.55", "0.56"),
+    "peak position error, held out": ("4", "0.92", "1.04"),
+    "mean orientation error, held out": ("2.4", "1.2", "1.2"),
+}
+SINGLE = {
+    ("Monte Carlo mean position error", "z = 500 mm"): "0.197",
+    ("Monte Carlo standard deviation", "z = 500 mm"): "0.096",
+    ("Monte Carlo mean, difference of a parallel plane", "z = 300 mm"): "< 0.001",
+    ("Monte Carlo mean, difference of a parallel plane", "z = 700 mm"): "< 0.001",
+    ("K_lin", "joint 2"): "1.98e4",
+    ("K_lin", "joint 3"): "1.27e4",
+    ("K_lin", "joint 5"): "2.56e3",
+    ("K_cub", "joint 2"): "3.35e7",
+    ("K_cub", "joint 3"): "1.46e7",
+    ("K_cub", "joint 5"): "3.83e7",
+    ("uncertainty of the coordinate measuring machine", "one measured centre"): "0.0121",
+    ("sag of the apparatus under its own weight", "largest"): "0.030",
+    ("deflection by the touch of the probe", "largest"): "< 0.001",
+}
+RECOMPUTED = {
+    "mean error after calibration less the Monte Carlo mean": ("< 0.1", ("0.12", "0.08", "0.13")),
+    "reduction of the mean position error": ("50 to 80", ("45", "73", "82")),
+}
+
+
+class TestPaperAgainstOurs:
+    def test_every_figure_of_the_paper_has_its_row(self, compared):
+        for quantity, values in BY_LOAD.items():
+            for load, value in zip((0, 22, 44), values, strict=True):
+                assert one(compared, quantity, f"{load} N")["paper"] == value
+        for quantity, values in AFTER_BY_LOAD.items():
+            for load, value in zip((0, 22, 44), values, strict=True):
+                for remark in ("this load alone", "all loads"):
+                    assert one(compared, quantity, f"{load} N", remark)["paper"] == value
+        for quantity, values in BY_MODEL.items():
+            for model, value in zip(("uncalibrated", "linear", "cubic"), values, strict=True):
+                assert one(compared, quantity, model)["paper"] == value
+        for key, value in SINGLE.items():
+            assert one(compared, *key)["paper"] == value
+
+    def test_every_row_says_where_the_paper_states_it_and_has_ours(self, compared):
+        assert all(row["source"] and row["ours"] for row in compared)
+
+    def test_conclusions_are_recomputed_from_the_papers_own_figures(self, compared):
+        for quantity, (paper, recomputed) in RECOMPUTED.items():
+            for load, value in zip((0, 22, 44), recomputed, strict=True):
+                row = one(compared, quantity, f"{load} N")
+                assert (row["paper"], row["recomputed"]) == (paper, value)
+        for model, value in (("linear", "77"), ("cubic", "74")):
+            row = one(compared, "reduction of the peak position error, held out", model)
+            assert (row["paper"], row["recomputed"]) == ("≥ 75", value)
+
+    def test_ours_are_those_of_the_records(self, compared, results):
+        cases, together = results.load_cases(), results.calibration()
+        name = "mean position error after calibration"
+        alone = cases["44"].errors["44"]
+        row = one(compared, name, "44 N", "this load alone")
+        assert float(row["ours"]) == pytest.approx(alone.after.mean_mm, rel=5e-3)
+        row = one(compared, name, "44 N", "all loads")
+        assert float(row["ours"]) == pytest.approx(together.errors["44"].after.mean_mm, rel=5e-3)
+        row = one(compared, "reduction of the mean position error", "44 N")
+        fell = published.reduction_percent(alone.before.mean_mm, alone.after.mean_mm)
+        assert float(row["ours"]) == pytest.approx(fell, abs=0.5)
+        plane = results.planes()[1]
+        row = one(compared, "mean error after calibration less the Monte Carlo mean", "44 N")
+        assert float(row["ours"]) == pytest.approx(alone.after.mean_mm - plane.mean_mm, abs=5e-3)
+        assert "below the Monte Carlo mean" in row["remark"]
+        row = one(compared, "K_lin", "joint 2")
+        value, std = row["ours"].strip("()e4").split(" ± ")
+        parameter = together.parameters["K_lin_2"]
+        assert float(value) * 1e4 == pytest.approx(parameter.value, abs=5)
+        assert float(std.split(")")[0]) * 1e4 == pytest.approx(parameter.std, abs=5)
+        assert one(compared, "unknowns", "all loads together")["ours"].startswith("36, of which 34")
+
+    def test_what_the_campaign_does_not_state_is_not_measured(self, compared):
+        for quantity in (
+            "sag of the apparatus under its own weight",
+            "deflection by the touch of the probe",
+        ):
+            assert one(compared, quantity, "largest")["ours"] == "not measured"
+        name = "uncertainty of the coordinate measuring machine"
+        assert one(compared, name, "one measured centre")["ours"] == "0.0121"
+
+    def test_remarks_say_what_to_bear_in_mind(self, compared):
+        remark = one(compared, "Monte Carlo mean position error", "z = 500 mm")["remark"]
+        assert "systematic" in remark
+        assert "times less" in remark
+        remark = one(compared, "mean orientation error, held out", "uncalibrated")["remark"]
+        assert "constant tool twist" in remark
+        assert "% of it" in remark
+
+    def test_rows_stay_when_a_load_a_plane_and_the_held_out_points_are_missing(
+        self, results, tmp_path
+    ):
+        shutil.copytree(results.folder, tmp_path / "part")
+        path = tmp_path / "part/calibration/combined.json"
+        record = json.loads(path.read_text("utf-8"))
+        record["loads_fitted"].remove(44.0)
+        del record["errors"]["44"]
+        path.write_text(json.dumps(record), encoding="utf-8")
+        path = tmp_path / "part/evaluation/holdout.json"
+        path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), "models": {}}))
+        settings = PictureSettings.model_validate({"montecarlo": {"planes_mm": [300]}})
+        part = replace(results, folder=tmp_path / "part", settings=settings)
+        whole = rows_of(paper_against_ours.tabulate(results))
+        rows = rows_of(paper_against_ours.tabulate(part))
+        keys = [(row["quantity"], row["condition"]) for row in rows]
+        assert keys == [(row["quantity"], row["condition"]) for row in whole]
+        assert one(rows, "peak position error, held out", "cubic")["ours"] == "not measured"
+        assert one(rows, "Monte Carlo standard deviation", "z = 500 mm")["ours"] == "not computed"
+        for row in rows:
+            if row["condition"] == "44 N" and "standard deviation" not in row["quantity"]:
+                assert row["ours"] == "not measured", row
+
+
+class TestTableOne:
+    def test_holds_every_parameter_of_every_calibration(self, results):
+        rows = rows_of(table1_parameters.tabulate(results))
+        assert len(rows) == 4 * 30
+        combined = {row["parameter"]: row for row in rows if row["calibration"] == "combined"}
+        assert set(combined) == {*published.DEPARTURES} | {
+            f"{kind}_{joint}" for kind in ("K_lin", "K_cub") for joint in (2, 3, 5)
+        }
+        for name, row in combined.items():
+            assert float(row["paper"]) == published.parameter(name, "text_e7")
+        unknown = {name for name, row in combined.items() if row["identifiable"] == "false"}
+        assert unknown == {"delta_d_1", "delta_theta_1"}
+
+    def test_is_laid_out_as_in_the_paper(self, results):
+        together, *alone = table1_parameters.tabulate(results).shown
+        assert [row[0] for row in together.rows] == list("123456")
+        assert len(together.header) == 1 + 2 * 7
+        assert [grid.caption for grid in alone] == ["0 N alone", "22 N alone", "44 N alone"]
+        first = dict(zip(together.header, together.rows[0], strict=True))
+        assert first["δd [mm]"] == "0.000 †"
+        assert first["K_lin [kN m/rad]"] == "∞"
+        assert first["δβ [mrad]"] == "n/a"
+        assert together.rows[1][2] == "-0.46"
+
+    @pytest.mark.parametrize(("reading", "value"), [("text_e7", "38.3"), ("table_e8", "384")])
+    def test_shows_the_chosen_reading_of_the_papers_cubic_stiffness(self, results, reading, value):
+        settings = PictureSettings.model_validate({"kcub_reading": reading})
+        table = table1_parameters.tabulate(replace(results, settings=settings))
+        assert table.shown[0].rows[4][-1] == value
+        assert any(reading[-2:] in note.replace("1e", "e") for note in table.notes)
+
+    def test_leaves_the_paper_out_for_another_arm(self, results):
+        table = table1_parameters.tabulate(replace(results, robot="other"))
+        assert "paper" not in table.shown[0].header
+        assert not any("paper" in note for note in table.notes)
+
+
+class Cells(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.found, self._inside = [], False
+
+    def handle_starttag(self, tag, attrs):
+        self._inside = tag in ("td", "th")
+
+    def handle_endtag(self, tag):
+        self._inside = False
+
+    def handle_data(self, data):
+        if self._inside:
+            self.found.append(data)
+
+
+def test_csv_markdown_and_html_hold_the_same_cells(tmp_path):
+    grid = Grid(("a", "b"), (("1 < 2", "x | y"), ("ü, é", '"quoted"')))
+    write_table(Table("T", grid, (grid,), ("a note",)), "from here", tmp_path, "t")
+    with (tmp_path / "t.csv").open(encoding="utf-8", newline="") as file:
+        assert [tuple(row) for row in csv.reader(file)] == [grid.header, *grid.rows]
+    markdown = (tmp_path / "t.md").read_text("utf-8")
+    assert "| 1 < 2 | x \\| y |" in markdown
+    assert "from here" in markdown
+    cells = Cells()
+    cells.feed((tmp_path / "t.html").read_text("utf-8"))
+    assert cells.found == ["a", "b", "1 < 2", "x | y", "ü, é", '"quoted"']
+
+
+def test_rows_have_as_many_cells_as_the_header():
+    with pytest.raises(ValueError, match="differ from the header"):
+        Grid(("a", "b"), (("1",),))
+
+
+def test_nothing_is_left_when_one_format_fails(tmp_path, monkeypatch):
+    write = Path.write_text
+
+    def fail_at_markdown(path, text, **options):
+        if path.suffix == ".md":
+            raise OSError("disk full")
+        return write(path, text, **options)
+
+    grid = Grid(("a",), (("1",),))
+    monkeypatch.setattr(Path, "write_text", fail_at_markdown)
+    with pytest.raises(OSError, match="disk full"):
+        write_table(Table("T", grid, (grid,)), "footer", tmp_path, "t")
+    assert not list(tmp_path.iterdir())
