@@ -57,9 +57,10 @@ def deflection_rad(tau_Nm: Array, k_lin: float, k_cub: float) -> Array:
         k_lin: K_lin > 0 [N m/rad].
         k_cub: K_cub >= 0 [N m/rad^3].
     """
-    unit_rad = np.sqrt(k_lin / k_cub) if k_cub > 0 else 1.0
-    if k_cub == 0 or not np.isfinite(unit_rad):
-        return tau_Nm / k_lin
+    linear = tau_Nm / k_lin
+    if k_cub * np.max(linear**2, initial=0.0) <= 1e-18 * k_lin:  # no digit of it shows
+        return linear
+    unit_rad = np.sqrt(k_lin / k_cub)
     # In this unit linear and cubic part are equal at x = 1: s = 1/2, t = tau / (2 K_lin unit).
     found: Array = unit_rad * unit_deflection(tau_Nm / (2.0 * k_lin * unit_rad), 0.5).x
     return found
