@@ -143,7 +143,7 @@ class TestPaperAgainstOurs:
         path = tmp_path / "part/calibration/combined.json"
         record = json.loads(path.read_text("utf-8"))
         record["loads_fitted"].remove(44.0)
-        del record["errors"]["44"]
+        del record["errors"]["44N"]
         path.write_text(json.dumps(record), encoding="utf-8")
         path = tmp_path / "part/evaluation/holdout.json"
         path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), "models": {}}))

@@ -67,7 +67,7 @@ def test_record_holds_what_other_tools_read(combined):
     assert combined["starts"] == 8
     assert len(combined["inner_poses"]) == 8
     assert combined["one_level"]["largest_difference"] < 1e-8
-    assert set(combined["errors"]) == {"0", "22", "44"}
+    assert set(combined["errors"]) == {"0N", "22N", "44N"}
 
 
 def test_held_out_points_and_loads(work, combined):
@@ -86,7 +86,7 @@ def test_held_out_points_and_loads(work, combined):
     assert models["cubic"]["mean_mm"] <= 0.04
     assert models["cubic"]["mean_mm"] < models["linear"]["mean_mm"]
     assert models["uncalibrated"]["mean_mm"] > 1.0
-    assert set(models["cubic"]["per_load"]) == {"22", "44", "66", "90"}
+    assert set(models["cubic"]["per_load"]) == {"22N", "44N", "66N", "90N"}
     assert len(models["cubic"]["per_point"]) == 10
     rows = models["cubic"]["rows"]
     distances = [np.linalg.norm(row["position_mm"]) for row in rows]
@@ -99,7 +99,7 @@ def test_one_load_alone(work):
     assert run_calibrate(work, "22N", out, settings) == 0
     record = json.loads(out.read_text())
     assert record["loads_fitted"] == [22.0]
-    assert record["errors"]["22"]["after"]["mean_mm"] <= 0.012
+    assert record["errors"]["22N"]["after"]["mean_mm"] <= 0.012
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, field_validator
 
 Vector = tuple[float, float, float]
 Row4 = tuple[float, float, float, float]
@@ -90,6 +92,14 @@ class Calibration(Record):
     l_curve: tuple[LCurvePoint, ...]
     residuals: tuple[Residual, ...]
     settings: CalibrationSettingsUsed
+
+    @field_validator("errors", mode="before")
+    @classmethod
+    def _by_newton(cls, errors: Any) -> Any:
+        """Key errors by the load alone, `22` for `22N`."""
+        if not isinstance(errors, dict):
+            return errors
+        return {str(load).removesuffix("N"): found for load, found in errors.items()}
 
 
 class ToolTwist(Record):

@@ -61,7 +61,7 @@ def _run(arguments: argparse.Namespace) -> None:
 
 def _say(title: str, record: dict[str, Any]) -> None:
     after = ", ".join(
-        f"{load} N {errors['after']['mean_mm']:.3f}/{errors['after']['peak_mm']:.3f} mm"
+        f"{load} {errors['after']['mean_mm']:.3f}/{errors['after']['peak_mm']:.3f} mm"
         for load, errors in record["errors"].items()
     )
     print(

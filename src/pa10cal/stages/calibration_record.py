@@ -132,8 +132,8 @@ def covariance_record(calibration: Calibration) -> dict[str, Any]:
 
 
 def accuracy_records(accuracies: dict[float, Accuracy]) -> dict[str, dict[str, Any]]:
-    """Return accuracies keyed by load as `0`, `22`, …."""
-    return {f"{load:g}": asdict(accuracy) for load, accuracy in accuracies.items()}
+    """Return accuracies keyed by load as `0N`, `22N`, …, as the files are named."""
+    return {f"{load:g}N": asdict(accuracy) for load, accuracy in accuracies.items()}
 
 
 def fit_record(calibration: Calibration, grid: PoseObservations) -> dict[str, Any]:
