@@ -18,7 +18,7 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.calibration.calibrate import Options, tolerance_rows
 from pa10cal.calibration.inner_poses import rows_of, spread_poses
 from pa10cal.calibration.levels import TwoLevel
-from pa10cal.calibration.solve import random_starts, solve
+from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.baseline import baseline
@@ -70,14 +70,14 @@ def problem(poses: int) -> TwoLevel:
 
 def solve_exactly(level: TwoLevel) -> Array:
     """Solve with exact derivatives, as the pipeline does, from one start."""
-    start = random_starts(level.model, 1, 0)[0]
+    start = nominal_start(level.model)
     return solve(level, start, tolerance_rows(level, start, Options()), 200).x
 
 
 def solve_by_differences(level: TwoLevel) -> Array:
     """Solve as the paper did: finite differences outside, and inside for every evaluation."""
     model, observations = level.model, level.observations
-    start = random_starts(model, 1, 0)[0]
+    start = nominal_start(model)
     terms = tolerance_rows(level, start, Options())
     inner = np.zeros(6)
 
@@ -144,7 +144,7 @@ def rows() -> list[tuple[str, float, str, str]]:
     step = []
     for poses in _SIZES:
         grown = problem(poses)
-        x = random_starts(grown.model, 1, 0)[0]
+        x = nominal_start(grown.model)
         step.append(seconds(lambda grown=grown, x=x: grown.linearise(x), 9))
     exponent = float(np.polyfit(np.log(_SIZES[2:]), np.log(step[2:]), 1)[0])
     whole = seconds(lambda: solve_exactly(problem(10_000)), 1)

@@ -36,7 +36,7 @@ MAY_IMPORT = {
 #: Libraries that only some packages or modules may import.
 KEPT_TO = {
     "matplotlib": {"figures"},
-    "pinocchio": {"arm.statics", "cell"},
+    "pinocchio": {"cell"},
     "snakemake": set(),
 }
 NOT_IN_PURE = {"pandas", "pyarrow", "yaml", "json", "csv", "pydantic", "pathlib", "os", "sys"}
@@ -147,3 +147,12 @@ def test_lock_holds_every_dependency_of_the_project():
         return re.sub(r"[-_.]+", "-", name).lower()
 
     assert {plain(name) for name in wanted} <= {plain(name) for name in locked}
+
+
+@pytest.mark.parametrize(
+    "stage", ["ingest", "seed", "calibrate", "montecarlo", "evaluate", "export", "figures"]
+)
+def test_estimating_stages_know_nothing_of_the_cell_or_its_truth(stage):
+    path = PACKAGE / "stages" / f"{stage}.py"
+    assert not [module for module in imports_of(path) if module.startswith("pa10cal.cell")]
+    assert "truth" not in path.read_text(encoding="utf-8")

@@ -81,7 +81,7 @@ def test_refuses_what_is_no_configuration(raw):
 @given(
     cycles=st.integers(2, 10**9),
     sigma_deg=st.floats(1e-9, 10),
-    planes_mm=st.lists(st.integers(-1000, 2000)),
+    planes_mm=st.lists(st.integers(0, 2000), min_size=1),
 )
 @hypothesis_settings(max_examples=30, deadline=None)
 def test_what_a_rule_passes_is_what_the_stage_reads(cycles, sigma_deg, planes_mm):
@@ -123,3 +123,19 @@ def test_an_unknown_key_is_refused_in_every_section():
                 parse_settings(
                     json.loads(json.dumps({"campaigns": ["c1"], name: {"nonsense": 1}})), where="x"
                 )
+
+
+@pytest.mark.parametrize(
+    ("raw", "says"),
+    [
+        ({"calibration": {"flexible_joints": [2, 2]}}, "each joint once"),
+        ({"calibration": {"random_seed": -1}}, "random_seed"),
+        ({"montecarlo": {"planes_mm": []}}, "planes_mm"),
+        ({"montecarlo": {"planes_mm": [-100]}}, "planes_mm"),
+        ({"ingest": {"stray_touch_sigma": float("inf")}}, "stray_touch_sigma"),
+        ({"raw_dir": "data/raw", "results_dir": "data/raw/results"}, "only read"),
+    ],
+)
+def test_settings_that_would_wreck_results_are_refused(raw, says):
+    with pytest.raises(SettingsError, match=says):
+        parse_settings({"campaigns": ["c1"], **raw}, where="config.yaml")

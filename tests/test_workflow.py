@@ -203,6 +203,15 @@ def test_every_picture_has_a_caption():
     assert captions == PICTURES | {"workflow"}
 
 
+def test_a_campaign_that_is_not_there_is_refused_in_one_line(plan):
+    code, text = plan(campaigns='["nope"]')
+    assert code != 0
+    lines = [line for line in text.splitlines() if line.startswith("pa10cal:")]
+    assert len(lines) == 1
+    assert "cell-a, cell-null, lightcap2008" in lines[0]
+    assert "Traceback" not in text
+
+
 def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
     code, text = checkout()
     assert code == 0, text

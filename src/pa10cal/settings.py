@@ -8,12 +8,20 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 
 from pa10cal.errors import SettingsError
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 
 
 _S = TypeVar("_S", bound="Section")
@@ -86,23 +94,36 @@ class CalibrationSettings(Section):
     )
     r_max_m: Positive = Field(1.0, description="length that normalises positions")
     starts: Annotated[int, Field(ge=1)] = Field(8, description="initial guesses tried")
-    random_seed: int = 20080427
+    random_seed: Annotated[int, Field(ge=0)] = 20080427
     max_iterations: Annotated[int, Field(ge=1)] = 200
     apparatus_uncertainty_mm: NonNegative = Field(
         0.005,
         description="standard uncertainty of a tooling ball's place on the apparatus, per axis",
     )
 
+    @field_validator("flexible_joints")
+    @classmethod
+    def _each_once(cls, joints: tuple[int, ...]) -> tuple[int, ...]:
+        if len(set(joints)) < len(joints):
+            raise ValueError("each joint once")
+        return joints
+
 
 class MonteCarloSettings(Section):
     """Position error from resolver uncertainty, plane by plane."""
 
-    planes_mm: tuple[int, ...] = (300, 400, 500, 600, 700)
+    planes_mm: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)] = (
+        300,
+        400,
+        500,
+        600,
+        700,
+    )
     cycles: Annotated[int, Field(ge=2)] = 100_000
     positions: Annotated[int, Field(ge=2)] = 200
     sigma_deg: Positive = 0.011
     reach_m: tuple[Positive, Positive] = (0.5, 0.9)
-    random_seed: int = 20080427
+    random_seed: Annotated[int, Field(ge=0)] = 20080427
     map_spacing_mm: Positive = 50.0
 
     @field_validator("reach_m")
@@ -229,6 +250,14 @@ class Settings(Section):
         default_factory=dict, description="campaigns the virtual cell can write, by name"
     )
 
+    @field_validator("results_dir")
+    @classmethod
+    def _apart_from_raw(cls, results_dir: str, info: ValidationInfo) -> str:
+        raw, results = Path(info.data.get("raw_dir", ".")).resolve(), Path(results_dir).resolve()
+        if results == raw or raw in results.parents:
+            raise ValueError("a folder outside raw_dir, which is only read")
+        return results_dir
+
 
 def parse_settings(raw: object, *, where: str) -> Settings:
     """Check a mapping against `Settings`.
@@ -295,7 +324,7 @@ def _explain(section: type[Section], error: ValidationError, where: str) -> Sett
         f"key {key} does not fit",
         where=where,
         value=first.get("input"),
-        allowed=first["msg"],
+        allowed=first["msg"].removeprefix("Value error, "),
         remedy=f"set {key} accordingly",
     )
 

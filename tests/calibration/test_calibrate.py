@@ -18,7 +18,7 @@ from pa10cal.calibration.inner_dependence import inner_dependence
 from pa10cal.calibration.l_curve import l_curve
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.load_case import select_load
-from pa10cal.calibration.solve import random_starts, solve
+from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.observations import PoseObservations
@@ -86,7 +86,7 @@ def test_one_attitude_leaves_two_more_directions_open(model, observe, states, T_
 def test_one_level_agrees_with_two_levels_over_all_poses(model, observe, T_cmm_base):
     options = replace(QUICK, inner_poses=None)
     two = calibrate(model, observe(noise=1.0), options, AS_MEASURED)
-    start = random_starts(model, 1, 0)[0]
+    start = nominal_start(model)
     one = solve_one_level(two.level, T_cmm_base, start, two.terms, 200)
     difference = np.abs(one.x[:-6] - two.solution.x) / np.maximum(
         np.abs(two.solution.x), model.scale
@@ -261,7 +261,7 @@ def test_nested_finite_differences_give_the_same_answer(model, observe):
 
 def test_solver_reports_that_it_did_not_arrive(model, observe):
     level = TwoLevel(model, observe(noise=1.0), np.arange(24))
-    start = random_starts(model, 1, 0)[0]
+    start = nominal_start(model)
     stopped = solve(level, start, np.zeros((0, 30)), max_iterations=2)
     assert not stopped.converged
 
@@ -269,6 +269,22 @@ def test_solver_reports_that_it_did_not_arrive(model, observe):
 def test_too_few_poses_are_refused(model, observe):
     with pytest.raises(CalibrationError, match=r"5 poses, 36 unknowns.*at least 6 poses"):
         calibrate(model, observe().take(slice(0, 5)), QUICK, AS_MEASURED, inner_poses=("P01",))
+
+
+def test_springs_without_torques_are_refused(model, observe, states):
+    unlogged = states.tau_Nm.copy()
+    unlogged[3:5, 2] = np.nan
+    observations = replace(observe(), states=replace(states, tau_Nm=unlogged))
+    with pytest.raises(CalibrationError, match=r"tau3_Nm: joint 3 has a spring, .* 2 of 81 poses"):
+        calibrate(model, observations, QUICK, AS_MEASURED)
+
+
+def test_a_rigid_arm_needs_no_torques(pa10, observe, states):
+    rigid = baseline(pa10, (), Tolerances())
+    unlogged = replace(states, tau_Nm=np.full_like(states.tau_Nm, np.nan))
+    found = calibrate(rigid, replace(observe(), states=unlogged), QUICK, AS_MEASURED)
+    assert found.converged
+    assert len(found.level.model.parameters) == 24
 
 
 def test_unknown_load_is_refused(observe):

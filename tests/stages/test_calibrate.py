@@ -122,13 +122,56 @@ def test_refuses_what_it_cannot_use(work, capsys, load, settings, says):
     assert not out.exists()
 
 
-@pytest.mark.parametrize("content", ["{", "[]", "{}", '{"schema": "pa10cal-base-frame/1"}'])
+@pytest.mark.parametrize(
+    "content",
+    [
+        "{",
+        "[]",
+        "{}",
+        '{"schema": "pa10cal-base-frame/1"}',
+        '{"schema": "pa10cal-base-frame/1", "campaign": "cell-null", "T_cmm_base": [[1, 2]]}',
+    ],
+)
 def test_refuses_a_damaged_seed(work, capsys, content):
     (work / "damaged.json").write_text(content)
     out = work / "refused.json"
     assert run_calibrate(work, "combined", out, base="damaged.json") == 2
     assert "damaged.json" in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_a_parameter_at_its_bound_by_noise_is_no_alarm(work):
+    out = work / "0N.json"
+    assert run_calibrate(work, "0N", out, {"inner_subsets": 0, "starts": 2}) == 0
+    record = json.loads(out.read_text())
+    assert record["parameters"]["K_cub_3"]["at_bound"]
+    assert not record["parameters"]["K_lin_3"]["at_bound"]
+    assert len(record["warnings"]) == 1
+    assert "not to be told from the bound" in record["warnings"][0]
+
+
+def test_an_incomplete_model_is_said_to_be_one(tmp_path, capsys):
+    campaign = ["--campaign-dir", str(RAW / "lightcap2008")]
+    poses, base = tmp_path / "poses.parquet", tmp_path / "base_frame.json"
+    out, quarantine = tmp_path / "combined.json", str(tmp_path / "quarantine.csv")
+    assert ingest.main([*campaign, "--out", str(poses), "--quarantine", quarantine]) == 0
+    assert seed.main([*campaign, "--poses", str(poses), "--out", str(base)]) == 0
+    argv = [*campaign, "--poses", str(poses), "--base-frame", str(base), "--out", str(out)]
+    settings = '{"inner_subsets": 0, "starts": 2}'
+    assert calibrate.main([*argv, "--load", "combined", "--settings", settings]) == 0
+    record = json.loads(out.read_text())
+    assert any("the model is incomplete" in warning for warning in record["warnings"])
+    assert "the model is incomplete" in capsys.readouterr().err
+
+
+def test_records_of_another_campaign_are_refused(work, combined, tmp_path, capsys):
+    other = tmp_path / "base_frame.json"
+    seed_record = json.loads((work / "base_frame.json").read_text())
+    other.write_text(json.dumps({**seed_record, "campaign": "cell-a"}))
+    argv = ["--campaign-dir", str(RAW / "cell-null"), "--poses", str(work / "poses.parquet")]
+    argv += ["--load", "combined", "--base-frame", str(other), "--out", str(tmp_path / "x.json")]
+    assert calibrate.main(argv) == 2
+    assert "another campaign" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("content", ["not json", '{"schema": "other/1"}'])
@@ -162,3 +205,7 @@ def test_a_fit_that_did_not_converge_is_not_exported(work, combined, tmp_path, c
     assert export.main([*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 2
     assert "not converged" in capsys.readouterr().err
     assert not list(tmp_path.glob("robot*"))
+    parameters = {k: v for k, v in combined["parameters"].items() if k != "K_lin_3"}
+    bad.write_text(json.dumps({**combined, "parameters": parameters}))
+    assert export.main([*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 2
+    assert "K_lin_3" in capsys.readouterr().err

@@ -7,7 +7,13 @@ import sys
 from pathlib import Path
 
 from pa10cal.errors import SettingsError
-from pa10cal.planning.campaign import campaign_name, load_cases, raw_files, robot_name
+from pa10cal.planning.campaign import (
+    campaign_name,
+    load_cases,
+    missing_campaign,
+    raw_files,
+    robot_name,
+)
 from pa10cal.planning.code import source_files
 from pa10cal.settings import parse_settings
 
@@ -15,6 +21,9 @@ try:
     SETTINGS = parse_settings(config, where="config.yaml or --config")
 except SettingsError as error:
     sys.exit(f"pa10cal: {error}")  # one line; an exception would bring Snakemake's own beside it
+for campaign in SETTINGS.campaigns:
+    if not Path(SETTINGS.raw_dir, campaign, "campaign.yaml").is_file():
+        sys.exit(f"pa10cal: {missing_campaign(SETTINGS.raw_dir, campaign)}")
 
 # Setting a prefix drops Snakemake's own, so the first part repeats it. The second lets the rules say
 # `python` whether or not the environment of Snakemake is activated.

@@ -88,14 +88,13 @@ def summarise_by_load(found: Deviations, load_N: Array) -> dict[float, Accuracy]
 
 
 def align_nominal(nominal: Model, observations: PoseObservations) -> Array:
-    """Return T_cmm_base (4, 4) that aligns the nominal model on unloaded positions.
+    """Return T_cmm_base (4, 4) that aligns the nominal model on the least loaded positions.
 
     This is the alignment behind the paper's errors before calibration: positions only, once, on
-    the poses with the smallest load.
+    the poses with the smallest load, which the paper's campaign measured unloaded.
     """
-    unloaded = observations.take(observations.states.load_N == observations.states.load_N.min())
+    load_N = observations.states.load_N
+    least = observations.take(load_N == load_N.min())
     return fit_base_frame(
-        nominal.predict(unloaded.states, np.zeros(0)),
-        unloaded.T_cmm_ee,
-        attitude_weight_m2=0.0,
+        nominal.predict(least.states, np.zeros(0)), least.T_cmm_ee, attitude_weight_m2=0.0
     ).T_cmm_base

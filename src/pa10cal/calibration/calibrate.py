@@ -26,6 +26,7 @@ from pa10cal.calibration.uncertainty import (
 )
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import CalibrationError
+from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import base_frame
 
@@ -115,9 +116,10 @@ def calibrate(
     Raises:
         CalibrationError: when there are fewer equations than unknowns.
     """
+    _check_enough(model, observations)
+    _check_torques(model, observations)
     poses = inner_poses or spread_poses(observations, options.inner_poses)
     level = TwoLevel(model, observations, rows_of(observations, poses), options.r_max_m)
-    _check_enough(model, observations)
     starts = random_starts(model, options.starts, options.random_seed)
     terms = tolerance_rows(level, starts[0], options)
     solutions = [solve(level, start, terms, options.max_iterations) for start in starts]
@@ -169,6 +171,23 @@ def describe(
             errors.u_apparatus_m,
         ),
     )
+
+
+def pull_beyond_bounds(calibration: Calibration) -> Array:
+    """Return how far beyond its bound each held parameter would go, over its uncertainty, (k,).
+
+    Zero for parameters that are not held. Noise alone makes this about 1 where the true value
+    lies near the bound; a missing effect makes it large.
+    """
+    level, solution = calibration.level, calibration.solution
+    at = level.linearise(solution.x)
+    scale = level.model.scale
+    rows = np.concatenate([at.jacobian.reshape(-1, len(scale)), calibration.terms]) * scale
+    wanted = np.concatenate([-at.residuals.ravel(), -calibration.terms @ solution.x])
+    step = np.linalg.lstsq(rows, wanted, rcond=None)[0] * scale
+    std = np.sqrt(np.diag(calibration.covariances.parameters))
+    pull = np.divide(np.abs(step), std, out=np.zeros_like(step), where=std > 0)
+    return np.where(solution.at_bound, pull, 0.0)
 
 
 def weak_directions(calibration: Calibration) -> tuple[tuple[float, Direction], ...]:
@@ -245,3 +264,20 @@ def _check_enough(model: Model, observations: PoseObservations) -> None:
             allowed=f"at least {-(-unknowns // 6)} poses",
             remedy="measure more poses or leave parameters out",
         )
+
+
+def _check_torques(model: Model, observations: PoseObservations) -> None:
+    """Refuse springs whose torques were not logged."""
+    for term in model.terms:
+        if not isinstance(term, JointSpring):
+            continue
+        lacking = ~np.isfinite(observations.states.tau_Nm[:, term.joint - 1])
+        if lacking.any():
+            raise CalibrationError(
+                f"joint {term.joint} has a spring, but no torque in {lacking.sum()} of "
+                f"{len(lacking)} poses",
+                where=f"tau{term.joint}_Nm",
+                allowed="a torque in every pose",
+                remedy="log the torques, or leave the joint out of calibration.flexible_joints "
+                "(an empty list calibrates a rigid arm)",
+            )

@@ -19,8 +19,8 @@ from pa10cal.calibration.accuracy import (
 from pa10cal.calibration.calibrate import Calibration, Options, calibrate, solve_one_level
 from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependence
 from pa10cal.calibration.l_curve import LCurvePoint, l_curve
-from pa10cal.calibration.solve import random_starts
-from pa10cal.calibration.uncertainty import ErrorSources
+from pa10cal.calibration.solve import nominal_start
+from pa10cal.calibration.uncertainty import ErrorSources, with_own_scatter
 from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import CalibrationError
@@ -76,6 +76,7 @@ class LoadCase:
         cubic: the paper's model.
         linear: the same with K_cub = 0.
         grid: averaged grid poses of every load.
+        noise: the poses fitted, with the covariance that their readings show about the model.
         residuals: predicted minus measured of the cubic model on `grid`.
         before: nominal rigid model, base frame aligned on unloaded positions, for every load.
         before_seed_frame: nominal rigid model with the base frame of the straight-line moves.
@@ -90,6 +91,7 @@ class LoadCase:
     cubic: Calibration
     linear: Calibration
     grid: PoseObservations
+    noise: PoseObservations
     residuals: Deviations
     before: dict[float, Accuracy]
     before_seed_frame: dict[float, Accuracy]
@@ -150,6 +152,7 @@ def work_out(
         cubic=cubic,
         linear=linear,
         grid=grid,
+        noise=with_own_scatter(used, chosen, cubic.level.model, cubic.solution.x),
         residuals=model_deviations(cubic, grid),
         before=summarise_by_load(
             deviations(T_rigid, align_nominal(rigid, grid), grid), grid.states.load_N
@@ -197,7 +200,7 @@ def model_deviations(calibration: Calibration, poses: PoseObservations) -> Devia
 def _check_one_level(cubic: Calibration, T_cmm_base_seed: Array, options: Options) -> OneLevelCheck:
     """Solve on one level from the seed, and on two with all poses inside."""
     level, terms = cubic.level, cubic.terms
-    start = random_starts(level.model, 1, options.random_seed)[0]
+    start = nominal_start(level.model)
     one = solve_one_level(level, T_cmm_base_seed, start, terms, options.max_iterations)
     x = one.x[:-6]
     all_inside = replace(level, inner_rows=np.arange(len(level.observations)))

@@ -141,6 +141,11 @@ def _polish(
     return z
 
 
+def nominal_start(model: Model) -> Array:
+    """Return nominal geometry with usual springs."""
+    return random_starts(model, 1, 0)[0]
+
+
 def random_starts(model: Model, count: int, random_seed: int) -> list[Array]:
     """Draw starts: nominal geometry with usual springs first, then scattered ones.
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import yaml
 
+from pa10cal.errors import SettingsError
+
 
 def raw_files(folder: Path) -> list[Path]:
     """Return the files that `campaign.yaml` names under `files` and that are there."""
@@ -19,6 +21,18 @@ def raw_files(folder: Path) -> list[Path]:
         return []
     paths = [folder / name for name in named.values() if isinstance(name, str)]
     return [path for path in paths if path.is_file()]
+
+
+def missing_campaign(raw_dir: str, campaign: str) -> SettingsError:
+    """Return the refusal of a campaign that has no folder with a description."""
+    there = sorted(path.parent.name for path in Path(raw_dir).glob("*/campaign.yaml"))
+    return SettingsError(
+        "there is no such campaign",
+        where="campaigns and raw_dir",
+        value=str(Path(raw_dir) / campaign / "campaign.yaml"),
+        allowed=", ".join(there) or f"a folder of {raw_dir} with a campaign.yaml; there is none",
+        remedy="correct the name or raw_dir",
+    )
 
 
 def robot_name(folder: Path) -> str:

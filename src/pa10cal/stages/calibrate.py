@@ -26,8 +26,6 @@ def _describe(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> None:
-    import numpy as np
-
     from pa10cal.calibration.load_case import work_out
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import observations, read_pose_table
@@ -35,15 +33,15 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.files.output import write_json
     from pa10cal.settings import CalibrationSettings, read_settings_argument
     from pa10cal.stages.calibration_record import load_case_record, study_of
-    from pa10cal.stages.records import BASE_FRAME, CALIBRATION, read_record
+    from pa10cal.stages.records import BASE_FRAME, CALIBRATION, read_pose_matrix, read_record
 
     settings = read_settings_argument(CalibrationSettings, arguments.settings)
     campaign = read_campaign(arguments.campaign_dir)
-    seed = read_record(arguments.base_frame, BASE_FRAME, ("T_cmm_base",))
+    seed = read_record(arguments.base_frame, BASE_FRAME, ("T_cmm_base",), campaign.name)
     case = work_out(
         load_arm(campaign.robot),
         observations(read_pose_table(arguments.poses), kind="grid", average=False),
-        np.array(seed["T_cmm_base"]),
+        read_pose_matrix(seed, "T_cmm_base", arguments.base_frame),
         arguments.load,
         1e-3 * settings.apparatus_uncertainty_mm,
         study_of(settings),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,18 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.accuracy import Accuracy, summarise_by_load
 from pa10cal.calibration.base_parameters import report_base
-from pa10cal.calibration.calibrate import Calibration, Options, weak_directions
+from pa10cal.calibration.calibrate import (
+    Calibration,
+    Options,
+    pull_beyond_bounds,
+    weak_directions,
+)
 from pa10cal.calibration.identifiability import observability
 from pa10cal.calibration.load_case import LoadCase, Study, model_deviations
 from pa10cal.campaign.observations import PoseObservations
-from pa10cal.settings import CalibrationSettings
+from pa10cal.errors import RecordError
+from pa10cal.settings import CalibrationSettings, parse_section
+from pa10cal.stages.records import read_pose_matrix
 from pa10cal.terms.baseline import baseline, solved_parameters
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Tolerances
@@ -25,6 +33,10 @@ Array = NDArray[np.float64]
 
 #: The straight lines give the base frame to about the nominal model's own error, near 1 deg.
 _FAR_FROM_SEED_DEG = 3.0
+#: Standard uncertainties beyond a bound that noise reaches in one case of twenty.
+_PULL_OF_NOISE = 2.0
+#: Root mean square error over that of the noise above which the model lacks something.
+_INCOMPLETE = 3.0
 
 
 def study_of(settings: CalibrationSettings) -> Study:
@@ -159,19 +171,35 @@ def fit_record(calibration: Calibration, grid: PoseObservations) -> dict[str, An
     }
 
 
-def read_fit(record: dict[str, Any], arm: Arm, *, cubic: bool) -> tuple[Model, Array, Array]:
+def read_fit(
+    record: dict[str, Any], arm: Arm, path: Path, *, cubic: bool
+) -> tuple[Model, Array, Array]:
     """Return model, parameters (k,) and T_cmm_base (4, 4) of a calibration record.
 
     Args:
         record: content of `calibration/<load>.json`.
         arm: the nominal arm.
+        path: where it was read from, for the message.
         cubic: the fit with cubic springs, else the linear one.
+
+    Raises:
+        RecordError: when it lacks a parameter or was written with other settings.
     """
-    settings = CalibrationSettings.model_validate(record["settings"])
+    settings = parse_section(CalibrationSettings, record.get("settings"), where=str(path))
     fit = record if cubic else record["linear"]
     model = baseline(arm, settings.flexible_joints, _tolerances(settings), cubic=cubic)
-    reported = {name: float(entry["value"]) for name, entry in fit["parameters"].items()}
-    return model, solved_parameters(model, reported), np.array(fit["T_cmm_base"])
+    try:
+        reported = {name: float(entry["value"]) for name, entry in fit["parameters"].items()}
+        x = solved_parameters(model, reported)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise RecordError(
+            "the record lacks a parameter of its model",
+            where=str(path),
+            value=str(error),
+            allowed="every parameter with a value",
+            remedy="run the calibrate stage again",
+        ) from None
+    return model, x, read_pose_matrix(fit, "T_cmm_base", path)
 
 
 def _tolerances(settings: CalibrationSettings) -> Tolerances:
@@ -219,9 +247,22 @@ def _warnings(case: LoadCase) -> list[str]:
         found.append(f"not converged: {cubic.solution.reason}")
     bound = sorted(_at_bound(cubic, cubic.level.model.report(cubic.solution.x)))
     if bound:
+        pull = float(pull_beyond_bounds(cubic).max())
+        meaning = (
+            "the data ask for a stiffness that is not positive, as they do when an effect is "
+            "missing from the model"
+            if pull > _PULL_OF_NOISE
+            else "not to be told from the bound with these data"
+        )
         found.append(
-            f"{', '.join(bound)} at the end of the physical range: the data ask for a stiffness "
-            "that is not positive, as they do when an effect is missing from the model"
+            f"{', '.join(bound)} at the end of the physical range, {pull:.1f} standard "
+            f"uncertainties beyond it: {meaning}"
+        )
+    over = _over_repeats(case)
+    if over > _INCOMPLETE:
+        found.append(
+            f"the error left is {over:.0f} times what the noise of the readings explains: the "
+            "model is incomplete, and the uncertainties do not cover what it lacks"
         )
     if cubic.starts_agreeing < 2 <= len(cubic.starts):
         found.append(f"only one of {len(cubic.starts)} starts found this minimum")
@@ -245,6 +286,16 @@ def _record(parameter: Parameter, value: float, std: float) -> dict[str, Any]:
         "unit": parameter.unit,
         "tolerance": parameter.tolerance,
     }
+
+
+def _over_repeats(case: LoadCase) -> float:
+    """Return the position error left on the poses fitted over what their noise explains."""
+    level = case.cubic.level
+    noise_m2 = np.trace(case.noise.cov_ee[:, :3, :3], axis1=1, axis2=2).mean()
+    if not noise_m2 > 0:
+        return 0.0
+    residuals = level.residuals(case.cubic.solution.x)[:, :3] * level.r_max_m
+    return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)) / noise_m2))
 
 
 def _at_bound(calibration: Calibration, report: Report) -> frozenset[str]:

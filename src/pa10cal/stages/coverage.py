@@ -35,10 +35,20 @@ def _describe(parser: argparse.ArgumentParser) -> None:
 def _run(arguments: argparse.Namespace) -> None:
     import numpy as np
 
+    from pa10cal.errors import SettingsError
     from pa10cal.evaluation.coverage import coverage
     from pa10cal.files.output import write_json
     from pa10cal.settings import CalibrationSettings, SimulateSettings, read_settings_argument
+    from pa10cal.stages.records import COVERAGE
 
+    if arguments.campaigns < 1:
+        raise SettingsError(
+            "nothing to simulate",
+            where="--campaigns",
+            value=arguments.campaigns,
+            allowed="1 or more",
+            remedy="ask for more campaigns",
+        )
     simulate = read_settings_argument(SimulateSettings, arguments.simulate)
     settings = read_settings_argument(CalibrationSettings, arguments.settings)
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.campaigns)
@@ -52,7 +62,7 @@ def _run(arguments: argparse.Namespace) -> None:
     write_json(
         arguments.out,
         {
-            "schema": "pa10cal-coverage/1",
+            "schema": COVERAGE,
             "provenance": "synthetic: virtual cell, no hidden effect",
             "campaigns": len(scores),
             "parameters": {

@@ -44,7 +44,9 @@ def _run(arguments: argparse.Namespace) -> None:
     campaign = read_campaign(arguments.campaign_dir)
     arm = load_arm(campaign.robot)
     table = read_pose_table(arguments.poses)
-    record = read_record(arguments.calibration, CALIBRATION, ("parameters", "linear"))
+    record = read_record(
+        arguments.calibration, CALIBRATION, ("parameters", "linear"), campaign.name
+    )
     header = {
         "schema": HOLDOUT,
         "campaign": campaign.name,
@@ -66,8 +68,8 @@ def _run(arguments: argparse.Namespace) -> None:
             np.zeros(0),
             align_nominal(rigid, observations(table, kind="grid")),
         ),
-        "linear": read_fit(record, arm, cubic=False),
-        "cubic": read_fit(record, arm, cubic=True),
+        "linear": read_fit(record, arm, arguments.calibration, cubic=False),
+        "cubic": read_fit(record, arm, arguments.calibration, cubic=True),
     }
     judged = {
         name: judge(model.predict(held_out.states, x), T_cmm_base, held_out)

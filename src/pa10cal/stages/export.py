@@ -31,7 +31,7 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_text
     from pa10cal.stages.calibration_record import read_fit
-    from pa10cal.stages.records import CALIBRATION, read_record
+    from pa10cal.stages.records import CALIBRATION, MODEL, read_record
 
     record = read_record(arguments.calibration, CALIBRATION, ("parameters", "robot", "status"))
     if record["status"] != "converged":
@@ -43,12 +43,12 @@ def _run(arguments: argparse.Namespace) -> None:
             remedy="raise calibration.max_iterations, or look at its warnings",
         )
     arm = load_arm(record["robot"])
-    model, x, T_cmm_base = read_fit(record, arm, cubic=True)
+    model, x, T_cmm_base = read_fit(record, arm, arguments.calibration, cubic=True)
     zeros, zero = np.zeros((1, arm.n)), np.zeros(1)
     unloaded = PoseStates(zeros, zeros, zeros, zero, zero, zero)
     urdf = urdf_text(model.chain, model.chain_coordinates(unloaded, x)[0], arm.name)
     content = {
-        "schema": "pa10cal-model/1",
+        "schema": MODEL,
         "campaign": record["campaign"],
         "provenance": record["provenance"],
         "robot": arm.name,

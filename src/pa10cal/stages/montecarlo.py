@@ -14,6 +14,7 @@ from pa10cal.stages.command import limit_threads, run_stage
 if TYPE_CHECKING:
     from pa10cal.montecarlo.plane import PlaneErrors
     from pa10cal.settings import MonteCarloSettings
+    from pa10cal.stages.records import MONTECARLO
 
 _ATTITUDE = (
     "flange axis straight down, turned about the base axis with the azimuth of its place; "
@@ -60,7 +61,7 @@ def _run(arguments: argparse.Namespace) -> None:
     errors = study_plane(load_arm(arguments.robot), task, progress)
     record = _record(errors, settings)
     header = {
-        "schema": "pa10cal-montecarlo/1",
+        "schema": MONTECARLO,
         "campaign": arguments.campaign,
         "robot": arguments.robot,
         "plane_mm": task.plane_mm,

@@ -6,6 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pa10cal.errors import RecordError
 
 #: The `schema` of each kind of record.
@@ -13,18 +16,24 @@ BASE_FRAME = "pa10cal-base-frame/1"
 CALIBRATION = "pa10cal-calibration/1"
 HOLDOUT = "pa10cal-holdout/1"
 MONTECARLO = "pa10cal-montecarlo/1"
+COVERAGE = "pa10cal-coverage/1"
+MODEL = "pa10cal-model/1"
 
 
-def read_record(path: Path, schema: str, needs: tuple[str, ...] = ()) -> dict[str, Any]:
+def read_record(
+    path: Path, schema: str, needs: tuple[str, ...] = (), campaign: str | None = None
+) -> dict[str, Any]:
     """Read a JSON record of a given schema.
 
     Args:
         path: the file.
         schema: what its `schema` must be.
         needs: keys it must have.
+        campaign: whose it must be; None for any.
 
     Raises:
-        RecordError: when it cannot be read, or is another kind of file, or lacks a key.
+        RecordError: when it cannot be read, or is another kind of file or of another
+            campaign, or lacks a key.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -53,4 +62,33 @@ def read_record(path: Path, schema: str, needs: tuple[str, ...] = ()) -> dict[st
             allowed=", ".join(needs),
             remedy="run the stage that writes it again",
         )
+    if campaign is not None and content.get("campaign") != campaign:
+        raise RecordError(
+            "the record is of another campaign",
+            where=str(path),
+            value=content.get("campaign"),
+            allowed=campaign,
+            remedy="give the results of the campaign that --campaign-dir names",
+        )
     return dict(content)
+
+
+def read_pose_matrix(record: dict[str, Any], key: str, path: Path) -> NDArray[np.float64]:
+    """Return a homogeneous matrix (4, 4) of a record.
+
+    Raises:
+        RecordError: when it is no such matrix.
+    """
+    try:
+        matrix = np.array(record[key], dtype=float)
+    except (KeyError, TypeError, ValueError):
+        matrix = np.zeros(0)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise RecordError(
+            f"{key} is not a pose",
+            where=str(path),
+            value=record.get(key),
+            allowed="four rows of four numbers",
+            remedy="run the stage that writes it again",
+        )
+    return matrix
