@@ -52,5 +52,9 @@ class SimulationError(Pa10calError):
     """The virtual cell cannot make this campaign."""
 
 
+class OutputError(Pa10calError):
+    """A result cannot be written where it was asked for."""
+
+
 class RecordError(Pa10calError):
     """A result of an earlier stage cannot be used."""

@@ -66,6 +66,11 @@ def stray_touch_far_off(raw):
 
 def stray_out_of_this_world(raw):
     replace(raw.cmm, row_of(raw.cmm, "P01", "22", "1", "A") + 1, "y_mm", "-4e15")
+    replace(raw.cmm, row_of(raw.cmm, "P02", "22", "1", "B") + 1, "x_mm", "1e160")
+
+
+def negative_load(raw):
+    replace(raw.cmm, row_of(raw.cmm, "P02", "22", "1", "A") + 2, "load_N", "-22")
 
 
 def stray_pole(raw):
@@ -183,7 +188,13 @@ SURVIVED = {
     "coplanar touches": (coplanar_touches, 33, apart("ball A .* coplanar", 14), None),
     "stray touch": (stray_touch, 34, {"stray": 1}, None),
     "stray touch far off": (stray_touch_far_off, 34, {"stray": 1}, None),
-    "stray out of this world": (stray_out_of_this_world, 34, {"stray": 1}, None),
+    "stray out of this world": (
+        stray_out_of_this_world,
+        34,
+        {"a coordinate beyond any measuring volume": 2},
+        None,
+    ),
+    "negative load": (negative_load, 34, {"negative load": 1}, None),
     "stray pole": (stray_pole, 33, {"stray": 1} | apart("ball A .* coplanar", 14), None),
     "stray of four": (stray_of_four, 33, {"stray": 1} | apart("ball C .* fewer", 13), None),
     "nan and text": (nan_and_text, 34, {"not a finite number": 5}, None),

@@ -179,6 +179,15 @@ def test_refuses_what_is_no_table(tmp_path, content):
         read_pose_table(path)
 
 
+def test_refuses_the_table_of_another_campaign(tmp_path, table):
+    rng = np.random.default_rng(9)
+    poses = made_up_poses(1, np.eye(6) * 1e-9, rng)
+    write_pose_table(tmp_path / "poses.parquet", poses, "one")
+    assert read_pose_table(tmp_path / "poses.parquet", "one").attrs["campaign"] == "one"
+    with pytest.raises(RawDataError, match=r"poses.parquet: .*\(got 'one'\); .*campaign 'other'"):
+        read_pose_table(tmp_path / "poses.parquet", "other")
+
+
 def test_refuses_another_parquet_file(tmp_path, table):
     table.to_parquet(tmp_path / "other.parquet")
     with pytest.raises(RawDataError, match="schema none"):

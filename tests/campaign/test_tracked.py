@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.campaign.description import read_campaign
-from pa10cal.campaign.ingest import ingest_campaign, repeatability_mm
+from pa10cal.campaign.ingest import repeatability_mm
 from pa10cal.errors import Pa10calError
-from pa10cal.files.arms import load_arm
-from pa10cal.settings import IngestSettings
+from spoiling import ingest, replace
 
 
 @pytest.fixture
@@ -23,12 +21,6 @@ def tracked(raw_campaign):
     return raw_campaign
 
 
-def ingest(raw):
-    folder = raw.write()
-    campaign = read_campaign(folder)
-    return ingest_campaign(campaign, load_arm(campaign.robot), folder, IngestSettings())
-
-
 def with_columns(lines, columns):
     """Append columns of one value each."""
     values = ",".join(str(value) for value in columns.values())
@@ -39,6 +31,7 @@ def test_poses_come_out_as_they_went_in(tracked):
     ingested = ingest(tracked)
     poses = ingested.poses
     assert ingested.left_out == ()
+    assert ingested.notes == ("no torques logged: springs cannot be identified",)
     assert list(poses.pose) == [key[1] for key in tracked.keys]
     expected = np.array(tracked.T_cmm_ee)
     expected[:, :3, 3] *= 1e3
@@ -53,12 +46,14 @@ def test_poses_come_out_as_they_went_in(tracked):
 def test_what_is_stated_is_taken_and_what_is_not_follows_from_the_instrument(tracked):
     plain = ingest(tracked).poses.cov_ee_mm
     np.testing.assert_allclose(plain[7], np.diag([0.005**2] * 3 + [5e-5**2] * 3), rtol=1e-9)
-    with_columns(tracked.poses, {"u_x_mm": 0.02, "tau2_Nm": -40.0, "temperature_C": 22.5})
-    poses = ingest(tracked).poses
+    torques = {f"tau{j}_Nm": -20.0 * j for j in range(1, 7)}
+    with_columns(tracked.poses, {"u_x_mm": 0.02, **torques, "temperature_C": 22.5})
+    ingested = ingest(tracked)
+    assert not any("torques" in note for note in ingested.notes)
+    poses = ingested.poses
     np.testing.assert_allclose(poses.cov_ee_mm[:, 0, 0], 0.02**2)
     np.testing.assert_allclose(poses.cov_ee_mm[:, 1, 1], 0.005**2)
     assert (poses.tau_Nm[:, 1] == -40.0).all()
-    assert np.isnan(poses.tau_Nm[:, 0]).all()
     assert (poses.temperature_C == 22.5).all()
 
 
@@ -97,6 +92,94 @@ def test_radians_are_noticed(tracked):
         words[5:11] = [str(np.radians(float(word))) for word in words[5:11]]
         tracked.poses[k] = ",".join(words)
     with pytest.raises(Pa10calError, match=r"poses.csv: q1_deg … q6_deg: .*look like radians"):
+        ingest(tracked)
+
+
+def scaled(lines, factor):
+    """Write the positions in another unit."""
+    for k, line in enumerate(lines[1:], start=1):
+        words = line.split(",")
+        words[11:14] = [f"{factor * float(word):.9f}" for word in words[11:14]]
+        lines[k] = ",".join(words)
+
+
+@pytest.mark.parametrize(
+    ("factor", "message"),
+    [
+        (1e-3, r"poses.csv: x_mm, y_mm, z_mm: the positions look like metres"),
+        (0.1, r"x_mm, y_mm, z_mm: .*look like centimetres"),
+        (1 / 25.4, r"x_mm, y_mm, z_mm: .*look like inches"),
+        (1e3, r"unit of these columns, and of the measured places"),
+    ],
+)
+def test_positions_in_another_unit_are_noticed(tracked, factor, message):
+    scaled(tracked.poses, factor)
+    with pytest.raises(Pa10calError, match=message):
+        ingest(tracked)
+
+
+@pytest.mark.parametrize(
+    ("x_mm", "reason"),
+    [
+        (9999, "further from the other positions than the arm reaches"),
+        (1e5, "further from the other positions than the arm reaches"),
+        (2e7, "a coordinate beyond any measuring volume"),
+        (-1200, "far from where the joint angles put the end-effector"),
+    ],
+)
+@pytest.mark.parametrize("index", [3, 9, 34])
+def test_a_single_position_far_off_is_listed(tracked, index, x_mm, reason):
+    replace(tracked.poses, index, "x_mm", str(x_mm))
+    ingested = ingest(tracked)
+    assert [(row.line, row.reason) for row in ingested.left_out] == [(index + 1, reason)]
+    assert len(ingested.poses) == 33
+
+
+def test_a_repeat_far_from_the_others_is_listed(tracked):
+    for k in (9, 21):  # two more repeats of a pose that has two
+        words = tracked.poses[k].split(",")
+        words[:5] = [str(3000 + k), *words[1:4], str(k)]
+        words[13] = f"{float(words[13]) + 0.01:.6f}"
+        tracked.poses.append(",".join(words))
+    words = tracked.poses[-1].split(",")
+    replace(tracked.poses, len(tracked.poses) - 1, "y_mm", f"{float(words[12]) + 12.0:.6f}")
+    ingested = ingest(tracked)
+    expected = [(len(tracked.poses), "far from the other readings of this pose and load")]
+    assert [(row.line, row.reason) for row in ingested.left_out] == expected
+
+
+@pytest.mark.parametrize(
+    ("column", "text", "reason"),
+    [
+        ("u_x_mm", "0", "the stated uncertainty is not above zero"),
+        ("u_x_mm", "-0.01", "the stated uncertainty is not above zero"),
+        ("u_x_mm", "nan", "not a finite number"),
+        ("tau3_Nm", "", "not a finite number"),
+        ("tau3_Nm", "off", "not a finite number"),
+        ("load_N", "-22", "negative load"),
+    ],
+)
+def test_a_row_without_a_torque_or_a_true_uncertainty_is_listed(tracked, column, text, reason):
+    with_columns(tracked.poses, {"u_x_mm": 0.02, **{f"tau{j}_Nm": 1.5 for j in range(1, 7)}})
+    replace(tracked.poses, 12, column, text)
+    ingested = ingest(tracked)
+    assert [(row.line, row.reason) for row in ingested.left_out] == [(13, reason)]
+    assert ingested.left_out[0].value.startswith(f"{column} = ")
+    assert not np.isnan(ingested.poses.tau_Nm).any()
+
+
+def test_an_uncertainty_left_blank_is_not_stated(tracked):
+    with_columns(tracked.poses, {"u_x_mm": 0.02})
+    replace(tracked.poses, 12, "u_x_mm", "")
+    ingested = ingest(tracked)
+    assert ingested.left_out == ()
+    assert ingested.poses.cov_ee_mm[11, 0, 0] == pytest.approx(0.005**2)
+
+
+def test_torques_of_some_joints_only_are_refused(tracked):
+    names = [f"tau{j}_Nm" for j in (1, 2, 4, 5, 6)]
+    with_columns(tracked.poses, dict.fromkeys([*names, "tau_3_Nm"], 1.0))
+    with pytest.raises(Pa10calError, match=r"poses.csv:1: missing column tau3_Nm .*'tau_3_Nm'"):
         ingest(tracked)
 
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.files.output import whole_file, write_json, write_text
+from pa10cal.errors import OutputError
+from pa10cal.files.output import whole_file, whole_files, write_json, write_text
 
 
 def write_half(path):
@@ -45,6 +46,27 @@ def test_the_output_is_not_seen_before_it_is_whole(tmp_path):
         assert not path.exists()
         assert beside.suffix == path.suffix
     assert path.read_text() == "half"
+
+
+def test_several_outputs_appear_together(tmp_path):
+    paths = tmp_path / "a.txt", tmp_path / "b" / "c.txt"
+    with whole_files(*paths) as besides:
+        for beside in besides:
+            beside.write_text("whole")
+        assert not any(path.exists() for path in paths)
+    assert [path.read_text() for path in paths] == ["whole", "whole"]
+
+
+def test_one_place_that_is_unfit_keeps_all_outputs_back(tmp_path):
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "file").write_text("")
+    for unfit in (tmp_path / "taken", tmp_path / "file" / "b.txt", tmp_path / "file" / "c" / "d"):
+        with (
+            pytest.raises(OutputError, match=r"the output cannot be written \(got '"),
+            whole_files(tmp_path / "a.txt", unfit),
+        ):
+            pytest.fail("the block must not be entered")
+        assert {path.name for path in tmp_path.iterdir()} == {"taken", "file"}
 
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)

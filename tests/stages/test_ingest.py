@@ -116,6 +116,19 @@ def test_a_refusal_leaves_one_message_and_no_output(raw_campaign, tmp_path, caps
     assert "Traceback" not in said.err
 
 
+@pytest.mark.parametrize("name", ["poses.parquet", "quarantine.csv"])
+def test_a_folder_in_the_place_of_an_output_is_refused_without_the_other(
+    raw_campaign, tmp_path, capsys, name
+):
+    taken = tmp_path / "results" / "ingest" / name
+    taken.mkdir(parents=True)
+    assert run(raw_campaign.write(), tmp_path / "results")[0] == REFUSED
+    assert list((tmp_path / "results" / "ingest").iterdir()) == [taken]
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert f"{taken}: the output cannot be written" in said
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -110,8 +110,25 @@ def test_refuses_with_one_message_and_no_output(raw_campaign, tmp_path, capsys, 
     assert message in said
 
 
-def test_one_move_alone_is_refused(raw_campaign, tmp_path, capsys):
-    raw_campaign.cmm[1:] = [line for line in raw_campaign.cmm[1:] if ",line_y," not in line]
+@pytest.mark.parametrize(("there", "absent"), [("line_x", "line_y"), ("line_y", "line_x")])
+def test_one_move_alone_is_refused(raw_campaign, tmp_path, capsys, there, absent):
+    raw_campaign.cmm[1:] = [line for line in raw_campaign.cmm[1:] if f",{absent}," not in line]
     status, _ = run(raw_campaign.write(), tmp_path)
     assert status == REFUSED
-    assert "line_y: too few points" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"poses.parquet: there are {there} rows, but no {absent} rows" in said
+    assert f"or remove its {there} rows too" in said
+
+
+def test_the_poses_of_another_campaign_are_refused(raw_campaign, tmp_path, capsys):
+    folder = raw_campaign.write()
+    _, path = run(folder, tmp_path)
+    path.unlink()
+    raw_campaign.description["name"] = "another"
+    raw_campaign.write()
+    given = ["--poses", tmp_path / "poses.parquet", "--out", path]
+    assert main([str(word) for word in ["--campaign-dir", folder, *given]]) == REFUSED
+    said = capsys.readouterr().err
+    assert "got 'made-up'" in said
+    assert "campaign 'another'" in said
+    assert not path.exists()

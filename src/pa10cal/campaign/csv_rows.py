@@ -62,7 +62,12 @@ class RawRows:
         )
 
 
-def read_rows(path: Path, required: Sequence[str], optional: Sequence[str] = ()) -> RawRows:
+def read_rows(
+    path: Path,
+    required: Sequence[str],
+    optional: Sequence[str] = (),
+    together: Sequence[str] = (),
+) -> RawRows:
     """Read a CSV file, plain or gzipped.
 
     Rows with another number of fields than the header, exact repeats of an earlier row and a last
@@ -72,6 +77,7 @@ def read_rows(path: Path, required: Sequence[str], optional: Sequence[str] = ())
         path: the file; a byte-order mark and Windows line ends are accepted.
         required: columns that must be there.
         optional: columns that may be there.
+        together: columns that are all there or all absent.
 
     Raises:
         RawDataError: when the file is empty, is no UTF-8 text, uses another separator or decimal
@@ -84,7 +90,8 @@ def read_rows(path: Path, required: Sequence[str], optional: Sequence[str] = ())
         raise _refusal(path, 1, "the file is empty", "a header and rows", "export it again")
     header_line, header_text = numbered[0]
     header = _fields(header_text)
-    _check_header(path, header_line, header_text, header, required)
+    needed = [*required, *(together if set(together) & set(header) else ())]
+    _check_header(path, header_line, header_text, header, needed)
     rows = [_fields(text) for _, text in numbered[1:]]
     line = np.array([k for k, _ in numbered[1:]], dtype=np.int64)
     if not rows:
@@ -101,7 +108,7 @@ def read_rows(path: Path, required: Sequence[str], optional: Sequence[str] = ())
     )
     table = np.array([row for row in rows if len(row) == len(header)], dtype=object)
     columns = dict(zip(header, table.T, strict=True))
-    unused = tuple(name for name in header if name not in (*required, *optional))
+    unused = tuple(name for name in header if name not in (*needed, *optional))
     raw = RawRows(path.name, columns, line[right], len(rows), unused, listed)
     if not ended and right[-1]:
         raw = _without_cut_last(raw, header[-1])
@@ -137,6 +144,22 @@ def numbers(
         for row, k in zip(rows, first_bad, strict=True)
     ]
     return raw.take(keep, "not a finite number", values), parsed[keep]
+
+
+def in_range(
+    raw: RawRows, names: Sequence[str], reason: str, at_least: float, at_most: float = np.inf
+) -> RawRows:
+    """Leave out and list the rows with a number outside a range; empty fields are let through."""
+    if not names:
+        return raw
+    _, found = numbers(raw, names, may_be_blank=True)
+    off = (found < at_least) | (found > at_most)
+    keep = np.asarray(~off.any(axis=1))
+    rows, first_off = np.flatnonzero(~keep), np.argmax(off[~keep], axis=1)
+    values = [
+        f"{names[k]} = {raw.columns[names[k]][row]}" for row, k in zip(rows, first_off, strict=True)
+    ]
+    return raw.take(keep, reason, values)
 
 
 def whole_numbers(raw: RawRows, name: str) -> tuple[RawRows, NDArray[np.int64]]:

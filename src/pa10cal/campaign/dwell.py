@@ -37,7 +37,6 @@ class Dwells:
         first: (D,) index of the first sample.
         last: (D,) index of the last sample.
         of_sample: (N,) dwell of every sample, -1 while the arm moved.
-        noise_deg: (n,) standard deviation of one reading of a standing joint.
         real_deg: (n,) movement of a joint that noise cannot feign.
     """
 
@@ -46,7 +45,6 @@ class Dwells:
     first: Index
     last: Index
     of_sample: Index
-    noise_deg: Array
     real_deg: Array
 
     def __len__(self) -> int:
@@ -125,7 +123,7 @@ def find_dwells(samples: Samples, still_speed_deg_s: float) -> Dwells:
     inside[last + 1] -= 1
     standing = np.cumsum(inside[:-1]) > 0
     of_sample[standing] = np.searchsorted(first, np.flatnonzero(standing), side="right") - 1
-    return Dwells(time_s[first], time_s[last], first, last, of_sample, noise, real)
+    return Dwells(time_s[first], time_s[last], first, last, of_sample, real)
 
 
 def dwell_readings(samples: Samples, dwells: Dwells) -> DwellReadings:

@@ -10,13 +10,24 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.campaign.csv_rows import RawRows, choices, numbers, read_rows, whole_numbers
+from pa10cal.campaign.csv_rows import (
+    RawRows,
+    choices,
+    in_range,
+    numbers,
+    read_rows,
+    whole_numbers,
+)
 from pa10cal.campaign.quarantine import LeftOut
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp] | NDArray[np.bool_]
 
 KINDS = ("line_x", "line_y", "grid", "holdout")
+#: No instrument of this kind measures further than this.
+LARGEST_MM = 1e6
+TOO_LARGE = "a coordinate beyond any measuring volume"
+NOT_UNCERTAIN = "the stated uncertainty is not above zero"
 
 _T = TypeVar("_T", bound="_Columns")
 
@@ -156,6 +167,7 @@ def read_touches(path: Path, ball_names: Sequence[str]) -> tuple[Touches, FileRe
     raw = choices(choices(raw, "kind", KINDS), "ball", ball_names)
     raw, _ = numbers(raw, ["time_s", "load_N", *places])
     raw, _ = whole_numbers(raw, "touch")
+    raw = in_range(raw, places, TOO_LARGE, -LARGEST_MM, LARGEST_MM)
     raw, shared = _readings(raw)
     _, p_cmm_mm = numbers(raw, places)
     names = raw.columns["ball"].astype(str)
@@ -194,7 +206,7 @@ def read_tracked_poses(
 
     Args:
         path: the file named by `files.poses`.
-        joints: number of joints.
+        joints: number of joints; their torques are logged for all of them or for none.
         kind_stated: whether the rows must say their kind; else all are of the grid.
 
     Raises:
@@ -204,17 +216,22 @@ def read_tracked_poses(
     tau = [f"tau{j}_Nm" for j in range(1, joints + 1)]
     place, attitude = ["x_mm", "y_mm", "z_mm"], ["qw", "qx", "qy", "qz"]
     labels = ["pose", "load_N", "repeat", *(["kind"] if kind_stated else [])]
-    optional = [*tau, "temperature_C"]
-    optional += [f"u_{name}" for name in (*q, *tau, *place, *attitude)]
-    raw = read_rows(path, ["time_s", *labels, *q, *place, *attitude], ["kind", *optional])
+    stated_u = [f"u_{name}" for name in (*q, *tau, *place, *attitude)]
+    optional = ["temperature_C", *stated_u]
+    raw = read_rows(path, ["time_s", *labels, *q, *place, *attitude], ["kind", *optional], tau)
     if "kind" not in raw.columns:
         raw.columns["kind"] = np.full(len(raw.line), "grid", dtype=object)
     raw = choices(raw, "kind", KINDS)
-    raw, _ = numbers(raw, ["time_s", "load_N", *q, *place, *attitude])
+    logged = [name for name in tau if name in raw.columns]
+    raw, _ = numbers(raw, ["time_s", "load_N", *q, *logged, *place, *attitude])
+    raw = in_range(raw, place, TOO_LARGE, -LARGEST_MM, LARGEST_MM)
     given = [name for name in optional if name in raw.columns]
     raw, _ = numbers(raw, given, may_be_blank=True)
+    above_zero = float(np.nextafter(0.0, 1.0))
+    raw = in_range(raw, [name for name in stated_u if name in given], NOT_UNCERTAIN, above_zero)
     raw = _with_unit_quaternions(raw, attitude)
     raw, shared = _readings(raw)
+    given += logged
     columns = dict(zip(given, numbers(raw, given, may_be_blank=True)[1].T, strict=True))
     unknown = np.full(len(raw.line), np.nan)
 
@@ -243,6 +260,7 @@ def read_tracked_poses(
 
 def _readings(raw: RawRows) -> tuple[RawRows, dict[str, Any]]:
     """Return the remaining rows and the fields of `Readings`."""
+    raw = in_range(raw, ["load_N"], "negative load", 0.0)
     raw, repeat = whole_numbers(raw, "repeat")
     named = raw.columns["pose"] != ""
     raw = raw.take(named, "the pose has no label", [""] * int((~named).sum()))

@@ -1,4 +1,4 @@
-"""Checks of the logs against each other that need no model: units and labels."""
+"""Checks of the logs against each other and the nominal arm: units and labels."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ TAIL = 0.02
 #: Excess over the largest possible motion that deflections, noise and ball radii may explain.
 MARGIN = 1.2
 MARGIN_MM = 50.0
+#: Spreads of measured and modelled positions that differ by more than this are in other units.
+SPREAD_RATIO = 5.0
 #: Joint positions of one label may differ by so much between loads and repeats.
 SAME_COMMAND_DEG = 0.5
 OTHER_COMMAND = (
@@ -67,6 +69,37 @@ def refuse_wrong_angle_unit(
         remedy="convert the columns to degrees"
         if radians
         else "check the unit of these columns, and of the measured places",
+    )
+
+
+def refuse_wrong_length_unit(p_mm: Array, nominal_mm: Array, where: str) -> None:
+    """Stop when measured positions spread far less or more than the nominal model's.
+
+    Args:
+        p_mm: (N, 3) measured positions in what should be millimetres.
+        nominal_mm: (N, 3) the nominal model's for the same joint positions, in any frame.
+        where: file and columns, for the message.
+
+    Raises:
+        RawDataError: naming both spreads, and the unit where it is likely.
+    """
+    measured, modelled = (
+        float(np.median(np.linalg.norm(p - np.median(p, axis=0), axis=1)))
+        for p in (p_mm, nominal_mm)
+    )
+    least, most = sorted((measured, modelled))
+    if most <= MARGIN_MM or most <= SPREAD_RATIO * least:
+        return
+    size = modelled / max(measured, np.finfo(float).tiny)
+    units = {1e-3: "micrometres", 10.0: "centimetres", 25.4: "inches", 1e3: "metres"}
+    unit = next((name for mm, name in units.items() if 0.5 < size / mm < 1.6), None)
+    raise RawDataError(
+        f"the positions look like {unit}" if unit else "the positions do not fit the joint motion",
+        where=where,
+        value=f"a median distance of {measured:.3g} mm from their middle, where the nominal model "
+        f"has {modelled:.3g} mm",
+        allowed="positions in millimetres",
+        remedy="convert the columns to millimetres" if unit else "check the unit of these columns",
     )
 
 

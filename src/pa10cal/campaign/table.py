@@ -42,13 +42,17 @@ def write_pose_table(path: Path, poses: MeasuredPoses, campaign: str) -> None:
     pq.write_table(table, path, compression="zstd")
 
 
-def read_pose_table(path: Path) -> pd.DataFrame:
+def read_pose_table(path: Path, campaign: str | None = None) -> pd.DataFrame:
     """Read the table of poses; see the column list in docs/architecture.md.
 
     The name of the campaign is in `table.attrs["campaign"]`.
 
+    Args:
+        path: the file.
+        campaign: name of the campaign it must be of; None for any.
+
     Raises:
-        RawDataError: when the file is missing or is no such table.
+        RawDataError: when the file is missing, is no such table, or is of another campaign.
     """
     try:
         table = pq.read_table(path)
@@ -59,7 +63,15 @@ def read_pose_table(path: Path) -> pd.DataFrame:
     if schema != SCHEMA:
         raise _not_a_table(path, f"schema {schema}")
     frame: pd.DataFrame = table.to_pandas()
-    frame.attrs["campaign"] = metadata[b"campaign"].decode()
+    found = frame.attrs["campaign"] = metadata[b"campaign"].decode()
+    if campaign is not None and found != campaign:
+        raise RawDataError(
+            "the table of poses is of another campaign",
+            where=str(path),
+            value=found,
+            allowed=f"campaign {campaign!r}",
+            remedy="give the table that ingest made of this campaign",
+        )
     return frame
 
 

@@ -8,24 +8,35 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.campaign.description import Campaign
 from pa10cal.campaign.grouping import configurations
 from pa10cal.campaign.logs import TrackedPoses, read_tracked_poses
 from pa10cal.campaign.measured import Ingested, MeasuredPoses
+from pa10cal.campaign.outliers import (
+    OFF_MODEL,
+    OFF_REPEATS,
+    OUT_OF_REACH,
+    off_model,
+    off_repeats,
+    out_of_reach,
+)
 from pa10cal.campaign.plausibility import (
     OTHER_COMMAND,
     SAME_COMMAND_DEG,
     off_command,
     refuse_wrong_angle_unit,
+    refuse_wrong_length_unit,
 )
-from pa10cal.campaign.quarantine import left_out, refuse_too_many
+from pa10cal.campaign.quarantine import LeftOut, left_out, refuse_too_many
 from pa10cal.settings import IngestSettings
 
 Array = NDArray[np.float64]
 
 #: An attitude without a stated uncertainty is as sure as targets this far apart make it.
 TARGET_SPREAD_MM = 100.0
+NO_TORQUES = "no torques logged: springs cannot be identified"
 
 
 def poses_from_tracker(
@@ -54,16 +65,39 @@ def poses_from_tracker(
     again[first] = False
     listed += left_out(read.file, rows.line[again], "this configuration was read before")
     rows = rows.take(~again)
+    refuse_too_many(listed, {read.file: read.total}, settings.max_quarantined_fraction)
+    rows, outliers = _without_outliers(rows, arm, path)
+    listed += outliers
     q_rad = np.radians(rows.q_deg)
-    if len(rows):
-        where = f"{path}: q1_deg … q{arm.n}_deg"
-        log, places = (rows.time_s, rows.q_deg), (rows.time_s, rows.p_cmm_ee_mm)
-        refuse_wrong_angle_unit(log, places, arm, 0.0, where)
     off = off_command(rows.pose, q_rad) > SAME_COMMAND_DEG
     listed += left_out(read.file, rows.line[off], OTHER_COMMAND, rows.pose[off])
     refuse_too_many(listed, {read.file: read.total}, settings.max_quarantined_fraction)
     poses = _measured(rows, q_rad, campaign.instrument.uncertainty_mm).take(~off)
-    return Ingested(poses, tuple(listed), read.notes)
+    notes = (*read.notes, NO_TORQUES) if np.isnan(poses.tau_Nm).all() else read.notes
+    return Ingested(poses, tuple(listed), notes)
+
+
+def _without_outliers(
+    rows: TrackedPoses, arm: Arm, path: Path
+) -> tuple[TrackedPoses, tuple[LeftOut, ...]]:
+    """Refuse wrong units, and leave out single readings that cannot be of their pose."""
+    far = out_of_reach(rows.p_cmm_ee_mm, arm)
+    listed = left_out(path.name, rows.line[far], OUT_OF_REACH, _places(rows.take(far)))
+    rows = rows.take(~far)
+    log, places = (rows.time_s, rows.q_deg), (rows.time_s, rows.p_cmm_ee_mm)
+    refuse_wrong_angle_unit(log, places, arm, 0.0, f"{path}: q1_deg … q{arm.n}_deg")
+    nominal_mm = 1e3 * Chain.of(arm).forward(np.radians(rows.q_deg))[:, :3, 3]
+    refuse_wrong_length_unit(rows.p_cmm_ee_mm, nominal_mm, f"{path}: x_mm, y_mm, z_mm")
+    other = off_repeats(rows.p_cmm_ee_mm, rows.pose, rows.load_N)
+    listed += left_out(path.name, rows.line[other], OFF_REPEATS, _places(rows.take(other)))
+    rows, nominal_mm = rows.take(~other), nominal_mm[~other]
+    stray = off_model(rows.p_cmm_ee_mm, nominal_mm)
+    listed += left_out(path.name, rows.line[stray], OFF_MODEL, _places(rows.take(stray)))
+    return rows.take(~stray), listed
+
+
+def _places(rows: TrackedPoses) -> list[str]:
+    return [f"x_mm, y_mm, z_mm = {x:g}, {y:g}, {z:g}" for x, y, z in rows.p_cmm_ee_mm]
 
 
 def _measured(rows: TrackedPoses, q_rad: Array, uncertainty_mm: float) -> MeasuredPoses:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+
+from pa10cal.errors import OutputError
 
 
 @contextmanager
@@ -16,14 +19,64 @@ def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; move it into place when the block succeeds.
 
     The temporary name keeps the ending, since writers choose a format by it.
+
+    Raises:
+        OutputError: when nothing can be written at this place.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{os.getpid()}.partial.{path.name}")
-    try:
+    with whole_files(path) as (beside,):
         yield beside
-        os.replace(beside, path)  # noqa: PTH105 -- the atomic call, by its own name
+
+
+@contextmanager
+def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
+    """Yield temporary paths beside several outputs; move all into place, or none.
+
+    Raises:
+        OutputError: when one of them cannot be written at its place.
+    """
+    besides = tuple(path.with_name(f".{os.getpid()}.partial.{path.name}") for path in paths)
+    try:
+        for path, beside in zip(paths, besides, strict=True):
+            _claim(path, beside)
+        yield besides
+        for path, beside in zip(paths, besides, strict=True):
+            _move(beside, path)
     finally:
-        beside.unlink(missing_ok=True)
+        for beside in besides:
+            _remove(beside)
+
+
+def _claim(path: Path, beside: Path) -> None:
+    """Make the folder and the temporary file, so that an unfit place is known before any work."""
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside.touch()
+    except OSError as error:
+        raise _unwritable(path, error) from None
+
+
+def _move(beside: Path, path: Path) -> None:
+    try:
+        os.replace(beside, path)  # noqa: PTH105 -- the atomic call, by its own name
+    except OSError as error:
+        raise _unwritable(path, error) from None
+
+
+def _remove(beside: Path) -> None:
+    with suppress(OSError):  # where nothing could be written there is nothing to remove
+        beside.unlink()
+
+
+def _unwritable(path: Path, error: OSError) -> OutputError:
+    return OutputError(
+        "the output cannot be written",
+        where=str(path),
+        value=error.strerror,
+        allowed="a file in a folder that may be written to",
+        remedy="give another path, or remove what is in the way",
+    )
 
 
 def write_text(path: Path, text: str) -> None:

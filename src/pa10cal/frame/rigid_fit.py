@@ -47,14 +47,12 @@ class WeightedRigidFit:
         T: (B, 4, 4) target from source, in the points' length unit.
         covariance: (B, 6, 6) of (dp, w) [length², length rad, rad²].
         chi_square: (B,) weighted sum of squared residuals.
-        degrees_of_freedom: 3 k - 6.
         residuals: (B, k, 3) target point minus carried source point.
     """
 
     T: Array
     covariance: Array
     chi_square: Array
-    degrees_of_freedom: int
     residuals: Array
 
 
@@ -128,7 +126,6 @@ def fit_rigid_weighted(source: Array, target: Array, covariances: Array) -> Weig
         T=_homogeneous(R, p),
         covariance=np.linalg.inv(normal),
         chi_square=chi_square,
-        degrees_of_freedom=3 * target.shape[1] - 6,
         residuals=residuals,
     )
 

@@ -35,7 +35,6 @@ class StraightLine:
 
     Attributes:
         direction_cmm: (3,) unit vector, in the sense in which the robot's coordinate grows.
-        centre_cmm_m: (3,) mean of the points.
         length_m: distance between the outermost points, along the line.
         bend_rms_m: root mean square distance of the points from the line.
         direction_u_rad: standard uncertainty of the direction, per axis across the line, from
@@ -44,7 +43,6 @@ class StraightLine:
     """
 
     direction_cmm: Array
-    centre_cmm_m: Array
     length_m: float
     bend_rms_m: float
     direction_u_rad: float
@@ -95,8 +93,7 @@ def fit_line(p_cmm_m: Array, travel_m: Array, name: str = "straight move") -> St
             allowed="at least 3 measured points",
             remedy="measure more points along the move",
         )
-    centre = p_cmm_m.mean(axis=0)
-    offsets = p_cmm_m - centre
+    offsets = p_cmm_m - p_cmm_m.mean(axis=0)
     direction = np.linalg.svd(offsets, full_matrices=False)[2][0]
     along = offsets @ direction
     if along @ (travel_m - travel_m.mean()) < 0.0:
@@ -107,7 +104,6 @@ def fit_line(p_cmm_m: Array, travel_m: Array, name: str = "straight move") -> St
     spread = float(np.sqrt((along**2).sum()))
     return StraightLine(
         direction_cmm=direction,
-        centre_cmm_m=centre,
         length_m=float(np.ptp(along)),
         bend_rms_m=float(np.sqrt(square / count)),
         direction_u_rad=float(scatter / spread) if spread > 0.0 else float("inf"),

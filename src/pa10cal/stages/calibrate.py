@@ -40,7 +40,7 @@ def _run(arguments: argparse.Namespace) -> None:
     seed = read_record(arguments.base_frame, BASE_FRAME, ("T_cmm_base",), campaign.name)
     case = work_out(
         load_arm(campaign.robot),
-        observations(read_pose_table(arguments.poses), kind="grid", average=False),
+        observations(read_pose_table(arguments.poses, campaign.name), kind="grid", average=False),
         read_pose_matrix(seed, "T_cmm_base", arguments.base_frame),
         arguments.load,
         1e-3 * settings.apparatus_uncertainty_mm,

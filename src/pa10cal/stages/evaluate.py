@@ -43,7 +43,7 @@ def _run(arguments: argparse.Namespace) -> None:
 
     campaign = read_campaign(arguments.campaign_dir)
     arm = load_arm(campaign.robot)
-    table = read_pose_table(arguments.poses)
+    table = read_pose_table(arguments.poses, campaign.name)
     record = read_record(
         arguments.calibration, CALIBRATION, ("parameters", "linear"), campaign.name
     )

@@ -28,7 +28,7 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.campaign.quarantine import quarantine_csv
     from pa10cal.campaign.table import write_pose_table
     from pa10cal.files.arms import load_arm
-    from pa10cal.files.output import whole_file
+    from pa10cal.files.output import whole_files
     from pa10cal.settings import IngestSettings, read_settings_argument
 
     settings = read_settings_argument(IngestSettings, arguments.settings)
@@ -36,7 +36,7 @@ def _run(arguments: argparse.Namespace) -> None:
     campaign = read_campaign(folder)
     ingested = ingest_campaign(campaign, load_arm(campaign.robot), folder, settings)
     poses = ingested.poses
-    with whole_file(arguments.out) as table, whole_file(arguments.quarantine) as listing:
+    with whole_files(arguments.out, arguments.quarantine) as (table, listing):
         write_pose_table(table, poses, campaign.name)
         listing.write_text(quarantine_csv(ingested.left_out), encoding="utf-8", newline="\n")
     repeatability = ", ".join(

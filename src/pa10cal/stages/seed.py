@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from pa10cal.frame.nominal_fit import NominalSeed
     from pa10cal.frame.straight_lines import LineSeed, StraightLine
 
-SCHEMA = "pa10cal-base-frame/1"
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the stage and return its exit code."""
@@ -41,14 +39,16 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.frame.nominal_fit import seed_from_nominal
     from pa10cal.frame.straight_lines import LineLimits, seed_from_lines
     from pa10cal.settings import BaseFrameSettings, read_settings_argument
+    from pa10cal.stages.records import BASE_FRAME
 
     settings = read_settings_argument(BaseFrameSettings, arguments.settings)
     campaign = read_campaign(arguments.campaign_dir)
-    table = read_pose_table(arguments.poses)
+    table = read_pose_table(arguments.poses, campaign.name)
     chain = Chain.of(load_arm(campaign.robot))
     grid = observations(table, "grid")
     unloaded = grid.take(grid.states.load_N == grid.states.load_N.min())
     line_x, line_y = (observations(table, kind) for kind in ("line_x", "line_y"))
+    _refuse_one_move(len(line_x), len(line_y), arguments.poses)
 
     def positions(*kinds: PoseObservations) -> tuple[Any, Any]:
         """Measured and nominal positions of the end-effector."""
@@ -68,12 +68,28 @@ def _run(arguments: argparse.Namespace) -> None:
         record = _line_record(from_lines)
     else:
         record = _nominal_record(seed_from_nominal(*positions(unloaded)))
-    header = {"schema": SCHEMA, "campaign": campaign.name, "provenance": campaign.provenance}
+    header = {"schema": BASE_FRAME, "campaign": campaign.name, "provenance": campaign.provenance}
     write_json(arguments.out, header | record)
     print(
         f"{campaign.name}: base frame by {record['method']}, directions known to "
         f"{1e3 * record['x_direction_u_rad']:.3f} and {1e3 * record['y_direction_u_rad']:.3f} "
         f"mrad, origins scatter by {record['origin_scatter_mm']:.3f} mm"
+    )
+
+
+def _refuse_one_move(points_x: int, points_y: int, poses: Path) -> None:
+    """Refuse a move along one axis only, which gives no base frame."""
+    from pa10cal.errors import CalibrationError
+
+    if bool(points_x) == bool(points_y):
+        return
+    there, absent = ("line_x", "line_y") if points_x else ("line_y", "line_x")
+    raise CalibrationError(
+        f"there are {there} rows, but no {absent} rows",
+        where=str(poses),
+        allowed="both straight moves, or neither",
+        remedy=f"add the {absent} rows to the campaign, or remove its {there} rows too: the base "
+        "frame is then fitted to the nominal model",
     )
 
 
