@@ -131,6 +131,44 @@ def test_open_and_bound_parameters_are_named(changed):
     assert "joint 5" in texts
 
 
+def held_rigid(record):
+    for name in [name for name in record["parameters"] if name.startswith("K_")]:
+        del record["parameters"][name]
+        record["inner_dependence"]["std"].pop(name)
+
+
+def test_an_arm_without_springs_is_drawn(changed):
+    figure = parameter_uncertainty.draw(changed("calibration/combined.json", held_rigid))
+    assert texts_of(figure).count("all joints held rigid") == 2
+
+
+def test_the_spread_of_a_stiffness_ends_at_zero(changed):
+    def wide(record):
+        record["inner_dependence"]["std"]["K_lin_2"] = 1e9
+
+    axes = parameter_uncertainty.draw(changed("calibration/combined.json", wide)).axes[2]
+    assert axes.get_title(loc="left") == "linear stiffness"
+    starts = [min(line.get_xdata()) for line in axes.lines if len(line.get_xdata()) == 2]
+    assert min(starts) == 0.0
+
+
+def test_says_when_the_intervals_do_not_cover_what_the_model_lacks(results, changed):
+    assert not any("incomplete" in text for text in texts_of(parameter_uncertainty.draw(results)))
+
+    def worse(record):
+        for errors in record["errors"].values():
+            errors["after"]["mean_mm"] = 1.0
+
+    texts = texts_of(parameter_uncertainty.draw(changed("calibration/combined.json", worse)))
+    assert any("the model is incomplete" in text for text in texts)
+
+
+def test_says_which_calibration_was_evaluated(results, changed):
+    assert any("with all loads together" in text for text in texts_of(fig6_holdout.draw(results)))
+    other = changed("evaluation/holdout.json", lambda record: record.update(calibration="22N"))
+    assert any("with 22N alone" in text for text in texts_of(fig6_holdout.draw(other)))
+
+
 def points(weights, values):
     return tuple(
         LCurvePoint(weight=weight, misfit=value, departure=1 / value, mean_mm=2 * value)
@@ -179,6 +217,19 @@ def test_the_map_shows_every_point_and_nothing_elsewhere(results):
         column = int((x_mm - left) / (right - left) * shown.shape[1])
         row = int((y_mm - bottom) / (top - bottom) * shown.shape[0])
         assert shown[row, column] == mean_mm
+
+
+def test_a_plane_without_a_grid_point_in_reach_says_so(results, changed):
+    def empty(record):
+        record["map"]["rows"] = []
+
+    part = changed("montecarlo/z500.json", empty)
+    assert texts_of(montecarlo_map.draw(part)).count("no grid point in reach") == 1
+    settings = part.settings.model_copy(
+        update={"montecarlo": part.settings.montecarlo.model_copy(update={"planes_mm": (500,)})}
+    )
+    alone = montecarlo_map.draw(replace(part, settings=settings))
+    assert "no grid point in reach" in texts_of(alone)
 
 
 def test_convergence_ends_where_the_record_does(results):

@@ -83,8 +83,9 @@ def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(drawn
 @pytest.mark.parametrize("name", FIGURES)
 def test_says_what_it_was_drawn_from(drawn, name):
     texts = [text.get_text() for text in drawn[1][name]]
-    footer = "Campaign cell-null. Synthetic data (virtual cell, independent of this project)"
-    assert footer in texts
+    assert (
+        "Campaign cell-null. Synthetic data. Provenance: virtual cell, independent of this project."
+    ) in texts
     assert any("[mm]" in text or "[%]" in text or "tolerance" in text for text in texts)
 
 

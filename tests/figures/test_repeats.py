@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.figures.repeats import scatter_by_load
+from pa10cal.figures.repeats import Scatter, incompleteness, scatter_by_load
 from pa10cal.figures.results import Poses
 
 
@@ -32,7 +32,31 @@ def test_is_the_standard_deviation_of_the_distance(seed, configurations, repeats
     assert list(found) == ["0", "44"]
     for name, at in (("44", 0), ("0", 1)):
         assert found[name].largest_mm == pytest.approx(expected[at].max(), rel=1e-6)
-        assert found[name].mean_mm == pytest.approx(expected[at].mean(), rel=1e-6)
+        mean = expected[at].mean()
+        assert found[name].mean_mm == pytest.approx(mean, rel=1e-6)
+        assert found[name].mean_of_average_mm == pytest.approx(mean / repeats**0.5, rel=1e-6)
+
+
+def after(case, mean_mm):
+    """The calibration with this mean error after it at every load."""
+    errors = {
+        load: errors.model_copy(
+            update={"after": errors.after.model_copy(update={"mean_mm": mean_mm})}
+        )
+        for load, errors in case.errors.items()
+    }
+    return case.model_copy(update={"errors": errors})
+
+
+@pytest.mark.parametrize(("mean_mm", "times"), [(0.029, None), (0.2, "20 times")])
+def test_a_model_is_incomplete_when_it_leaves_more_than_repeats_scatter(results, mean_mm, times):
+    scatter = dict.fromkeys(("0", "22"), Scatter(0.1, 0.03, 0.01))
+    said = incompleteness(after(results.calibration(), mean_mm), scatter)
+    assert said is None if times is None else times in said
+
+
+def test_nothing_is_said_of_a_model_without_repeats(results):
+    assert incompleteness(after(results.calibration(), 9.0), {}) is None
 
 
 def test_nothing_is_known_without_repeats_or_without_grid_poses():

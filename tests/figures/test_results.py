@@ -107,14 +107,15 @@ def test_a_table_of_something_else_is_no_table_of_poses(spoiled):
 @pytest.mark.parametrize(
     ("provenance", "footer"),
     [
-        ("virtual cell, by others", "Synthetic data (virtual cell, by others)"),
-        ("synthetic: written by a cell; more", "Synthetic data (written by a cell)"),
-        ("Simulated arm", "Synthetic data (Simulated arm)"),
-        ("synthetic", "Synthetic data"),
-        ("measured in hall 3, 2008", "measured in hall 3, 2008"),
+        ("virtual cell, by others", "Synthetic data. Provenance: virtual cell, by others."),
+        ("Synthetic: by a cell; more.", "Synthetic data. Provenance: Synthetic: by a cell; more."),
+        ("SIMULATED arm", "Synthetic data. Provenance: SIMULATED arm."),
+        ("measured in hall 3, 2008", "Provenance: measured in hall 3, 2008."),
+        ("our arm, no simulated rows", "Provenance: our arm, no simulated rows."),
+        ("syntheticarm works, hall 3", "Provenance: syntheticarm works, hall 3."),
     ],
 )
-def test_footer_says_plainly_when_data_are_synthetic(results, provenance, footer):
+def test_footer_gives_the_provenance_and_says_when_data_are_synthetic(results, provenance, footer):
     assert replace(results, provenance=provenance).footer == f"Campaign cell-null. {footer}"
 
 

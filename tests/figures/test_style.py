@@ -31,6 +31,22 @@ def test_writes_svg_pdf_and_png_without_a_date(tmp_path, project_looks):
     assert size[0] == round(100 * WIDTH_MM / 25.4 - 0.5)
 
 
+def test_a_long_footer_hangs_below_and_is_whole(tmp_path, project_looks):
+    words = [f"word{k:02d}" for k in range(40)]
+    short, long = simple(), simple()
+    write_figure(short, "footer", tmp_path, "short", 100)
+    write_figure(long, " ".join(words), tmp_path, "long", 100)
+    lines = [text.get_text() for text in long.texts if text.get_text().startswith("word")]
+    assert " ".join(lines).split() == words
+    sizes = [
+        np.frombuffer((tmp_path / f"{name}.png").read_bytes()[16:24], ">u4").astype(int)
+        for name in ("short", "long")
+    ]
+    assert abs(sizes[1][0] - sizes[0][0]) <= 1
+    assert len(lines) == 3
+    assert sizes[1][1] - sizes[0][1] == pytest.approx((len(lines) - 1) * 3.5 * 100 / 25.4, abs=1.5)
+
+
 def test_settings_of_the_user_change_nothing(tmp_path):
     for k, size in enumerate((10.0, 33.0)):
         with mpl.rc_context({"font.size": size, "lines.linewidth": size, "axes.facecolor": "red"}):

@@ -158,6 +158,71 @@ class TestPaperAgainstOurs:
         for row in rows:
             if row["condition"] == "44 N" and "standard deviation" not in row["quantity"]:
                 assert row["ours"] == "not measured", row
+        row = one(rows, "standard deviation within one configuration", "44 N")
+        assert row["remark"] == "this load was not measured"
+
+    def test_loads_that_the_paper_has_not_stand_there_too(self, results, tmp_path):
+        folder = shutil.copytree(results.folder, tmp_path / "more")
+        for name in ("combined", "0N"):
+            path = folder / f"calibration/{name}.json"
+            record = json.loads(path.read_text("utf-8"))
+            if name == "combined":
+                record["loads_fitted"] = [10.0, 22.0, 44.0]
+            record["errors"]["10N"] = record["errors"].pop("0N")
+            target = path if name == "combined" else path.with_name("10N.json")
+            target.write_text(json.dumps(record), encoding="utf-8")
+        rows = rows_of(paper_against_ours.tabulate(replace(results, folder=folder)))
+        for quantity in (*BY_LOAD, *AFTER_BY_LOAD):
+            ours = [r for r in rows if (r["quantity"], r["condition"]) == (quantity, "10 N")]
+            assert len(ours) == (1 if quantity in BY_LOAD else 2)
+            assert all(row["paper"] == row["source"] == "" for row in ours)
+            if "error" in quantity:
+                assert all(float(row["ours"]) > 0.0 for row in ours)
+            if "before" in quantity:
+                assert ours[0]["remark"].endswith("positions at 10 N")
+
+    def test_a_plane_that_differs_more_than_the_papers_is_said_not_to_reproduce(
+        self, results, tmp_path
+    ):
+        folder = shutil.copytree(results.folder, tmp_path / "other")
+        for plane_mm, changes in {
+            500: {"mean_mm": 0.198, "rejected_positions": 7},
+            300: {"mean_mm": 0.1985},
+            700: {"mean_mm": 0.193, "rejected_positions": 91},
+        }.items():
+            path = folder / f"montecarlo/z{plane_mm}.json"
+            path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), **changes}))
+        rows = rows_of(paper_against_ours.tabulate(replace(results, folder=folder)))
+        name = "Monte Carlo mean, difference of a parallel plane"
+        assert "reproduce" not in one(rows, name, "z = 300 mm")["remark"]
+        remark = one(rows, name, "z = 700 mm")["remark"]
+        assert remark.startswith("does not reproduce: the ring of positions is cut")
+        assert "91 positions" in remark
+
+    def test_the_evaluated_calibration_is_named(self, results, tmp_path):
+        folder = shutil.copytree(results.folder, tmp_path / "single")
+        path = folder / "evaluation/holdout.json"
+        path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), "calibration": "22N"}))
+        rows = rows_of(paper_against_ours.tabulate(replace(results, folder=folder)))
+        left = results.calibration("22N").errors["22"].after.orientation_deg
+        remark = one(rows, "mean orientation error, held out", "cubic")["remark"]
+        said = remark.partition("calibration (22N) leaves ")[2].split()[0]
+        assert float(said) == pytest.approx(left, rel=5e-3)
+
+    def test_notes_say_when_uncertainties_do_not_cover_what_the_model_lacks(
+        self, results, tmp_path
+    ):
+        folder = shutil.copytree(results.folder, tmp_path / "worse")
+        path = folder / "calibration/combined.json"
+        record = json.loads(path.read_text("utf-8"))
+        for errors in record["errors"].values():
+            errors["after"]["mean_mm"] = 1.0
+        path.write_text(json.dumps(record), encoding="utf-8")
+        for module in (paper_against_ours, table1_parameters):
+            complete = module.tabulate(results).notes
+            lacking = module.tabulate(replace(results, folder=folder)).notes
+            assert set(complete) < set(lacking)
+            assert "the model is incomplete" in lacking[-1]
 
 
 class TestTableOne:
@@ -190,6 +255,20 @@ class TestTableOne:
         table = table1_parameters.tabulate(replace(results, settings=settings))
         assert table.shown[0].rows[4][-1] == value
         assert any(reading[-2:] in note.replace("1e", "e") for note in table.notes)
+
+    def test_an_arm_without_springs_has_its_table(self, results, tmp_path):
+        folder = shutil.copytree(results.folder, tmp_path / "rigid")
+        for path in (folder / "calibration").glob("*.json"):
+            record = json.loads(path.read_text("utf-8"))
+            parameters = record["parameters"].items()
+            record["parameters"] = {n: p for n, p in parameters if not n.startswith("K_")}
+            path.write_text(json.dumps(record), encoding="utf-8")
+        rigid = replace(results, folder=folder)
+        table = table1_parameters.tabulate(rigid)
+        assert len(rows_of(table)) == 4 * 24
+        assert all(row[-1] == "∞" for grid in table.shown[1:] for row in grid.rows)
+        rows = rows_of(paper_against_ours.tabulate(rigid))
+        assert one(rows, "K_lin", "joint 2")["ours"] == "not estimated"
 
     def test_leaves_the_paper_out_for_another_arm(self, results):
         table = table1_parameters.tabulate(replace(results, robot="other"))

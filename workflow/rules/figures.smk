@@ -22,7 +22,7 @@ FIGURES = {
     },
     "parameter_uncertainty": {
         "title": "Parameters and their uncertainty",
-        "needs": ["calibration/combined.json"],
+        "needs": ["calibration/combined.json", "ingest/poses.parquet"],
         "settings": ["kcub_reading"],
     },
     "l_curve": {
@@ -49,7 +49,7 @@ FIGURES = {
 TABLES = {
     "table1_parameters": {
         "title": "Table I: parameters",
-        "needs": [calibrations_of],
+        "needs": [calibrations_of, "ingest/poses.parquet"],
         "settings": ["kcub_reading"],
     },
     "paper_against_ours": {

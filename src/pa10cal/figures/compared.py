@@ -43,6 +43,7 @@ class Found:
 
     Attributes:
         combined: calibration of all loads together.
+        evaluated: calibration that was evaluated on held-out points.
         cases: calibration of each load, by load as `0`, `22`, ....
         held_out: evaluation on held-out points.
         scatter: of repeats, by load.
@@ -52,6 +53,7 @@ class Found:
     """
 
     combined: Calibration
+    evaluated: Calibration
     cases: dict[str, Calibration]
     held_out: HeldOut
     scatter: dict[str, Scatter]
@@ -59,20 +61,34 @@ class Found:
     instrument_uncertainty_mm: float
     kcub_reading: str
 
-    def before(self, load: int) -> Accuracy | None:
+    def before(self, load: str) -> Accuracy | None:
         """Return the errors of the nominal model at a load, None where it was not measured."""
-        errors = self.combined.errors.get(str(load))
+        errors = self.combined.errors.get(load)
         return None if errors is None else errors.before
 
-    def after(self, load: int) -> Accuracy | None:
+    def after(self, load: str) -> Accuracy | None:
         """Return the errors at a load of the calibration at this load alone."""
-        case = self.cases.get(str(load))
-        return None if case is None else case.errors[str(load)].after
+        case = self.cases.get(load)
+        return None if case is None else case.errors[load].after
 
-    def after_combined(self, load: int) -> Accuracy | None:
+    def after_combined(self, load: str) -> Accuracy | None:
         """Return the errors at a load of the calibration of all loads together."""
-        errors = self.combined.errors.get(str(load))
+        errors = self.combined.errors.get(load)
         return None if errors is None else errors.after
+
+    @property
+    def loads(self) -> list[str]:
+        """Return the loads of the paper, then those that the campaign alone has."""
+        stated = [str(load) for load in published.BEFORE]
+        return stated + [load for load in self.cases if load not in stated]
+
+    @property
+    def alignment(self) -> str:
+        """Say which model and base frame the errors before calibration are of."""
+        return (
+            "nominal rigid model, base frame aligned once on the positions at "
+            f"{min(self.combined.loads_fitted):g} N"
+        )
 
     @property
     def paper_plane(self) -> Plane | None:
@@ -82,10 +98,12 @@ class Found:
 
 def find(results: Results) -> Found:
     """Read everything that the comparison needs."""
+    held_out = results.held_out()
     return Found(
         combined=results.calibration(),
+        evaluated=results.calibration(held_out.calibration),
         cases=results.load_cases(),
-        held_out=results.held_out(),
+        held_out=held_out,
         scatter=scatter_by_load(results.poses()),
         planes={plane.plane_mm: plane for plane in results.planes()},
         instrument_uncertainty_mm=results.instrument_uncertainty_mm,

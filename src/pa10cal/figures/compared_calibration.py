@@ -9,7 +9,6 @@ from pa10cal.figures.compared import NOT_MEASURED, Compared, Found, three_figure
 from pa10cal.figures.published import PublishedError
 from pa10cal.figures.records import Accuracy
 
-_ALIGNED = "nominal rigid model, base frame aligned once on the unloaded positions"
 _ALONE = "calibrated at this load alone"
 _TOGETHER = "one calibration of all loads"
 
@@ -18,11 +17,12 @@ Errors = Accuracy | PublishedError
 
 def error_rows(found: Found) -> list[Compared]:
     """Return mean and peak position error and mean orientation error, before and after."""
+    of_paper = {str(load) for load in published.BEFORE}
     return [
         row
         for name, unit, digits, figure_of in _FIGURES
         for when, stated, ours_of, remark in (
-            ("before calibration", published.BEFORE, found.before, _ALIGNED),
+            ("before calibration", published.BEFORE, found.before, found.alignment),
             ("after calibration", published.AFTER, found.after, _ALONE),
             ("after calibration", published.AFTER, found.after_combined, _TOGETHER),
         )
@@ -31,12 +31,14 @@ def error_rows(found: Found) -> list[Compared]:
                 quantity=f"{name} {when}",
                 condition=f"{load} N",
                 unit=unit,
-                paper=f"{figure_of(errors):{digits}}",
+                paper=f"{figure_of(stated[int(load)]):{digits}}" if load in of_paper else "",
                 ours=_or_not_measured(ours_of(load), figure_of),
-                source=published.SOURCES["before_after" if unit == "mm" else "orientation"],
+                source=published.SOURCES["before_after" if unit == "mm" else "orientation"]
+                if load in of_paper
+                else "",
                 remark=remark,
             )
-            for load, errors in stated.items()
+            for load in found.loads
         )
     ]
 
@@ -50,11 +52,16 @@ _FIGURES: tuple[tuple[str, str, str, Callable[[Errors], float]], ...] = (
 
 def repeat_rows(found: Found) -> list[Compared]:
     """Return the standard deviation within one configuration."""
+    of_paper = {str(load): bound_mm for load, bound_mm in published.REPEATABILITY_MM.items()}
     rows = []
-    for load, bound_mm in published.REPEATABILITY_MM.items():
-        scatter = found.scatter.get(str(load))
-        remark = "no configuration was measured more than once"
-        if scatter is not None:
+    for load in found.loads:
+        bound_mm = of_paper.get(load)
+        scatter = found.scatter.get(load)
+        if load not in found.cases:
+            remark = "this load was not measured"
+        elif scatter is None:
+            remark = "no configuration was measured more than once"
+        else:
             remark = (
                 "along one axis, largest configuration: the paper's is that of a scalar error; "
                 f"three axes together {three_figures(scatter.largest_mm)}, mean over the "
@@ -65,11 +72,11 @@ def repeat_rows(found: Found) -> list[Compared]:
                 quantity="standard deviation within one configuration",
                 condition=f"{load} N",
                 unit="mm",
-                paper=f"≤ {bound_mm}",
+                paper="" if bound_mm is None else f"≤ {bound_mm}",
                 ours=NOT_MEASURED
                 if scatter is None
                 else three_figures(scatter.largest_per_axis_mm),
-                source=published.SOURCES["repeatability"],
+                source="" if bound_mm is None else published.SOURCES["repeatability"],
                 remark=remark,
             )
         )

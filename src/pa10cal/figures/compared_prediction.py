@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pa10cal.figures import published
 from pa10cal.figures.compared import NOT_COMPUTED, NOT_MEASURED, Compared, Found, three_figures
 from pa10cal.figures.published import PublishedError, reduction_percent
-from pa10cal.figures.records import HeldOutModel
+from pa10cal.figures.records import HeldOutModel, Plane
 
 _CALIBRATED = ("linear", "cubic")
 _FIGURES: tuple[tuple[str, str, Callable[[HeldOutModel | PublishedError], float]], ...] = (
@@ -42,11 +42,15 @@ def _twist_remark(found: Found, model: HeldOutModel) -> str:
     """Say how much of an orientation error one constant twist of the tool explains."""
     twist = model.tool_twist
     share = reduction_percent(twist.before_deg, twist.after_deg)
-    calibrated = [errors.after.orientation_deg for errors in found.combined.errors.values()]
+    evaluated = found.evaluated
+    calibrated = [
+        evaluated.errors[f"{load:g}"].after.orientation_deg for load in evaluated.loads_fitted
+    ]
     return (
         f"a constant tool twist of {three_figures(twist.angle_deg)} deg would leave "
         f"{three_figures(twist.after_deg)} deg and so explains {share:.0f} % of it; "
-        f"calibration leaves {three_figures(sum(calibrated) / len(calibrated))} deg on its poses"
+        f"the evaluated calibration ({found.held_out.calibration}) leaves "
+        f"{three_figures(sum(calibrated) / len(calibrated))} deg on its poses"
     )
 
 
@@ -82,10 +86,7 @@ def monte_carlo_rows(found: Found) -> list[Compared]:
         ours, remark = NOT_COMPUTED, ""
         if plane is not None and other is not None:
             ours = f"{abs(other.mean_mm - plane.mean_mm):.4f}"
-            remark = (
-                "95 % interval of each mean for the choice of positions: "
-                f"± {other.half_width95_positions_mm:.4f}"
-            )
+            remark = _difference_remark(plane, other)
         rows.append(
             Compared(
                 quantity="Monte Carlo mean, difference of a parallel plane",
@@ -98,6 +99,24 @@ def monte_carlo_rows(found: Found) -> list[Compared]:
             )
         )
     return rows
+
+
+def _difference_remark(plane: Plane, other: Plane) -> str:
+    """Say whether two parallel planes differ as little as the paper says, and why not."""
+    said = (
+        "95 % interval of each mean for the choice of positions: "
+        f"± {other.half_width95_positions_mm:.4f}"
+    )
+    if abs(other.mean_mm - plane.mean_mm) < published.MONTE_CARLO_PLANES_DIFFER_MM:
+        return said
+    reason = ""
+    if other.rejected_positions != plane.rejected_positions:
+        reason = (
+            "the ring of positions is cut where the arm does not reach: "
+            f"{other.rejected_positions} positions were drawn anew in this plane, "
+            f"{plane.rejected_positions} in that at {plane.plane_mm} mm; "
+        )
+    return f"does not reproduce: {reason}{said}"
 
 
 def _systematic_remark(found: Found) -> str:
@@ -125,7 +144,7 @@ def _distance_rows(found: Found) -> list[Compared]:
     rows = []
     plane = found.paper_plane
     for load, stated in published.AFTER.items():
-        after = found.after(load)
+        after = found.after(str(load))
         ours, remark = (NOT_MEASURED if after is None else NOT_COMPUTED), ""
         if after is not None and plane is not None:
             distance_mm = after.mean_mm - plane.mean_mm
@@ -156,7 +175,7 @@ def _reduction_rows(found: Found) -> list[Compared]:
     for load, stated in published.AFTER.items():
         stated_before = published.BEFORE[load]
         recomputed = reduction_percent(stated_before.mean_mm, stated.mean_mm)
-        before, after = found.before(load), found.after(load)
+        before, after = found.before(str(load)), found.after(str(load))
         ours = NOT_MEASURED
         if before is not None and after is not None:
             ours = f"{reduction_percent(before.mean_mm, after.mean_mm):.0f}"

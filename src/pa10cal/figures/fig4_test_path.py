@@ -43,7 +43,7 @@ def draw(results: Results) -> Figure:
     """Draw the first pass over the grid, the held-out places and the straight-line moves."""
     path = _path(results.poses(), results.base_frame())
     figure = new_figure(128.0, "Experimental test path in the robot's base frame (compare Fig. 4)")
-    space = panel(figure, -7.0, 29.0, 110.0, 94.0, projection="3d")
+    space = panel(figure, 2.0, 29.0, 110.0, 94.0, projection="3d")
     _draw_space(space, path)
     _draw_view(panel(figure, 119.0, 76.0, 48.0, 38.0), path, (0, 1), "From above")
     _draw_view(panel(figure, 119.0, 15.0, 48.0, 46.0), path, (0, 2), "From the side")
@@ -86,6 +86,11 @@ def _draw_space(axes: Any, path: _Path) -> None:
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.05)
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    # On the left, where no panel stands beside it.
+    axes.zaxis.set_ticks_position("lower")
+    axes.zaxis.set_label_position("lower")
+    axes.zaxis.set_rotate_label(False)
+    axes.zaxis.label.set_rotation(90.0)
     axes.view_init(elev=20.0, azim=-52.0)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_pane_color((1.0, 1.0, 1.0, 0.0))

@@ -175,5 +175,13 @@ def _legend(with_paper: bool) -> list[Line2D]:
         )
         for marker, edge, face, text in entries
     ]
-    bar = Line2D([], [], color=BLACK, marker="_", markersize=7.0, label="mean / peak, as written")
+    bar = Line2D(
+        [],
+        [],
+        color=BLACK,
+        marker="|",
+        markersize=9.0,
+        linestyle="none",
+        label="mean / peak, as written",
+    )
     return [*handles, bar]

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pa10cal.figures import published
 from pa10cal.figures.records import HeldOut, HeldOutModel
-from pa10cal.figures.results import Results
+from pa10cal.figures.results import COMBINED, Results
 from pa10cal.figures.style import (
     BLACK,
     GREY,
@@ -20,6 +20,7 @@ from pa10cal.figures.style import (
     panel,
     plain_log,
     say_nothing_measured,
+    write_text_at,
 )
 
 _TITLE = "Error at held-out points and loads, which no fit has seen (compare Fig. 6)"
@@ -39,13 +40,16 @@ def draw(results: Results) -> Figure:
     held_out = results.held_out()
     if not held_out.models:
         return say_nothing_measured(_TITLE, "No held-out configuration was measured.")
-    figure = new_figure(142.0, _TITLE)
-    single = panel(figure, 16.0, 77.0, 152.0, 53.0)
+    figure = new_figure(146.0, _TITLE)
+    single = panel(figure, 16.0, 81.0, 152.0, 53.0)
     _draw_configurations(single, held_out)
+    load = held_out.calibration
+    fitted = "all loads together" if load == COMBINED else f"{load} alone"
+    write_text_at(figure, 2.0, 7.0, f"Linear and cubic springs: as calibrated with {fitted}.")
     figure.legend(
-        *single.get_legend_handles_labels(), loc="center", bbox_to_anchor=(0.5, 0.43), ncols=4
+        *single.get_legend_handles_labels(), loc="center", bbox_to_anchor=(0.5, 0.446), ncols=4
     )
-    summary = panel(figure, 30.0, 18.0, 66.0, 32.0)
+    summary = panel(figure, 30.0, 22.0, 66.0, 32.0)
     _draw_summary(summary, held_out, results.is_paper_arm)
     return figure
 

@@ -10,13 +10,15 @@ from pa10cal.figures.compared_calibration import (
     repeat_rows,
 )
 from pa10cal.figures.compared_prediction import claim_rows, held_out_rows, monte_carlo_rows
+from pa10cal.figures.repeats import incompleteness
 from pa10cal.figures.results import Results
 from pa10cal.figures.table import Grid, Table
 
 _COLUMNS = ("quantity", "condition", "unit", "paper", "recomputed", "ours", "source", "remark")
 _NOTES = (
     "recomputed: what the paper's own figures give, where it draws a conclusion from them.",
-    "ours: from this campaign alone, whose arm is not the one that the authors measured.",
+    "ours: from this campaign alone; the arm of a synthetic campaign is not the one that the "
+    "authors measured.",
 )
 
 
@@ -33,4 +35,6 @@ def tabulate(results: Results) -> Table:
         *claim_rows(found),
     ]
     grid = Grid(_COLUMNS, tuple(tuple(getattr(row, name) for name in _COLUMNS) for row in rows))
-    return Table("The paper's figures beside ours", data=grid, shown=(grid,), notes=_NOTES)
+    lacking = incompleteness(found.combined, found.scatter)
+    notes = _NOTES if lacking is None else (*_NOTES, lacking)
+    return Table("The paper's figures beside ours", data=grid, shown=(grid,), notes=notes)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pa10cal.figures.parameter_names import K_CUB, K_LIN, LINKS, Kind, joints_of
 from pa10cal.figures.records import Calibration
+from pa10cal.figures.repeats import incompleteness, scatter_by_load
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
     BLACK,
@@ -24,6 +25,7 @@ from pa10cal.figures.style import (
     new_figure,
     panel,
     plain_log,
+    write_text_at,
 )
 
 Array = NDArray[np.float64]
@@ -33,7 +35,9 @@ _OPEN = VERMILLION
 _FOUND: dict[str, Any] = {"color": BLUE, "marker": "o"}
 _UNIDENTIFIABLE: dict[str, Any] = {"color": _OPEN, "marker": "s", "markerfacecolor": "white"}
 _ROW_MM = 3.8
-_BELOW_MM = 72.0
+#: Room for what is said of the model below the legend.
+_NOTE_MM = 8.0
+_BELOW_MM = 72.0 + _NOTE_MM
 _ABOVE_MM = 10.0
 _TITLE = "Parameters from all loads together, with 95 % intervals, beside Table I of the paper"
 
@@ -69,16 +73,19 @@ def draw(results: Results) -> Figure:
     widths.tick_params(labelleft=False)
     for label, row in zip(values.yaxis.get_ticklabels(), rows, strict=True):
         label.set_color(BLACK if case.parameters[row.name].identifiable else _OPEN)
-    bottom, tall = 29.0, 25.0
+    bottom, tall = 29.0 + _NOTE_MM, 25.0
     _draw_stiffness(panel(figure, 22.0, bottom, 40.0, tall), K_LIN, case, results)
     _draw_stiffness(panel(figure, 76.0, bottom, 40.0, tall), K_CUB, case, results)
     _draw_base(panel(figure, 137.0, bottom, 30.0, tall), case)
     figure.legend(
         handles=_legend(case, results),
         loc="lower left",
-        bbox_to_anchor=(0.012, 6.0 / total),
+        bbox_to_anchor=(0.012, (6.0 + _NOTE_MM) / total),
         ncols=2,
     )
+    lacking = incompleteness(case, scatter_by_load(results.poses()))
+    if lacking is not None:
+        write_text_at(figure, 2.0, 6.0, lacking.replace(": ", ":\n"))
     return figure
 
 
@@ -168,8 +175,8 @@ def _draw_parameters(
     parameters = [case.parameters[name] for name in names]
     value = np.array([parameter.value for parameter in parameters]) / unit
     half = _HALF_WIDTH_95 * np.array([parameter.std for parameter in parameters]) / unit
-    is_open = np.array([not parameter.identifiable for parameter in parameters])
-    at_bound = np.array([parameter.at_bound for parameter in parameters]) & ~is_open
+    is_open = np.array([not parameter.identifiable for parameter in parameters], dtype=bool)
+    at_bound = np.array([parameter.at_bound for parameter in parameters], dtype=bool) & ~is_open
     for rows, look in (
         (~is_open & ~at_bound, _FOUND),
         (at_bound, _FOUND | {"markerfacecolor": "white"}),
@@ -185,12 +192,18 @@ def _draw_parameters(
 
 def _draw_stiffness(axes: Axes, kind: Kind, case: Calibration, results: Results) -> None:
     joints = joints_of(kind, list(case.parameters))
+    axes.set_title(kind.title)
+    if not joints:
+        axes.text(0.5, 0.5, "all joints held rigid", transform=axes.transAxes, ha="center")
+        axes.set(xticks=[], yticks=[])
+        return
     names = [kind.name(joint) for joint in joints]
     y = np.arange(len(joints), dtype=float)
     _draw_parameters(axes, names, y, np.full(len(joints), 1.0 / kind.scale), case, results)
     for name, at in zip(names, y, strict=True):
         spread = _HALF_WIDTH_95 * case.inner_dependence.std[name]
-        ends = case.parameters[name].value + np.array([-spread, spread])
+        # A stiffness is not negative, whatever its spread.
+        ends = np.maximum(case.parameters[name].value + np.array([-spread, spread]), 0.0)
         axes.plot(kind.scale * ends, [at + 0.3, at + 0.3], color=ORANGE, linewidth=2.0)
     labels = [
         f"joint {joint}" + ("\nat bound" if case.parameters[kind.name(joint)].at_bound else "")
@@ -199,7 +212,6 @@ def _draw_stiffness(axes: Axes, kind: Kind, case: Calibration, results: Results)
     axes.set_ylim(len(joints) - 0.4, -0.6)
     axes.set_yticks(range(len(joints)), labels)
     axes.tick_params(axis="y", length=0.0)
-    axes.set_title(kind.title)
     axes.set_xlabel(f"{kind.symbol.rstrip(',')} [{kind.unit}]")
 
 

@@ -65,9 +65,6 @@ CLAIMED_DISTANCE_FROM_MINIMUM_MM = 0.1
 CLAIMED_REDUCTIONS_PERCENT = (50, 80)
 CLAIMED_PEAK_REDUCTION_PERCENT = 75
 
-#: Weight of the tolerance terms.
-EPSILON = 1.6e-4
-
 #: Link departures of Table I [m, rad]. The Hayati angle stands in the row of joint 2.
 DEPARTURES = {
     "delta_a_1": 0.33e-3,

@@ -163,12 +163,11 @@ class Plane(Record):
     sigma_deg: float
     cycles: int
     positions: int
+    rejected_positions: int
     mean_mm: float
     std_mm: float
     std_between_mm: float
-    half_width95_cycles_mm: float
     half_width95_positions_mm: float
     closed_form_mean_mm: float
-    closed_form_std_mm: float
     convergence: Convergence
     map: PlaneMap

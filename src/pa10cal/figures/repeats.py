@@ -6,7 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pa10cal.figures.records import Calibration
 from pa10cal.figures.results import Poses
+
+#: A mean error up to so many times the scatter of averaged repeats may be scatter alone.
+_COMPLETE_WITHIN = 3.0
 
 
 @dataclass(frozen=True)
@@ -18,10 +22,13 @@ class Scatter:
     Attributes:
         largest_mm: over the configurations.
         mean_mm: over the configurations.
+        mean_of_average_mm: that of the average of a configuration's repeats, over the
+            configurations.
     """
 
     largest_mm: float
     mean_mm: float
+    mean_of_average_mm: float
 
     @property
     def largest_per_axis_mm(self) -> float:
@@ -45,8 +52,36 @@ def scatter_by_load(poses: Poses) -> dict[str, Scatter]:
     square = np.bincount(group, ((p_mm - mean[group]) ** 2).sum(axis=1))
     repeated = count > 1
     std = np.sqrt(square[repeated] / (count[repeated] - 1))
+    of_average = std / np.sqrt(count[repeated])
     at = load[first][repeated]
     return {
-        f"{loads[k]:g}": Scatter(float(std[at == k].max()), float(std[at == k].mean()))
+        f"{loads[k]:g}": Scatter(
+            largest_mm=float(std[at == k].max()),
+            mean_mm=float(std[at == k].mean()),
+            mean_of_average_mm=float(of_average[at == k].mean()),
+        )
         for k in np.unique(at)
     }
+
+
+def incompleteness(case: Calibration, scatter: dict[str, Scatter]) -> str | None:
+    """Say that a calibrated model is incomplete, None where repeats do not show that it is.
+
+    What a complete model leaves is the scatter of averaged repeats, on which it was calibrated.
+
+    Args:
+        case: the calibration.
+        scatter: of repeats, by load.
+    """
+    loads = [load for load in case.errors if load in scatter]
+    if not loads:
+        return None
+    left_mm = np.mean([case.errors[load].after.mean_mm for load in loads])
+    repeats_mm = np.mean([scatter[load].mean_of_average_mm for load in loads])
+    if left_mm <= _COMPLETE_WITHIN * repeats_mm:
+        return None
+    times = f"{left_mm / repeats_mm:.0f}" if repeats_mm > 0.0 else "infinitely many"
+    return (
+        f"The error left after calibration is {times} times the scatter of averaged repeats: the "
+        "model is incomplete, and ± does not cover what it lacks."
+    )

@@ -23,7 +23,8 @@ _R = TypeVar("_R", bound=Record)
 
 COMBINED = "combined"
 _POSES_SCHEMA = "pa10cal-poses/1"
-_SYNTHETIC = re.compile(r"synthetic|virtual|simulat", re.IGNORECASE)
+#: How a provenance begins that tells of no measurement.
+_SYNTHETIC = re.compile(r"(synthetic|simulated|virtual cell)\b", re.IGNORECASE)
 
 
 class PictureSettings(Section):
@@ -74,12 +75,10 @@ class Results:
 
     @property
     def footer(self) -> str:
-        """One line on what a picture was drawn from: the first clause of the provenance."""
-        said = self.provenance.partition(";")[0].strip()
-        if _SYNTHETIC.search(said):
-            rest = re.sub(r"^synthetic( data)?[:,;]?\s*", "", said, flags=re.IGNORECASE)
-            said = f"Synthetic data ({rest})" if rest else "Synthetic data"
-        return f"Campaign {self.campaign}. {said}"
+        """What a picture was drawn from: the provenance in its own words."""
+        said = self.provenance.strip()
+        kind = " Synthetic data." if _SYNTHETIC.match(said) else ""
+        return f"Campaign {self.campaign}.{kind} Provenance: {said.removesuffix('.')}."
 
     @property
     def is_paper_arm(self) -> bool:

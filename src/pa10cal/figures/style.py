@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from textwrap import shorten
+from textwrap import wrap
 from typing import Any, Literal
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.transforms import Bbox
 
 from pa10cal.files.output import whole_file
 
@@ -19,6 +20,7 @@ WIDTH_MM = 170.0
 _MM_PER_INCH = 25.4
 _FOOTER_MM = 1.5
 _FOOTER_LETTERS = 112
+_LINE_MM = 3.5
 _TWO_DECADES = 100.0
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -141,10 +143,18 @@ def say_nothing_measured(title: str, what: str) -> Figure:
 
 
 def write_figure(figure: Figure, footer: str, folder: Path, name: str, png_dpi: int) -> None:
-    """Write a figure as SVG, PDF and PNG with a footer: all three or none."""
-    line = shorten(footer, _FOOTER_LETTERS, placeholder=" …")
-    write_text_at(figure, 2.0, _FOOTER_MM, line, ha="left", va="bottom", color=GREY)
+    """Write a figure as SVG, PDF and PNG with a footer: all three or none.
+
+    A footer of several lines hangs below the figure, which grows by them.
+    """
+    lines = wrap(footer, _FOOTER_LETTERS)
+    below_mm = _LINE_MM * (len(lines) - 1)
+    for k, line in enumerate(lines):
+        y_mm = _FOOTER_MM - k * _LINE_MM
+        write_text_at(figure, 2.0, y_mm, line, ha="left", va="bottom", color=GREY)
+    width, height = figure.get_size_inches()
+    area = Bbox([[0.0, -below_mm / _MM_PER_INCH], [width, height]]) if below_mm else None
     with ExitStack() as stack:
         for ending, metadata in _METADATA.items():
             path = stack.enter_context(whole_file(folder / f"{name}.{ending}"))
-            figure.savefig(path, format=ending, metadata=metadata, dpi=png_dpi)
+            figure.savefig(path, format=ending, metadata=metadata, dpi=png_dpi, bbox_inches=area)

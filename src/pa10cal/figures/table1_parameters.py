@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pa10cal.figures.parameter_names import K_CUB, K_LIN, KINDS, Kind, joints_of
 from pa10cal.figures.records import Calibration, Parameter
+from pa10cal.figures.repeats import incompleteness, scatter_by_load
 from pa10cal.figures.results import COMBINED, Results
 from pa10cal.figures.table import Grid, Row, Table
 
@@ -136,4 +137,5 @@ def _notes(case: Calibration, results: Results) -> tuple[str, ...]:
             "The paper's values belong to the arm that its authors measured; the arm of a "
             "synthetic campaign need not share them.",
         ]
-    return tuple(notes)
+    lacking = incompleteness(case, scatter_by_load(results.poses()))
+    return tuple(notes) if lacking is None else (*notes, lacking)

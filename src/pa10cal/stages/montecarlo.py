@@ -14,7 +14,6 @@ from pa10cal.stages.command import limit_threads, run_stage
 if TYPE_CHECKING:
     from pa10cal.montecarlo.plane import PlaneErrors
     from pa10cal.settings import MonteCarloSettings
-    from pa10cal.stages.records import MONTECARLO
 
 _ATTITUDE = (
     "flange axis straight down, turned about the base axis with the azimuth of its place; "
@@ -46,6 +45,7 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.files.output import write_json
     from pa10cal.montecarlo.plane import PlaneTask, study_plane
     from pa10cal.settings import MonteCarloSettings, read_settings_argument
+    from pa10cal.stages.records import MONTECARLO
 
     settings = read_settings_argument(MonteCarloSettings, arguments.settings)
     task = PlaneTask(
