@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.cell.built import BuiltRobot
 from pa10cal.cell.effects.kinds import DriveEffect, Effect, Motion
-from pa10cal.cell.effects.library import make_effects
 from pa10cal.cell.effects.structure import ThermalGrowth
+from pa10cal.cell.effects.vocabulary import make_effects
 from pa10cal.cell.equilibrium import RestPoses, rest_poses
 from pa10cal.cell.individual import KcubReading, build_robot
 from pa10cal.cell.mechanism import Mechanism

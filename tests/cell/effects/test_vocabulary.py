@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.cell.effects.library import LIBRARY, make_effects
+from pa10cal.cell.effects.vocabulary import LIBRARY, make_effects
 from pa10cal.errors import SettingsError
 from pa10cal.settings import HiddenEffectSettings
 
