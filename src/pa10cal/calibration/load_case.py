@@ -19,7 +19,7 @@ from pa10cal.calibration.accuracy import (
 from pa10cal.calibration.calibrate import Calibration, Options, calibrate, solve_one_level
 from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependence
 from pa10cal.calibration.l_curve import LCurvePoint, l_curve
-from pa10cal.calibration.solve import nominal_start
+from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.calibration.uncertainty import ErrorSources, with_own_scatter
 from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.observations import PoseObservations
@@ -204,21 +204,16 @@ def _check_one_level(cubic: Calibration, T_cmm_base_seed: Array, options: Option
     one = solve_one_level(level, T_cmm_base_seed, start, terms, options.max_iterations)
     x = one.x[:-6]
     all_inside = replace(level, inner_rows=np.arange(len(level.observations)))
-    two = calibrate(
-        level.model,
-        level.observations,
-        replace(options, inner_poses=None, starts=1),
-        ErrorSources(),
-    )
+    two = solve(all_inside, start, terms, options.max_iterations)
     known = np.array(
         [parameter.name not in cubic.open_parameters for parameter in level.model.parameters]
     )
-    size = np.maximum(np.abs(two.solution.x), level.model.scale)
+    size = np.maximum(np.abs(two.x), level.model.scale)
     T_base_ee = level.model.predict(level.observations.states, x)
     found = deviations(T_base_ee, all_inside.base(x).T_cmm_base, level.observations)
     std = np.sqrt(np.diag(cubic.covariances.parameters))
     return OneLevelCheck(
-        largest_difference=float((np.abs(x - two.solution.x) / size)[known].max()),
+        largest_difference=float((np.abs(x - two.x) / size)[known].max()),
         mean_mm=float(found.distance_mm.mean()),
         shift=np.where(known, (x - cubic.solution.x) / np.where(std > 0, std, 1.0), 0.0),
     )

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from pa10cal.errors import RawDataError
 from pa10cal.figures import published
 from pa10cal.figures.records import BaseFrame, Calibration, HeldOut, Plane, Record
+from pa10cal.files import schemas
 from pa10cal.settings import FigureSettings, MonteCarloSettings, Section
 
 Array = NDArray[np.float64]
@@ -94,7 +95,7 @@ class Results:
     def calibration(self, load: str = COMBINED) -> Calibration:
         """Read `calibration/<load>.json`."""
         path = self.folder / "calibration" / f"{load}.json"
-        return self._read(path, Calibration, "pa10cal-calibration/1", "calibrate")
+        return self._read(path, Calibration, schemas.CALIBRATION, "calibrate")
 
     def load_cases(self) -> dict[str, Calibration]:
         """Read the calibration of each single load, by its key in `errors`: `0`, `22`, ...."""
@@ -104,12 +105,12 @@ class Results:
     def held_out(self) -> HeldOut:
         """Read `evaluation/holdout.json`."""
         path = self.folder / "evaluation" / "holdout.json"
-        return self._read(path, HeldOut, "pa10cal-holdout/1", "evaluate")
+        return self._read(path, HeldOut, schemas.HOLDOUT, "evaluate")
 
     def base_frame(self) -> Array:
         """Read T_cmm_base (4, 4) of `seed/base_frame.json` [m]."""
         path = self.folder / "seed" / "base_frame.json"
-        return np.array(self._read(path, BaseFrame, "pa10cal-base-frame/1", "seed").T_cmm_base)
+        return np.array(self._read(path, BaseFrame, schemas.BASE_FRAME, "seed").T_cmm_base)
 
     def planes(self) -> list[Plane]:
         """Read `montecarlo/z<mm>.json` for every plane of the settings, from low to high."""
@@ -117,7 +118,7 @@ class Results:
             self._read(
                 self.folder / "montecarlo" / f"z{plane_mm}.json",
                 Plane,
-                "pa10cal-montecarlo/1",
+                schemas.MONTECARLO,
                 "montecarlo",
             )
             for plane_mm in sorted(set(self.settings.montecarlo.planes_mm))

@@ -31,9 +31,10 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.campaign.table import observations, read_pose_table
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
+    from pa10cal.files.schemas import BASE_FRAME, CALIBRATION
     from pa10cal.settings import CalibrationSettings, read_settings_argument
     from pa10cal.stages.calibration_record import load_case_record, study_of
-    from pa10cal.stages.records import BASE_FRAME, CALIBRATION, read_pose_matrix, read_record
+    from pa10cal.stages.records import read_pose_matrix, read_record
 
     settings = read_settings_argument(CalibrationSettings, arguments.settings)
     campaign = read_campaign(arguments.campaign_dir)

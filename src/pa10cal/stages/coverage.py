@@ -38,8 +38,8 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.errors import SettingsError
     from pa10cal.evaluation.coverage import coverage
     from pa10cal.files.output import write_json
+    from pa10cal.files.schemas import COVERAGE
     from pa10cal.settings import CalibrationSettings, SimulateSettings, read_settings_argument
-    from pa10cal.stages.records import COVERAGE
 
     if arguments.campaigns < 1:
         raise SettingsError(

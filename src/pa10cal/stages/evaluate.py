@@ -37,8 +37,9 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.evaluation.holdout import judge
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
+    from pa10cal.files.schemas import CALIBRATION, HOLDOUT
     from pa10cal.stages.calibration_record import accuracy_records, read_fit
-    from pa10cal.stages.records import CALIBRATION, HOLDOUT, read_record
+    from pa10cal.stages.records import read_record
     from pa10cal.terms.baseline import nominal
 
     campaign = read_campaign(arguments.campaign_dir)

@@ -30,8 +30,9 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.errors import CalibrationError
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_text
+    from pa10cal.files.schemas import CALIBRATION, MODEL
     from pa10cal.stages.calibration_record import read_fit
-    from pa10cal.stages.records import CALIBRATION, MODEL, read_record
+    from pa10cal.stages.records import read_record
 
     record = read_record(arguments.calibration, CALIBRATION, ("parameters", "robot", "status"))
     if record["status"] != "converged":

@@ -43,9 +43,9 @@ def _run(arguments: argparse.Namespace) -> None:
 
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
+    from pa10cal.files.schemas import MONTECARLO
     from pa10cal.montecarlo.plane import PlaneTask, study_plane
     from pa10cal.settings import MonteCarloSettings, read_settings_argument
-    from pa10cal.stages.records import MONTECARLO
 
     settings = read_settings_argument(MonteCarloSettings, arguments.settings)
     task = PlaneTask(

@@ -11,14 +11,6 @@ from numpy.typing import NDArray
 
 from pa10cal.errors import RecordError
 
-#: The `schema` of each kind of record.
-BASE_FRAME = "pa10cal-base-frame/1"
-CALIBRATION = "pa10cal-calibration/1"
-HOLDOUT = "pa10cal-holdout/1"
-MONTECARLO = "pa10cal-montecarlo/1"
-COVERAGE = "pa10cal-coverage/1"
-MODEL = "pa10cal-model/1"
-
 
 def read_record(
     path: Path, schema: str, needs: tuple[str, ...] = (), campaign: str | None = None

@@ -36,10 +36,10 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.campaign.table import observations, read_pose_table
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
+    from pa10cal.files.schemas import BASE_FRAME
     from pa10cal.frame.nominal_fit import seed_from_nominal
     from pa10cal.frame.straight_lines import LineLimits, seed_from_lines
     from pa10cal.settings import BaseFrameSettings, read_settings_argument
-    from pa10cal.stages.records import BASE_FRAME
 
     settings = read_settings_argument(BaseFrameSettings, arguments.settings)
     campaign = read_campaign(arguments.campaign_dir)
