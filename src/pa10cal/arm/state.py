@@ -3,11 +3,43 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
+
+
+@dataclass(frozen=True)
+class Carried:
+    """What weights bend the structure with in P poses; see `arm.statics`.
+
+    Attributes:
+        link_Nm: (P, n, 3) moment that each link carries at its far end, where the next joint turns,
+            along the axes of that end (zero for the last link).
+        base_Nm: (P, 3) overturning moment about the base's origin, along base axes.
+        down_ee: (P, 3) direction of gravity along the end-effector's axes, a unit vector.
+    """
+
+    link_Nm: Array
+    base_Nm: Array
+    down_ee: Array
+
+
+@dataclass(frozen=True)
+class Seen:
+    """How P measured poses were read from B targets of the instrument.
+
+    Attributes:
+        p_cmm_targets_m: (P, B, 3) places of the targets in the instrument's frame.
+        pose_by_targets: (P, 6, 3 B) derivative of the pose (position, small rotation, along the
+            end-effector's axes) by what the instrument reads too much of each target's place.
+    """
+
+    p_cmm_targets_m: Array
+    pose_by_targets: Array
 
 
 @dataclass(frozen=True)
@@ -21,6 +53,8 @@ class PoseStates:
         load_N: (P,) external load.
         temperature_C: (P,) temperature.
         time_s: (P,) time of the reading.
+        carried: what weights bend the structure with, where it was worked out.
+        seen: how the pose was read from the instrument's targets, where it was worked out.
     """
 
     q_rad: Array
@@ -29,6 +63,8 @@ class PoseStates:
     load_N: Array
     temperature_C: Array
     time_s: Array
+    carried: Carried | None = None
+    seen: Seen | None = None
 
     def __len__(self) -> int:
         return len(self.q_rad)
@@ -38,6 +74,13 @@ class PoseStates:
         """Number of joints."""
         return int(self.q_rad.shape[1])
 
-    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> PoseStates:
+    def take(self, rows: Rows) -> PoseStates:
         """Return the states of some poses."""
-        return PoseStates(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return PoseStates(*(_rows(getattr(self, field.name), rows) for field in fields(self)))
+
+
+def _rows(value: Array | Carried | Seen | None, rows: Rows) -> Any:
+    """Return some rows of an array, or of every array of a group of them."""
+    if isinstance(value, Carried | Seen):
+        return type(value)(*(getattr(value, field.name)[rows] for field in fields(value)))
+    return None if value is None else value[rows]

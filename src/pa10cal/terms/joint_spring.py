@@ -72,6 +72,13 @@ class JointSpring:
         slopes = [-unit.x, -x[0] * unit.by_share]
         return np.stack(slopes[: len(x)], axis=-1)[:, None, :]
 
+    def by_torque(self, states: PoseStates, x: Array) -> Array:
+        """Return the derivative of `shift` by the joint's torque, (P,)."""
+        unit = self._unit(states, x)
+        share = float(x[1]) if self.cubic else 0.0
+        slope: Array = -x[0] / self.tau_ref_Nm / ((1.0 - share) + 3.0 * share * unit.x**2)
+        return slope
+
     def report(self, x: Array) -> Report:
         """Return K_lin and K_cub."""
         windup, share = x[0], x[1] if self.cubic else 0.0

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain, end_pose, end_pose_with_screws
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.term import Parameter, Report, Term
+from pa10cal.terms.term import Parameter, Report, Term, TorqueTerm, Yielding
 
 Array = NDArray[np.float64]
 
@@ -56,18 +57,46 @@ class Model:
     def predict_with_jacobian(self, states: PoseStates, x: Array) -> PoseJacobian:
         """Return predicted poses and their exact derivative by x."""
         end = end_pose_with_screws(self.chain, self.chain_coordinates(states, x))
+        carried = self.carried(states, x)
         jacobian = np.empty((len(states), 6, len(x)))
-        for term, columns in self._slices():
+        for term, columns in self._slices:
             screws = end.screws[:, :, self.chain.columns(term.coordinates)]
-            jacobian[:, :, columns] = screws @ term.derivative(states, x[columns])
+            jacobian[:, :, columns] = screws @ term.derivative(carried, x[columns])
+        for term, columns in self._falsifying:
+            by_x = term.torque_derivative(states, x[columns])
+            for yielding, its in self._yielding:
+                screw = end.screws[:, :, self.chain.columns(yielding.coordinates)]
+                by_torque = yielding.by_torque(carried, x[its])[:, None, None]
+                jacobian[:, :, columns] -= screw * by_torque * by_x[:, None, yielding.joint - 1, :]
         return PoseJacobian(end.T, jacobian)
+
+    def carried(self, states: PoseStates, x: Array) -> PoseStates:
+        """Return the states with the torques that the joints carry, in place of those logged."""
+        false_Nm = [term.torque_Nm(states, x[columns]) for term, columns in self._falsifying]
+        return replace(states, tau_Nm=states.tau_Nm - sum(false_Nm)) if false_Nm else states
+
+    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
+        """Return what the terms add to the weights in the logged torques, (P, n)."""
+        total = np.zeros_like(states.tau_Nm)
+        for term, columns in self._slices:
+            if isinstance(term, TorqueTerm):
+                total += term.torque_Nm(states, x[columns])
+        return total
+
+    def torque_jacobian(self, states: PoseStates, x: Array) -> Array:
+        """Return the derivative of `torque_Nm` by x, (P, n, k)."""
+        jacobian = np.zeros((*states.tau_Nm.shape, len(x)))
+        for term, columns in self._slices:
+            if isinstance(term, TorqueTerm):
+                jacobian[:, :, columns] = term.torque_derivative(states, x[columns])
+        return jacobian
 
     def report(self, x: Array) -> Report:
         """Return all parameters in the form readers know them."""
-        reports = [term.report(x[columns]) for term, columns in self._slices()]
+        reports = [term.report(x[columns]) for term, columns in self._slices]
         jacobian = np.zeros((sum(len(report.values) for report in reports), len(x)))
         row = 0
-        for report, (_, columns) in zip(reports, self._slices(), strict=True):
+        for report, (_, columns) in zip(reports, self._slices, strict=True):
             jacobian[row : row + len(report.values), columns] = report.jacobian
             row += len(report.values)
         return Report(
@@ -79,10 +108,26 @@ class Model:
     def chain_coordinates(self, states: PoseStates, x: Array) -> Array:
         """Return the chain coordinates (P, m) that the terms lead to."""
         coordinates = self.chain.coordinates(states.q_rad)
-        for term, columns in self._slices():
-            coordinates[:, self.chain.columns(term.coordinates)] += term.shift(states, x[columns])
+        carried = self.carried(states, x)
+        for term, columns in self._slices:
+            coordinates[:, self.chain.columns(term.coordinates)] += term.shift(carried, x[columns])
         return coordinates
 
+    @cached_property
+    def _yielding(self) -> list[tuple[Yielding, slice]]:
+        """Return the terms that turn a joint under its torque."""
+        return [(term, columns) for term, columns in self._slices if isinstance(term, Yielding)]
+
+    @cached_property
+    def _falsifying(self) -> list[tuple[TorqueTerm, slice]]:
+        """Return the terms that show in the log and not in the joints."""
+        return [
+            (term, columns)
+            for term, columns in self._slices
+            if isinstance(term, TorqueTerm) and not term.carried
+        ]
+
+    @cached_property
     def _slices(self) -> list[tuple[Term, slice]]:
         slices, start = [], 0
         for term in self.terms:

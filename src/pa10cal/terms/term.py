@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ class Parameter:
         scale: a typical size, by which it is scaled in solving and in judging rank.
         tolerance: manufacturing tolerance (paper, Section II.C), or None where it has none.
         lower, upper: ends of the range with a physical meaning, or None.
+        plausible: size to be expected of an effect, a standard deviation about zero, or None.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Parameter:
     tolerance: float | None = None
     lower: float | None = None
     upper: float | None = None
+    plausible: float | None = None
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,33 @@ class Term(Protocol):
 
     def report(self, x: Array) -> Report:
         """Return the parameters in the form readers know them."""
+
+
+@runtime_checkable
+class Yielding(Term, Protocol):
+    """A term that turns a joint under the torque it carries."""
+
+    @property
+    def joint(self) -> int:
+        """Return the joint, 1 … n, whose angle is the term's only coordinate."""
+
+    def by_torque(self, states: PoseStates, x: Array) -> Array:
+        """Return the derivative of `shift` by the joint's torque, (P,) [rad/(N m)]."""
+
+
+@runtime_checkable
+class TorqueTerm(Term, Protocol):
+    """A term that shows in the logged torques."""
+
+    @property
+    def carried(self) -> bool:
+        """Return whether the joint carries that torque; else only the log shows it."""
+
+    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
+        """Return what the log shows beyond the weights, (P, n)."""
+
+    def torque_derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the derivative of `torque_Nm` by x, (P, n, k)."""
 
 
 def report_as_solved(parameters: tuple[Parameter, ...], x: Array) -> Report:

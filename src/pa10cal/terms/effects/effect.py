@@ -1,0 +1,105 @@
+"""What an effect is: a term with a name, a place and sizes to be expected."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.term import Parameter, Report, report_as_solved
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What decides where an effect may sit.
+
+    Attributes:
+        arm: the nominal arm.
+        flexible_joints: joints, from 1, to which the model gives a spring.
+        reference_temperature_C: temperature at which lengths are nominal.
+        tau_span_Nm: (n,) largest torque that each joint carried.
+        T_cmm_base: (4, 4) about where the base stands in the instrument's frame.
+    """
+
+    arm: Arm
+    flexible_joints: tuple[int, ...]
+    reference_temperature_C: float
+    tau_span_Nm: Array
+    T_cmm_base: Array
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """A term of the vocabulary; its parameters are zero where the effect is absent.
+
+    Parameters past the first `linear` shape the effect and matter only where it is present.
+
+    Attributes:
+        of: where it sits: `joint 2`, `forearm`, `base`, ...
+    """
+
+    of: str
+    id: ClassVar[str]
+    #: Whether it only says where something is missing, not what: no name of the vocabulary.
+    generic: ClassVar[bool] = False
+
+    @classmethod
+    @abstractmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return the effect at every place where it may sit."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return its k parameters, each with its plausible size."""
+
+    @property
+    def linear(self) -> int:
+        """Return how many parameters, from the first, it is proportional to."""
+        return len(self.parameters)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the m chain coordinates it adds to."""
+        return ()
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        """Return what it adds to its coordinates, (P, m): proportional, where nothing else."""
+        shift: Array = self.derivative(states, x) @ x
+        return shift
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the derivative of `shift` by x, (P, m, k)."""
+        return np.zeros((len(states), 0, len(x)))
+
+    def report(self, x: Array) -> Report:
+        """Return the parameters in the form of the vocabulary."""
+        return report_as_solved(self.parameters, x)
+
+    @property
+    def starts(self) -> tuple[Array, ...]:
+        """Return points (k,) from which to look for it: shapes to try, in zero amount."""
+        return (np.zeros(len(self.parameters)),)
+
+    @property
+    def prior_factor(self) -> Array:
+        """Return L (l, l) with L L^T the covariance to be expected of the linear parameters."""
+        sizes = [parameter.plausible for parameter in self.parameters[: self.linear]]
+        return np.diag(np.array(sizes, dtype=float))
+
+
+def joint_places(surroundings: Surroundings) -> tuple[str, ...]:
+    """Return `joint 1` … `joint n`."""
+    return tuple(f"joint {joint}" for joint in range(1, surroundings.arm.n + 1))
+
+
+def joint_of(place: str) -> int:
+    """Return the number of the joint, from 1, that a place names."""
+    return int(place.removeprefix("joint "))

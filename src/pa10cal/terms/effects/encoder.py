@@ -1,0 +1,111 @@
+"""Periodic errors of a joint's angle: encoder disks and harmonic drives."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.effects.effect import Effect, Surroundings, joint_of, joint_places
+from pa10cal.terms.term import Parameter, Report
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointHarmonic(Effect):
+    """A sin(order q_j + phi), solved in its parts A cos phi (sine) and A sin phi (cosine).
+
+    Attributes:
+        order: cycles a turn of the joint.
+    """
+
+    order: float
+    plausible_rad: ClassVar[float] = 3e-4
+
+    @classmethod
+    @abstractmethod
+    def order_of(cls, surroundings: Surroundings, joint: int) -> float:
+        """Return the cycles a turn at a joint, from 1."""
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it at every joint that turns."""
+        return tuple(
+            cls(place, cls.order_of(surroundings, joint_of(place)))
+            for place in joint_places(surroundings)
+            if not surroundings.arm.prismatic[joint_of(place) - 1]
+        )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the sine and the cosine part."""
+        joint = joint_of(self.of)
+        return tuple(
+            Parameter(f"{self.id}_{joint}_{part}", "rad", 1e-5, plausible=self.plausible_rad)
+            for part in ("sin", "cos")
+        )
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the joint's angle."""
+        return (f"theta_{joint_of(self.of)}",)
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return sine and cosine of order q_j, (P, 1, 2)."""
+        del x
+        phase = self.order * states.q_rad[:, joint_of(self.of) - 1]
+        return np.stack([np.sin(phase), np.cos(phase)], axis=-1)[:, None, :]
+
+    def report(self, x: Array) -> Report:
+        """Return amplitude and phase."""
+        amplitude = float(np.hypot(*x))
+        phase = float(np.arctan2(x[1], x[0]))
+        size = max(amplitude, np.finfo(float).tiny)
+        jacobian = np.array(
+            [[np.cos(phase), np.sin(phase)], [-np.sin(phase) / size, np.cos(phase) / size]]
+        )
+        names = (Parameter("A", "rad", 1e-5), Parameter("phi", "rad", 1.0))
+        return Report(names, np.array([amplitude, phase]), jacobian)
+
+
+@dataclass(frozen=True)
+class TransmissionError(JointHarmonic):
+    """Kinematic error of a harmonic drive: two cycles a turn of the wave generator."""
+
+    id: ClassVar[str] = "transmission_error"
+
+    @classmethod
+    def order_of(cls, surroundings: Surroundings, joint: int) -> float:
+        """Return twice the gear ratio."""
+        return 2.0 * float(surroundings.arm.gear_ratio[joint - 1])
+
+
+@dataclass(frozen=True)
+class EncoderEccentricity(JointHarmonic):
+    """An encoder disk off its centre: one cycle a turn of the joint."""
+
+    id: ClassVar[str] = "encoder_eccentricity"
+
+    @classmethod
+    def order_of(cls, surroundings: Surroundings, joint: int) -> float:
+        """Return one."""
+        del surroundings, joint
+        return 1.0
+
+
+@dataclass(frozen=True)
+class EncoderEllipticity(JointHarmonic):
+    """An encoder disk out of round: two cycles a turn of the joint."""
+
+    id: ClassVar[str] = "encoder_ellipticity"
+
+    @classmethod
+    def order_of(cls, surroundings: Surroundings, joint: int) -> float:
+        """Return two."""
+        del surroundings, joint
+        return 2.0

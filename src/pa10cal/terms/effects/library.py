@@ -1,0 +1,32 @@
+"""All effects of the vocabulary, found by looking through this package."""
+
+from __future__ import annotations
+
+import inspect
+import pkgutil
+from functools import cache
+from importlib import import_module
+
+from pa10cal.terms import effects
+from pa10cal.terms.effects.effect import Effect, Surroundings
+
+
+@cache
+def library() -> tuple[type[Effect], ...]:
+    """Return every class of effect, named ones before generic ones, ordered by id."""
+    modules = [
+        import_module(f"{effects.__name__}.{module.name}")
+        for module in pkgutil.iter_modules(effects.__path__)
+    ]
+    found = {
+        kind
+        for module in modules
+        for _, kind in inspect.getmembers(module, inspect.isclass)
+        if issubclass(kind, Effect) and not inspect.isabstract(kind) and "id" in vars(kind)
+    }
+    return tuple(sorted(found, key=lambda kind: (kind.generic, kind.id)))
+
+
+def candidates(surroundings: Surroundings) -> tuple[Effect, ...]:
+    """Return every effect at every place of an arm where it may sit."""
+    return tuple(effect for kind in library() for effect in kind.everywhere(surroundings))
