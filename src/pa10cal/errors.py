@@ -58,3 +58,7 @@ class OutputError(Pa10calError):
 
 class RecordError(Pa10calError):
     """A result of an earlier stage cannot be used."""
+
+
+class DiscoveryError(Pa10calError):
+    """The data do not allow a search for missing effects."""

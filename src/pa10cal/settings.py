@@ -155,8 +155,16 @@ class HiddenEffectSettings(Section):
 
 
 class CellPosesSettings(Section):
-    """Where the virtual cell measures: a 3 x 3 x 3 grid, points around it, two lines through it."""
+    """Where the virtual cell measures: calibration and held-out poses, two straight moves."""
 
+    layout: Literal["grid", "wide"] = Field(
+        "grid",
+        description="grid: 3 x 3 x 3 calibration poses, held-out points around them; wide: both "
+        "drawn over large sweeps of all joints",
+    )
+    wide_poses: Annotated[int, Field(ge=1)] = Field(
+        60, description="calibration poses of the wide layout"
+    )
     centre_deg: tuple[float, ...] = Field(
         (0.0, 15.0, 90.0, 0.0, 45.0, -90.0),
         description="joint angles in the middle of the grid; they set its place, the attitude "
@@ -173,7 +181,7 @@ class CellPosesSettings(Section):
         0.1, description="held-out points lie outside the grid's volume by up to this"
     )
     line_length_m: Positive = Field(0.2, description="length of the straight moves")
-    tilt_seed: int = Field(1, description="draws tool attitudes and held-out points")
+    tilt_seed: int = Field(1, description="draws attitudes, held-out points and wide poses")
 
 
 class CellNoiseSettings(Section):
@@ -202,7 +210,7 @@ class SimulateSettings(Section):
     random_seed: Annotated[int, Field(ge=0)] = 2008
     hidden_effects: tuple[HiddenEffectSettings, ...] = Field(
         (),
-        description="entries {id, of, parameters} in the vocabulary of effects",
+        description="entries {id, of, parameters} in the vocabulary of effects, or outside of it",
     )
     robot: str = Field("pa10_6ce", description="an arm description with masses")
     built: Literal["table_1", "drawn"] = Field(
@@ -225,6 +233,14 @@ class SimulateSettings(Section):
     )
     temperature_drift_C: NonNegative = Field(
         0.0, description="amplitude of the hall's slow drift about the reference temperature"
+    )
+    mass_factor: tuple[Positive, ...] = Field(
+        (), description="true masses of the links over those of the description; empty: all 1"
+    )
+    stated_uncertainty_mm: Positive | None = Field(
+        None,
+        description="what the campaign states of its instrument, right or wrong; the touches "
+        "scatter by `noise` whatever it says; none: the paper's figure",
     )
     poses: CellPosesSettings = CellPosesSettings()
     noise: CellNoiseSettings = CellNoiseSettings()

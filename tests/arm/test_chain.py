@@ -1,4 +1,4 @@
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pinocchio as pin
@@ -7,28 +7,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arm.chain import Chain, end_pose, end_pose_with_screws
+from pa10cal.arm.chain import (
+    Chain,
+    bend_coordinates,
+    end_pose,
+    end_pose_with_screws,
+    frames,
+    link_spans_m,
+    long_links,
+)
+from pa10cal.arm.description import Arm
+from pa10cal.errors import ArmError
 from pa10cal.files.arms import load_arm
 
+conventions = st.sampled_from(["standard", "modified"])
 
-def random_arm(seed, n, convention="standard"):
-    rng = np.random.default_rng(seed)
-    pa10 = load_arm("pa10_6ce")
-    return replace(
-        pa10,
-        convention=convention,
-        theta_rad=rng.uniform(-3, 3, n),
-        d_m=rng.uniform(-0.6, 0.6, n),
-        a_m=rng.uniform(-0.6, 0.6, n),
-        alpha_rad=rng.choice([0.0, np.pi / 2, -np.pi / 2, 0.3, 1e-7], n),
-        hayati=np.zeros(n, bool),
-        prismatic=rng.random(n) < 0.25,
-        limits_rad=np.tile([-3.0, 3.0], (n, 1)),
-        gear_ratio=np.ones(n),
-        torque_limit_Nm=np.ones(n),
-        mass_kg=None,
-        com_m=None,
-    )
+
+def first_rows(arm, n):
+    """Return the arm cut off after n rows."""
+    return replace(arm, **{name: getattr(arm, name)[:n] for name in ROW_FIELDS})
+
+
+ROW_FIELDS = [
+    field.name for field in fields(Arm) if field.name not in ("name", "title", "convention")
+]
 
 
 def pinocchio_forward(arm, q):
@@ -65,7 +67,7 @@ def test_pa10_stands_straight_up_at_zero():
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
 @pytest.mark.parametrize("n", [1, 4, 6, 7])
-def test_forward_kinematics_equals_pinocchio(n, convention):
+def test_forward_kinematics_equals_pinocchio(random_arm, n, convention):
     for seed in range(10):
         arm = random_arm(seed, n, convention)
         q = np.random.default_rng(seed).uniform(-3, 3, (5, n))
@@ -73,12 +75,12 @@ def test_forward_kinematics_equals_pinocchio(n, convention):
 
 
 @settings(deadline=None, max_examples=25)
-@given(seed=st.integers(0, 10_000), convention=st.sampled_from(["standard", "modified"]))
-def test_screws_equal_finite_differences(seed, convention):
+@given(seed=st.integers(0, 10_000), convention=conventions)
+def test_screws_equal_finite_differences(random_arm, seed, convention):
     rng = np.random.default_rng(seed)
-    chain = Chain.of(random_arm(seed, 6, convention))
+    chain = Chain.of(random_arm(seed, 6, convention), bends=(1, 4))
     coordinates = chain.coordinates(rng.uniform(-3, 3, (2, 6)))
-    coordinates += rng.normal(scale=0.3, size=coordinates.shape)  # base and tool off zero too
+    coordinates += rng.normal(scale=0.3, size=coordinates.shape)  # base, bends and tool off zero
     screws = end_pose_with_screws(chain, coordinates).screws
     step = 1e-5
     for k in range(coordinates.shape[1]):
@@ -94,7 +96,7 @@ def test_screws_equal_finite_differences(seed, convention):
 
 @settings(deadline=None, max_examples=25)
 @given(seed=st.integers(0, 10_000))
-def test_poses_are_rigid_motions(seed):
+def test_poses_are_rigid_motions(random_arm, seed):
     q = np.random.default_rng(seed).uniform(-3, 3, (3, 6))
     T = Chain.of(random_arm(seed, 6)).forward(q)
     R = T[:, :3, :3]
@@ -110,3 +112,93 @@ def test_base_and_tool_coordinates_place_base_and_tool():
     expected = chain.forward(q)[0]
     expected[:3, 3] += np.array([0.5, 0, 0]) + 0.2 * expected[:3, 2]
     np.testing.assert_allclose(end_pose(chain, coordinates)[0], expected, atol=1e-15)
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 10_000), convention=conventions)
+def test_frames_of_rows_end_shorter_arms(random_arm, seed, convention):
+    arm = random_arm(seed, 5, convention)
+    q = np.random.default_rng(seed).uniform(-3, 3, (3, 5))
+    chain = Chain.of(arm)
+    found = frames(chain, chain.coordinates(q))
+    for row in range(5):
+        wanted = Chain.of(first_rows(arm, row + 1)).forward(q[:, : row + 1])
+        np.testing.assert_allclose(found.T_base_rows[row], wanted, atol=1e-14)
+    np.testing.assert_allclose(found.T_base_ee, chain.forward(q), atol=1e-15)
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 10_000), convention=conventions)
+def test_frames_of_joints_hold_their_screws(random_arm, seed, convention):
+    rng = np.random.default_rng(seed)
+    chain = Chain.of(random_arm(seed, 5, convention), bends=(2,))
+    coordinates = chain.coordinates(rng.uniform(-3, 3, (3, 5)))
+    coordinates += rng.normal(scale=0.3, size=coordinates.shape)
+    found = frames(chain, coordinates)
+    screws = end_pose_with_screws(chain, coordinates).screws
+    for joint, column in enumerate(chain.joint_columns):
+        T = found.T_base_joints[joint]
+        axis, lever = T[:, :3, 2], found.T_base_ee[:, :3, 3] - T[:, :3, 3]
+        wanted = np.hstack([np.cross(axis, lever), axis])
+        if chain.arm.prismatic[joint]:
+            wanted = np.hstack([axis, np.zeros_like(axis)])
+        np.testing.assert_allclose(screws[:, :, column], wanted, atol=1e-13)
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 10_000), row=st.integers(1, 4), convention=conventions)
+def test_a_bend_moves_the_frame_in_which_the_next_joint_moves(random_arm, seed, row, convention):
+    rng = np.random.default_rng(seed)
+    arm = random_arm(seed, 5, convention)
+    q, bend = rng.uniform(-3, 3, (2, 5)), rng.normal(scale=0.3, size=6)
+    plain, bent = Chain.of(arm), Chain.of(arm, bends=(row,))
+    np.testing.assert_array_equal(bent.forward(q), plain.forward(q))
+    coordinates = bent.coordinates(q)
+    coordinates[:, bent.columns(bend_coordinates(row))] = bend
+    straight, found = frames(plain, plain.coordinates(q)), frames(bent, coordinates)
+    motion = np.eye(4)
+    motion[:3, :3] = Rotation.from_euler("XYZ", bend[3:]).as_matrix()
+    motion[:3, 3] = bend[:3]
+    inverse = np.linalg.inv(straight.T_base_joints[row])
+    for wanted, moved in [
+        (straight.T_base_joints, found.T_base_joints),
+        (straight.T_base_rows, found.T_base_rows),
+    ]:
+        np.testing.assert_allclose(moved[:row], wanted[:row], atol=1e-15)
+        turned = straight.T_base_joints[row] @ motion @ inverse @ wanted[row:]
+        np.testing.assert_allclose(moved[row:], turned, atol=1e-13)
+
+
+def test_bends_are_the_only_motions_they_add():
+    arm = load_arm("pa10_6ce")
+    names = [motion.coordinate for motion in Chain.of(arm, bends=(2, 4)).motions]
+    for row in (2, 4):
+        start = names.index(f"bend_{row}.x")
+        assert tuple(names[start : start + 6]) == bend_coordinates(row)
+        assert names[start + 6] == f"theta_{row + 1}"
+    kept = [name for name in names if not name.startswith("bend")]
+    assert kept == [motion.coordinate for motion in Chain.of(arm).motions]
+
+
+@pytest.mark.parametrize("row", [0, 6])
+def test_a_link_that_no_joint_follows_does_not_bend(row):
+    with pytest.raises(ArmError, match="rows 1 to 5"):
+        Chain.of(load_arm("pa10_6ce"), bends=(row,))
+
+
+def test_upper_arm_and_forearm_are_the_long_links():
+    arm = load_arm("pa10_6ce")
+    assert long_links(arm) == (2, 4)
+    assert np.linalg.norm(link_spans_m(arm), axis=1) == pytest.approx(
+        [0.317, 0.45, 0, 0.48, 0, 0.07]
+    )
+    # 450 mm along x of the row's own frame, 480 mm along -y: alpha turns z there.
+    assert link_spans_m(arm)[1] == pytest.approx([0.45, 0, 0])
+    assert link_spans_m(arm)[3] == pytest.approx([0, -0.48, 0])
+
+
+def test_a_short_arm_has_fewer_long_links():
+    arm = load_arm("pa10_6ce")
+    assert long_links(first_rows(arm, 2)) == ()
+    assert long_links(first_rows(arm, 3)) == (2,)
+    assert long_links(first_rows(arm, 4)) == (2,)  # link 3 has no length

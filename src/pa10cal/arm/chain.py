@@ -2,12 +2,14 @@
 
 A chain is a row of elementary motions (rotations about and translations along the axes of the
 moving frame). Each is driven by one chain coordinate: the base frame, theta, d, a, alpha and beta
-of every Denavit-Hartenberg row, the tool. The derivative of the end's pose by a coordinate is the
-screw of its axis, exact and at no extra cost (paper, Section II.C; Hayati's beta ends each row).
+of every Denavit-Hartenberg row, small bends at the ends of chosen links, the tool. The derivative
+of the end's pose by a coordinate is the screw of its axis, exact and at no extra cost (paper,
+Section II.C; Hayati's beta ends each row).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -15,12 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.errors import ArmError
 
 Array = NDArray[np.float64]
 Axis = Literal[0, 1, 2]
 
 BASE = ("base.x", "base.y", "base.z", "base.rx", "base.ry", "base.rz")
 TOOL = ("tool.x", "tool.y", "tool.z", "tool.rx", "tool.ry", "tool.rz")
+
+#: Called before every motion with its number, the frame's axes (each (3, P)) and origin (3, P).
+_Note = Callable[[int, list[Array], Array], None]
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,22 @@ class EndPose:
 
 
 @dataclass(frozen=True)
+class Frames:
+    """Frames along the chain, each as a pose in the frame the chain starts from [m].
+
+    Attributes:
+        T_base_rows: (n, P, 4, 4) end of every Denavit-Hartenberg row, its own motions done.
+        T_base_joints: (n, P, 4, 4) frame in which every joint moves, just before it does: along
+            or about its z axis.
+        T_base_ee: (P, 4, 4) end of the chain.
+    """
+
+    T_base_rows: Array
+    T_base_joints: Array
+    T_base_ee: Array
+
+
+@dataclass(frozen=True)
 class Chain:
     """The chain of an arm; build it with `Chain.of`.
 
@@ -71,11 +93,33 @@ class Chain:
     _columns: dict[str, int] = field(repr=False)
 
     @classmethod
-    def of(cls, arm: Arm) -> Chain:
-        """Lay out the chain of an arm: base, Denavit-Hartenberg rows, tool."""
+    def of(cls, arm: Arm, bends: tuple[int, ...] = ()) -> Chain:
+        """Lay out the chain of an arm: base, Denavit-Hartenberg rows, tool.
+
+        Args:
+            arm: the arm.
+            bends: rows, from 1, whose link may bend: six small motions `bend_coordinates(row)` at
+                its end, in the frame in which the next joint moves.
+
+        Raises:
+            ArmError: when a row is named whose link no joint follows.
+        """
+        for row in bends:
+            if not 1 <= row < arm.n:
+                raise ArmError(
+                    "no joint follows the link that is to bend",
+                    where=arm.name,
+                    value=row,
+                    allowed=f"rows 1 to {arm.n - 1}",
+                    remedy="use the tool's coordinates at the end of the chain",
+                )
+        drives = [f"{'d' if slides else 'theta'}_{k}" for k, slides in enumerate(arm.prismatic, 1)]
         motions = _free_frame(BASE)
         for row in range(1, arm.n + 1):
-            motions += _row_motions(row, arm.convention)
+            for motion in _row_motions(row, arm.convention):
+                if motion.coordinate == drives[row - 1] and row - 1 in bends:
+                    motions += _free_frame(bend_coordinates(row - 1))
+                motions += (motion,)
         motions += _free_frame(TOOL)
         columns = {motion.coordinate: k for k, motion in enumerate(motions)}
         nominal = np.zeros(len(motions))
@@ -84,11 +128,8 @@ class Chain:
             nominal[columns[f"d_{row + 1}"]] = arm.d_m[row]
             nominal[columns[f"a_{row + 1}"]] = arm.a_m[row]
             nominal[columns[f"alpha_{row + 1}"]] = arm.alpha_rad[row]
-        joints = [
-            columns[f"{'d' if slides else 'theta'}_{row}"]
-            for row, slides in enumerate(arm.prismatic, start=1)
-        ]
-        return cls(arm, motions, nominal, np.array(joints), columns)
+        joints = np.array([columns[drive] for drive in drives])
+        return cls(arm, motions, nominal, joints, columns)
 
     def columns(self, names: tuple[str, ...]) -> NDArray[np.intp]:
         """Return the columns of the named chain coordinates (KeyError when there is none)."""
@@ -109,9 +150,14 @@ class Chain:
         return end_pose_with_screws(self, self.coordinates(q_rad))
 
 
+def bend_coordinates(row: int) -> tuple[str, ...]:
+    """Return the six coordinates of the bend at the end of a row's link: x, y, z, then about."""
+    return tuple(f"bend_{row}.{motion}" for motion in ("x", "y", "z", "rx", "ry", "rz"))
+
+
 def end_pose(chain: Chain, coordinates: Array) -> Array:
     """Return the pose of the end (P, 4, 4) at chain coordinates (P, m)."""
-    frame, origin = _walk(chain, coordinates, None, None)
+    frame, origin = _walk(chain, coordinates, None)
     return _homogeneous(frame, origin)
 
 
@@ -120,7 +166,12 @@ def end_pose_with_screws(chain: Chain, coordinates: Array) -> EndPose:
     m, count = len(chain.motions), len(coordinates)
     axes = np.empty((m, 3, count))
     origins = np.empty((m, 3, count))
-    frame, end = _walk(chain, coordinates, axes, origins)
+
+    def note(k: int, frame: list[Array], origin: Array) -> None:
+        axes[k] = frame[chain.motions[k].axis]
+        origins[k] = origin
+
+    frame, end = _walk(chain, coordinates, note)
     turns = np.array([motion.turns for motion in chain.motions])
     screws = np.zeros((m, 6, count))
     screws[turns, 3:] = axes[turns]
@@ -133,10 +184,51 @@ def end_pose_with_screws(chain: Chain, coordinates: Array) -> EndPose:
     return EndPose(_homogeneous(frame, end), screws.transpose(2, 1, 0))
 
 
-def _walk(
-    chain: Chain, coordinates: Array, axes: Array | None, origins: Array | None
-) -> tuple[list[Array], Array]:
-    """Carry the frame along the chain; note each motion's axis and origin where asked.
+def frames(chain: Chain, coordinates: Array) -> Frames:
+    """Return the frames of rows and joints, and the end, at chain coordinates (P, m)."""
+    arm = chain.arm
+    T_base_rows, T_base_joints = np.empty((2, arm.n, len(coordinates), 4, 4))
+    lasts = (_row_motions(row, arm.convention)[-1].coordinate for row in range(1, arm.n + 1))
+    ends = {int(column) + 1: row for row, column in enumerate(chain.columns(tuple(lasts)))}
+    joints = {int(column): row for row, column in enumerate(chain.joint_columns)}
+
+    def note(k: int, frame: list[Array], origin: Array) -> None:
+        if k in ends:
+            T_base_rows[ends[k]] = _homogeneous(frame, origin)
+        if k in joints:
+            T_base_joints[joints[k]] = _homogeneous(frame, origin)
+
+    frame, end = _walk(chain, coordinates, note)
+    return Frames(T_base_rows, T_base_joints, _homogeneous(frame, end))
+
+
+def link_spans_m(arm: Arm) -> Array:
+    """Return how far every link reaches, (n, 3): from its joint to its end, along that end's axes.
+
+    A link ends in the frame in which the next joint moves; the last one at the end of the chain.
+    """
+    chain = Chain.of(arm)
+    found = frames(chain, chain.nominal[None])
+    starts = found.T_base_joints[:, 0]
+    ends = np.concatenate([starts[1:], found.T_base_ee])
+    reach = ends[:, :3, 3] - starts[:, :3, 3]
+    spans: Array = np.einsum("kji,kj->ki", ends[:, :3, :3], reach)
+    return spans
+
+
+def long_links(arm: Arm) -> tuple[int, ...]:
+    """Return the rows, from 1, of upper arm and forearm, in the order of the chain.
+
+    Of the links after the first and before the last they are the two longest; a short arm has
+    fewer.
+    """
+    lengths = np.linalg.norm(link_spans_m(arm), axis=1)
+    inner = [row for row in range(2, arm.n) if lengths[row - 1] > 0.0]
+    return tuple(sorted(sorted(inner, key=lambda row: -lengths[row - 1])[:2]))
+
+
+def _walk(chain: Chain, coordinates: Array, note: _Note | None) -> tuple[list[Array], Array]:
+    """Carry the frame along the chain, telling `note` of it before every motion.
 
     The frame is kept as its three axes, each (3, P): a rotation then touches two of them.
     """
@@ -145,9 +237,8 @@ def _walk(
     origin = np.zeros((3, count))
     for k, motion in enumerate(chain.motions):
         value = coordinates[:, k]
-        if axes is not None and origins is not None:
-            axes[k] = frame[motion.axis]
-            origins[k] = origin
+        if note is not None:
+            note(k, frame, origin)
         if not value.any():
             continue
         if motion.turns:

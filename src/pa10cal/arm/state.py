@@ -20,11 +20,13 @@ class Carried:
         link_Nm: (P, n, 3) moment that each link carries at its far end, where the next joint turns,
             along the axes of that end (zero for the last link).
         base_Nm: (P, 3) overturning moment about the base's origin, along base axes.
+        joint_Nm: (P, n) torques with which the joints hold links, apparatus and load.
         down_ee: (P, 3) direction of gravity along the end-effector's axes, a unit vector.
     """
 
     link_Nm: Array
     base_Nm: Array
+    joint_Nm: Array
     down_ee: Array
 
 

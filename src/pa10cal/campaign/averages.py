@@ -48,8 +48,20 @@ def average_repeats(single: PoseObservations) -> PoseObservations:
         that arrived from either side has one between -1 and 1), temperature, time and position, the
         chordal mean of the attitude, and the covariance of that mean for independent readings.
     """
-    code, first = _groups(single)
-    count = np.bincount(code, minlength=len(first))
+    return average_groups(single, _groups(single)[0])
+
+
+def average_groups(single: PoseObservations, code: Index) -> PoseObservations:
+    """Average the readings of each group.
+
+    Args:
+        single: one reading a row; readings of a group are of one pose and load.
+        code: (P,) number of each reading's group, from 0, none left out.
+
+    Returns:
+        One row a group, in the order of their numbers; see `average_repeats`.
+    """
+    _, first, count = np.unique(code, return_index=True, return_counts=True)
 
     def mean(values: Array) -> Array:
         total = np.zeros((len(count), *values.shape[1:]))

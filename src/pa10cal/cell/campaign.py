@@ -135,6 +135,7 @@ def measure_campaign(
         schedule.load_N,
         at_rest_s,
         temperature_C - REFERENCE_TEMPERATURE_C,
+        schedule.arrival,
     )
     return Campaign(
         name=name,

@@ -8,8 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.cell.built import BuiltRobot, Springs
-from pa10cal.cell.effects.kinds import Effect, Loading, Shape, StructureEffect, WindupEffect
+from pa10cal.cell.built import BuiltRobot
+from pa10cal.cell.effects.kinds import (
+    CarriedTorqueEffect,
+    Effect,
+    Loading,
+    LostMotionEffect,
+    Shape,
+    StructureEffect,
+    WindupEffect,
+)
 from pa10cal.cell.mechanism import Mechanism, Strain
 from pa10cal.errors import SimulationError
 
@@ -42,6 +50,7 @@ def rest_poses(
     load_N: Array,
     time_s: Array,
     warming_K: Array,
+    arrival: Array | None = None,
 ) -> RestPoses:
     """Find where the robot comes to rest.
 
@@ -50,26 +59,23 @@ def rest_poses(
 
     Args:
         robot: the robot as built.
-        effects: what else moves it; only windup and structure matter here.
+        effects: what else moves it; only those that torques or weights bring about matter here.
         drive_rad: (P, n) motor angles with what the transmissions add to them.
         load_N: (P,) hanging weights.
         time_s: (P,) times since the start of the campaign.
         warming_K: (P,) temperatures above the reference.
+        arrival: (P, n) direction in which each joint arrived; None where no joint did.
 
     Raises:
         SimulationError: where no equilibrium is found.
     """
-    arm = _YieldingArm(
-        Mechanism.of(robot),
-        robot.springs,
-        [effect for effect in effects if isinstance(effect, WindupEffect)],
-        [effect for effect in effects if isinstance(effect, StructureEffect)],
-    )
+    arm = _YieldingArm(robot, effects)
     poses, n = drive_rad.shape
+    arrived = np.zeros((poses, n)) if arrival is None else arrival
     rest = RestPoses(np.empty((poses, n)), np.empty((poses, n)), np.empty((poses, 4, 4)))
     for i in range(poses):
         arm.mechanism.hang(load_N[i])
-        q, tau = arm.settle(drive_rad[i], time_s[i], warming_K[i])
+        q, tau = arm.settle(drive_rad[i], arrived[i], time_s[i], warming_K[i])
         rest.q_rad[i], rest.tau_Nm[i] = q, tau
         rest.T_base_ee[i] = arm.mechanism.T_base_ee(q)
     return rest
@@ -78,22 +84,21 @@ def rest_poses(
 class _YieldingArm:
     """A mechanism with everything in it that gives way under weights."""
 
-    def __init__(
-        self,
-        mechanism: Mechanism,
-        springs: Springs,
-        windups: Sequence[WindupEffect],
-        structures: Sequence[StructureEffect],
-    ) -> None:
-        self.mechanism = mechanism
-        self._shape = Shape.of(mechanism)
-        self._windups = windups
-        self._structures = structures
-        self._flexible = springs.flexible
-        self._k_lin = springs.k_lin[self._flexible]
-        self._k_cub = springs.k_cub[self._flexible]
+    def __init__(self, robot: BuiltRobot, effects: Sequence[Effect]) -> None:
+        self.mechanism = Mechanism.of(robot)
+        self._shape = Shape.of(self.mechanism)
+        self._carried = [effect for effect in effects if isinstance(effect, CarriedTorqueEffect)]
+        self._windups = [effect for effect in effects if isinstance(effect, WindupEffect)]
+        self._lost = [effect for effect in effects if isinstance(effect, LostMotionEffect)]
+        self._structures = [effect for effect in effects if isinstance(effect, StructureEffect)]
+        self._rated_Nm = robot.arm.torque_limit_Nm
+        self._flexible = robot.springs.flexible
+        self._k_lin = robot.springs.k_lin[self._flexible]
+        self._k_cub = robot.springs.k_cub[self._flexible]
 
-    def settle(self, drive: Array, time_s: float, warming_K: float) -> tuple[Array, Array]:
+    def settle(
+        self, drive: Array, arrival: Array, time_s: float, warming_K: float
+    ) -> tuple[Array, Array]:
         """Return link angles and torques at rest, and leave the mechanism in that shape.
 
         Torque and strain are taken from the last posture, the springs follow by a Newton step;
@@ -104,8 +109,12 @@ class _YieldingArm:
         for _ in range(_MAX_ITERATIONS):
             tau = self.mechanism.torques_Nm(q)
             strain_next = self._strain(strain, time_s, warming_K)
+            for pull in self._carried:
+                tau += pull.carried_Nm(q)
             delta = self._spring_step(delta, tau)
             q_next = drive - delta - sum(effect.deflection_rad(tau) for effect in self._windups)
+            for lost in self._lost:
+                q_next += lost.lost_rad(tau, arrival, self._rated_Nm)
             moved = max(float(np.abs(q_next - q).max()), strain_next.distance(strain))
             q, strain = q_next, strain_next
             if moved <= TOLERANCE:

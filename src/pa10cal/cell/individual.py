@@ -9,7 +9,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.cell.built import Apparatus, BuiltRobot, Departures, Springs
+from pa10cal.cell.apparatus import BALLS_DESIGN_M, make_apparatus
+from pa10cal.cell.built import BuiltRobot, Departures, Springs
 from pa10cal.cell.mechanism import Mechanism
 from pa10cal.cell.poses import centre_rad
 from pa10cal.errors import SimulationError
@@ -34,15 +35,6 @@ PAPER_K_CUB: dict[KcubReading, Array] = {
     "table_e8": np.array([0.0, 3.35e8, 1.46e8, 0.0, 3.84e8, 0.0]),
 }
 
-#: The apparatus: three balls in front of four 0.31 m rods, 2.4 kg (Section II.B).
-APPARATUS_MASS_KG = 2.4
-APPARATUS_COM_M = np.array([0.0, 0.0, 0.190])
-LOAD_POINT_M = np.array([0.0, 0.0, 0.030])
-BALL_NAMES = ("A", "B", "C")
-BALLS_DESIGN_M = 1e-3 * np.array([[95.0, 0.0, 310.0], [-50.0, 80.0, 310.0], [-50.0, -80.0, 312.0]])
-BALL_DIAMETER_M = 0.0254
-_BALL_MAKING_M = 5e-5
-
 #: Where the balls are in the measuring machine, and how level the robot stands.
 _CMM_MIDDLE_M = np.array([0.40, 0.40, 0.40])
 _CMM_MIDDLE_SPREAD_M = 0.02
@@ -66,12 +58,14 @@ def build_robot(
     Args:
         arm: its description, with masses.
         settings: whether it is the paper's robot or a drawn one, how well its apparatus was
-            measured, and the middle of the grid, which comes to the middle of the machine.
+            measured, how far its masses are off, and the middle of the grid, which comes to the
+            middle of the machine.
         kcub_reading: which of the paper's two cubic stiffnesses holds.
         rng: draws the base's place, the balls, and the departures where they are drawn.
 
     Raises:
-        SimulationError: for an arm without masses, or for Table I on another robot.
+        SimulationError: for an arm without masses, for Table I on another robot, or for mass
+            factors that are not as many as the links.
     """
     if arm.mass_kg is None or arm.com_m is None:
         raise SimulationError(
@@ -84,7 +78,7 @@ def build_robot(
         departures, springs = _paper_robot(arm, kcub_reading)
     else:
         departures, springs = _drawn_robot(arm, settings.flexible_joints, rng)
-    apparatus = _apparatus(settings.noise.apparatus_mm, rng)
+    apparatus = make_apparatus(settings.noise.apparatus_mm, rng)
     nominal = Mechanism(arm, Departures.none(arm.n), arm.mass_kg, arm.com_m, apparatus)
     T_base_middle = nominal.T_base_ee(centre_rad(arm, settings.poses))
     p_base_middle_m = (T_base_middle @ np.append(BALLS_DESIGN_M.mean(axis=0), 1.0))[:3]
@@ -92,11 +86,23 @@ def build_robot(
         arm=arm,
         departures=departures,
         springs=springs,
-        mass_kg=arm.mass_kg,
+        mass_kg=_true_masses_kg(arm.mass_kg, settings.mass_factor),
         com_m=arm.com_m,
         apparatus=apparatus,
         T_cmm_base=_stand(p_base_middle_m, rng),
     )
+
+
+def _true_masses_kg(described_kg: Array, factor: tuple[float, ...]) -> Array:
+    if factor and len(factor) != len(described_kg):
+        raise SimulationError(
+            f"{len(factor)} mass factors for {len(described_kg)} links",
+            where="mass_factor",
+            value=factor,
+            allowed=f"{len(described_kg)} factors, or none",
+            remedy="give one factor a link",
+        )
+    return described_kg * np.array(factor) if factor else described_kg
 
 
 def _paper_robot(arm: Arm, kcub_reading: KcubReading) -> tuple[Departures, Springs]:
@@ -141,20 +147,6 @@ def _drawn_robot(
         np.where(flexible, k_lin, np.inf),
         np.where(flexible, _K_CUB_PER_K_LIN * k_lin * hardening, 0.0),
         "drawn",
-    )
-
-
-def _apparatus(measured_to_mm: float, rng: np.random.Generator) -> Apparatus:
-    balls_m = BALLS_DESIGN_M + rng.normal(0.0, _BALL_MAKING_M, BALLS_DESIGN_M.shape)
-    error_m = 1e-3 * measured_to_mm * rng.standard_normal(balls_m.shape)
-    return Apparatus(
-        mass_kg=APPARATUS_MASS_KG,
-        com_m=APPARATUS_COM_M,
-        load_point_m=LOAD_POINT_M,
-        ball_names=BALL_NAMES,
-        balls_m=balls_m,
-        balls_measured_m=balls_m + error_m,
-        ball_diameter_m=BALL_DIAMETER_M,
     )
 
 

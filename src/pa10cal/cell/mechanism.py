@@ -98,6 +98,7 @@ class Mechanism:
         self._placements += [last * first for last, first in zip(after, before[1:], strict=False)]
         self._flange = after[-1]
         self._flange_strained = self._flange
+        self._moved = np.zeros(self.n, dtype=bool)
         self._load_point_m = apparatus.load_point_m
         self._model = pin.Model()
         self._model.gravity.linear = GRAVITY_M_S2
@@ -138,13 +139,17 @@ class Mechanism:
         """Move base and links from their unloaded places by `strain`."""
         base = pin.SE3(pin.exp3(strain.base_turn_rad), strain.base_shift_m)
         self._model.jointPlacements[1] = base * self._placements[0]
-        for link, end in enumerate([*self._placements[1:], self._flange]):
+        moves = strain.turn_rad.any(axis=1) | strain.shift_m.any(axis=1) | (strain.stretch != 0.0)
+        ends = [*self._placements[1:], self._flange]
+        for link in np.flatnonzero(moves | self._moved).tolist():
+            end = ends[link]
             grown = pin.SE3(end.rotation, end.translation * (1.0 + strain.stretch[link]))
             moved = pin.SE3(pin.exp3(strain.turn_rad[link]), strain.shift_m[link])
             if link + 1 < self.n:
                 self._model.jointPlacements[link + 2] = grown * moved
             else:
                 self._flange_strained = grown * moved
+        self._moved = moves
 
     def torques_Nm(self, q: Array) -> Array:
         """Return the (n,) torques that hold the arm at rest with its links at `q` (n,)."""
@@ -153,15 +158,13 @@ class Mechanism:
 
     def moments(self) -> Moments:
         """Return the moments that go with the last call of `torques_Nm`."""
+        placements, moved, holds = self._model.jointPlacements, self._data.liMi, self._data.f
         link_Nm = np.zeros((self.n, 3))
-        for link in range(1, self.n):
-            R_end_joint = (
-                self._model.jointPlacements[link + 1].rotation.T
-                @ self._data.liMi[link + 1].rotation
-            )
-            # data.f holds the next link up; the link itself carries the opposite.
-            link_Nm[link - 1] = -R_end_joint @ self._data.f[link + 1].angular
-        return Moments(link_Nm, -self._data.liMi[1].act(self._data.f[1]).angular)
+        for joint in range(2, self.n + 1):
+            R_end_joint = placements[joint].rotation.T @ moved[joint].rotation
+            # What holds the next link up; the link itself carries the opposite.
+            link_Nm[joint - 2] = -R_end_joint @ holds[joint].angular
+        return Moments(link_Nm, -moved[1].act(holds[1]).angular)
 
     def T_base_ee(self, q: Array) -> Array:
         """Return the (4, 4) flange in the base frame [m] with the links at `q` (n,)."""

@@ -1,4 +1,4 @@
-"""Where the cell measures: grid, held-out points and straight moves, as commanded joint angles."""
+"""Where the cell measures: calibration poses, held-out points, straight moves; joint angles."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.cell.mechanism import Mechanism
+from pa10cal.cell.wide import draw_wide, neighbours_path
 from pa10cal.errors import SimulationError
 from pa10cal.settings import CellPosesSettings
 
@@ -25,13 +26,14 @@ _IK_DAMPING = 1e-3  #: of the first rounds at a way point; the last rounds are u
 
 @dataclass(frozen=True)
 class Poses:
-    """Commanded joint angles [rad], from inverse kinematics of the nominal arm.
+    """Commanded joint angles [rad], of the nominal arm.
 
     Attributes:
         line_x: (11, n) straight move along the base's x axis, tool attitude fixed.
         line_y: (11, n) the same along y.
-        grid: (27, n) calibration poses, in the order in which a path runs through the grid.
-        holdout: (H, n) poses outside the grid's volume.
+        grid: (P, n) calibration poses in the order in which a path runs through them: the 27 of
+            the grid, or those of the wide layout.
+        holdout: (H, n) poses outside the grid's volume, or more of the wide ones.
     """
 
     line_x: Array
@@ -66,21 +68,26 @@ def place_poses(
     Args:
         arm: gives the joint limits.
         nominal: the arm with the geometry its maker describes.
-        settings: middle of the grid, spacing, attitudes.
-        holdout_points: H, how many points outside the grid's volume.
+        settings: layout, middle of the grid, spacing, attitudes.
+        holdout_points: H, how many held-out points.
 
     Raises:
         SimulationError: when a pose is out of reach or beyond a joint limit.
     """
     rng = np.random.default_rng(settings.tilt_seed)
     reach = _Reach(arm, nominal, centre_rad(arm, settings))
+    along = np.linspace(-0.5, 0.5, LINE_POINTS)[:, None] * settings.line_length_m
+    line_x = reach.joints("LX", along * np.array([1.0, 0.0, 0.0]))
+    line_y = reach.joints("LY", along * np.array([0.0, 1.0, 0.0]))
+    if settings.layout == "wide":
+        wide = neighbours_path(draw_wide(arm, nominal, settings.wide_poses, rng))
+        return Poses(line_x, line_y, wide, draw_wide(arm, nominal, holdout_points, rng))
     spacing_m = np.array(settings.spacing_m)
     grid_m = _grid_path() * spacing_m
     outside_m = _points_outside(spacing_m, settings.outside_m, holdout_points, rng)
-    along = np.linspace(-0.5, 0.5, LINE_POINTS)[:, None] * settings.line_length_m
     return Poses(
-        line_x=reach.joints("LX", along * np.array([1.0, 0.0, 0.0])),
-        line_y=reach.joints("LY", along * np.array([0.0, 1.0, 0.0])),
+        line_x=line_x,
+        line_y=line_y,
         grid=reach.joints("P", grid_m, _tilts(len(grid_m), settings.tilt_rad, rng)),
         holdout=reach.joints("H", outside_m, _tilts(holdout_points, settings.tilt_rad, rng)),
     )

@@ -9,7 +9,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.cell.built import BuiltRobot
-from pa10cal.cell.effects.kinds import Effect, InstrumentEffect, ToolEffect, TorqueLogEffect
+from pa10cal.cell.effects.kinds import (
+    CarriedTorqueEffect,
+    Effect,
+    InstrumentEffect,
+    ToolEffect,
+    TorqueLogEffect,
+)
 from pa10cal.cell.equilibrium import RestPoses
 from pa10cal.cell.mechanism import Mechanism
 from pa10cal.cell.schedule import Schedule
@@ -104,7 +110,7 @@ def log_joints(
 
     Args:
         robot: gives the rated torques and, in motion, gravity.
-        effects: what else falsifies the torque.
+        effects: what else the joints carry, and what falsifies the torque.
         schedule: the C configurations.
         q_motor_rad: (C, n) motor angles at rest.
         rest: torques at rest.
@@ -123,7 +129,8 @@ def log_joints(
     q_rad = q_motor_rad[:, None, :] - before_s[:, None] * move[:, None, :]
     tau_Nm = np.empty(shape)
     tau_Nm[:, len(APPROACH_S) :] = rest.tau_Nm[:, None, :]
-    tau_Nm[:, : len(APPROACH_S)] = _moving_torques(robot, schedule, q_rad[:, : len(APPROACH_S)])
+    in_motion_rad = q_rad[:, : len(APPROACH_S)]
+    tau_Nm[:, : len(APPROACH_S)] = _moving_torques(robot, effects, schedule, in_motion_rad)
     tau_Nm = _as_logged(effects, tau_Nm, schedule.arrival)
 
     sample_q = q_rad + noise.resolver_rad * rng.standard_normal(shape)
@@ -156,14 +163,19 @@ def _as_logged(effects: Sequence[Effect], tau_Nm: Array, arrival: Array) -> Arra
     return logged.reshape(configurations, samples, n)
 
 
-def _moving_torques(robot: BuiltRobot, schedule: Schedule, q_rad: Array) -> Array:
-    """Return (C, S, n) gravity torques along the approaches (C, S, n), as of stiff joints."""
+def _moving_torques(
+    robot: BuiltRobot, effects: Sequence[Effect], schedule: Schedule, q_rad: Array
+) -> Array:
+    """Return (C, S, n) torques carried along the approaches (C, S, n), as of stiff joints."""
     mechanism = Mechanism.of(robot)
     tau_Nm = np.empty_like(q_rad)
     for configuration, load_N in enumerate(schedule.load_N):
         mechanism.hang(load_N)
         for sample, q in enumerate(q_rad[configuration]):
             tau_Nm[configuration, sample] = mechanism.torques_Nm(q)
+    for effect in effects:
+        if isinstance(effect, CarriedTorqueEffect):
+            tau_Nm += effect.carried_Nm(q_rad)
     return tau_Nm
 
 

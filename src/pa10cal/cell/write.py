@@ -77,6 +77,7 @@ def write_campaign(campaign: Campaign, folder: Path, truth: Path) -> None:
 def campaign_description(campaign: Campaign) -> dict[str, Any]:
     """Return the content of campaign.yaml, as in the raw-data contract."""
     apparatus = campaign.truth.robot.apparatus
+    stated_mm = campaign.settings.stated_uncertainty_mm
     balls_mm = (1e3 * apparatus.balls_measured_m).round(4).tolist()
     return {
         "schema": CAMPAIGN_SCHEMA,
@@ -85,7 +86,7 @@ def campaign_description(campaign: Campaign) -> dict[str, Any]:
         "provenance": PROVENANCE,
         "instrument": {
             "kind": "touch_trigger_cmm",
-            "uncertainty_mm": INSTRUMENT_UNCERTAINTY_MM,
+            "uncertainty_mm": INSTRUMENT_UNCERTAINTY_MM if stated_mm is None else stated_mm,
         },
         "ball_diameter_mm": round(1e3 * apparatus.ball_diameter_m, 4),
         "tool": {

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import Chain, end_pose, end_pose_with_screws
+from pa10cal.arm.chain import Chain, EndPose, end_pose, end_pose_with_screws
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.term import Parameter, Report, Term, TorqueTerm, Yielding
+from pa10cal.terms.term import Parameter, Report, Term, TorqueTerm, Yielding, shows_torque, yields
 
 Array = NDArray[np.float64]
 
@@ -57,18 +58,45 @@ class Model:
     def predict_with_jacobian(self, states: PoseStates, x: Array) -> PoseJacobian:
         """Return predicted poses and their exact derivative by x."""
         end = end_pose_with_screws(self.chain, self.chain_coordinates(states, x))
-        carried = self.carried(states, x)
         jacobian = np.empty((len(states), 6, len(x)))
         for term, columns in self._slices:
-            screws = end.screws[:, :, self.chain.columns(term.coordinates)]
-            jacobian[:, :, columns] = screws @ term.derivative(carried, x[columns])
-        for term, columns in self._falsifying:
-            by_x = term.torque_derivative(states, x[columns])
-            for yielding, its in self._yielding:
-                screw = end.screws[:, :, self.chain.columns(yielding.coordinates)]
-                by_torque = yielding.by_torque(carried, x[its])[:, None, None]
-                jacobian[:, :, columns] -= screw * by_torque * by_x[:, None, yielding.joint - 1, :]
+            jacobian[:, :, columns] = self._by_term(term, x[columns], end, states, x)
         return PoseJacobian(end.T, jacobian)
+
+    def by_terms(
+        self, states: PoseStates, x: Array, terms: Sequence[Term], points: Sequence[Array]
+    ) -> list[Array]:
+        """Return how poses would follow the parameters of terms that the model has not.
+
+        Args:
+            states: P states.
+            x: (k,) parameters of the model.
+            terms: further terms.
+            points: parameters (k',) of each at which the derivative is taken.
+
+        Returns:
+            For each term (P, 6, k'): velocity of the end over its angular velocity, base axes.
+        """
+        end = end_pose_with_screws(self.chain, self.chain_coordinates(states, x))
+        return [
+            self._by_term(term, point, end, states, x)
+            for term, point in zip(terms, points, strict=True)
+        ]
+
+    def _by_term(
+        self, term: Term, point: Array, end: EndPose, states: PoseStates, x: Array
+    ) -> Array:
+        """Return the derivative of the pose by a term's parameters, (P, 6, k')."""
+        carried = self.carried(states, x)
+        screws = end.screws[:, :, self.chain.columns(term.coordinates)]
+        found: Array = screws @ term.derivative(carried, point)
+        if shows_torque(term) and not term.carried:
+            false_Nm = term.torque_derivative(states, point)
+            for yielding, columns in self._yielding:
+                screw = end.screws[:, :, self.chain.columns(yielding.coordinates)]
+                by_torque = yielding.by_torque(carried, x[columns])[:, None, None]
+                found = found - screw * by_torque * false_Nm[:, None, yielding.joint - 1, :]
+        return found
 
     def carried(self, states: PoseStates, x: Array) -> PoseStates:
         """Return the states with the torques that the joints carry, in place of those logged."""
@@ -79,7 +107,7 @@ class Model:
         """Return what the terms add to the weights in the logged torques, (P, n)."""
         total = np.zeros_like(states.tau_Nm)
         for term, columns in self._slices:
-            if isinstance(term, TorqueTerm):
+            if shows_torque(term):
                 total += term.torque_Nm(states, x[columns])
         return total
 
@@ -87,7 +115,7 @@ class Model:
         """Return the derivative of `torque_Nm` by x, (P, n, k)."""
         jacobian = np.zeros((*states.tau_Nm.shape, len(x)))
         for term, columns in self._slices:
-            if isinstance(term, TorqueTerm):
+            if shows_torque(term):
                 jacobian[:, :, columns] = term.torque_derivative(states, x[columns])
         return jacobian
 
@@ -116,7 +144,7 @@ class Model:
     @cached_property
     def _yielding(self) -> list[tuple[Yielding, slice]]:
         """Return the terms that turn a joint under its torque."""
-        return [(term, columns) for term, columns in self._slices if isinstance(term, Yielding)]
+        return [(term, columns) for term, columns in self._slices if yields(term)]
 
     @cached_property
     def _falsifying(self) -> list[tuple[TorqueTerm, slice]]:
@@ -124,7 +152,7 @@ class Model:
         return [
             (term, columns)
             for term, columns in self._slices
-            if isinstance(term, TorqueTerm) and not term.carried
+            if shows_torque(term) and not term.carried
         ]
 
     @cached_property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +71,6 @@ class Term(Protocol):
         """Return the parameters in the form readers know them."""
 
 
-@runtime_checkable
 class Yielding(Term, Protocol):
     """A term that turns a joint under the torque it carries."""
 
@@ -83,7 +82,6 @@ class Yielding(Term, Protocol):
         """Return the derivative of `shift` by the joint's torque, (P,) [rad/(N m)]."""
 
 
-@runtime_checkable
 class TorqueTerm(Term, Protocol):
     """A term that shows in the logged torques."""
 
@@ -96,6 +94,16 @@ class TorqueTerm(Term, Protocol):
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the derivative of `torque_Nm` by x, (P, n, k)."""
+
+
+def yields(term: Term) -> TypeGuard[Yielding]:
+    """Tell whether a term turns a joint under the torque it carries."""
+    return hasattr(type(term), "by_torque")
+
+
+def shows_torque(term: Term) -> TypeGuard[TorqueTerm]:
+    """Tell whether a term shows in the logged torques."""
+    return hasattr(type(term), "torque_derivative")
 
 
 def report_as_solved(parameters: tuple[Parameter, ...], x: Array) -> Report:

@@ -141,6 +141,35 @@ class WindupEffect(Effect):
         """Return the (n,) deflections under the torques `tau_Nm` (n,)."""
 
 
+class LostMotionEffect(Effect):
+    """Turns a link against its motor by the torque it carries and the side it came from."""
+
+    places: ClassVar[tuple[str, ...]] = ("joint",)
+
+    @abstractmethod
+    def lost_rad(self, tau_Nm: Array, arrival: Array, rated_Nm: Array) -> Array:
+        """Return the (n,) angles to add to those of the links.
+
+        Args:
+            tau_Nm: (n,) torques carried.
+            arrival: (n,) directions of arrival: -1, 0 or +1.
+            rated_Nm: (n,) rated torques.
+        """
+
+
+class CarriedTorqueEffect(Effect):
+    """Makes a joint carry, and its log show, torque besides the weights.
+
+    What pulls at a joint runs along it from link to link, so the links' moments stay.
+    """
+
+    places: ClassVar[tuple[str, ...]] = ("joint",)
+
+    @abstractmethod
+    def carried_Nm(self, q_rad: Array) -> Array:
+        """Return the (..., n) torques that the motors hold besides, with the links at `q_rad`."""
+
+
 class TorqueLogEffect(Effect):
     """Falsifies the logged torque; the springs do not feel it."""
 

@@ -1,4 +1,7 @@
-"""The effects the cell knows, by name, and how a settings entry becomes one of them."""
+"""The effects the cell knows, by name, and how a settings entry becomes one of them.
+
+`LIBRARY` is the vocabulary; what `outside.OUTSIDE` lists can be hidden too, but has no name in it.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +24,7 @@ from pa10cal.cell.effects.joint import (
     WristCoupling,
 )
 from pa10cal.cell.effects.kinds import LONG_LINKS, Effect, Shape
+from pa10cal.cell.effects.outside import OUTSIDE
 from pa10cal.cell.effects.structure import (
     BaseCompliance,
     BaseDrift,
@@ -32,7 +36,7 @@ from pa10cal.cell.mechanism import Mechanism
 from pa10cal.errors import SettingsError
 from pa10cal.settings import HiddenEffectSettings, parse_section
 
-#: Every effect that can be hidden in a campaign.
+#: Every effect of the vocabulary.
 LIBRARY: dict[str, type[Effect]] = {
     effect.id: effect
     for effect in (
@@ -73,14 +77,15 @@ def make_effects(entries: Sequence[HiddenEffectSettings], robot: BuiltRobot) -> 
 
 
 def _make_effect(entry: HiddenEffectSettings, robot: BuiltRobot, where: str) -> Effect:
-    kind = LIBRARY.get(entry.id)
+    known = {**LIBRARY, **OUTSIDE}
+    kind = known.get(entry.id)
     if kind is None:
-        near = difflib.get_close_matches(entry.id, LIBRARY, n=1, cutoff=0.0)[0]
+        near = difflib.get_close_matches(entry.id, known, n=1, cutoff=0.0)[0]
         raise SettingsError(
             "unknown effect",
             where=f"{where}.id",
             value=entry.id,
-            allowed=", ".join(LIBRARY),
+            allowed=", ".join(known),
             remedy=f"did you mean {near!r}?",
         )
     places = [place for name in kind.places for place in _places(name, robot)]

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.state import Carried, PoseStates, Seen
+from pa10cal.errors import CalibrationError
 from pa10cal.terms.term import Parameter, Report, report_as_solved
 
 Array = NDArray[np.float64]
@@ -26,6 +27,9 @@ class Surroundings:
         reference_temperature_C: temperature at which lengths are nominal.
         tau_span_Nm: (n,) largest torque that each joint carried.
         T_cmm_base: (4, 4) about where the base stands in the instrument's frame.
+        p_cmm_middle_m: (3,) middle of the measured places in the instrument's frame.
+        q_span_rad: (n, 2) lowest and highest angle that each joint took.
+        time_span_s: first and last reading of the campaign.
     """
 
     arm: Arm
@@ -33,6 +37,9 @@ class Surroundings:
     reference_temperature_C: float
     tau_span_Nm: Array
     T_cmm_base: Array
+    p_cmm_middle_m: Array
+    q_span_rad: Array
+    time_span_s: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -95,6 +102,55 @@ class Effect(ABC):
         return np.diag(np.array(sizes, dtype=float))
 
 
+@dataclass(frozen=True)
+class NamedEffect(Effect):
+    """An effect known by a few named parameters, and solved in them where it says nothing else."""
+
+    @property
+    @abstractmethod
+    def known(self) -> tuple[Parameter, ...]:
+        """Return its parameters under the names readers know."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return those readers know, named after effect and place."""
+        place = self.of.removeprefix("joint ")
+        return tuple(
+            replace(parameter, name=f"{self.id}_{place}_{parameter.name}")
+            for parameter in self.known
+        )
+
+    def report(self, x: Array) -> Report:
+        """Return the parameters under the names readers know."""
+        return report_as_solved(self.known, x)
+
+
+@dataclass(frozen=True)
+class JointEffect(NamedEffect):
+    """An effect that may sit at every joint that turns, and turns it further."""
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it at every joint that turns."""
+        return tuple(cls(f"joint {joint}") for joint in turning_joints(surroundings))
+
+    @property
+    def joint(self) -> int:
+        """Return the joint, 1 … n."""
+        return joint_of(self.of)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the joint's angle."""
+        return (f"theta_{self.joint}",)
+
+
+def turning_joints(surroundings: Surroundings) -> tuple[int, ...]:
+    """Return the joints, from 1, that turn."""
+    slides = surroundings.arm.prismatic
+    return tuple(joint for joint, it in enumerate(slides, start=1) if not it)
+
+
 def joint_places(surroundings: Surroundings) -> tuple[str, ...]:
     """Return `joint 1` … `joint n`."""
     return tuple(f"joint {joint}" for joint in range(1, surroundings.arm.n + 1))
@@ -103,3 +159,35 @@ def joint_places(surroundings: Surroundings) -> tuple[str, ...]:
 def joint_of(place: str) -> int:
     """Return the number of the joint, from 1, that a place names."""
     return int(place.removeprefix("joint "))
+
+
+def carried_in(states: PoseStates, effect: Effect) -> Carried:
+    """Return what weights bend the structure with.
+
+    Raises:
+        CalibrationError: when that was not worked out for these poses.
+    """
+    if states.carried is None:
+        raise CalibrationError(
+            "the effect needs the moments that weights put on the structure",
+            where=f"{effect.id} of {effect.of}",
+            allowed="poses of an arm and a tool whose masses are known",
+            remedy="describe the masses, or leave the effect out",
+        )
+    return states.carried
+
+
+def seen_in(states: PoseStates, effect: Effect) -> Seen:
+    """Return how the poses were read from the instrument's targets.
+
+    Raises:
+        CalibrationError: when the poses were not read from targets.
+    """
+    if states.seen is None:
+        raise CalibrationError(
+            "the effect needs the places of the instrument's targets",
+            where=f"{effect.id} of {effect.of}",
+            allowed="poses read from targets",
+            remedy="leave the effect out for this instrument",
+        )
+    return states.seen

@@ -1,0 +1,172 @@
+"""What weights do to an arm at rest: torques in its joints, moments in its links and its base.
+
+A joint sees the weights beyond it through two sums, their mass and their first moment; one pass
+from the end of the chain inward gives both for all joints and poses. Torques are linear in mass
+and first moment of every link, so their derivative by these comes along.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import Chain, Frames, frames
+from pa10cal.arm.state import Carried
+from pa10cal.errors import ArmError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Burden:
+    """What the arm carries besides its own links.
+
+    Attributes:
+        mass_kg: mass of the apparatus.
+        com_m: (3,) its centre of mass in the end-effector frame, the end of the chain.
+        load_point_m: (3,) where the external load hangs, in the end-effector frame.
+        gravity_m_s2: (3,) gravity along the axes of the robot base.
+    """
+
+    mass_kg: float
+    com_m: Array
+    load_point_m: Array
+    gravity_m_s2: Array
+
+
+@dataclass(frozen=True)
+class Statics:
+    """An arm at rest in P poses.
+
+    Attributes:
+        torque_Nm: (P, n) what the joints exert to hold links, apparatus and load; a force [N] for
+            a sliding joint.
+        torque_by_mass: (P, n, 4 n) its derivative by mass m and first moment m c of every link:
+            m_1, m_1 c_1x, m_1 c_1y, m_1 c_1z, m_2, … with c in the frame of the link's own row.
+        torque_by_load: (P, n) its derivative by the load [N m/N].
+        carried: what weights bend the structure with.
+    """
+
+    torque_Nm: Array
+    torque_by_mass: Array
+    torque_by_load: Array
+    carried: Carried
+
+
+def statics(chain: Chain, coordinates: Array, load_N: Array, burden: Burden) -> Statics:
+    """Work out torques and moments of an arm at rest.
+
+    The chain starts from the axes along which gravity is given. A link carries, at its far end,
+    the moment of the weights beyond it: about the origin and along the axes of the frame in which
+    the next joint moves, where the chain has its bends.
+
+    Args:
+        chain: the chain of an arm whose masses are known.
+        coordinates: (P, m) chain coordinates.
+        load_N: (P,) weights that hang at the load point.
+        burden: apparatus, load point and gravity.
+
+    Raises:
+        ArmError: when the arm has no masses, or gravity no direction.
+    """
+    mass_kg, first_moments_kg_m = _link_masses(chain)
+    g = float(np.linalg.norm(burden.gravity_m_s2))
+    if g == 0.0:
+        raise ArmError(
+            "gravity has no direction",
+            where="gravity_m_s2",
+            value=burden.gravity_m_s2.tolist(),
+            allowed="three components, not all zero",
+            remedy="give gravity along the axes of the robot base",
+        )
+    found = frames(chain, coordinates)
+    p_base_apparatus, p_base_load = (
+        found.T_base_ee[:, :3, :3] @ place + found.T_base_ee[:, :3, 3]
+        for place in (burden.com_m, burden.load_point_m)
+    )
+    lever = _Levers(chain, found, burden.gravity_m_s2)
+    by_mass = lever.by_mass_of_links()
+    by_load = lever.by_mass_at(p_base_load) / g
+    torque_Nm = (
+        by_mass @ np.column_stack([mass_kg, first_moments_kg_m]).ravel()
+        + burden.mass_kg * lever.by_mass_at(p_base_apparatus)
+        + load_N[:, None] * by_load
+    )
+
+    # Mass and first moment about the base's origin, each of one link and of what sits on it.
+    hung_kg = load_N / g
+    masses_kg = np.tile(mass_kg[:, None], (1, len(coordinates)))
+    masses_kg[-1] += burden.mass_kg + hung_kg
+    moments_kg_m = (
+        mass_kg[:, None, None] * found.T_base_rows[..., :3, 3]
+        + (found.T_base_rows[..., :3, :3] @ first_moments_kg_m[:, None, :, None])[..., 0]
+    )
+    moments_kg_m[-1] += burden.mass_kg * p_base_apparatus + hung_kg[:, None] * p_base_load
+    link_Nm, base_Nm = _moments(found, masses_kg, moments_kg_m, burden.gravity_m_s2)
+    down_ee = (burden.gravity_m_s2 / g) @ found.T_base_ee[:, :3, :3]
+    return Statics(torque_Nm, by_mass, by_load, Carried(link_Nm, base_Nm, torque_Nm, down_ee))
+
+
+def _moments(
+    found: Frames, masses_kg: Array, moments_kg_m: Array, gravity_m_s2: Array
+) -> tuple[Array, Array]:
+    """Return the moments in links (P, n, 3) and base (P, 3).
+
+    From masses (n, P) and first moments (n, P, 3) of each link and what sits on it.
+    """
+    masses_kg = masses_kg[::-1].cumsum(axis=0)[::-1]
+    moments_kg_m = moments_kg_m[::-1].cumsum(axis=0)[::-1]
+    ends = found.T_base_joints[1:]
+    about_ends = moments_kg_m[1:] - masses_kg[1:, :, None] * ends[..., :3, 3]
+    along_base_Nm = np.cross(about_ends, gravity_m_s2)
+    link_Nm = np.zeros((*found.T_base_rows.shape[1::-1], 3))
+    link_Nm[:, :-1] = np.einsum("jpba,jpb->pja", ends[..., :3, :3], along_base_Nm)
+    base_Nm = np.cross(moments_kg_m[0], gravity_m_s2)
+    return link_Nm, base_Nm
+
+
+class _Levers:
+    """How weights act on joints: what a kilogram at p costs a joint is pull · p + own.
+
+    A joint with origin o that turns about z holds (z × g) · (p - o); one that slides, -z · g.
+    """
+
+    def __init__(self, chain: Chain, found: Frames, gravity_m_s2: Array) -> None:
+        joints = np.swapaxes(found.T_base_joints, 0, 1)
+        axes, origins = joints[..., :3, 2], joints[..., :3, 3]
+        turns = ~chain.arm.prismatic
+        self._T_base_rows = found.T_base_rows
+        self._pull = np.where(turns[:, None], np.cross(axes, gravity_m_s2), 0.0)
+        about_origins = -np.einsum("pjc,pjc->pj", self._pull, origins)
+        self._own = np.where(turns, about_origins, -(axes @ gravity_m_s2))
+
+    def by_mass_at(self, p_base: Array) -> Array:
+        """Return the torques (P, n) a kilogram at (P, 3), beyond the last joint."""
+        torque: Array = (self._pull @ p_base[:, :, None])[..., 0] + self._own
+        return torque
+
+    def by_mass_of_links(self) -> Array:
+        """Return the torques by mass and first moment of the links, (P, n, 4 n)."""
+        n, count = self._T_base_rows.shape[:2]
+        # Columns of a row's pose as the unknowns come: its origin, then its axes.
+        rows = self._T_base_rows[..., :3, [3, 0, 1, 2]].transpose(1, 2, 0, 3)
+        by_mass = (self._pull @ rows.reshape(count, 3, 4 * n)).reshape(count, n, n, 4)
+        by_mass[..., 0] += self._own[:, :, None]
+        beyond = np.tri(n).T  # a joint holds its own link and those after it
+        torques: Array = (by_mass * beyond[..., None]).reshape(count, n, 4 * n)
+        return torques
+
+
+def _link_masses(chain: Chain) -> tuple[Array, Array]:
+    """Return masses (n,) and first moments (n, 3) of the links."""
+    arm = chain.arm
+    if arm.mass_kg is None or arm.com_m is None:
+        raise ArmError(
+            "the arm has no masses, so its weights are not known",
+            where=arm.name,
+            allowed="mass_kg and com_m, one entry a joint",
+            remedy="complete the arm description",
+        )
+    return arm.mass_kg, arm.mass_kg[:, None] * arm.com_m

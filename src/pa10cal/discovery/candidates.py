@@ -1,0 +1,220 @@
+"""The family of candidates: every effect at every place, and what these poses can tell of it.
+
+All of it is settled before residuals are looked at: which effects the model's own parameters
+absorb, and which cannot be told from each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.discovery.evidence import Block
+from pa10cal.discovery.fit import Fit, pose_rows, possible_sizes, torque_rows
+from pa10cal.discovery.problem import Problem
+from pa10cal.errors import CalibrationError
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.term import shows_torque
+
+Array = NDArray[np.float64]
+
+#: Part of an effect that must be left after the model's own parameters took what they can.
+LEAST_SHARE = 0.02
+#: An effect of its largest plausible size must come to this many standard deviations in all.
+_LEAST_SIGNAL = 4.0
+
+
+@dataclass(frozen=True)
+class NotTestable:
+    """An effect that these data cannot show.
+
+    Attributes:
+        effect: which, and where.
+        why: the reason.
+    """
+
+    effect: Effect
+    why: str
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The rows of a fit and of candidates about it.
+
+    Attributes:
+        pose_data, torque_data: whitened rows of measured minus predicted, with the linear part of
+            the fit's own effects put back, as if they had not been in it.
+        own: (R, k) whitened rows of the model's own parameters, at their possible size.
+        blocks: of each candidate asked for, in order.
+    """
+
+    pose_data: Array
+    torque_data: Array
+    own: Array
+    blocks: tuple[Block, ...]
+
+
+def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> Linearised:
+    """Linearise the model about a fit, by its own parameters and by candidates.
+
+    Args:
+        problem: the campaign.
+        found: the fit; those of its effects that are among the candidates are put back.
+        candidates: effects.
+    """
+    pose = problem.pose.rows(pose_rows(found.level.linearise(found.x)))
+    own_columns = found.own_columns()
+    possible = possible_sizes(found.model)[own_columns]
+    pose_data, by_x = -pose[:, 0], pose[:, 1:]
+    torque_data, torque_by_x = np.zeros(0), np.zeros((0, len(found.x)))
+    if problem.torque is not None:
+        torque = problem.torque.rows(torque_rows(problem, found.model, found.x))
+        torque_data, torque_by_x = -torque[:, 0], torque[:, 1:]
+    blocks: dict[Effect, Block] = {}
+    for effect, (first, last) in zip(found.effects, found.effect_columns(), strict=True):
+        linear = slice(first, first + effect.linear)
+        pose_data = pose_data + by_x[:, linear] @ found.x[linear]
+        torque_data = torque_data + torque_by_x[:, linear] @ found.x[linear]
+        blocks[effect] = Block(
+            by_x[:, first:last], torque_by_x[:, first:last], _factor(effect, found.of(effect))
+        )
+    others = tuple(effect for effect in candidates if effect not in blocks)
+    blocks |= zip(others, _blocks(problem, found, others), strict=True)
+    return Linearised(
+        pose_data,
+        torque_data,
+        by_x[:, own_columns] * possible,
+        tuple(blocks[effect] for effect in candidates),
+    )
+
+
+def _blocks(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> list[Block]:
+    """Return the rows of effects that the fit has not, at each of their shapes."""
+    states = problem.cells.states
+    asked = [(effect, start) for effect in effects for start in effect.starts]
+    terms = [effect for effect, _ in asked]
+    in_base = found.model.by_terms(states, found.x, terms, [start for _, start in asked])
+    widths = np.cumsum([0, *(effect.linear for effect in terms)])
+    R = found.level.T_cmm_base[:3, :3]
+    together = np.concatenate(
+        [values[:, :, : effect.linear] for values, effect in zip(in_base, terms, strict=True)],
+        axis=2,
+    )
+    in_cmm = np.concatenate([R @ together[:, :3], R @ together[:, 3:]], axis=1)
+    pose = problem.pose.rows(in_cmm)
+    torque = np.zeros((0, widths[-1]))
+    if problem.torque is not None:
+        by_x = np.zeros((*states.tau_Nm.shape, widths[-1]))
+        for (effect, start), first, last in zip(asked, widths[:-1], widths[1:], strict=True):
+            if shows_torque(effect):
+                by_x[:, :, first:last] = effect.torque_derivative(states, start)
+        torque = problem.torque.rows(by_x)
+    blocks, k = [], 0
+    for effect in effects:
+        shapes = len(effect.starts)
+        columns = slice(widths[k], widths[k + shapes])
+        factor = np.asarray(np.kron(np.eye(shapes), effect.prior_factor), dtype=float)
+        blocks.append(Block(pose[:, columns], torque[:, columns], factor))
+        k += shapes
+    return blocks
+
+
+def _factor(effect: Effect, x: Array) -> Array:
+    """Return the factor of an effect in a fit: its shape may be anything near."""
+    k, linear = len(x), effect.linear
+    factor = np.zeros((k, k))
+    factor[:linear, :linear] = effect.prior_factor
+    factor[range(linear, k), range(linear, k)] = np.abs(x[linear:])
+    return factor
+
+
+def testable(
+    problem: Problem, found: Fit, effects: tuple[Effect, ...]
+) -> tuple[tuple[Effect, ...], tuple[NotTestable, ...]]:
+    """Divide effects into those that these data can show and those that they cannot."""
+    known, refused = [], []
+    for effect in effects:
+        why = _unknown(problem, effect)
+        if why is None:
+            known.append(effect)
+        else:
+            refused.append(NotTestable(effect, why))
+    lin = linearise(problem, found, tuple(known))
+    pose = problem.pose.weights(0.0)
+    own, _ = np.linalg.qr(np.concatenate([pose(lin.own), np.eye(lin.own.shape[1])]))
+    own = own[: len(lin.own)]
+    torque = None if problem.torque is None else problem.torque.weights(0.0)
+    shown = []
+    for effect, block in zip(known, lin.blocks, strict=True):
+        rows = pose(block.pose @ block.factor)
+        left = rows - own @ (own.T @ rows)
+        share = float(np.linalg.norm(left) / max(float(np.linalg.norm(rows)), 1e-300))
+        signal = float(np.linalg.norm(left, 2)) if left.size else 0.0
+        if torque is not None and np.any(block.torque):
+            bare = block.torque @ block.factor
+            seen = torque(bare)
+            share = max(share, float(np.linalg.norm(seen) / np.linalg.norm(bare)))
+            signal = float(np.hypot(signal, np.linalg.norm(seen, 2)))
+        if signal == 0.0:
+            refused.append(NotTestable(effect, "the poses do not exercise it"))
+        elif share < LEAST_SHARE:
+            refused.append(
+                NotTestable(effect, f"{100 * share:.1f} % left after the model's own parameters")
+            )
+        elif signal * 10.0 < _LEAST_SIGNAL:
+            refused.append(
+                NotTestable(effect, "ten times its plausible size would not rise above the noise")
+            )
+        else:
+            shown.append(effect)
+    return tuple(shown), tuple(refused)
+
+
+def _unknown(problem: Problem, effect: Effect) -> str | None:
+    """Return why an effect cannot be worked out with what was logged, or None where it can."""
+    states = problem.cells.states
+    try:
+        columns = [effect.derivative(states, start) for start in effect.starts]
+    except CalibrationError as error:
+        return error.what
+    if not all(np.all(np.isfinite(values)) for values in columns):
+        return "what it depends on was not logged"
+    start = effect.starts[0]
+    if shows_torque(effect):
+        if problem.torque is None:
+            return "the torques of the weights are not known"
+        if not np.all(np.isfinite(effect.torque_derivative(states, start))):
+            return "what it depends on was not logged"
+    return None
+
+
+def canonical_cosines(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> Array:
+    """Return the largest canonical cosine of every two effects, (m, m).
+
+    One means that what the model's own parameters leave of them looks the same in these poses.
+    """
+    lin = linearise(problem, found, effects)
+    pose = problem.pose.weights(0.0)
+    own, _ = np.linalg.qr(np.concatenate([pose(lin.own), np.eye(lin.own.shape[1])]))
+    own = own[: len(lin.own)]
+    torque = None if problem.torque is None else problem.torque.weights(0.0)
+    bases = []
+    for block in lin.blocks:
+        rows = pose(block.pose @ block.factor)
+        rows = rows - own @ (own.T @ rows)
+        if torque is not None:
+            rows = np.concatenate([rows, torque(block.torque @ block.factor)])
+        left, sizes, _ = np.linalg.svd(rows, full_matrices=False)
+        bases.append(left[:, sizes > 1e-6 * sizes[0]])
+    stops = np.cumsum([0, *(basis.shape[1] for basis in bases)])
+    products = np.concatenate(bases, axis=1)
+    products = products.T @ products
+    count = len(effects)
+    cosines = np.eye(count)
+    for i in range(count):
+        for j in range(i):
+            block_ij = products[stops[i] : stops[i + 1], stops[j] : stops[j + 1]]
+            cosines[i, j] = cosines[j, i] = min(1.0, float(np.linalg.norm(block_ij, 2)))
+    return cosines

@@ -1,0 +1,99 @@
+"""Readings gathered into cells: one pose, one load, one direction of arrival, one stretch of time.
+
+A cell averages what does not differ; what may tell one effect from another stays apart. The pose
+remains the unit of evidence: cells of a pose share whatever is wrong there, and `SharedError` is
+the covariance of an error of unknown cause that they share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.campaign.averages import average_groups
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.discovery.repeatability import same_circumstances
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: Readings a cell at most: a drift shows between the cells of a longer row of repeats.
+READINGS_A_CELL = 4
+
+
+def gather(readings: PoseObservations, cov_ee: Array) -> PoseObservations:
+    """Average readings into cells, ordered by pose, load, direction and time.
+
+    Args:
+        readings: P single readings.
+        cov_ee: (P, 6, 6) their covariances.
+    """
+    circumstances = same_circumstances(readings)
+    order = np.lexsort((readings.states.time_s, circumstances))
+    stretch = np.empty(len(order), dtype=np.intp)
+    start = 0
+    for size in np.bincount(circumstances):
+        blocks = -(-size // READINGS_A_CELL)
+        stretch[order[start : start + size]] = np.arange(size) * blocks // size
+        start += size
+    code = circumstances * (stretch.max() + 1) + stretch
+    code = np.unique(code, return_inverse=True)[1]
+    return average_groups(replace(readings, cov_ee=cov_ee), code)
+
+
+@dataclass(frozen=True)
+class SharedError:
+    """Errors that the cells of a pose share, in whitened rows.
+
+    A pose may be off, and differently with load, with direction, and in the course of time. In
+    `turn`ed rows that covariance is diagonal: 1 + variance * `size`.
+
+    Attributes:
+        turn: (C, C) orthogonal, block by block of the cells of a pose.
+        size: (C,) variance of each turned row a unit variance of the shared error, the unit being
+            the variance of one reading.
+    """
+
+    turn: Array
+    size: Array
+
+
+def shared_error(cells: PoseObservations) -> SharedError:
+    """Lay out the errors that cells of a pose share.
+
+    Args:
+        cells: C cells, whose rows are whitened by the covariance of their own mean.
+    """
+    count = len(cells)
+    turn, size = np.zeros((count, count)), np.zeros(count)
+    for pose in np.unique(cells.pose):
+        rows = np.flatnonzero(cells.pose == pose)
+        shapes = _shapes(cells.take(rows))
+        # Whitening by the covariance of a mean of k readings makes a shared error sqrt(k) larger.
+        shapes *= np.sqrt(cells.repeats[rows])[:, None]
+        values, vectors = np.linalg.eigh(shapes @ shapes.T)
+        turn[np.ix_(rows, rows)] = vectors.T
+        size[rows] = np.maximum(values, 0.0)
+    return SharedError(turn, size)
+
+
+def _shapes(cells: PoseObservations) -> Array:
+    """Return how an error of one pose may go with its cells, (c, s), each of unit size."""
+    states = cells.states
+    columns = [np.ones(len(cells))]
+    for values in (states.load_N, states.time_s, _direction(states.arrival)):
+        centred = values - values.mean()
+        largest = float(np.abs(centred).max())
+        if largest > 0:
+            columns.append(centred / largest)
+    return np.column_stack(columns)
+
+
+def _direction(arrival: Array) -> Array:
+    """Return one number a cell that tells directions of arrival apart: along the main contrast."""
+    centred = arrival - arrival.mean(axis=0)
+    _, _, right = np.linalg.svd(centred, full_matrices=False)
+    along: Array = centred @ right[0]
+    return along

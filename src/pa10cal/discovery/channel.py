@@ -1,0 +1,99 @@
+"""One kind of measured rows, poses or torques, and the covariance by which they are weighed.
+
+Three kinds of error add up: the noise of readings, independent from cell to cell; an error of
+unknown cause that the cells of a pose share (`cells.SharedError`), of a variance found from the
+data; and errors alike in all poses (places of balls on the apparatus, masses, loads), whose
+standard uncertainties are known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.discovery.cells import SharedError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Rows of C cells with b components each.
+
+    Attributes:
+        whitener: (C, b, b) makes the noise of each cell's mean independent and of unit size.
+        shared: errors that the cells of a pose share.
+        common: (C b, c) whitened rows of errors alike in all poses, each of unit size.
+    """
+
+    whitener: Array
+    shared: SharedError
+    common: Array
+    _weights: dict[float, Weights] = field(default_factory=dict, repr=False, compare=False)
+
+    @classmethod
+    def of(cls, whitener: Array, shared: SharedError, common: Array) -> Channel:
+        """Lay out a channel.
+
+        Args:
+            whitener: (C, b, b).
+            shared: errors that cells of a pose share.
+            common: (C, b, c) errors alike in all poses, at their standard uncertainty.
+        """
+        bare = cls(whitener, shared, np.zeros((whitener.shape[0] * whitener.shape[1], 0)))
+        return cls(whitener, shared, bare.rows(common))
+
+    @property
+    def shared_size(self) -> Array:
+        """(R,) variance of each row a unit variance of the shared error."""
+        return np.repeat(self.shared.size, self.whitener.shape[1])
+
+    def rows(self, values: Array) -> Array:
+        """Return whitened, turned rows (C b, k) of values (C, b, k)."""
+        white = self.whitener @ values
+        count, b, k = white.shape
+        return (self.shared.turn @ white.reshape(count, b * k)).reshape(count * b, k)
+
+    def weights(self, variance: float) -> Weights:
+        """Return the weights for a variance of the shared error, in those of one reading."""
+        if variance not in self._weights:
+            self._weights[variance] = self._weights_for(variance)
+        return self._weights[variance]
+
+    def _weights_for(self, variance: float) -> Weights:
+        total = 1.0 + variance * self.shared_size
+        scale = 1.0 / np.sqrt(total)
+        left, sizes, _ = np.linalg.svd(scale[:, None] * self.common, full_matrices=False)
+        return Weights(
+            scale=scale,
+            directions=left,
+            shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes**2),
+            log_determinant=float(np.log(total).sum() + np.log1p(sizes**2).sum()),
+        )
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What makes rows of a channel independent and of unit variance.
+
+    Attributes:
+        scale: (R,) by which each row is scaled.
+        directions: (R, c) orthonormal directions of the common errors in scaled rows.
+        shrink: (c,) part by which rows shrink along them.
+        log_determinant: of the covariance of the rows.
+    """
+
+    scale: Array
+    directions: Array
+    shrink: Array
+    log_determinant: float
+
+    def __call__(self, rows: Array) -> Array:
+        """Weigh rows (R, k)."""
+        scaled = self.scale[:, None] * rows
+        weighed: Array = scaled - self.directions @ (
+            self.shrink[:, None] * (self.directions.T @ scaled)
+        )
+        return weighed

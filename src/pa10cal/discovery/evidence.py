@@ -1,0 +1,330 @@
+"""How well sets of effects explain what the model leaves, judged pose by pose.
+
+Linear about one solution, with Gaussian sizes to be expected of every effect, the likelihood of the
+data is known in closed form with the model's own parameters, the effects and the common errors
+integrated out; the variance of an error of unknown cause that each pose shares is chosen anew for
+every set. So an effect has to beat "something is wrong at each pose", not the noise alone, and
+under the model without effects the expectation of the likelihood ratio of any candidate is one:
+P(ratio > m / alpha for any of m candidates) <= alpha (Markov), however strange the candidates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from pa10cal.discovery.channel import Channel
+
+Array = NDArray[np.float64]
+Columns = NDArray[np.intp]
+
+#: Variances of the shared error tried, in those of one reading: from none to a hundred times the
+#: noise in size.
+SHARED_VARIANCES = np.concatenate([[0.0], np.geomspace(1e-2, 1e5, 15)])
+#: Rows with less of the shared error than this have none.
+_NO_PART = 1e-9
+#: Standard deviations of an effect that are tried, in its plausible size. Trying them costs the
+#: logarithm of their number, which keeps the bound above.
+SIZES = (0.1, 1.0, 10.0)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Linearised rows of one candidate.
+
+    Attributes:
+        pose, torque: (R, k), (R', k) whitened rows a unit of each parameter.
+        factor: (k, k) L, with L L^T the covariance to be expected of the parameters.
+    """
+
+    pose: Array
+    torque: Array
+    factor: Array
+
+
+@dataclass(frozen=True)
+class Score:
+    """Evidence of one set of candidates.
+
+    Attributes:
+        log_evidence: natural logarithm, up to a constant of the data.
+        pose_variance, torque_variance: shared errors that go with it, in variances of a reading.
+        sizes: index of the size in `SIZES`, for each member.
+        nearest: of the variances tried, those next to the two.
+    """
+
+    log_evidence: float
+    pose_variance: float
+    torque_variance: float
+    sizes: tuple[int, ...]
+    nearest: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class _Reduced:
+    """One channel at each of the G shared variances, the model's own parameters integrated out.
+
+    Attributes:
+        gram: (G, p, p) products of the candidates' columns, in units of their expected sizes.
+        projection: (G, p) products with the data.
+        constant: (G,) minus twice the logarithm of the likelihood without candidates.
+    """
+
+    gram: Array
+    projection: Array
+    constant: Array
+
+
+@dataclass(frozen=True)
+class _Given:
+    """Products of all columns at V variances, a set of candidates taken as there.
+
+    Attributes:
+        gram: (V, p, p) products before the set took its part.
+        projection: (V, p) products with the data, after it.
+        constant: (V,) minus twice the logarithm of the likelihood with the set.
+        taken: (V, m, p) what the set takes of each column, None where the set is empty.
+    """
+
+    gram: Array
+    projection: Array
+    constant: Array
+    taken: Array | None = None
+
+    def gains(self, own: Columns) -> Array:
+        """Return the gain in evidence of some columns at each of `SIZES`, the best variance."""
+        gram = self.gram[:, own[:, None], own]
+        if self.taken is not None:
+            taken = self.taken[:, :, own]
+            gram = gram - np.einsum("vmi,vmj->vij", taken, taken)
+        sizes = np.array(SIZES)[:, None, None]
+        twice = _minus_twice_log(
+            gram * sizes[..., None] ** 2, self.projection[:, own] * sizes, self.constant
+        )
+        found: Array = 0.5 * (self.constant.min() - twice.min(axis=1))
+        return found
+
+
+class Evidence:
+    """Evidence of sets of candidates, about one linearisation."""
+
+    def __init__(
+        self,
+        pose: Channel,
+        torque: Channel | None,
+        pose_data: Array,
+        torque_data: Array,
+        own: Array,
+        blocks: tuple[Block, ...],
+    ) -> None:
+        """Reduce the rows.
+
+        Args:
+            pose, torque: the channels; None where no torque is logged.
+            pose_data, torque_data: (R,), (R',) whitened rows of measured minus predicted.
+            own: (R, k) whitened rows of the model's own parameters, each times the standard
+                deviation that is thought possible for it.
+            blocks: the candidates.
+        """
+        stops = np.cumsum([0, *(block.factor.shape[1] for block in blocks)])
+        self._columns = [np.arange(a, b) for a, b in pairwise(stops.tolist())]
+        self._shows_in_torque = [bool(np.any(block.torque)) for block in blocks]
+        self._pose = _reduce(pose, _side_by_side(pose_data, blocks, "pose"), pose_data, own)
+        width = int(stops[-1])
+        if torque is None:
+            self._torque = _nothing(width)
+        else:
+            showing = [k for k, shows in enumerate(self._shows_in_torque) if shows]
+            columns = _side_by_side(torque_data, tuple(blocks[k] for k in showing), "torque")
+            none = np.zeros((len(torque_data), 0))
+            places = np.concatenate([np.zeros(0, np.intp), *(self._columns[k] for k in showing)])
+            self._torque = _spread(_reduce(torque, columns, torque_data, none), places, width)
+        self._scores: dict[tuple[tuple[int, ...], tuple[int, ...]], Score] = {}
+
+    def score(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> Score:
+        """Return the evidence of a set of candidates at given sizes."""
+        key = (members, sizes)
+        if key not in self._scores:
+            self._scores[key] = self._score(members, sizes)
+        return self._scores[key]
+
+    def additions(
+        self, members: tuple[int, ...], sizes: tuple[int, ...], candidates: list[int]
+    ) -> list[tuple[float, int]]:
+        """Return, for each candidate, what it would add to the evidence of a set, and its size.
+
+        To within the step between the variances tried; `score` is exact.
+        """
+        g0, h0 = self.score(members, sizes).nearest
+        columns, scale = self._of(members, sizes)
+        poses = self._given(columns, scale, slice(None), [h0])
+        torques = self._given(columns, scale, [g0], slice(None))
+        found = []
+        for k in candidates:
+            gains = poses.gains(self._columns[k])
+            if self._shows_in_torque[k]:  # their shared error is then chosen anew as well
+                gains = np.maximum(gains, torques.gains(self._columns[k]))
+            size = int(np.argmax(gains))
+            found.append((float(gains[size]) - float(np.log(len(SIZES))), size))
+        return found
+
+    def _given(
+        self, columns: Columns, scale: Array, g: slice | list[int], h: slice | list[int]
+    ) -> _Given:
+        """Reduce the products of all columns by a set that is taken as there."""
+        every = np.arange(self._pose.projection.shape[1])
+        unit = np.ones(len(every))
+        gram, projection, constant = (
+            values.reshape(-1, *values.shape[2:]) for values in self._at(g, h, every, unit)
+        )
+        if not len(columns):
+            return _Given(gram, projection, constant)
+        to_set = gram[:, columns] * scale[:, None]
+        factor = np.linalg.cholesky(np.eye(len(columns)) + to_set[:, :, columns] * scale)
+        taken = np.linalg.solve(
+            factor, np.concatenate([to_set, (projection[:, columns] * scale)[..., None]], axis=2)
+        )
+        log_determinant = 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+        return _Given(
+            gram,
+            projection - np.einsum("gmp,gm->gp", taken[:, :, :-1], taken[:, :, -1]),
+            constant - np.sum(taken[:, :, -1] ** 2, axis=1) + log_determinant,
+            taken[:, :, :-1],
+        )
+
+    def _score(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> Score:
+        columns, scale = self._of(members, sizes)
+        every = slice(None)
+        g, h, last = 0, 0, np.inf
+        while True:  # one variance after the other: they hardly depend on each other
+            over_h = _minus_twice_log(*self._at([g], every, columns, scale))[0]
+            h = int(np.argmin(over_h))
+            over_g = _minus_twice_log(*self._at(every, [h], columns, scale))[:, 0]
+            g = int(np.argmin(over_g))
+            if not over_g[g] < last - 1e-9:
+                break
+            last = float(over_g[g])
+        over_h = _minus_twice_log(*self._at([g], every, columns, scale))[0]
+        pose_gain, pose_variance = _between(over_g, g)
+        torque_gain, torque_variance = _between(over_h, h)
+        return Score(
+            log_evidence=-0.5 * (float(over_g[g]) - pose_gain - torque_gain)
+            - float(np.log(len(SIZES))) * len(members),
+            pose_variance=pose_variance,
+            torque_variance=torque_variance,
+            sizes=sizes,
+            nearest=(g, h),
+        )
+
+    def _of(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> tuple[Columns, Array]:
+        """Return the columns of a set and the size by which each is scaled."""
+        columns = [self._columns[k] for k in members]
+        scale = [np.full(len(own), SIZES[size]) for own, size in zip(columns, sizes, strict=True)]
+        return (
+            np.concatenate([np.zeros(0, dtype=np.intp), *columns]),
+            np.concatenate([np.zeros(0), *scale]),
+        )
+
+    def _at(
+        self, g: slice | list[int], h: slice | list[int], columns: Columns, scale: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return products of some columns at some variances of poses and torques, (G, H, ...)."""
+        inner = np.ix_(columns, columns)
+        gram = (
+            self._pose.gram[g][:, inner[0], inner[1]][:, None]
+            + self._torque.gram[h][:, inner[0], inner[1]][None]
+        )
+        projection = (
+            self._pose.projection[g][:, columns][:, None]
+            + self._torque.projection[h][:, columns][None]
+        )
+        constant = self._pose.constant[g][:, None] + self._torque.constant[h][None]
+        return gram * np.outer(scale, scale), projection * scale, constant
+
+
+def _reduce(channel: Channel, columns: Array, data: Array, own: Array) -> _Reduced:
+    """Integrate the model's own parameters and the common errors out, at every shared variance."""
+    k, c = own.shape[1], channel.common.shape[1]
+    rows = np.concatenate([own, columns, data[:, None], channel.common], axis=1)
+    # Most rows have no part in the shared error: their products are the same for all variances.
+    shared = channel.shared_size > _NO_PART
+    always = rows[~shared].T @ rows[~shared]
+    rows, size = rows[shared], channel.shared_size[shared]
+    grams, projections, constants = [], [], []
+    for variance in SHARED_VARIANCES:
+        total = 1.0 + variance * size
+        products = always + (rows / total[:, None]).T @ rows
+        products, common_determinant = _integrated_out(products, slice(-c, None) if c else slice(0))
+        products, own_determinant = _integrated_out(products, slice(0, k))
+        grams.append(products[:-1, :-1])
+        projections.append(products[:-1, -1])
+        constants.append(
+            products[-1, -1] + np.log(total).sum() + common_determinant + own_determinant
+        )
+    return _Reduced(np.array(grams), np.array(projections), np.array(constants))
+
+
+def _integrated_out(products: Array, columns: slice) -> tuple[Array, float]:
+    """Return the products of the other columns, those given being Gaussian of unit variance."""
+    out = np.arange(len(products))[columns]
+    if not len(out):
+        return products, 0.0
+    kept = np.setdiff1d(np.arange(len(products)), out)
+    factor = cho_factor(products[np.ix_(out, out)] + np.eye(len(out)), lower=True)
+    across = products[np.ix_(out, kept)]
+    left = products[np.ix_(kept, kept)] - across.T @ cho_solve(factor, across)
+    return left, 2.0 * float(np.log(np.diag(factor[0])).sum())
+
+
+def _side_by_side(data: Array, blocks: tuple[Block, ...], rows: Literal["pose", "torque"]) -> Array:
+    """Return the rows of all blocks at their expected sizes, (R, p)."""
+    parts = [getattr(block, rows) @ block.factor for block in blocks]
+    return np.concatenate([np.zeros((len(data), 0)), *parts], axis=1)
+
+
+def _spread(reduced: _Reduced, places: Columns, width: int) -> _Reduced:
+    """Return the same with columns at other places among more, which are zero."""
+    count = len(reduced.constant)
+    gram, projection = np.zeros((count, width, width)), np.zeros((count, width))
+    gram[:, places[:, None], places] = reduced.gram
+    projection[:, places] = reduced.projection
+    return _Reduced(gram, projection, reduced.constant)
+
+
+def _nothing(columns: int) -> _Reduced:
+    """Return a channel that says nothing."""
+    return _Reduced(np.zeros((1, columns, columns)), np.zeros((1, columns)), np.zeros(1))
+
+
+def _minus_twice_log(gram: Array, projection: Array, constant: Array) -> Array:
+    """Return minus twice the log evidence for Gaussian parameters of unit variance."""
+    k = gram.shape[-1]
+    if k == 0:
+        return constant
+    factor = np.linalg.cholesky(np.eye(k) + gram)
+    explained = np.linalg.solve(factor, projection[..., None])[..., 0]
+    log_determinant = 2.0 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+    found: Array = constant - np.sum(explained**2, axis=-1) + log_determinant
+    return found
+
+
+def _between(values: Array, least: int) -> tuple[float, float]:
+    """Return how much lower a parabola through the least value lies, and at which variance.
+
+    In the logarithm of the variance, whose steps are even from the second value on.
+    """
+    variance = float(SHARED_VARIANCES[least])
+    if least < 2 or least >= len(values) - 1:
+        return 0.0, variance
+    before, here, after = values[least - 1 : least + 2]
+    bend = before - 2.0 * here + after
+    if not bend > 0.0:
+        return 0.0, variance
+    offset = 0.5 * (before - after) / bend
+    step = np.log(SHARED_VARIANCES[2] / SHARED_VARIANCES[1])
+    return float(0.5 * bend * offset**2), variance * float(np.exp(offset * step))

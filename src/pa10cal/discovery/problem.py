@@ -1,0 +1,236 @@
+"""A campaign made ready for the search: cells, what they carry, and how their rows are weighed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import end_pose_with_screws
+from pa10cal.arm.state import PoseStates, Seen
+from pa10cal.arm.statics import Burden, Statics, statics
+from pa10cal.calibration.pose_error import pose_error
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.discovery.cells import gather, shared_error
+from pa10cal.discovery.channel import Channel
+from pa10cal.discovery.repeatability import Repeatability, repeatability
+from pa10cal.terms.effects.effect import Surroundings
+from pa10cal.terms.model import Model
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Uncertainties:
+    """Standard uncertainties of what repeats cannot show.
+
+    Attributes:
+        apparatus_m: a target's place on the apparatus, per axis.
+        load: an external load, relative.
+        mass: a link's mass, relative.
+        com_m: a link's centre of mass, per axis.
+        load_point_m: where the load hangs, per axis.
+        torque_zero: zero of a logged torque, relative to the rated torque.
+    """
+
+    apparatus_m: float = 5e-6
+    load: float = 0.005
+    mass: float = 0.3
+    com_m: float = 0.03
+    load_point_m: float = 2e-3
+    torque_zero: float = 0.01
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is known of a campaign besides its poses.
+
+    Attributes:
+        burden: apparatus, load point, gravity; None where the arm's masses are not known.
+        p_ee_targets_m: (B, 3) the instrument's targets on the apparatus, in the end-effector frame;
+            none for an instrument that gives poses.
+        reference_temperature_C: temperature at which lengths are nominal.
+        flexible_joints: joints that the model gives a spring.
+        uncertainties: of what repeats cannot show.
+    """
+
+    burden: Burden | None
+    p_ee_targets_m: Array
+    reference_temperature_C: float
+    flexible_joints: tuple[int, ...]
+    uncertainties: Uncertainties = Uncertainties()
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """The calibrated model from which the search sets out.
+
+    Attributes:
+        model: chain and terms, the base frame not among them.
+        x: (k,) its parameters.
+        T_cmm_base: (4, 4) base frame.
+    """
+
+    model: Model
+    x: Array
+    T_cmm_base: Array
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Everything that the search weighs effects by.
+
+    Attributes:
+        baseline: the calibrated model.
+        setting: what is known besides the poses.
+        readings: single readings, with what they carry.
+        cells: the same in cells.
+        noise: of single readings.
+        pose: rows of the poses.
+        torque: rows of the torques, None where they or the masses are not known.
+        torque_left_Nm: (C, n) logged torques less those of all weights (zero where not known).
+        surroundings: where effects may sit.
+    """
+
+    baseline: Baseline
+    setting: Setting
+    readings: PoseObservations
+    cells: PoseObservations
+    noise: Repeatability
+    pose: Channel
+    torque: Channel | None
+    torque_left_Nm: Array
+    surroundings: Surroundings
+
+
+def prepare(readings: PoseObservations, baseline: Baseline, setting: Setting) -> Problem:
+    """Make a campaign ready.
+
+    Args:
+        readings: single readings, with the instrument's covariance.
+        baseline: the calibrated model.
+        setting: what is known besides the poses.
+
+    Raises:
+        DiscoveryError: when too little is repeated.
+    """
+    model = baseline.model
+    readings = complete(readings, baseline, setting)
+    noise = repeatability(readings, *_deviation_and_screws(readings, baseline))
+    cells = complete(gather(readings, noise.cov_ee), baseline, setting)
+    shared = shared_error(cells)
+    pose = Channel.of(
+        np.linalg.inv(np.linalg.cholesky(cells.cov_ee)),
+        shared,
+        setting.uncertainties.apparatus_m * cells.by_apparatus,
+    )
+    torque, left = None, np.zeros_like(cells.states.tau_Nm)
+    if setting.burden is not None and np.all(np.isfinite(cells.states.tau_Nm)):
+        weights = _statics(cells.states, baseline, setting.burden)
+        left = cells.states.tau_Nm - weights.torque_Nm
+        scale = np.sqrt(cells.repeats)[:, None] / noise.torque_Nm
+        torque = Channel.of(
+            scale[:, :, None] * np.eye(model.chain.arm.n),
+            shared,
+            _common_torques(cells, weights, baseline, setting.burden, setting.uncertainties),
+        )
+    return Problem(
+        baseline,
+        setting,
+        readings,
+        cells,
+        noise,
+        pose,
+        torque,
+        left,
+        _surroundings(cells, baseline, setting),
+    )
+
+
+def complete(poses: PoseObservations, baseline: Baseline, setting: Setting) -> PoseObservations:
+    """Add to the states of poses what they carry and how they were seen."""
+    states = replace(poses.states, seen=_seen(poses, setting.p_ee_targets_m))
+    if setting.burden is not None:
+        states = replace(states, carried=_statics(states, baseline, setting.burden).carried)
+    return replace(poses, states=states)
+
+
+def _statics(states: PoseStates, baseline: Baseline, burden: Burden) -> Statics:
+    coordinates = baseline.model.chain_coordinates(states, baseline.x)
+    return statics(baseline.model.chain, coordinates, states.load_N, burden)
+
+
+def _seen(poses: PoseObservations, p_ee_targets_m: Array) -> Seen:
+    """Return where targets were and how the pose was made of them, along end-effector axes."""
+    R, origin = poses.T_cmm_ee[:, :3, :3], poses.T_cmm_ee[:, :3, 3]
+    count = len(poses)
+    if not poses.by_apparatus.shape[2]:
+        direct = np.zeros((count, 6, 3))
+        direct[:, :3] = R.transpose(0, 2, 1)
+        return Seen(origin[:, None, :], direct)
+    targets = origin[:, None, :] + np.einsum("pij,bj->pbi", R, p_ee_targets_m)
+    # A target read too far by v is one whose stated place on the apparatus is short by R^T v.
+    by_place = poses.by_apparatus.reshape(count, 2, 3, -1, 3)
+    by_reading = -np.einsum("pki,pakbl,pjl->paibj", R, by_place, R, optimize=True)
+    return Seen(targets, by_reading.reshape(count, 6, -1))
+
+
+def _deviation_and_screws(poses: PoseObservations, baseline: Baseline) -> tuple[Array, Array]:
+    """Return measured minus predicted (P, 6) and joint screws (P, 6, n), instrument's axes."""
+    chain = baseline.model.chain
+    end = end_pose_with_screws(chain, baseline.model.chain_coordinates(poses.states, baseline.x))
+    error = pose_error(baseline.T_cmm_base @ end.T, poses.T_cmm_ee)
+    screws = end.screws[:, :, chain.joint_columns]
+    R = baseline.T_cmm_base[:3, :3]
+    turned = np.concatenate([R @ screws[:, :3], R @ screws[:, 3:]], axis=1)
+    return -np.concatenate([error.position_m, error.chord], axis=1), turned
+
+
+def _common_torques(
+    cells: PoseObservations,
+    weights: Statics,
+    baseline: Baseline,
+    burden: Burden,
+    uncertainties: Uncertainties,
+) -> Array:
+    """Return what errors of masses, loads and zeros do to the torques, (C, n, c), at their size."""
+    arm = baseline.model.chain.arm
+    mass_kg = np.zeros(arm.n) if arm.mass_kg is None else arm.mass_kg
+    by_link = np.stack(
+        [uncertainties.mass * mass_kg, *[uncertainties.com_m * mass_kg] * 3], axis=1
+    ).ravel()
+    loads = np.unique(cells.states.load_N[cells.states.load_N > 0])
+    load_N = cells.states.load_N[:, None] * (cells.states.load_N[:, None] == loads)
+    elsewhere = [
+        replace(burden, load_point_m=burden.load_point_m + uncertainties.load_point_m * axis)
+        for axis in np.eye(3)
+    ]
+    by_place = [
+        _statics(cells.states, baseline, moved).torque_Nm - weights.torque_Nm for moved in elsewhere
+    ]
+    zero = np.tile(np.diag(uncertainties.torque_zero * arm.torque_limit_Nm), (len(cells), 1, 1))
+    return np.concatenate(
+        [
+            weights.torque_by_mass * by_link,
+            uncertainties.load * weights.torque_by_load[:, :, None] * load_N[:, None, :],
+            np.stack(by_place, axis=2),
+            zero,
+        ],
+        axis=2,
+    )
+
+
+def _surroundings(cells: PoseObservations, baseline: Baseline, setting: Setting) -> Surroundings:
+    states = cells.states
+    assert states.seen is not None
+    return Surroundings(
+        arm=baseline.model.chain.arm,
+        flexible_joints=setting.flexible_joints,
+        reference_temperature_C=setting.reference_temperature_C,
+        tau_span_Nm=np.abs(states.tau_Nm).max(axis=0),
+        T_cmm_base=baseline.T_cmm_base,
+        p_cmm_middle_m=states.seen.p_cmm_targets_m.reshape(-1, 3).mean(axis=0),
+        q_span_rad=np.stack([states.q_rad.min(axis=0), states.q_rad.max(axis=0)], axis=1),
+        time_span_s=(float(states.time_s.min()), float(states.time_s.max())),
+    )

@@ -1,0 +1,204 @@
+"""Which set of effects the data ask for: steps forward, looks backward, full refits between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.discovery.candidates import Linearised, linearise
+from pa10cal.discovery.evidence import Evidence, Score
+from pa10cal.discovery.fit import Fit, fit
+from pa10cal.discovery.problem import Problem
+from pa10cal.terms.effects.effect import Effect
+
+Array = NDArray[np.float64]
+
+#: A forward step may be a proxy for what comes later; it need only make the data likelier.
+_FORWARD_GAIN = 1.0
+#: Effects at a time, more than that is no longer a finding.
+_MOST_EFFECTS = 10
+_MOST_ROUNDS = 6
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where the search ended.
+
+    Attributes:
+        fit: the model with the effects found.
+        score: its evidence about that fit.
+        without: evidence of the set less each of its effects.
+        evidence: about that fit, over the whole family.
+        family: the candidates, in the order of the evidence's blocks.
+        nothing: evidence of the empty set about that fit.
+        steps: sets after every refit, with their evidence gain over the empty set.
+    """
+
+    fit: Fit
+    score: Score
+    without: tuple[Score, ...]
+    evidence: Evidence
+    family: tuple[Effect, ...]
+    nothing: Score
+    steps: tuple[Step, ...]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One refit of the search.
+
+    Attributes:
+        effects: the set.
+        gain: evidence over the model without effects, natural logarithm.
+        rms_mm: position error left at the cells.
+    """
+
+    effects: tuple[Effect, ...]
+    gain: float
+    rms_mm: float
+
+
+def threshold(family: int, error_rate: float) -> float:
+    """Return the gain in evidence that a name needs: P(any of the family reaches it) <= rate."""
+    return float(np.log(family / error_rate))
+
+
+def evidence_about(problem: Problem, found: Fit, family: tuple[Effect, ...]) -> Evidence:
+    """Return the evidence of sets of a family, linear about a fit."""
+    lin: Linearised = linearise(problem, found, family)
+    return Evidence(
+        problem.pose, problem.torque, lin.pose_data, lin.torque_data, lin.own, lin.blocks
+    )
+
+
+def search(problem: Problem, family: tuple[Effect, ...], error_rate: float) -> Found:
+    """Find the set of effects that the data ask for.
+
+    Args:
+        problem: the campaign.
+        family: all candidates.
+        error_rate: probability allowed of naming anything where nothing is missing.
+    """
+    needed = threshold(len(family), error_rate)
+    current = fit(problem, (), (), (0.0, 0.0))
+    members: tuple[int, ...] = ()
+    sizes: tuple[int, ...] = ()
+    seen: set[frozenset[int]] = set()
+    steps: list[Step] = []
+    for _ in range(_MOST_ROUNDS):
+        evidence = evidence_about(problem, current, family)
+        members, sizes = _improve(evidence, len(family), members, sizes, needed)
+        score = evidence.score(members, sizes)
+        nothing = evidence.score((), ())
+        steps.append(
+            Step(
+                tuple(family[k] for k in members),
+                score.log_evidence - nothing.log_evidence,
+                _rms_mm(current),
+            )
+        )
+        if frozenset(members) in seen:
+            break
+        seen.add(frozenset(members))
+        current = fit(
+            problem,
+            tuple(family[k] for k in members),
+            sizes,
+            (score.pose_variance, score.torque_variance),
+            current,
+        )
+    evidence = evidence_about(problem, current, family)
+    members = tuple(family.index(effect) for effect in current.effects)
+    return Found(
+        fit=current,
+        score=evidence.score(members, current.sizes),
+        without=tuple(
+            evidence.score(_less(members, k), _less(current.sizes, k)) for k in range(len(members))
+        ),
+        evidence=evidence,
+        family=family,
+        nothing=evidence.score((), ()),
+        steps=tuple(steps),
+    )
+
+
+def _improve(
+    evidence: Evidence,
+    family: int,
+    members: tuple[int, ...],
+    sizes: tuple[int, ...],
+    needed: float,
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Add, exchange and drop effects until nothing helps; each that stays must be needed."""
+    forbidden: set[int] = set()
+    while True:
+        members, sizes = _forward(evidence, family, members, sizes, forbidden)
+        weakest, loss = _weakest(evidence, members, sizes)
+        if weakest is None or loss >= needed:
+            return members, sizes
+        # What is not needed in the end is not tried again: forward would only bring it back.
+        forbidden.add(members[weakest])
+        members, sizes = _less(members, weakest), _less(sizes, weakest)
+
+
+def _forward(
+    evidence: Evidence,
+    family: int,
+    members: tuple[int, ...],
+    sizes: tuple[int, ...],
+    forbidden: set[int],
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Add what makes the data likeliest; when nothing does, exchange one member for better."""
+    while True:
+        here = evidence.score(members, sizes).log_evidence
+        open_to = [k for k in range(family) if k not in members and k not in forbidden]
+        tried = (
+            [_best_addition(evidence, members, sizes, open_to)]
+            if (len(members) < _MOST_EFFECTS)
+            else []
+        )
+        if not tried or tried[0][0] < here + _FORWARD_GAIN:
+            tried = [
+                _best_addition(evidence, _less(members, k), _less(sizes, k), open_to)
+                for k in range(len(members))
+            ]
+        best = max(tried, default=(-np.inf, members, sizes))
+        if best[0] < here + _FORWARD_GAIN:
+            return members, sizes
+        _, members, sizes = best
+
+
+def _best_addition(
+    evidence: Evidence, members: tuple[int, ...], sizes: tuple[int, ...], open_to: list[int]
+) -> tuple[float, tuple[int, ...], tuple[int, ...]]:
+    """Return the evidence of the best set with one more member, and that set."""
+    gains = evidence.additions(members, sizes, open_to)
+    best = max(range(len(open_to)), key=lambda k: gains[k][0])
+    members, sizes = (*members, open_to[best]), (*sizes, gains[best][1])
+    return evidence.score(members, sizes).log_evidence, members, sizes
+
+
+def _weakest(
+    evidence: Evidence, members: tuple[int, ...], sizes: tuple[int, ...]
+) -> tuple[int | None, float]:
+    """Return which member the set would miss least, and how much."""
+    if not members:
+        return None, 0.0
+    whole = evidence.score(members, sizes).log_evidence
+    losses = [
+        whole - evidence.score(_less(members, k), _less(sizes, k)).log_evidence
+        for k in range(len(members))
+    ]
+    weakest = int(np.argmin(losses))
+    return weakest, losses[weakest]
+
+
+def _less(values: tuple[int, ...], k: int) -> tuple[int, ...]:
+    return values[:k] + values[k + 1 :]
+
+
+def _rms_mm(found: Fit) -> float:
+    residuals = found.level.residuals(found.x)[:, :3]
+    return float(1e3 * np.sqrt(np.mean(np.sum(residuals**2, axis=1))))

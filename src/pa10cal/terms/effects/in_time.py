@@ -1,0 +1,105 @@
+"""Effects of what changes while a campaign lasts: a base that creeps, links that warm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import Chain, long_links
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.effects.effect import NamedEffect, Surroundings
+from pa10cal.terms.term import Parameter
+
+Array = NDArray[np.float64]
+
+_SECONDS_AN_HOUR = 3600.0
+
+
+@dataclass(frozen=True)
+class BaseDrift(NamedEffect):
+    """The base moves along its axes at a constant rate [m/h], counted from the first reading.
+
+    Attributes:
+        start_s: time of the first reading.
+    """
+
+    start_s: float
+    id: ClassVar[str] = "base_drift"
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it at the base."""
+        return (cls("base", surroundings.time_span_s[0]),)
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return the rate along each axis."""
+        return tuple(Parameter(f"rate_{axis}", "m/h", 1e-6, plausible=3e-5) for axis in "xyz")
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the base's shifts."""
+        return ("base.x", "base.y", "base.z")
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the hours since the first reading, each axis for itself, (P, 3, 3)."""
+        del x
+        hours = (states.time_s - self.start_s) / _SECONDS_AN_HOUR
+        return hours[:, None, None] * np.eye(3)
+
+
+@dataclass(frozen=True)
+class ThermalGrowth(NamedEffect):
+    """Pedestal and long links grow by alpha (T - reference), alpha in 1/K.
+
+    Attributes:
+        lengths: chain coordinates of these links' lengths.
+        lengths_m: their nominal values.
+        reference_temperature_C: temperature at which lengths are nominal.
+    """
+
+    lengths: tuple[str, ...]
+    lengths_m: tuple[float, ...]
+    reference_temperature_C: float
+    id: ClassVar[str] = "thermal_growth"
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it for the arm as a whole."""
+        chain = Chain.of(surroundings.arm)
+        ends = [0, *(int(column) for column in chain.joint_columns)]
+        pedestal = range(ends[0], ends[2] if len(ends) > 2 else len(chain.motions))
+        links = (range(ends[row], ends[row + 1]) for row in long_links(surroundings.arm))
+        columns = [
+            column
+            for link in (pedestal, *links)
+            for column in link
+            if chain.nominal[column] != 0.0 and not chain.motions[column].turns
+        ]
+        return (
+            cls(
+                "arm",
+                tuple(chain.motions[column].coordinate for column in columns),
+                tuple(float(chain.nominal[column]) for column in columns),
+                surroundings.reference_temperature_C,
+            ),
+        )
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return the coefficient of expansion."""
+        return (Parameter("alpha", "1/K", 5e-7, plausible=2e-5),)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the lengths that grow."""
+        return self.lengths
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return warming times length, (P, m, 1)."""
+        del x
+        warming_K = states.temperature_C - self.reference_temperature_C
+        return np.outer(warming_K, self.lengths_m)[:, :, None]

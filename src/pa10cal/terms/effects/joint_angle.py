@@ -1,0 +1,82 @@
+"""Errors of a joint's angle that are no harmonic of it: ratio, lost motion, coupled wrist."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.effects.effect import JointEffect, NamedEffect, Surroundings, turning_joints
+from pa10cal.terms.term import Parameter
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GearRatioError(JointEffect):
+    """A gear ratio off its nominal value: eps q_j [rad], eps without unit."""
+
+    id: ClassVar[str] = "gear_ratio_error"
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return the relative error."""
+        return (Parameter("eps", "1", 1e-5, plausible=3e-4),)
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return q_j, (P, 1, 1)."""
+        del x
+        return states.q_rad[:, self.joint - 1, None, None]
+
+
+@dataclass(frozen=True)
+class Backlash(JointEffect):
+    """Lost motion: b s_j [rad], s_j the direction in which the joint arrived."""
+
+    id: ClassVar[str] = "backlash"
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return half the lost motion."""
+        return (Parameter("b", "rad", 1e-5, plausible=3e-4),)
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return s_j, (P, 1, 1)."""
+        del x
+        return states.arrival[:, self.joint - 1, None, None]
+
+
+@dataclass(frozen=True)
+class WristCoupling(NamedEffect):
+    """The last joint turns with the one before it: c q_(n-1) [rad], c without unit.
+
+    Attributes:
+        last: the last joint, n.
+    """
+
+    last: int
+    id: ClassVar[str] = "wrist_coupling"
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it at the wrist, where the last two joints turn."""
+        last = surroundings.arm.n
+        return (cls("wrist", last),) if {last - 1, last} <= {*turning_joints(surroundings)} else ()
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return the coupling."""
+        return (Parameter("c", "1", 3e-5, plausible=1e-3),)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the angle of the last joint."""
+        return (f"theta_{self.last}",)
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the angle of the joint before the last, (P, 1, 1)."""
+        del x
+        return states.q_rad[:, self.last - 2, None, None]

@@ -1,0 +1,95 @@
+"""Effects by which the log shows another torque than the joint carries."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.effects.effect import JointEffect, Surroundings, carried_in, turning_joints
+from pa10cal.terms.term import Parameter
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FalseTorque(JointEffect):
+    """A single parameter by which the logged torque of one joint is off; no joint carries it."""
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return none: it moves the arm by way of the springs alone."""
+        return ()
+
+    @property
+    def carried(self) -> bool:
+        """Return that only the log shows it."""
+        return False
+
+    @abstractmethod
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return how much too much the log shows a unit of the parameter, (P,) [N m]."""
+
+    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
+        """Return what the log shows too much, (P, n)."""
+        torque: Array = self.torque_derivative(states, x) @ x
+        return torque
+
+    def torque_derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return its derivative by the parameter, (P, n, 1)."""
+        derivative = np.zeros((*states.tau_Nm.shape, len(x)))
+        derivative[:, self.joint - 1, 0] = self.per_unit(states)
+        return derivative
+
+
+@dataclass(frozen=True)
+class FrictionTorque(FalseTorque):
+    """What friction holds of a load: logged torque = tau_j + tau_c s_j, tau_c in N m.
+
+    Attributes:
+        rated_Nm: rated torque of the joint.
+    """
+
+    rated_Nm: float
+    id: ClassVar[str] = "friction_torque"
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it at every joint that turns."""
+        rated_Nm = surroundings.arm.torque_limit_Nm
+        return tuple(
+            cls(f"joint {joint}", float(rated_Nm[joint - 1]))
+            for joint in turning_joints(surroundings)
+        )
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return the torque that friction holds."""
+        return (Parameter("tau_c", "N m", 1e-3 * self.rated_Nm, plausible=0.03 * self.rated_Nm),)
+
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return s_j, (P,)."""
+        return states.arrival[:, self.joint - 1]
+
+
+@dataclass(frozen=True)
+class TorqueGain(FalseTorque):
+    """A wrong scale of the torque: logged torque = (1 + g) tau_j, g without unit.
+
+    tau_j is what the weights ask for: taken from the log, its noise would explain itself.
+    """
+
+    id: ClassVar[str] = "torque_gain"
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return the gain."""
+        return (Parameter("g", "1", 1e-3, plausible=0.05),)
+
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return the torque of the weights, (P,)."""
+        return carried_in(states, self).joint_Nm[:, self.joint - 1]

@@ -1,0 +1,166 @@
+"""Effects by which the structure yields under weights: links, base, tooling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import bend_coordinates, link_spans_m, long_links
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.effects.effect import NamedEffect, Surroundings, carried_in
+from pa10cal.terms.term import Parameter
+
+Array = NDArray[np.float64]
+
+_LONG_LINKS = ("upper_arm", "forearm")
+
+
+@dataclass(frozen=True)
+class LinkEffect(NamedEffect):
+    """An effect of a long link, on the six small motions of its end.
+
+    Attributes:
+        row: the link's row, from 1.
+        span_m: from the link's joint to its end, along the axes of that end.
+    """
+
+    row: int
+    span_m: tuple[float, float, float]
+    #: Names of the links at which it may sit.
+    places: ClassVar[tuple[str, ...]] = _LONG_LINKS
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it at the long links that may have it."""
+        spans_m = link_spans_m(surroundings.arm)
+        rows = long_links(surroundings.arm)
+        return tuple(
+            cls(place, row, (float(x), float(y), float(z)))
+            for place, row in zip(_LONG_LINKS, rows, strict=False)  # a short arm has fewer
+            for x, y, z in (spans_m[row - 1],)
+            if place in cls.places
+        )
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the small motion of the link's end."""
+        return bend_coordinates(self.row)
+
+    @property
+    def axis(self) -> Array:
+        """Return the unit vector along the link, (3,)."""
+        unit: Array = np.array(self.span_m) / np.linalg.norm(self.span_m)
+        return unit
+
+    def moment_Nm(self, states: PoseStates) -> Array:
+        """Return the moment that the link carries at its end, along that end's axes, (P, 3)."""
+        return carried_in(states, self).link_Nm[:, self.row - 1]
+
+
+@dataclass(frozen=True)
+class LinkBending(LinkEffect):
+    """A link bends under the moment M it carries across its axis at its end, c in rad/(N m).
+
+    Its end turns by c M and shifts by (2/3) L (c M) x axis, L the link's length.
+    """
+
+    id: ClassVar[str] = "link_bending"
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return the compliance."""
+        return (Parameter("c", "rad/(N m)", 1e-7, plausible=5e-6),)
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return shift over turn of the link's end a unit of c, (P, 6, 1)."""
+        del x
+        moment_Nm, axis = self.moment_Nm(states), self.axis
+        across_Nm = moment_Nm - np.outer(moment_Nm @ axis, axis)
+        shift = 2.0 / 3.0 * np.cross(across_Nm, np.array(self.span_m))
+        return np.hstack([shift, across_Nm])[:, :, None]
+
+
+@dataclass(frozen=True)
+class LinkTorsion(LinkEffect):
+    """A link twists by c times the moment along its axis at its end, c in rad/(N m)."""
+
+    id: ClassVar[str] = "link_torsion"
+    places: ClassVar[tuple[str, ...]] = ("forearm",)
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return the compliance."""
+        return (Parameter("c", "rad/(N m)", 5e-7, plausible=2e-5),)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the small rotation of the link's end."""
+        return super().coordinates[3:]
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the twist of the link's end a unit of c, (P, 3, 1)."""
+        del x
+        axis = self.axis
+        return np.outer(self.moment_Nm(states) @ axis, axis)[:, :, None]
+
+
+@dataclass(frozen=True)
+class BaseCompliance(NamedEffect):
+    """The base tilts about x and y by cx M_x and cy M_y, M the overturning moment.
+
+    cx and cy in rad/(N m), M about the base's origin along base axes.
+    """
+
+    id: ClassVar[str] = "base_compliance"
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it at the base."""
+        del surroundings
+        return (cls("base"),)
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return both compliances."""
+        return tuple(Parameter(name, "rad/(N m)", 1e-7, plausible=3e-6) for name in ("cx", "cy"))
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the base's tilts."""
+        return ("base.rx", "base.ry")
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the overturning moments, each for its own tilt, (P, 2, 2)."""
+        del x
+        return carried_in(states, self).base_Nm[:, :2, None] * np.eye(2)
+
+
+@dataclass(frozen=True)
+class ToolSag(NamedEffect):
+    """The tooling gives way by c [m] times the part of gravity's direction across its axis."""
+
+    id: ClassVar[str] = "tool_sag"
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it at the tool."""
+        del surroundings
+        return (cls("tool"),)
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return the sag with the tooling level."""
+        return (Parameter("c", "m", 3e-6, plausible=1e-4),)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the shifts of the end across the tool's axis."""
+        return ("tool.x", "tool.y")
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the direction of gravity across the tool's axis, (P, 2, 1)."""
+        del x
+        return carried_in(states, self).down_ee[:, :2, None]

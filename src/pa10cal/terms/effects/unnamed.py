@@ -1,0 +1,233 @@
+"""Rivals of the named effects: something smooth is missing here, of unknown cause."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.polynomial.legendre import legder, legval, legvander
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import BASE
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.effects.effect import JointEffect, NamedEffect, Surroundings, turning_joints
+from pa10cal.terms.effects.instrument import FalseReading
+from pa10cal.terms.effects.joint_windup import loaded_joints
+from pa10cal.terms.term import Parameter
+
+Array = NDArray[np.float64]
+
+#: A joint that turned less, or a campaign that was shorter, shows no shape [rad; s].
+_LEAST_SPAN = 1e-3
+
+
+@dataclass(frozen=True)
+class PlaceMap(FalseReading):
+    """The reading of each axis is off by a smooth function of place.
+
+    Monomials of degree 1 to 3 in the three coordinates about a fixed middle, in units of 0.3 m;
+    each parameter [m] is the error along one axis where its monomial is one.
+
+    Attributes:
+        middle_cmm_m: where the coordinates are counted from, in the instrument's frame.
+    """
+
+    middle_cmm_m: tuple[float, float, float]
+    id: ClassVar[str] = "place_map"
+    generic: ClassVar[bool] = True
+    unit_m: ClassVar[float] = 0.3
+    plausible_m: ClassVar[dict[int, float]] = {1: 3e-5, 2: 1e-4, 3: 3e-5}
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it at the instrument."""
+        x, y, z = surroundings.p_cmm_middle_m
+        return (cls("instrument", (float(x), float(y), float(z))),)
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return 19 monomials for the reading of x, then of y, then of z."""
+        return tuple(
+            Parameter(
+                f"{axis}_by_{''.join('xyz'[k] for k in factors)}",
+                "m",
+                3e-6,
+                plausible=self.plausible_m[len(factors)],
+            )
+            for axis in "xyz"
+            for factors in _monomials()
+        )
+
+    def field(self, p_cmm_m: Array) -> Array:
+        """Return the monomials along each axis, (P, B, 3, 57)."""
+        place = (p_cmm_m - np.array(self.middle_cmm_m)) / self.unit_m
+        values = np.stack([place[..., list(factors)].prod(-1) for factors in _monomials()], -1)
+        field: Array = np.eye(3)[:, :, None] * values[..., None, None, :]
+        return field.reshape(*p_cmm_m.shape, -1)
+
+
+def _monomials() -> Iterator[tuple[int, ...]]:
+    """Yield the factors, 0 to 2 for x to z, of every monomial of degree 1 to 3."""
+    for degree in (1, 2, 3):
+        yield from combinations_with_replacement(range(3), degree)
+
+
+@dataclass(frozen=True)
+class TorqueMap(JointEffect):
+    """The joint carries, beyond the weights, a torque that is a smooth function of its angle.
+
+    Legendre polynomials of degree 1 to 4 over the measured span of the angle [N m].
+
+    Attributes:
+        span_rad: lowest and highest measured angle.
+        rated_Nm: rated torque of the joint.
+    """
+
+    span_rad: tuple[float, float]
+    rated_Nm: float
+    id: ClassVar[str] = "torque_map"
+    generic: ClassVar[bool] = True
+    degrees: ClassVar[int] = 4
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it at every joint that turns and was moved."""
+        spans_rad, rated_Nm = surroundings.q_span_rad, surroundings.arm.torque_limit_Nm
+        return tuple(
+            cls(f"joint {joint}", (float(low), float(high)), float(rated_Nm[joint - 1]))
+            for joint in turning_joints(surroundings)
+            for low, high in (spans_rad[joint - 1],)
+            if high - low > _LEAST_SPAN
+        )
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return the torque of each degree."""
+        rated_Nm = self.rated_Nm
+        return tuple(
+            Parameter(f"degree_{k}", "N m", 1e-3 * rated_Nm, plausible=0.02 * rated_Nm / k)
+            for k in range(1, self.degrees + 1)
+        )
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return none: the springs know the torque from the log."""
+        return ()
+
+    @property
+    def carried(self) -> bool:
+        """Return that the joint carries it."""
+        return True
+
+    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
+        """Return the torque beyond the weights, (P, n)."""
+        torque: Array = self.torque_derivative(states, x) @ x
+        return torque
+
+    def torque_derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the polynomials at q_j, (P, n, 4)."""
+        derivative = np.zeros((*states.tau_Nm.shape, len(x)))
+        q_rad = states.q_rad[:, self.joint - 1]
+        derivative[:, self.joint - 1] = _degrees(q_rad, self.span_rad, self.degrees)
+        return derivative
+
+
+@dataclass(frozen=True)
+class WindupMap(JointEffect):
+    """The joint deflects further by a smooth function of the torque it carries.
+
+    Legendre polynomials of degree 1 to 5 over the span of the torque, either sign [rad].
+
+    Attributes:
+        span_Nm: largest torque that the joint carried.
+    """
+
+    span_Nm: float
+    id: ClassVar[str] = "windup_map"
+    generic: ClassVar[bool] = True
+    degrees: ClassVar[int] = 5
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it at every joint that turns and carried torque."""
+        return tuple(
+            cls(f"joint {joint}", float(surroundings.tau_span_Nm[joint - 1]))
+            for joint in loaded_joints(surroundings)
+        )
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return the deflection of each degree."""
+        return tuple(
+            Parameter(f"degree_{k}", "rad", 1e-5, plausible=2e-4 / k)
+            for k in range(1, self.degrees + 1)
+        )
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return minus the polynomials at tau_j, (P, 1, 5)."""
+        del x
+        tau_Nm = states.tau_Nm[:, self.joint - 1]
+        return -_degrees(tau_Nm, (-self.span_Nm, self.span_Nm), self.degrees)[:, None, :]
+
+    def by_torque(self, states: PoseStates, x: Array) -> Array:
+        """Return the derivative of `shift` by the joint's torque, (P,) [rad/(N m)]."""
+        slopes = legder(np.concatenate([[0.0], x]))
+        slope = legval(states.tau_Nm[:, self.joint - 1] / self.span_Nm, slopes)
+        return np.asarray(-slope / self.span_Nm, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class DriftMap(NamedEffect):
+    """The base shifts [m] and turns [rad] by a smooth function of time.
+
+    Legendre polynomials of degree 1 to 3 over the campaign, for each of its six small motions.
+
+    Attributes:
+        span_s: first and last reading.
+    """
+
+    span_s: tuple[float, float]
+    id: ClassVar[str] = "drift_map"
+    generic: ClassVar[bool] = True
+    degrees: ClassVar[int] = 3
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it at the base, where the campaign took time."""
+        first, last = surroundings.time_span_s
+        return (cls("base", (first, last)),) if last - first > _LEAST_SPAN else ()
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return three degrees of the first motion, then of the second, …"""
+        return tuple(
+            Parameter(
+                f"{name.removeprefix('base.')}_degree_{k}",
+                "rad" if ".r" in name else "m",
+                1e-6,
+                plausible=3e-5,
+            )
+            for name in BASE
+            for k in range(1, self.degrees + 1)
+        )
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the small motions of the base."""
+        return BASE
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the polynomials of time, each motion for itself, (P, 6, 18)."""
+        values = _degrees(states.time_s, self.span_s, self.degrees)
+        each = np.eye(len(BASE))[:, :, None] * values[:, None, None, :]
+        return each.reshape(len(states), len(BASE), len(x))
+
+
+def _degrees(value: Array, span: tuple[float, float], degrees: int) -> Array:
+    """Return Legendre polynomials 1 … degrees over a span (carried on past its ends), (P, k)."""
+    low, high = span
+    polynomials = legvander((2.0 * value - low - high) / (high - low), degrees)[:, 1:]
+    return np.asarray(polynomials, dtype=np.float64)

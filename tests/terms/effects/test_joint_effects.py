@@ -1,0 +1,117 @@
+"""Effects at one joint against the forms of the vocabulary, written out once more."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pa10cal.arm.chain import Chain
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.model import Model
+
+
+def solved(effect, **reported):
+    """Solved parameters of an effect of one parameter, by Newton's method on its report."""
+    x = effect.starts[0] + 1e-4
+    for _ in range(30):
+        report = effect.report(x)
+        assert [p.name for p in report.parameters] == list(reported)
+        x = x + np.linalg.solve(report.jacobian, list(reported.values()) - report.values)
+    return x
+
+
+@pytest.mark.parametrize(
+    ("name", "of", "coordinate", "form"),
+    [
+        ("gear_ratio_error", "joint 4", "theta_4", lambda s: 0.7 * s.q_rad[:, 3]),
+        ("backlash", "joint 3", "theta_3", lambda s: 0.7 * s.arrival[:, 2]),
+        ("wrist_coupling", "wrist", "theta_6", lambda s: 0.7 * s.q_rad[:, 4]),
+        ("joint_compliance", "joint 4", "theta_4", lambda s: -0.7 * s.tau_Nm[:, 3]),
+    ],
+)
+def test_turns_the_joint_as_the_vocabulary_says(name, of, coordinate, form, at, states):
+    effect = at(name, of)
+    assert effect.coordinates == (coordinate,)
+    np.testing.assert_allclose(effect.shift(states, np.array([0.7]))[:, 0], form(states))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_an_error_map_follows_eccentricity_and_ellipticity(order, at, states):
+    effect = at("joint_error_map", "joint 2")
+    knots_rad = np.radians(30.0 * np.arange(12))
+    shift = effect.shift(states, np.sin(order * knots_rad + 0.4))[:, 0]
+    np.testing.assert_allclose(shift, np.sin(order * states.q_rad[:, 1] + 0.4), atol=0.01)
+    turned = replace(states, q_rad=states.q_rad - 2.0 * np.pi)
+    np.testing.assert_allclose(
+        effect.derivative(turned, np.zeros(12)), effect.derivative(states, np.zeros(12)), atol=1e-12
+    )
+
+
+def test_neighbouring_knots_go_together_across_the_turn_too(at):
+    factor = at("joint_error_map", "joint 2").prior_factor
+    expected = factor @ factor.T
+    assert expected[0, 1] == pytest.approx(expected[0, 11]) == pytest.approx(expected[5, 6])
+    assert expected[0, 1] > 0.7 * expected[0, 0]
+    assert expected[0, 6] < 0.05 * expected[0, 0]
+
+
+def test_springs_see_the_torque_without_friction_and_gain(at, arm, states):
+    friction, gain = at("friction_torque", "joint 2"), at("torque_gain", "joint 3")
+    logged_Nm = states.tau_Nm.copy()
+    logged_Nm[:, 1] += 4.0 * states.arrival[:, 1]
+    logged_Nm[:, 2] *= 1.06
+    logged = replace(states, tau_Nm=logged_Nm)
+    spring = JointSpring(2, 100.0), JointSpring(3, 50.0)
+    springs_x = [term.solved(2e4, 1e7) for term in spring]
+    x = np.concatenate([*springs_x, solved(friction, tau_c=4.0), solved(gain, g=0.06)])
+    model = Model(Chain.of(arm), (*spring, friction, gain))
+    np.testing.assert_allclose(model.carried(logged, x).tau_Nm, states.tau_Nm, atol=1e-12)
+    np.testing.assert_allclose(
+        model.torque_Nm(logged, x), logged_Nm - states.tau_Nm, rtol=1e-9, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        model.predict(logged, x),
+        Model(Chain.of(arm), spring).predict(states, np.concatenate(springs_x)),
+        atol=1e-14,
+    )
+
+
+def test_a_compliant_joint_is_one_with_a_linear_spring(at, states):
+    effect = at("joint_compliance", "joint 4")
+    spring = JointSpring(4, 10.0, cubic=False)
+    np.testing.assert_allclose(
+        effect.shift(states, solved_compliance(effect, 2500.0)),
+        spring.shift(states, spring.solved(2500.0, 0.0)),
+        rtol=1e-12,
+    )
+
+
+def solved_compliance(effect, stiffness):
+    x = np.array([1.0 / stiffness])
+    assert effect.report(x).values == pytest.approx([stiffness])
+    return x
+
+
+def test_a_rigid_joint_is_reported_with_a_finite_stiffness(at):
+    report = at("joint_compliance", "joint 4").report(np.zeros(1))
+    assert report.values[0] >= 1e9
+    assert np.isfinite(report.jacobian).all()
+
+
+def test_soft_windup_is_steep_at_zero_torque_and_saturates(at, states):
+    effect = at("soft_windup", "joint 2")
+    tau_Nm = np.zeros_like(states.tau_Nm)
+    tau_Nm[:, 1] = [0.0, 1e-4, -1e-4, 200.0, -200.0, 5.0]
+    shift = effect.shift(replace(states, tau_Nm=tau_Nm), np.array([3e-4, 5.0]))[:, 0]
+    expected = [0.0, -6e-9, 6e-9, -3e-4, 3e-4, -3e-4 * np.tanh(1.0)]
+    np.testing.assert_allclose(shift, expected, rtol=1e-9)
+
+
+def test_soft_windup_is_looked_for_at_the_torques_carried(at, surroundings):
+    starts = np.array(at("soft_windup", "joint 2").starts)
+    np.testing.assert_allclose(
+        starts[:, 1], surroundings.tau_span_Nm[1] * np.array([0.1, 0.3, 1.0])
+    )
+    little = replace(surroundings, tau_span_Nm=0.011 * surroundings.arm.torque_limit_Nm)
+    (effect,) = [e for e in type(at("soft_windup", "joint 2")).everywhere(little) if e.joint == 2]
+    np.testing.assert_allclose([start[1] for start in effect.starts], [0.005 * 232, 0.011 * 232])

@@ -1,0 +1,125 @@
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pa10cal.terms import effects
+from pa10cal.terms.effects.library import candidates, library
+from pa10cal.terms.term import TorqueTerm, Yielding
+
+JOINTS = tuple(f"joint {joint}" for joint in range(1, 7))
+#: The vocabulary: where each effect may sit on the PA10 with springs at joints 2, 3 and 5.
+VOCABULARY = {
+    "transmission_error": (JOINTS, ["A", "phi"]),
+    "encoder_eccentricity": (JOINTS, ["A", "phi"]),
+    "encoder_ellipticity": (JOINTS, ["A", "phi"]),
+    "joint_error_map": (JOINTS, [f"knot_{k:02d}" for k in range(12)]),
+    "gear_ratio_error": (JOINTS, ["eps"]),
+    "backlash": (JOINTS, ["b"]),
+    "friction_torque": (JOINTS, ["tau_c"]),
+    "torque_gain": (JOINTS, ["g"]),
+    "joint_compliance": (("joint 1", "joint 4", "joint 6"), ["K"]),
+    "soft_windup": (JOINTS, ["A", "tau0"]),
+    "wrist_coupling": (("wrist",), ["c"]),
+    "link_bending": (("upper_arm", "forearm"), ["c"]),
+    "link_torsion": (("forearm",), ["c"]),
+    "base_compliance": (("base",), ["cx", "cy"]),
+    "base_drift": (("base",), ["rate_x", "rate_y", "rate_z"]),
+    "thermal_growth": (("arm",), ["alpha"]),
+    "tool_sag": (("tool",), ["c"]),
+    "cmm_scale": (("instrument",), ["s_x", "s_y", "s_z"]),
+    "cmm_squareness": (("instrument",), ["xy"]),
+}
+UNNAMED = {
+    "place_map": ("instrument",),
+    "torque_map": JOINTS,
+    "windup_map": JOINTS,
+    "drift_map": ("base",),
+}
+NEW = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pa10cal.terms.effects.effect import JointEffect
+from pa10cal.terms.term import Parameter
+
+
+@dataclass(frozen=True)
+class ThirdHarmonic(JointEffect):
+    id: ClassVar[str] = "third_harmonic"
+
+    @property
+    def known(self):
+        return (Parameter("A", "rad", 1e-5, plausible=1e-4),)
+"""
+
+
+def test_holds_the_vocabulary_and_its_rivals():
+    named = {kind.id for kind in library() if not kind.generic}
+    assert named == set(VOCABULARY)
+    assert {kind.id for kind in library() if kind.generic} == set(UNNAMED)
+    generic = [kind.generic for kind in library()]
+    assert generic == sorted(generic)
+
+
+def test_every_effect_sits_where_it_may_and_reports_what_readers_know(surroundings):
+    places = {name: places for name, (places, _) in VOCABULARY.items()} | UNNAMED
+    found = candidates(surroundings)
+    assert {name: tuple(e.of for e in found if e.id == name) for name in places} == places
+    for effect in found:
+        if not effect.generic:
+            report = effect.report(effect.starts[0])
+            assert [p.name for p in report.parameters] == VOCABULARY[effect.id][1]
+
+
+def test_parameters_are_told_apart(surroundings):
+    names = [p.name for effect in candidates(surroundings) for p in effect.parameters]
+    assert len(names) == len(set(names)) > 200
+
+
+def test_terms_are_what_the_model_takes_them_for(surroundings):
+    found = candidates(surroundings)
+    assert {e.id for e in found if isinstance(e, Yielding)} == {
+        "joint_compliance",
+        "soft_windup",
+        "windup_map",
+    }
+    carried = {e.id: e.carried for e in found if isinstance(e, TorqueTerm)}
+    assert carried == {"friction_torque": False, "torque_gain": False, "torque_map": True}
+
+
+def test_where_nothing_can_show_nothing_is_tried(surroundings):
+    slides = np.array([False, False, False, False, True, False])
+    found = candidates(
+        replace(
+            surroundings,
+            arm=replace(surroundings.arm, prismatic=slides),
+            tau_span_Nm=np.array([50.0, 0.0, np.nan, 0.1, 5.0, 0.2]),
+            q_span_rad=np.tile([0.3, 0.3], (6, 1)),
+            time_span_s=(7.0, 7.0),
+        )
+    )
+    assert not any(effect.of == "joint 5" for effect in found)
+    assert [e.of for e in found if e.id == "soft_windup"] == ["joint 1", "joint 6"]
+    assert [e.of for e in found if e.id == "windup_map"] == ["joint 1", "joint 6"]
+    assert not {"wrist_coupling", "torque_map", "drift_map"} & {effect.id for effect in found}
+
+
+@pytest.fixture
+def fresh_library():
+    library.cache_clear()
+    yield
+    library.cache_clear()
+    sys.modules.pop(f"{effects.__name__}.third_harmonic", None)
+    vars(effects).pop("third_harmonic", None)
+
+
+@pytest.mark.usefixtures("fresh_library")
+def test_a_new_file_is_a_new_effect(tmp_path, monkeypatch, surroundings):
+    (tmp_path / "third_harmonic.py").write_text(NEW)
+    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
+    assert {kind.id for kind in library()} == {*VOCABULARY, *UNNAMED, "third_harmonic"}
+    found = [e for e in candidates(surroundings) if e.id == "third_harmonic"]
+    assert [e.of for e in found] == list(JOINTS)
+    assert found[1].parameters[0].name == "third_harmonic_2_A"
