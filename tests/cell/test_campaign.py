@@ -11,6 +11,7 @@ from pa10cal.cell.campaign import measure_campaign, simulate_campaign
 from pa10cal.cell.effects.instrument import CmmScale, ToolSag
 from pa10cal.cell.effects.joint import Backlash, FrictionTorque, TorqueGain, TransmissionError
 from pa10cal.cell.effects.kinds import InstrumentEffect
+from pa10cal.cell.effects.outside import BowedAxis, DressPack, Hysteresis
 from pa10cal.cell.effects.structure import BaseDrift, ThermalGrowth
 from pa10cal.errors import SettingsError
 from pa10cal.settings import CellNoiseSettings, SimulateSettings
@@ -272,6 +273,24 @@ def test_torque_gain_shows_in_its_own_torque_and_nowhere_else(hidden):
     assert moving(loud, "tau3_Nm") == pytest.approx(1.1 * moving(plain, "tau3_Nm"), abs=0.05)
 
 
+def test_dress_pack_shows_in_the_log_on_the_way_and_at_rest(hidden):
+    plain, pulled = hidden(), hidden(DressPack(k=4.0, q0=0.1).at("joint 1"))
+    assert pulled.cmm.equals(plain.cmm)
+    more = moving(pulled, "tau1_Nm") - moving(plain, "tau1_Nm")
+    q = np.radians(moving(plain, "q1_deg"))
+    assert more == pytest.approx(4.0 * (q - 0.1), abs=0.06)
+
+
+def test_hysteresis_turns_the_link_and_the_motor_does_not_know(hidden, arm):
+    plain, lagging = hidden(), hidden(Hysteresis(h=1e-3).at("joint 2"))
+    assert lagging.resolver.filter(like="_deg").equals(plain.resolver.filter(like="_deg"))
+    turned = lagging.truth.rest.q_rad[:, 1] - plain.truth.rest.q_rad[:, 1]
+    load = np.abs(plain.truth.rest.tau_Nm[:, 1]) / arm.torque_limit_Nm[1]
+    wanted = 1e-3 * plain.truth.schedule.arrival[:, 1] * load
+    # The spring follows the torque of the turned posture by some percent of the turn.
+    assert turned == pytest.approx(wanted, rel=0.03, abs=1e-12)
+
+
 def test_transmission_error_turns_the_link_and_the_motor_does_not_know(hidden):
     effect = TransmissionError(A=3e-4, phi=0.5).at("joint 1")
     plain, erring = hidden(), hidden(effect)
@@ -338,16 +357,24 @@ def test_growth_needs_a_drift_of_temperature(hidden):
     assert np.abs(centres(warm) - centres(cold)).max() > 1e-2
 
 
-def test_an_effect_outside_the_library_can_be_hidden_too(hidden):
-    class BowedAxis(InstrumentEffect):
-        """A guideway that is not straight."""
+def test_a_bow_shows_in_the_touches_alone(hidden):
+    bow = BowedAxis(axis=1, along=0, sag=1e-3, half_m=0.3, centre_m=0.4)
+    bowed, straight = hidden(bow.at("instrument")), hidden()
+    assert bowed.resolver.equals(straight.resolver)
+    more_mm = bowed.cmm[["x_mm", "y_mm", "z_mm"]] - straight.cmm[["x_mm", "y_mm", "z_mm"]]
+    u = (1e-3 * straight.cmm["x_mm"].to_numpy() - 0.4) / 0.3
+    assert more_mm["y_mm"].to_numpy() == pytest.approx(u**2 * (1 + 0.2 * u), abs=2e-4)
+    assert not more_mm[["x_mm", "z_mm"]].to_numpy().any()
 
-        sagitta: float
+
+def test_an_effect_without_a_name_can_be_hidden_too(hidden):
+    class Wobble(InstrumentEffect):
+        """A machine that reads ripples."""
+
+        height: float
 
         def read_too_much_m(self, p_cmm_m):
-            extra = np.zeros_like(p_cmm_m)
-            extra[..., 1] = self.sagitta * (p_cmm_m[..., 0] - 0.4) ** 2
-            return extra
+            return self.height * np.sin(100.0 * p_cmm_m)
 
-    bowed = hidden(BowedAxis(sagitta=1e-2).at("instrument"))
-    assert np.abs(centres(bowed) - centres(hidden())).max() > 0.05
+    rippled = hidden(Wobble(height=1e-3).at("instrument"))
+    assert np.abs(centres(rippled) - centres(hidden())).max() > 0.05

@@ -76,11 +76,21 @@ def test_the_separate_measurement_of_the_balls_is_off_by_its_noise(arm):
     assert np.array_equal(apparatus.balls_measured_m, apparatus.balls_m)
 
 
+def test_true_masses_are_those_of_the_description_by_their_factors(arm):
+    factor = (1.0, 0.8, 1.2, 1.0, 1.0, 1.3)
+    heavier = build(arm, SimulateSettings(mass_factor=factor))
+    assert heavier.mass_kg == pytest.approx(arm.mass_kg * factor)
+    as_described = build(arm)
+    assert np.array_equal(as_described.mass_kg, arm.mass_kg)
+    assert np.array_equal(heavier.T_cmm_base, as_described.T_cmm_base)
+
+
 BAD = [
     ({"mass_kg": None}, SimulateSettings(), "no masses"),
     ({"name": "other"}, SimulateSettings(), "Table I belongs to another robot"),
     ({}, SimulateSettings(built="drawn", flexible_joints=(2, 7)), "does not exist"),
     ({}, SimulateSettings(poses={"centre_deg": (0, 0, 0)}), "3 joint angles for 6 joints"),
+    ({}, SimulateSettings(mass_factor=(1.1, 1.0)), "2 mass factors for 6 links"),
 ]
 
 

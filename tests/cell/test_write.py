@@ -50,6 +50,18 @@ def test_description_says_what_the_contract_asks(written, campaign):
     assert not np.allclose(measured, 1e3 * campaign.truth.robot.apparatus.balls_m, atol=1e-4)
 
 
+def test_a_wrong_statement_of_the_instrument_changes_that_statement_alone(campaign, tmp_path, arm):
+    lying = campaign.settings.model_copy(update={"stated_uncertainty_mm": 0.03})
+    for name, settings in (("true", campaign.settings), ("lying", lying)):
+        made = simulate_campaign("secret", arm, settings)
+        write_campaign(made, tmp_path / name, tmp_path / f"{name}.json")
+    for file in ("cmm.csv.gz", "resolver.csv.gz"):
+        assert (tmp_path / "lying" / file).read_bytes() == (tmp_path / "true" / file).read_bytes()
+    texts = [(tmp_path / name / "campaign.yaml").read_text() for name in ("true", "lying")]
+    assert yaml.safe_load(texts[1])["instrument"]["uncertainty_mm"] == 0.03
+    assert texts[1] == texts[0].replace("0.0121", "0.03")
+
+
 def test_provenance_says_synthetic_and_gives_nothing_away(written):
     text = (written / "raw/secret/campaign.yaml").read_text()
     provenance = yaml.safe_load(text)["provenance"]
