@@ -123,6 +123,15 @@ def _fit_from(
     return Fit(effects, sizes, level, x, *variances, converged), cost
 
 
+def normal_matrix(problem: Problem, found: Fit) -> Array:
+    """Return the information (k, k) that data and expected sizes give on all parameters."""
+    variances = (found.pose_variance, found.torque_variance)
+    weigh = _Weighing(problem, found.effects, found.sizes, variances, found.level)
+    _, jacobian = weigh(found.x)
+    information: Array = jacobian.T @ jacobian
+    return information
+
+
 def _start(problem: Problem, effects: tuple[Effect, ...], start: Fit | None, shape: int) -> Array:
     """Return where to set out: what is known of shared parameters, else zero in some shape."""
     own = (

@@ -12,7 +12,7 @@ from pa10cal.terms.baseline import baseline
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Tolerances
-from pa10cal.terms.term import TorqueTerm, Yielding
+from pa10cal.terms.term import shows_torque, yields
 
 BENT = {"link_bending", "link_torsion", "base_compliance", "tool_sag"}
 READ = {"cmm_scale", "cmm_squareness", "place_map"}
@@ -54,13 +54,13 @@ def test_derivatives_equal_finite_differences(effect, states):
     assert effect.shift(states, x).shape == (len(states), len(effect.coordinates))
     assert_close(effect.derivative(states, x), shift)
     moves = np.any(shift)
-    if isinstance(effect, TorqueTerm):
+    if shows_torque(effect):
         torque = slopes(lambda at: effect.torque_Nm(states, at), x, steps)
         assert effect.torque_Nm(states, x).shape == states.tau_Nm.shape
         assert_close(effect.torque_derivative(states, x), torque)
         moves = np.any(torque)
     assert moves
-    if isinstance(effect, Yielding):
+    if yields(effect):
         assert effect.coordinates == (f"theta_{effect.joint}",)
 
         def under(more_Nm):
@@ -80,14 +80,14 @@ def test_report_jacobian_equals_finite_differences(effect):
 def test_is_absent_at_its_starts_and_proportional_to_its_linear_parameters(effect, states):
     for start in effect.starts:
         assert not effect.shift(states, start).any()
-        if isinstance(effect, TorqueTerm):
+        if shows_torque(effect):
             assert not effect.torque_Nm(states, start).any()
     once = amount(effect)
     twice = once * np.where(np.arange(len(once)) < effect.linear, 2.0, 1.0)
     np.testing.assert_allclose(
         effect.shift(states, twice), 2.0 * effect.shift(states, once), rtol=1e-12
     )
-    if isinstance(effect, TorqueTerm):
+    if shows_torque(effect):
         np.testing.assert_allclose(
             effect.torque_Nm(states, twice), 2.0 * effect.torque_Nm(states, once), rtol=1e-12
         )

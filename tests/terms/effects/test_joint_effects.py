@@ -60,7 +60,9 @@ def test_springs_see_the_torque_without_friction_and_gain(at, arm, states):
     logged_Nm = states.tau_Nm.copy()
     logged_Nm[:, 1] += 4.0 * states.arrival[:, 1]
     logged_Nm[:, 2] *= 1.06
-    logged = replace(states, tau_Nm=logged_Nm)
+    # The gain is of the torque that the weights ask for, which here is the true one.
+    carried = replace(states.carried, joint_Nm=states.tau_Nm)
+    logged = replace(states, tau_Nm=logged_Nm, carried=carried)
     spring = JointSpring(2, 100.0), JointSpring(3, 50.0)
     springs_x = [term.solved(2e4, 1e7) for term in spring]
     x = np.concatenate([*springs_x, solved(friction, tau_c=4.0), solved(gain, g=0.06)])

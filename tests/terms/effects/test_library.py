@@ -6,7 +6,7 @@ import pytest
 
 from pa10cal.terms import effects
 from pa10cal.terms.effects.library import candidates, library
-from pa10cal.terms.term import TorqueTerm, Yielding
+from pa10cal.terms.term import shows_torque, yields
 
 JOINTS = tuple(f"joint {joint}" for joint in range(1, 7))
 #: The vocabulary: where each effect may sit on the PA10 with springs at joints 2, 3 and 5.
@@ -35,6 +35,7 @@ UNNAMED = {
     "place_map": ("instrument",),
     "torque_map": JOINTS,
     "windup_map": JOINTS,
+    "direction_map": JOINTS,
     "drift_map": ("base",),
 }
 NEW = """
@@ -80,12 +81,12 @@ def test_parameters_are_told_apart(surroundings):
 
 def test_terms_are_what_the_model_takes_them_for(surroundings):
     found = candidates(surroundings)
-    assert {e.id for e in found if isinstance(e, Yielding)} == {
+    assert {e.id for e in found if yields(e)} == {
         "joint_compliance",
         "soft_windup",
         "windup_map",
     }
-    carried = {e.id: e.carried for e in found if isinstance(e, TorqueTerm)}
+    carried = {e.id: e.carried for e in found if shows_torque(e)}
     assert carried == {"friction_torque": False, "torque_gain": False, "torque_map": True}
 
 

@@ -180,6 +180,72 @@ class WindupMap(JointEffect):
 
 
 @dataclass(frozen=True)
+class DirectionMap(JointEffect):
+    """The joint stops elsewhere by its direction of arrival, the more or less with torque or angle.
+
+    s_j times Legendre polynomials: of degree 0 to 3 in the torque's size, where the joint carried
+    any, and of degree 1 and 2 in its angle [rad].
+
+    Attributes:
+        span_Nm: largest torque that the joint carried, 0 where it carried none.
+        span_rad: lowest and highest angle.
+    """
+
+    span_Nm: float
+    span_rad: tuple[float, float]
+    id: ClassVar[str] = "direction_map"
+    generic: ClassVar[bool] = True
+
+    @classmethod
+    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+        """Return it at every joint that turned."""
+        loaded = loaded_joints(surroundings)
+        spans = surroundings.q_span_rad
+        return tuple(
+            cls(
+                f"joint {joint}",
+                float(surroundings.tau_span_Nm[joint - 1]) if joint in loaded else 0.0,
+                (float(spans[joint - 1, 0]), float(spans[joint - 1, 1])),
+            )
+            for joint in turning_joints(surroundings)
+            if np.ptp(spans[joint - 1]) > _LEAST_SPAN
+        )
+
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """Return the part that is always there, those with torque, and those with angle."""
+        names = [
+            "constant",
+            *(f"torque_{k}" for k in (1, 2, 3) if self.span_Nm),
+            "angle_1",
+            "angle_2",
+        ]
+        return tuple(Parameter(name, "rad", 1e-5, plausible=2e-4) for name in names)
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return s_j times the polynomials, (P, 1, k)."""
+        del x
+        q_rad = states.q_rad[:, self.joint - 1]
+        parts = [np.ones((len(q_rad), 1)), _degrees(q_rad, self.span_rad, 2)]
+        if self.span_Nm:
+            size_Nm = np.abs(states.tau_Nm[:, self.joint - 1])
+            parts.insert(1, _degrees(size_Nm, (0.0, self.span_Nm), 3))
+        columns = states.arrival[:, self.joint - 1, None] * np.concatenate(parts, axis=1)
+        return columns[:, None, :]
+
+    def by_torque(self, states: PoseStates, x: Array) -> Array:
+        """Return the derivative of `shift` by the joint's torque, (P,) [rad/(N m)]."""
+        if not self.span_Nm:
+            return np.zeros(len(states))
+        tau_Nm = states.tau_Nm[:, self.joint - 1]
+        slopes = legval(
+            2.0 * np.abs(tau_Nm) / self.span_Nm - 1.0, legder(np.concatenate([[0.0], x[1:4]]))
+        )
+        along = states.arrival[:, self.joint - 1] * np.sign(tau_Nm)
+        return np.asarray(along * slopes * 2.0 / self.span_Nm, dtype=np.float64)
+
+
+@dataclass(frozen=True)
 class DriftMap(NamedEffect):
     """The base shifts [m] and turns [rad] by a smooth function of time.
 

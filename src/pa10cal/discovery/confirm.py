@@ -1,0 +1,208 @@
+"""Is an effect there? Sign flips over poses, and poses and loads left out.
+
+The unit of evidence is the pose. If an effect is absent, what it seems to explain at one pose has
+either sign; flipping all rows of a pose together keeps whatever its loads, repeats and components
+share. The largest gain of any candidate under flips is what chance makes of this family on these
+data (max-T), whatever the noise really is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from pa10cal.discovery.candidates import linearise
+from pa10cal.discovery.channel import Channel
+from pa10cal.discovery.evidence import SIZES, Block
+from pa10cal.discovery.problem import Problem
+from pa10cal.discovery.search import Found
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+FLIPS = 999
+_FOLDS = 9
+_SEED = 20080427
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """How an effect does on rows that were left out of the fit.
+
+    Attributes:
+        explained: part of the error without the effect that it explains there.
+        z: mean gain over poses, in its own standard error.
+    """
+
+    explained: float
+    z: float
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """What speaks for one effect, all others being in the model.
+
+    Attributes:
+        loss: evidence that the model would lose without it, natural logarithm.
+        p_flips: probability that chance gives any candidate of the family as much (max-T).
+        poses, loads: blocks of poses, and whole loads, left out; None where there is one load.
+    """
+
+    loss: float
+    p_flips: float
+    poses: LeftOut
+    loads: LeftOut | None
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Weighed rows of both channels.
+
+    Attributes:
+        own: (R, k) of the model's own parameters and of the members.
+        members: columns of each member in `own`.
+        data: (R,) measured minus predicted.
+        family: rows of each candidate.
+        in_family: which candidate each member is.
+        cell: (R,) the cell of each row.
+    """
+
+    own: Array
+    members: tuple[slice, ...]
+    data: Array
+    family: tuple[Array, ...]
+    in_family: tuple[int, ...]
+    cell: Index
+
+
+def confirm(problem: Problem, found: Found) -> tuple[Confirmation, ...]:
+    """Confirm every effect that the search found."""
+    if not found.fit.effects:
+        return ()
+    rows = _weighed(problem, found, turned=True)
+    unturned = _weighed(problem, found, turned=False)
+    _, pose = np.unique(problem.cells.pose, return_inverse=True)
+    load_N = problem.cells.states.load_N
+    loads, load = np.unique(load_N, return_inverse=True)
+    generator = np.random.default_rng(_SEED)
+    signs = generator.choice([-1.0, 1.0], (FLIPS, int(pose.max()) + 1))
+    confirmed = []
+    for k, without in enumerate(found.without):
+        confirmed.append(
+            Confirmation(
+                loss=found.score.log_evidence - without.log_evidence,
+                p_flips=_flipped(rows, k, pose, signs),
+                poses=_left_out(rows, k, pose % _FOLDS, pose),
+                loads=_left_out(unturned, k, load, pose) if len(loads) > 1 else None,
+            )
+        )
+    return tuple(confirmed)
+
+
+def _weighed(problem: Problem, found: Found, *, turned: bool) -> _Rows:
+    """Return all rows by independent errors of unit variance; by cell where not turned."""
+    lin = linearise(problem, found.fit, found.family)
+    score = found.score
+    size = dict(zip(found.fit.effects, found.fit.sizes, strict=True))
+
+    def rows_of(channel: Channel, variance: float, rows: Array) -> Array:
+        if turned:
+            return channel.weights(variance)(rows)
+        cells, b, _ = channel.whitener.shape
+        weighed = channel.weights(0.0)(rows).reshape(cells, -1)
+        back: Array = (channel.shared.turn.T @ weighed).reshape(cells * b, -1)
+        return back
+
+    def both(pose_rows: Array, torque_rows: Array) -> Array:
+        found_rows = rows_of(problem.pose, score.pose_variance, pose_rows)
+        if problem.torque is None:
+            return found_rows
+        return np.concatenate(
+            [found_rows, rows_of(problem.torque, score.torque_variance, torque_rows)]
+        )
+
+    def block(candidate: Block, scale: float) -> Array:
+        factor = scale * candidate.factor
+        return both(candidate.pose @ factor, candidate.torque @ factor)
+
+    own = both(lin.own, np.zeros((len(lin.torque_data), lin.own.shape[1])))
+    of_members = [
+        block(lin.blocks[found.family.index(effect)], SIZES[size[effect]])
+        for effect in found.fit.effects
+    ]
+    stops = np.cumsum([own.shape[1], *(part.shape[1] for part in of_members)]).tolist()
+    cells = [np.repeat(np.arange(len(problem.cells)), problem.pose.whitener.shape[1])]
+    if problem.torque is not None:
+        cells.append(np.repeat(np.arange(len(problem.cells)), problem.torque.whitener.shape[1]))
+    return _Rows(
+        own=np.concatenate([own, *of_members], axis=1),
+        members=tuple(slice(a, b) for a, b in pairwise(stops)),
+        data=both(lin.pose_data[:, None], lin.torque_data[:, None])[:, 0],
+        family=tuple(block(candidate, 1.0) for candidate in lin.blocks) if turned else (),
+        in_family=tuple(found.family.index(effect) for effect in found.fit.effects),
+        cell=np.concatenate(cells),
+    )
+
+
+def _flipped(rows: _Rows, k: int, pose: Index, signs: Array) -> float:
+    """Return the share of sign flips in which some candidate gains as much as member k."""
+    others = np.delete(rows.own, rows.members[k], axis=1)
+    factor = cho_factor(others.T @ others + np.eye(others.shape[1]))
+
+    def left(columns: Array) -> Array:
+        taken: Array = columns - others @ cho_solve(factor, others.T @ columns)
+        return taken
+
+    data = left(rows.data[:, None])
+    mine = _gain(*_scores(left(rows.own[:, rows.members[k]]), data, pose[rows.cell]), None)
+    highest = np.full(len(signs), -np.inf)
+    for columns in rows.family:
+        highest = np.maximum(highest, _gain(*_scores(left(columns), data, pose[rows.cell]), signs))
+    return float((1 + np.count_nonzero(highest >= mine[0])) / (1 + len(signs)))
+
+
+def _scores(columns: Array, data: Array, pose: Index) -> tuple[Array, Array]:
+    """Return products of columns and data pose by pose (P, k), and of columns (k, k)."""
+    scores = np.zeros((int(pose.max()) + 1, columns.shape[1]))
+    np.add.at(scores, pose, columns * data)
+    return scores, columns.T @ columns
+
+
+def _gain(scores: Array, gram: Array, signs: Array | None) -> Array:
+    """Return the gain in evidence under each flip of signs (F, P), or as measured."""
+    values, vectors = np.linalg.eigh(gram)
+    values = np.maximum(values, 0.0)
+    total = (scores.sum(axis=0, keepdims=True) if signs is None else signs @ scores) @ vectors
+    sizes = np.array(SIZES)[:, None] ** 2
+    explained = (total**2) @ (sizes / (1.0 + sizes * values)).T
+    found: Array = 0.5 * (explained - np.log1p(sizes * values).sum(axis=1)).max(axis=1)
+    return found
+
+
+def _left_out(rows: _Rows, k: int, fold_of_cell: Index, pose_of_cell: Index) -> LeftOut:
+    """Return how member k does on each fold, all being fitted on the others."""
+    fold, pose = fold_of_cell[rows.cell], pose_of_cell[rows.cell]
+    without = np.delete(rows.own, rows.members[k], axis=1)
+    errors = []
+    for own in (rows.own, without):
+        everything = np.concatenate([own, rows.data[:, None]], axis=1)
+        total = everything.T @ everything
+        squares = np.zeros(int(pose.max()) + 1)
+        for number in np.unique(fold):
+            here = fold == number
+            part = everything[here]
+            products = total - part.T @ part
+            factor = cho_factor(products[:-1, :-1] + np.eye(own.shape[1]))
+            left = part[:, -1] - part[:, :-1] @ cho_solve(factor, products[:-1, -1])
+            np.add.at(squares, pose[here], left**2)
+        errors.append(squares)
+    gain = errors[1] - errors[0]
+    spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
+    return LeftOut(
+        explained=float(gain.sum() / errors[1].sum()),
+        z=float(gain.mean() / spread) if spread > 0 else 0.0,
+    )

@@ -1,0 +1,281 @@
+"""From the set the search found to a verdict: what stands alone, what has rivals, what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.discovery.confirm import Confirmation, confirm
+from pa10cal.discovery.evidence import Evidence, Score
+from pa10cal.discovery.fit import Fit, fit, normal_matrix
+from pa10cal.discovery.problem import Problem
+from pa10cal.discovery.search import Found, evidence_about, threshold
+from pa10cal.terms.effects.effect import Effect
+
+Array = NDArray[np.float64]
+
+MAP = "joint_error_map"
+#: Probability allowed that the truth is missing among an effect and its alternatives.
+MISSED_RATE = 0.03
+#: Probability allowed that chance makes as much of the family, by sign flips over poses.
+FLIP_RATE = 0.05
+#: What linear evidence may be wrong by where it picks rivals to refit.
+_MARGIN = 4.0
+_MOST_REFITS = 12
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that was found.
+
+    Attributes:
+        effect: which, and where.
+        x, covariance: its parameters as the vocabulary has them, and their covariance.
+        alternatives: effects that explain the data as well in its place.
+        confirmation: what speaks for it.
+    """
+
+    effect: Effect
+    x: Array
+    covariance: Array
+    alternatives: tuple[Effect, ...]
+    confirmation: Confirmation
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """What is left that no effect of the vocabulary explains.
+
+    Attributes:
+        of: where it sits, as a place of the vocabulary; None where it cannot be told.
+        generic: the smooth unknown function that predicts it best, None where none does.
+        shared_mm: position error that the cells of a pose share beyond the model.
+    """
+
+    of: str | None
+    generic: Effect | None
+    shared_mm: float
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the search comes to.
+
+    Attributes:
+        verdict: `none`, `named`, `ambiguous` or `unexplained`.
+        findings: effects of the vocabulary, in the order found.
+        unexplained: what is left, where anything is.
+        found: the search, its fit holding every finding and every generic effect.
+    """
+
+    verdict: str
+    findings: tuple[Finding, ...]
+    unexplained: tuple[Unexplained, ...]
+    found: Found
+
+
+def judge(problem: Problem, found: Found) -> Judgement:
+    """Judge what the search found.
+
+    Args:
+        problem: the campaign.
+        found: where the search ended.
+    """
+    found = _prefer_named(problem, found)
+    rivals = {effect: _rivals(problem, found, effect) for effect in found.fit.effects}
+    confirmations = dict(zip(found.fit.effects, confirm(problem, found), strict=True))
+    covariance = _covariance(problem, found)
+    findings = []
+    for effect in found.fit.effects:
+        if effect.generic or confirmations[effect].p_flips > FLIP_RATE:
+            continue
+        columns = slice(*found.fit.effect_columns()[found.fit.effects.index(effect)])
+        report = effect.report(found.fit.of(effect))
+        findings.append(
+            Finding(
+                effect,
+                report.values,
+                report.jacobian @ covariance[columns, columns] @ report.jacobian.T,
+                rivals[effect],
+                confirmations[effect],
+            )
+        )
+    unexplained = _unexplained(problem, found, confirmations)
+    findings = [f for f in findings if not _bent(problem, found, f.effect, unexplained)]
+    if unexplained:
+        verdict = "unexplained"
+    elif not findings:
+        verdict = "none"
+    else:
+        verdict = "ambiguous" if any(f.alternatives for f in findings) else "named"
+    return Judgement(verdict, tuple(findings), unexplained, found)
+
+
+def _prefer_named(problem: Problem, found: Found) -> Found:
+    """Put a named form in the place of a map or a generic effect that is no better."""
+    for effect in found.fit.effects:
+        if not (effect.generic or effect.id == MAP):
+            continue
+        for rival, _ in _refitted(problem, found, effect, _named(found.family)):
+            return _prefer_named(problem, _with(problem, found, rival))
+    return found
+
+
+def _named(family: tuple[Effect, ...]) -> tuple[Effect, ...]:
+    return tuple(effect for effect in family if not (effect.generic or effect.id == MAP))
+
+
+def _rivals(problem: Problem, found: Found, effect: Effect) -> tuple[Effect, ...]:
+    """Return the effects of the vocabulary that explain the data as well in one's place.
+
+    A map of the joint's error can always do what a named form does, and is no rival of one.
+    """
+    if effect.generic:
+        return ()
+    family = _named(found.family)
+    if effect.id == MAP:
+        family += tuple(each for each in found.family if each.id == MAP)
+    rivals = []
+    for rival, _ in _refitted(problem, found, effect, family):
+        rivals += [e for e in rival.effects if e not in found.fit.effects]
+    return tuple(rivals)
+
+
+def _refitted(
+    problem: Problem, found: Found, effect: Effect, family: tuple[Effect, ...]
+) -> list[tuple[Fit, Score]]:
+    """Return full refits with another effect in one's place that are about as good, best first.
+
+    If a rival is the truth, the chance that it falls behind by more than `worse` is below
+    `MISSED_RATE` for the whole family (Markov, as for the search).
+    """
+    worse = threshold(len(found.family), MISSED_RATE)
+    place = found.fit.effects.index(effect)
+    members = tuple(found.family.index(e) for e in found.fit.effects)
+    kept = members[:place] + members[place + 1 :]
+    sizes = found.fit.sizes[:place] + found.fit.sizes[place + 1 :]
+    candidates = [found.family.index(e) for e in family if e not in found.fit.effects]
+    without = found.evidence.score(kept, sizes).log_evidence
+    here = found.score.log_evidence
+    gains = found.evidence.additions(kept, sizes, candidates)
+    close = [
+        (without + gain, candidate, size)
+        for (gain, size), candidate in zip(gains, candidates, strict=True)
+        if without + gain >= here - worse - _MARGIN
+    ]
+    refits = []
+    for _, candidate, size in sorted(close, reverse=True)[:_MOST_REFITS]:
+        effects = tuple(found.family[k] for k in kept)
+        refit = fit(
+            problem,
+            (*effects, found.family[candidate]),
+            (*sizes, size),
+            (found.score.pose_variance, found.score.torque_variance),
+            found.fit,
+        )
+        score = _own_score(problem, refit)
+        if score.log_evidence >= here - worse:
+            refits.append((refit, score))
+    return sorted(refits, key=lambda pair: -pair[1].log_evidence)
+
+
+def _own_score(problem: Problem, found: Fit) -> Score:
+    """Return the evidence of a fit's own effects, linear about it."""
+    evidence: Evidence = evidence_about(problem, found, found.effects)
+    return evidence.score(tuple(range(len(found.effects))), found.sizes)
+
+
+def _with(problem: Problem, found: Found, refit: Fit) -> Found:
+    """Return the search as if it had ended at another fit."""
+    evidence = evidence_about(problem, refit, found.family)
+    members = tuple(found.family.index(effect) for effect in refit.effects)
+
+    def less(values: tuple[int, ...], k: int) -> tuple[int, ...]:
+        return values[:k] + values[k + 1 :]
+
+    return replace(
+        found,
+        fit=refit,
+        score=evidence.score(members, refit.sizes),
+        without=tuple(
+            evidence.score(less(members, k), less(refit.sizes, k)) for k in range(len(members))
+        ),
+        evidence=evidence,
+        nothing=evidence.score((), ()),
+    )
+
+
+def _unexplained(
+    problem: Problem, found: Found, confirmations: dict[Effect, Confirmation]
+) -> tuple[Unexplained, ...]:
+    """Return what generic effects hold, or what poses still share beyond the repeatability."""
+    shared_mm = shared_error_mm(problem, found.score.pose_variance)
+    places = [
+        Unexplained(effect.of, effect, shared_mm)
+        for effect in found.fit.effects
+        if effect.generic and confirmations[effect].p_flips <= FLIP_RATE
+    ]
+    if not places and shared_mm > floor_mm(problem):
+        places = [Unexplained(None, None, shared_mm)]
+    return tuple(places)
+
+
+def _bent(
+    problem: Problem, found: Found, effect: Effect, unexplained: tuple[Unexplained, ...]
+) -> bool:
+    """Tell whether an effect may only stand in for something unexplained at its own place.
+
+    It may where generic effects of its place, all together, could do without it.
+    """
+    if not unexplained:
+        return False
+    del problem
+    members = tuple(found.family.index(e) for e in found.fit.effects)
+    sizes = found.fit.sizes
+    for k, rival in enumerate(found.family):
+        if (rival.generic or rival.id == MAP) and rival.of == effect.of and k not in members:
+            _, size = found.evidence.additions(members, sizes, [k])[0]
+            members, sizes = (*members, k), (*sizes, size)
+    place = members.index(found.family.index(effect))
+    whole = found.evidence.score(members, sizes).log_evidence
+    less = found.evidence.score(
+        members[:place] + members[place + 1 :], sizes[:place] + sizes[place + 1 :]
+    ).log_evidence
+    return whole - less < threshold(len(found.family), MISSED_RATE)
+
+
+def shared_error_mm(problem: Problem, variance: float) -> float:
+    """Return the position error that a shared variance amounts to, root mean square over poses."""
+    position = np.trace(problem.noise.cov_ee[:, :3, :3], axis1=1, axis2=2).mean()
+    return float(1e3 * np.sqrt(variance * position))
+
+
+def floor_mm(problem: Problem) -> float:
+    """Return the mean position error that the repeatability alone leaves in averaged poses."""
+    readings = problem.readings
+    _, group, count = np.unique(
+        np.stack([np.unique(readings.pose, return_inverse=True)[1], readings.states.load_N]),
+        axis=1,
+        return_inverse=True,
+        return_counts=True,
+    )
+    variance = problem.noise.cov_ee[:, :3, :3] / count[group.ravel()][:, None, None]
+    return float(1e3 * np.mean(mean_length(variance)))
+
+
+def mean_length(covariance: Array) -> Array:
+    """Return the mean length of Gaussian vectors, (P,), for covariances (P, 3, 3)."""
+    sizes = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
+    draws = np.random.default_rng(0).standard_normal((2000, 3))
+    lengths: Array = np.sqrt((sizes[:, None, :] ** 2 * draws[None] ** 2).sum(axis=2)).mean(axis=1)
+    return lengths
+
+
+def _covariance(problem: Problem, found: Found) -> Array:
+    """Return the covariance of all parameters of the fit, (k, k)."""
+    normal = normal_matrix(problem, found.fit)
+    size = 1.0 / np.sqrt(np.diag(normal))
+    inverse: Array = np.linalg.inv(normal * np.outer(size, size)) * np.outer(size, size)
+    return inverse
