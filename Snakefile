@@ -17,6 +17,7 @@ include: "workflow/rules/ingest.smk"
 include: "workflow/rules/base_frame.smk"
 include: "workflow/rules/calibration.smk"
 include: "workflow/rules/montecarlo.smk"
+include: "workflow/rules/discovery.smk"
 include: "workflow/rules/evaluation.smk"
 include: "workflow/rules/export.smk"
 include: "workflow/rules/figures.smk"
@@ -30,5 +31,6 @@ rule all:
     input:
         every(calibrations_of),
         every(planes_of),
+        expand(rules.discover.output.verdict, campaign=SETTINGS.campaigns),
         expand(rules.export.output.model, campaign=SETTINGS.campaigns),
         rules.figures.input,

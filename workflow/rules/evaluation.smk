@@ -4,6 +4,7 @@ rule evaluate:
         campaign=raw("campaign.yaml"),
         poses=result("ingest/poses.parquet"),
         calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
+        extended=result("discovery/extended.json"),
         code=code_of("stages.evaluate"),
     output:
         result("evaluation/holdout.json"),
@@ -13,5 +14,5 @@ rule evaluate:
         folder=campaign_folder,
     shell:
         "python -m pa10cal evaluate --campaign-dir {params.folder:q} --poses {input.poses:q}"
-        " --calibration {input.calibration:q} --out {output:q}"
+        " --calibration {input.calibration:q} --extended {input.extended:q} --out {output:q}"
         " 2>&1 | tee {log:q} >&2"

@@ -2,6 +2,7 @@ rule export:
     """The calibrated model for other programs: all parameters, and the geometry as URDF."""
     input:
         calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
+        extended=result("discovery/extended.json"),
         code=code_of("stages.export"),
     output:
         model=result("model/model.yaml"),
@@ -9,5 +10,5 @@ rule export:
     log:
         result("logs/export.log"),
     shell:
-        "python -m pa10cal export --calibration {input.calibration:q} --model {output.model:q}"
+        "python -m pa10cal export --calibration {input.calibration:q} --extended {input.extended:q} --model {output.model:q}"
         " --urdf {output.urdf:q} 2>&1 | tee {log:q} >&2"

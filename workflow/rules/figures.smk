@@ -45,6 +45,36 @@ FIGURES = {
         "needs": [planes_of],
         "settings": ["montecarlo"],
     },
+    "where_breakdown": {
+        "title": "Where: error left by load, axis, joint and direction",
+        "needs": ["discovery/analysis.json"],
+        "settings": [],
+    },
+    "where_joints": {
+        "title": "Where: error of each joint against its angle",
+        "needs": ["discovery/analysis.json"],
+        "settings": [],
+    },
+    "where_torque": {
+        "title": "Where: torque left at each joint",
+        "needs": ["discovery/analysis.json"],
+        "settings": [],
+    },
+    "gap_by_step": {
+        "title": "Gap: error as effects are named",
+        "needs": ["discovery/analysis.json"],
+        "settings": [],
+    },
+    "residual_field": {
+        "title": "Gap: residual vectors before and after",
+        "needs": ["discovery/analysis.json"],
+        "settings": [],
+    },
+    "parameter_shifts": {
+        "title": "Gap: which parameters had been bent",
+        "needs": ["discovery/analysis.json"],
+        "settings": [],
+    },
 }
 TABLES = {
     "table1_parameters": {
@@ -61,6 +91,11 @@ TABLES = {
             "ingest/poses.parquet",
         ],
         "settings": ["kcub_reading", "montecarlo"],
+    },
+    "verdict": {
+        "title": "Verdict: what is missing from the model",
+        "needs": ["discovery/verdict.json"],
+        "settings": [],
     },
 }
 

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 #: Part of an effect that must be left after the model's own parameters took what they can.
 LEAST_SHARE = 0.02
+#: Effects whose directions are closer than this look the same.
+ALIKE = 0.999
 #: An effect of its largest plausible size must come to this many standard deviations in all.
 _LEAST_SIGNAL = 4.0
 
@@ -81,7 +83,8 @@ def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> L
             by_x[:, first:last], torque_by_x[:, first:last], _factor(effect, found.of(effect))
         )
     others = tuple(effect for effect in candidates if effect not in blocks)
-    blocks |= zip(others, _blocks(problem, found, others), strict=True)
+    if others:
+        blocks |= zip(others, _blocks(problem, found, others), strict=True)
     return Linearised(
         pose_data,
         torque_data,
@@ -190,10 +193,11 @@ def _unknown(problem: Problem, effect: Effect) -> str | None:
     return None
 
 
-def canonical_cosines(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> Array:
-    """Return the largest canonical cosine of every two effects, (m, m).
+def alike(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> NDArray[np.bool_]:
+    """Tell which effects look the same in these poses, whatever is measured, (m, m).
 
-    One means that what the model's own parameters leave of them looks the same in these poses.
+    Two do when every canonical cosine of what the model's own parameters leave of them is close to
+    one. Known before residuals are looked at; such effects stand for each other.
     """
     lin = linearise(problem, found, effects)
     pose = problem.pose.weights(0.0)
@@ -206,15 +210,11 @@ def canonical_cosines(problem: Problem, found: Fit, effects: tuple[Effect, ...])
         rows = rows - own @ (own.T @ rows)
         if torque is not None:
             rows = np.concatenate([rows, torque(block.torque @ block.factor)])
-        left, sizes, _ = np.linalg.svd(rows, full_matrices=False)
-        bases.append(left[:, sizes > 1e-6 * sizes[0]])
-    stops = np.cumsum([0, *(basis.shape[1] for basis in bases)])
-    products = np.concatenate(bases, axis=1)
-    products = products.T @ products
-    count = len(effects)
-    cosines = np.eye(count)
-    for i in range(count):
+        bases.append(np.linalg.qr(rows)[0])
+    same = np.eye(len(effects), dtype=bool)
+    for i, first in enumerate(bases):
         for j in range(i):
-            block_ij = products[stops[i] : stops[i + 1], stops[j] : stops[j + 1]]
-            cosines[i, j] = cosines[j, i] = min(1.0, float(np.linalg.norm(block_ij, 2)))
-    return cosines
+            if bases[j].shape == first.shape and not effects[i].generic and not effects[j].generic:
+                least = np.linalg.svd(first.T @ bases[j], compute_uv=False)[-1]
+                same[i, j] = same[j, i] = bool(least > ALIKE)
+    return same

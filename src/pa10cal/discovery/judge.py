@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.campaign.averages import reading_groups
 from pa10cal.discovery.confirm import Confirmation, confirm
 from pa10cal.discovery.evidence import Evidence, Score
 from pa10cal.discovery.fit import Fit, fit, normal_matrix
 from pa10cal.discovery.problem import Problem
-from pa10cal.discovery.search import Found, evidence_about, threshold
+from pa10cal.discovery.search import Found, evidence_about, less, threshold
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -76,13 +77,9 @@ class Judgement:
     found: Found
 
 
-def judge(problem: Problem, found: Found) -> Judgement:
-    """Judge what the search found.
-
-    Args:
-        problem: the campaign.
-        found: where the search ended.
-    """
+def judge(found: Found) -> Judgement:
+    """Judge what the search found."""
+    problem = found.problem
     found = _prefer_named(problem, found)
     rivals = {effect: _rivals(problem, found, effect) for effect in found.fit.effects}
     confirmations = dict(zip(found.fit.effects, confirm(problem, found), strict=True))
@@ -137,10 +134,15 @@ def _rivals(problem: Problem, found: Found, effect: Effect) -> tuple[Effect, ...
     family = _named(found.family)
     if effect.id == MAP:
         family += tuple(each for each in found.family if each.id == MAP)
-    rivals = []
-    for rival, _ in _refitted(problem, found, effect, family):
-        rivals += [e for e in rival.effects if e not in found.fit.effects]
-    return tuple(rivals)
+    rivals = [
+        each
+        for rival, _ in _refitted(problem, found, effect, family)
+        for each in rival.effects
+        if each not in found.fit.effects
+    ]
+    place = found.family.index(effect)
+    alike = [found.family[k] for k in np.flatnonzero(found.same[place]) if k != place]
+    return tuple(dict.fromkeys([*alike, *rivals]))
 
 
 def _refitted(
@@ -154,8 +156,7 @@ def _refitted(
     worse = threshold(len(found.family), MISSED_RATE)
     place = found.fit.effects.index(effect)
     members = tuple(found.family.index(e) for e in found.fit.effects)
-    kept = members[:place] + members[place + 1 :]
-    sizes = found.fit.sizes[:place] + found.fit.sizes[place + 1 :]
+    kept, sizes = less(members, place), less(found.fit.sizes, place)
     candidates = [found.family.index(e) for e in family if e not in found.fit.effects]
     without = found.evidence.score(kept, sizes).log_evidence
     here = found.score.log_evidence
@@ -192,9 +193,6 @@ def _with(problem: Problem, found: Found, refit: Fit) -> Found:
     evidence = evidence_about(problem, refit, found.family)
     members = tuple(found.family.index(effect) for effect in refit.effects)
 
-    def less(values: tuple[int, ...], k: int) -> tuple[int, ...]:
-        return values[:k] + values[k + 1 :]
-
     return replace(
         found,
         fit=refit,
@@ -210,15 +208,17 @@ def _with(problem: Problem, found: Found, refit: Fit) -> Found:
 def _unexplained(
     problem: Problem, found: Found, confirmations: dict[Effect, Confirmation]
 ) -> tuple[Unexplained, ...]:
-    """Return what generic effects hold, or what poses still share beyond the repeatability."""
-    shared_mm = shared_error_mm(problem, found.score.pose_variance)
-    places = [
-        Unexplained(effect.of, effect, shared_mm)
-        for effect in found.fit.effects
-        if effect.generic and confirmations[effect].p_flips <= FLIP_RATE
-    ]
-    if not places and shared_mm > floor_mm(problem):
-        places = [Unexplained(None, None, shared_mm)]
+    """Return what generic effects hold, or what poses still share, beyond the repeatability."""
+    floor = floor_mm(problem)
+    places = []
+    for effect, without in zip(found.fit.effects, found.without, strict=True):
+        shared_mm = shared_error_mm(problem, without.pose_variance)
+        counts = shared_mm > floor or without.torque_variance > _of_averages(problem)
+        if effect.generic and counts and confirmations[effect].p_flips <= FLIP_RATE:
+            places.append(Unexplained(effect.of, effect, shared_mm))
+    left_mm = shared_error_mm(problem, found.score.pose_variance)
+    if not places and left_mm > floor:
+        places.append(Unexplained(None, None, left_mm))
     return tuple(places)
 
 
@@ -240,10 +240,8 @@ def _bent(
             members, sizes = (*members, k), (*sizes, size)
     place = members.index(found.family.index(effect))
     whole = found.evidence.score(members, sizes).log_evidence
-    less = found.evidence.score(
-        members[:place] + members[place + 1 :], sizes[:place] + sizes[place + 1 :]
-    ).log_evidence
-    return whole - less < threshold(len(found.family), MISSED_RATE)
+    without = found.evidence.score(less(members, place), less(sizes, place)).log_evidence
+    return whole - without < threshold(len(found.family), MISSED_RATE)
 
 
 def shared_error_mm(problem: Problem, variance: float) -> float:
@@ -254,15 +252,15 @@ def shared_error_mm(problem: Problem, variance: float) -> float:
 
 def floor_mm(problem: Problem) -> float:
     """Return the mean position error that the repeatability alone leaves in averaged poses."""
-    readings = problem.readings
-    _, group, count = np.unique(
-        np.stack([np.unique(readings.pose, return_inverse=True)[1], readings.states.load_N]),
-        axis=1,
-        return_inverse=True,
-        return_counts=True,
-    )
-    variance = problem.noise.cov_ee[:, :3, :3] / count[group.ravel()][:, None, None]
+    group = reading_groups(problem.readings)
+    variance = problem.noise.cov_ee[:, :3, :3] / np.bincount(group)[group][:, None, None]
     return float(1e3 * np.mean(mean_length(variance)))
+
+
+def _of_averages(problem: Problem) -> float:
+    """Return the variance of an averaged pose in those of one reading."""
+    group = reading_groups(problem.readings)
+    return float(np.mean(1.0 / np.bincount(group)[group]))
 
 
 def mean_length(covariance: Array) -> Array:

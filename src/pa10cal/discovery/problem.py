@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import end_pose_with_screws
+from pa10cal.arm.chain import BASE, end_pose_with_screws
 from pa10cal.arm.state import PoseStates, Seen
 from pa10cal.arm.statics import Burden, Statics, statics
 from pa10cal.calibration.pose_error import pose_error
@@ -104,21 +104,28 @@ class Problem:
     surroundings: Surroundings
 
 
-def prepare(readings: PoseObservations, baseline: Baseline, setting: Setting) -> Problem:
+def prepare(
+    readings: PoseObservations,
+    baseline: Baseline,
+    setting: Setting,
+    about: Baseline | None = None,
+) -> Problem:
     """Make a campaign ready.
 
     Args:
         readings: single readings, with the instrument's covariance.
         baseline: the calibrated model.
         setting: what is known besides the poses.
+        about: a better model, about which noise and weights are worked out; its effects may need
+            what the readings carry. None for the baseline.
 
     Raises:
         DiscoveryError: when too little is repeated.
     """
-    model = baseline.model
-    readings = complete(readings, baseline, setting)
-    noise = repeatability(readings, *_deviation_and_screws(readings, baseline))
-    cells = complete(gather(readings, noise.cov_ee), baseline, setting)
+    about = baseline if about is None else about
+    readings = complete_about(readings, baseline, about, setting)
+    noise = repeatability(readings, *_deviation_and_screws(readings, about))
+    cells = complete_about(gather(readings, noise.cov_ee), baseline, about, setting)
     shared = shared_error(cells)
     pose = Channel.of(
         np.linalg.inv(np.linalg.cholesky(cells.cov_ee)),
@@ -127,13 +134,13 @@ def prepare(readings: PoseObservations, baseline: Baseline, setting: Setting) ->
     )
     torque, left = None, np.zeros_like(cells.states.tau_Nm)
     if setting.burden is not None and np.all(np.isfinite(cells.states.tau_Nm)):
-        weights = _statics(cells.states, baseline, setting.burden)
+        weights = _statics(cells.states, about, setting.burden)
         left = cells.states.tau_Nm - weights.torque_Nm
         scale = np.sqrt(cells.repeats)[:, None] / noise.torque_Nm
         torque = Channel.of(
-            scale[:, :, None] * np.eye(model.chain.arm.n),
+            scale[:, :, None] * np.eye(baseline.model.chain.arm.n),
             shared,
-            _common_torques(cells, weights, baseline, setting.burden, setting.uncertainties),
+            common_torques(cells, weights, about, setting.burden, setting.uncertainties),
         )
     return Problem(
         baseline,
@@ -156,9 +163,19 @@ def complete(poses: PoseObservations, baseline: Baseline, setting: Setting) -> P
     return replace(poses, states=states)
 
 
+def complete_about(
+    poses: PoseObservations, baseline: Baseline, about: Baseline, setting: Setting
+) -> PoseObservations:
+    """Add what poses carry by a better model, whose effects may need what the baseline says."""
+    poses = complete(poses, baseline, setting)
+    return poses if about is baseline else complete(poses, about, setting)
+
+
 def _statics(states: PoseStates, baseline: Baseline, burden: Burden) -> Statics:
+    chain = baseline.model.chain
     coordinates = baseline.model.chain_coordinates(states, baseline.x)
-    return statics(baseline.model.chain, coordinates, states.load_N, burden)
+    coordinates[:, chain.columns(BASE)] = 0.0  # gravity is along the base's own axes
+    return statics(chain, coordinates, states.load_N, burden)
 
 
 def _seen(poses: PoseObservations, p_ee_targets_m: Array) -> Seen:
@@ -187,7 +204,7 @@ def _deviation_and_screws(poses: PoseObservations, baseline: Baseline) -> tuple[
     return -np.concatenate([error.position_m, error.chord], axis=1), turned
 
 
-def _common_torques(
+def common_torques(
     cells: PoseObservations,
     weights: Statics,
     baseline: Baseline,

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.candidates import Linearised, linearise
+from pa10cal.discovery.candidates import Linearised, alike, linearise
 from pa10cal.discovery.evidence import Evidence, Score
 from pa10cal.discovery.fit import Fit, fit
-from pa10cal.discovery.problem import Problem
+from pa10cal.discovery.problem import Baseline, Problem, prepare
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -27,20 +27,24 @@ class Found:
     """Where the search ended.
 
     Attributes:
+        problem: the campaign, noise and weights worked out about that fit.
         fit: the model with the effects found.
         score: its evidence about that fit.
         without: evidence of the set less each of its effects.
         evidence: about that fit, over the whole family.
         family: the candidates, in the order of the evidence's blocks.
+        same: (m, m) which of them look the same in these poses.
         nothing: evidence of the empty set about that fit.
         steps: sets after every refit, with their evidence gain over the empty set.
     """
 
+    problem: Problem
     fit: Fit
     score: Score
     without: tuple[Score, ...]
     evidence: Evidence
     family: tuple[Effect, ...]
+    same: NDArray[np.bool_]
     nothing: Score
     steps: tuple[Step, ...]
 
@@ -73,23 +77,25 @@ def evidence_about(problem: Problem, found: Fit, family: tuple[Effect, ...]) -> 
     )
 
 
-def search(problem: Problem, family: tuple[Effect, ...], error_rate: float) -> Found:
+def search(problem: Problem, family: tuple[Effect, ...], error_rate: float, start: Fit) -> Found:
     """Find the set of effects that the data ask for.
 
     Args:
         problem: the campaign.
         family: all candidates.
         error_rate: probability allowed of naming anything where nothing is missing.
+        start: the model without effects, fitted.
     """
     needed = threshold(len(family), error_rate)
-    current = fit(problem, (), (), (0.0, 0.0))
+    same = alike(problem, start, family)
+    current = start
     members: tuple[int, ...] = ()
     sizes: tuple[int, ...] = ()
     seen: set[frozenset[int]] = set()
     steps: list[Step] = []
     for _ in range(_MOST_ROUNDS):
         evidence = evidence_about(problem, current, family)
-        members, sizes = _improve(evidence, len(family), members, sizes, needed)
+        members, sizes = _improve(evidence, same, members, sizes, needed)
         score = evidence.score(members, sizes)
         nothing = evidence.score((), ())
         steps.append(
@@ -102,7 +108,7 @@ def search(problem: Problem, family: tuple[Effect, ...], error_rate: float) -> F
         if frozenset(members) in seen:
             break
         seen.add(frozenset(members))
-        current = fit(
+        problem, current = refit(
             problem,
             tuple(family[k] for k in members),
             sizes,
@@ -112,21 +118,41 @@ def search(problem: Problem, family: tuple[Effect, ...], error_rate: float) -> F
     evidence = evidence_about(problem, current, family)
     members = tuple(family.index(effect) for effect in current.effects)
     return Found(
+        problem=problem,
         fit=current,
         score=evidence.score(members, current.sizes),
         without=tuple(
-            evidence.score(_less(members, k), _less(current.sizes, k)) for k in range(len(members))
+            evidence.score(less(members, k), less(current.sizes, k)) for k in range(len(members))
         ),
         evidence=evidence,
         family=family,
+        same=same,
         nothing=evidence.score((), ()),
         steps=tuple(steps),
     )
 
 
+def refit(
+    problem: Problem,
+    effects: tuple[Effect, ...],
+    sizes: tuple[int, ...],
+    variances: tuple[float, float],
+    start: Fit,
+) -> tuple[Problem, Fit]:
+    """Fit a set of effects, work out noise and weights about it, and fit again.
+
+    A large effect that the baseline lacks bends it: the posture, hence the moments, are then a
+    little wrong, and what the noise of a torque does through a joint thought rigid is missing.
+    """
+    first = fit(problem, effects, sizes, variances, start)
+    about = Baseline(first.model, first.x, first.level.T_cmm_base)
+    problem = prepare(problem.readings, problem.baseline, problem.setting, about)
+    return problem, fit(problem, effects, sizes, variances, first)
+
+
 def _improve(
     evidence: Evidence,
-    family: int,
+    same: NDArray[np.bool_],
     members: tuple[int, ...],
     sizes: tuple[int, ...],
     needed: float,
@@ -134,18 +160,18 @@ def _improve(
     """Add, exchange and drop effects until nothing helps; each that stays must be needed."""
     forbidden: set[int] = set()
     while True:
-        members, sizes = _forward(evidence, family, members, sizes, forbidden)
+        members, sizes = _forward(evidence, same, members, sizes, forbidden)
         weakest, loss = _weakest(evidence, members, sizes)
         if weakest is None or loss >= needed:
             return members, sizes
         # What is not needed in the end is not tried again: forward would only bring it back.
         forbidden.add(members[weakest])
-        members, sizes = _less(members, weakest), _less(sizes, weakest)
+        members, sizes = less(members, weakest), less(sizes, weakest)
 
 
 def _forward(
     evidence: Evidence,
-    family: int,
+    same: NDArray[np.bool_],
     members: tuple[int, ...],
     sizes: tuple[int, ...],
     forbidden: set[int],
@@ -153,21 +179,30 @@ def _forward(
     """Add what makes the data likeliest; when nothing does, exchange one member for better."""
     while True:
         here = evidence.score(members, sizes).log_evidence
-        open_to = [k for k in range(family) if k not in members and k not in forbidden]
         tried = (
-            [_best_addition(evidence, members, sizes, open_to)]
+            [_best_addition(evidence, members, sizes, _open(same, members, forbidden))]
             if (len(members) < _MOST_EFFECTS)
             else []
         )
         if not tried or tried[0][0] < here + _FORWARD_GAIN:
             tried = [
-                _best_addition(evidence, _less(members, k), _less(sizes, k), open_to)
+                _best_addition(
+                    evidence,
+                    less(members, k),
+                    less(sizes, k),
+                    _open(same, less(members, k), forbidden | {members[k]}),
+                )
                 for k in range(len(members))
             ]
         best = max(tried, default=(-np.inf, members, sizes))
         if best[0] < here + _FORWARD_GAIN:
             return members, sizes
         _, members, sizes = best
+
+
+def _open(same: NDArray[np.bool_], members: tuple[int, ...], forbidden: set[int]) -> list[int]:
+    """Return what may join: nothing forbidden, nothing that looks the same as a member."""
+    return [k for k in range(len(same)) if k not in forbidden and not same[k, list(members)].any()]
 
 
 def _best_addition(
@@ -188,14 +223,15 @@ def _weakest(
         return None, 0.0
     whole = evidence.score(members, sizes).log_evidence
     losses = [
-        whole - evidence.score(_less(members, k), _less(sizes, k)).log_evidence
+        whole - evidence.score(less(members, k), less(sizes, k)).log_evidence
         for k in range(len(members))
     ]
     weakest = int(np.argmin(losses))
     return weakest, losses[weakest]
 
 
-def _less(values: tuple[int, ...], k: int) -> tuple[int, ...]:
+def less(values: tuple[int, ...], k: int) -> tuple[int, ...]:
+    """Return the values without the k-th."""
     return values[:k] + values[k + 1 :]
 
 

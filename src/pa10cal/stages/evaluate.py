@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pa10cal.stages.command import limit_threads, run_stage
 
 if TYPE_CHECKING:
+    from pa10cal.campaign.description import Campaign
     from pa10cal.campaign.observations import PoseObservations
     from pa10cal.evaluation.holdout import HeldOut
 
@@ -25,6 +26,7 @@ def _describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--campaign-dir", type=Path, required=True)
     parser.add_argument("--poses", type=Path, required=True, help="table of poses (parquet)")
     parser.add_argument("--calibration", type=Path, required=True, help="calibration to evaluate")
+    parser.add_argument("--extended", type=Path, help="model with the effects that were missing")
     parser.add_argument("--out", type=Path, required=True)
 
 
@@ -76,6 +78,8 @@ def _run(arguments: argparse.Namespace) -> None:
         name: judge(model.predict(held_out.states, x), T_cmm_base, held_out)
         for name, (model, x, T_cmm_base) in fits.items()
     }
+    if arguments.extended is not None:
+        judged["extended"] = _extended(arguments, record, campaign, held_out)
     write_json(
         arguments.out,
         {
@@ -98,6 +102,39 @@ def _run(arguments: argparse.Namespace) -> None:
         for name, found in judged.items()
     )
     print(f"{campaign.name} held out ({len(held_out)}): mean/peak {summary}")
+
+
+def _extended(
+    arguments: argparse.Namespace,
+    record: dict[str, Any],
+    campaign: Campaign,
+    held_out: PoseObservations,
+) -> HeldOut:
+    """Judge the model with the effects that discovery named."""
+    from pa10cal.discovery.problem import Baseline, complete_about
+    from pa10cal.evaluation.holdout import judge
+    from pa10cal.files.arms import load_arm
+    from pa10cal.files.schemas import EXTENDED
+    from pa10cal.settings import CalibrationSettings, DiscoverySettings, parse_section
+    from pa10cal.stages.calibration_record import read_fit
+    from pa10cal.stages.discovery_setting import setting_of, with_bends
+    from pa10cal.stages.extended_record import read_extended
+    from pa10cal.stages.records import read_record
+
+    arm = load_arm(campaign.robot)
+    calibration = parse_section(
+        CalibrationSettings, record["settings"], where=str(arguments.calibration)
+    )
+    model, _, _ = read_fit(record, arm, arguments.calibration, cubic=True)
+    extended = read_record(arguments.extended, EXTENDED, ("effects", "x"), campaign.name)
+    baseline, model, x, T_cmm_base = read_extended(extended, with_bends(model), arguments.extended)
+    poses = complete_about(
+        held_out,
+        baseline,
+        Baseline(model, x, T_cmm_base),
+        setting_of(campaign, arm, calibration, DiscoverySettings()),
+    )
+    return judge(model.predict(poses.states, x), T_cmm_base, poses)
 
 
 def _twist_record(found: HeldOut) -> dict[str, Any]:

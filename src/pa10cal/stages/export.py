@@ -17,6 +17,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--calibration", type=Path, required=True, help="calibration to export")
+    parser.add_argument("--extended", type=Path, help="model with the effects that were missing")
     parser.add_argument("--model", type=Path, required=True, help="model.yaml to write")
     parser.add_argument("--urdf", type=Path, required=True, help="robot.urdf to write")
 
@@ -30,9 +31,9 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.errors import CalibrationError
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_text
-    from pa10cal.files.schemas import CALIBRATION, MODEL
+    from pa10cal.files.schemas import CALIBRATION, EXTENDED, MODEL
     from pa10cal.stages.calibration_record import read_fit
-    from pa10cal.stages.records import read_record
+    from pa10cal.stages.records import read_pose_matrix, read_record
 
     record = read_record(arguments.calibration, CALIBRATION, ("parameters", "robot", "status"))
     if record["status"] != "converged":
@@ -45,6 +46,17 @@ def _run(arguments: argparse.Namespace) -> None:
         )
     arm = load_arm(record["robot"])
     model, x, T_cmm_base = read_fit(record, arm, arguments.calibration, cubic=True)
+    parameters, effects, warnings = record["parameters"], [], record["warnings"]
+    if arguments.extended is not None:
+        extended = read_record(
+            arguments.extended, EXTENDED, ("effects", "parameters"), record["campaign"]
+        )
+        # With nothing missing the calibrated model stays as it is.
+        if extended["effects"]:
+            x = np.array(extended["x"], dtype=float)
+            T_cmm_base = read_pose_matrix(extended, "T_cmm_base", arguments.extended)
+            parameters, effects = extended["parameters"], extended["named"]
+            warnings = extended["warnings"]
     zeros, zero = np.zeros((1, arm.n)), np.zeros(1)
     unloaded = PoseStates(zeros, zeros, zeros, zero, zero, zero)
     urdf = urdf_text(model.chain, model.chain_coordinates(unloaded, x)[0], arm.name)
@@ -54,10 +66,10 @@ def _run(arguments: argparse.Namespace) -> None:
         "provenance": record["provenance"],
         "robot": arm.name,
         "calibration": record["load"],
-        "parameters": record["parameters"],
+        "parameters": parameters,
         "T_cmm_base": T_cmm_base.tolist(),
-        "effects": [],
-        "warnings": record["warnings"],
+        "effects": effects,
+        "warnings": warnings,
     }
     text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
     write_text(arguments.urdf, urdf)

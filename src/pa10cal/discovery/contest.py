@@ -1,0 +1,174 @@
+"""An effect against its rival: rows of both, measured and foreseen, each way round."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.discovery.candidates import linearise
+from pa10cal.discovery.channel import Channel
+from pa10cal.discovery.evidence import SIZES
+from pa10cal.discovery.fit import Fit
+from pa10cal.discovery.outlook import Outlook
+from pa10cal.discovery.problem import Problem
+from pa10cal.errors import DiscoveryError
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.term import shows_torque
+
+Array = NDArray[np.float64]
+#: An effect and what may stand in its place: another, or the model's own parameters alone.
+Pair = tuple[Effect, Effect | None]
+
+#: Any size is granted to an effect that is not in the fit.
+_ANY_SIZE = SIZES[-1]
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Weighed rows of C poses with b components each.
+
+    Attributes:
+        own: (C, b, k) of the model's own parameters and of the errors alike in all poses, at the
+            size expected of them.
+        blocks: (C, b, k') of each effect, a unit of each parameter.
+        factors: (k', k') of each effect, for the size expected of it.
+    """
+
+    own: Array
+    blocks: dict[Effect, Array]
+    factors: dict[Effect, Array]
+
+
+def outlooks(
+    problem: Problem, found: Fit, pairs: Sequence[Pair], ahead: Problem, found_ahead: Fit
+) -> list[tuple[Outlook, ...]]:
+    """Return, for every pair, the outlook with the effect for the truth, and with the rival.
+
+    Args:
+        problem: the campaign.
+        found: a fit to it.
+        pairs: effects and what may stand in their place.
+        ahead, found_ahead: the same for poses that could be measured.
+
+    Raises:
+        DiscoveryError: when an effect needs what is not known of these poses.
+    """
+    members = (effect for pair in pairs for effect in pair if effect is not None)
+    effects = tuple(dict.fromkeys([*found.effects, *members]))
+    with_torque = any(shows_torque(effect) for effect in effects)
+    poses = len(np.unique(problem.cells.pose))
+    now = _rows(problem, found, effects, with_torque)
+    then = _rows(ahead, found_ahead, effects, with_torque)
+    both_ways = []
+    for effect, rival in pairs:
+        ways: list[Pair] = [(effect, rival)]
+        if rival is not None:
+            ways.append((rival, effect))
+        both_ways.append(tuple(_outlook(found, now, then, a, b, poses) for a, b in ways))
+    return both_ways
+
+
+def _outlook(
+    found: Fit, now: _Rows, then: _Rows, truth: Effect, rival: Effect | None, poses: int
+) -> Outlook:
+    """Return the outlook of telling the truth from its rival and the model's own parameters."""
+    x, directions = _taken_for_true(found, now, truth, rival)
+    present, true = _adjustable(found, now, truth, rival), now.blocks[truth] @ x
+    return Outlook.of(
+        present.reshape(-1, present.shape[2]),
+        true.reshape(-1, true.shape[2]),
+        _adjustable(found, then, truth, rival),
+        then.blocks[truth] @ x,
+        directions=directions,
+        poses=poses,
+    )
+
+
+def _adjustable(found: Fit, rows: _Rows, truth: Effect, rival: Effect | None) -> Array:
+    """Return rows of all that may be adjusted, the rival last, (C, b, k)."""
+    sizes = {effect: SIZES[size] for effect, size in zip(found.effects, found.sizes, strict=True)}
+    effects = [effect for effect in found.effects if effect not in (truth, rival)]
+    columns = [
+        rows.blocks[effect] @ rows.factors[effect] * sizes.get(effect, _ANY_SIZE)
+        for effect in (*effects, *([] if rival is None else [rival]))
+    ]
+    return np.concatenate([rows.own, *columns], axis=2)
+
+
+def _taken_for_true(
+    found: Fit, now: _Rows, truth: Effect, rival: Effect | None
+) -> tuple[Array, int]:
+    """Return parameters (k', m) of an effect taken for the truth, and how many go together.
+
+    Those found; else those with which it passes for its rival that was found; else, one by one,
+    those plausible, of which any combination in one shape may be the truth.
+    """
+    if truth in found.effects:
+        return _amount(found, truth)[:, None], 1
+    if rival is None or rival not in found.effects:
+        return now.factors[truth], truth.linear
+    columns = _adjustable(found, now, rival, truth)
+    k = columns.shape[2]
+    rows = np.concatenate([columns.reshape(-1, k), np.eye(k)])
+    target = np.concatenate([(now.blocks[rival] @ _amount(found, rival)).ravel(), np.zeros(k)])
+    passes = np.linalg.lstsq(rows, target, rcond=None)[0][-len(now.factors[truth]) :]
+    return (_ANY_SIZE * now.factors[truth] @ passes)[:, None], 1
+
+
+def _amount(found: Fit, effect: Effect) -> Array:
+    """Return the parameters of an effect in the fit that it is proportional to, zero the others."""
+    x = found.of(effect).copy()
+    x[effect.linear :] = 0.0
+    return x
+
+
+def _rows(problem: Problem, found: Fit, effects: tuple[Effect, ...], with_torque: bool) -> _Rows:
+    """Return the weighed rows of a problem's poses.
+
+    Raises:
+        DiscoveryError: when an effect needs what is not known of them.
+    """
+    lin = linearise(problem, found, effects)
+    kinds = [(problem.pose, found.pose_variance, lin.own, [b.pose for b in lin.blocks])]
+    if problem.torque is not None and with_torque:
+        none = np.zeros((len(problem.torque.common), 0))
+        blocks = [b.torque for b in lin.blocks]
+        kinds.append((problem.torque, found.torque_variance, none, blocks))
+    own = [
+        _weighed(channel, variance, np.concatenate([own, channel.common], axis=1))
+        for channel, variance, own, _ in kinds
+    ]
+    if len(own) == 2:  # nothing but effects is seen in poses and torques both
+        own[0] = np.pad(own[0], [(0, 0), (0, 0), (0, own[1].shape[2])])
+        own[1] = np.pad(own[1], [(0, 0), (0, 0), (own[0].shape[2] - own[1].shape[2], 0)])
+    found_rows = _Rows(
+        own=np.concatenate(own, axis=1),
+        blocks={
+            effect: np.concatenate(
+                [_weighed(channel, v, blocks[k]) for channel, v, _, blocks in kinds], axis=1
+            )
+            for k, effect in enumerate(effects)
+        },
+        factors={effect: b.factor for effect, b in zip(effects, lin.blocks, strict=True)},
+    )
+    for effect, block in found_rows.blocks.items():
+        if not np.all(np.isfinite(block)):
+            raise DiscoveryError(
+                "the effect needs what is not known of poses to come",
+                where=f"{effect.id} of {effect.of}",
+                allowed="effects of what was logged",
+                remedy="leave the effect out",
+            )
+    return found_rows
+
+
+def _weighed(channel: Channel, variance: float, rows: Array) -> Array:
+    """Return rows (C b, k) scaled to unit variance, as (C, b, k).
+
+    Errors alike in all poses are left to columns of their own: poses to come share them.
+    """
+    scaled = rows / np.sqrt(1.0 + variance * channel.shared_size)[:, None]
+    return scaled.reshape(len(channel.whitener), -1, rows.shape[1])

@@ -1,0 +1,122 @@
+"""The whole search on one campaign: from single readings to a verdict and an extended model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.campaign.averages import average_repeats
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.discovery.candidates import NotTestable, testable
+from pa10cal.discovery.fit import Fit, fit
+from pa10cal.discovery.gap import Gap, gap
+from pa10cal.discovery.judge import Judgement, floor_mm, judge
+from pa10cal.discovery.problem import Baseline, Problem, Setting, complete_about, prepare
+from pa10cal.discovery.search import Found, search
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.library import candidates
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """What became of a campaign.
+
+    Attributes:
+        problem: the campaign as it was weighed.
+        start: the baseline, fitted as everything else is.
+        family: candidates that these data can show.
+        not_testable: those that they cannot.
+        alike: groups of named candidates that these poses cannot tell apart.
+        judgement: the verdict and what it rests on.
+        extended: the model with the effects found, and nothing generic in it.
+        noise_floor_mm: mean position error that repeatability alone would leave.
+        train, holdout: the gap before and after; None without held-out poses.
+    """
+
+    problem: Problem
+    start: Fit
+    family: tuple[Effect, ...]
+    not_testable: tuple[NotTestable, ...]
+    alike: tuple[tuple[Effect, ...], ...]
+    judgement: Judgement
+    extended: Fit
+    noise_floor_mm: float
+    train: Gap
+    holdout: Gap | None
+
+
+def discover(
+    readings: PoseObservations,
+    held_out: PoseObservations | None,
+    baseline: Baseline,
+    setting: Setting,
+    error_rate: float,
+) -> Discovery:
+    """Search a campaign for missing effects.
+
+    Args:
+        readings: single readings of the grid poses, with the instrument's covariance.
+        held_out: averaged held-out poses, used for nothing but the gap; None where there are none.
+        baseline: the calibrated model; its chain has the bends of the long links.
+        setting: what is known besides the poses.
+        error_rate: probability allowed of naming anything where nothing is missing.
+
+    Raises:
+        DiscoveryError: when too little is repeated.
+    """
+    problem = prepare(readings, baseline, setting)
+    start = fit(problem, (), (), (0.0, 0.0))
+    family, refused = testable(problem, start, candidates(problem.surroundings))
+    judgement = judge(search(problem, family, error_rate, start))
+    problem = judgement.found.problem
+    extended = _extended(problem, judgement)
+    grid = average_repeats(readings)
+    return Discovery(
+        problem=problem,
+        start=start,
+        family=family,
+        not_testable=refused,
+        alike=_groups(judgement.found),
+        judgement=judgement,
+        extended=extended,
+        noise_floor_mm=floor_mm(problem),
+        train=compare(problem, extended, grid),
+        holdout=None
+        if held_out is None or not len(held_out)
+        else compare(problem, extended, held_out),
+    )
+
+
+def compare(problem: Problem, extended: Fit, poses: PoseObservations) -> Gap:
+    """Return the gap of baseline and extended model on averaged poses."""
+    baseline = problem.baseline
+    about = Baseline(extended.model, extended.x, extended.level.T_cmm_base)
+    poses = complete_about(poses, baseline, about, problem.setting)
+    return gap(
+        poses,
+        (baseline.model.predict(poses.states, baseline.x), baseline.T_cmm_base),
+        (extended.model.predict(poses.states, extended.x), extended.level.T_cmm_base),
+    )
+
+
+def _extended(problem: Problem, judgement: Judgement) -> Fit:
+    """Return the model with the named effects alone, recalibrated where that changes it."""
+    found = judgement.found
+    named = tuple(finding.effect for finding in judgement.findings)
+    if named == found.fit.effects:
+        return found.fit
+    sizes = dict(zip(found.fit.effects, found.fit.sizes, strict=True))
+    variances = (found.score.pose_variance, found.score.torque_variance)
+    return fit(problem, named, tuple(sizes[effect] for effect in named), variances, found.fit)
+
+
+def _groups(found: Found) -> tuple[tuple[Effect, ...], ...]:
+    """Return groups of effects that look the same in these poses, whatever was measured."""
+    groups = {tuple(np.flatnonzero(row).tolist()) for row in found.same}
+    return tuple(
+        tuple(found.family[k] for k in group) for group in sorted(groups) if len(group) > 1
+    )

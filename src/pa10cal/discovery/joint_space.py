@@ -1,0 +1,124 @@
+"""What the model leaves, told as errors of joint angles, and how they go with each joint's angle.
+
+A picture of where to look, not a test: the angles of one cell are found from six numbers, so an
+error that no joint makes shows in several of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lombscargle
+
+from pa10cal.arm.chain import end_pose_with_screws
+from pa10cal.discovery.fit import Fit
+from pa10cal.discovery.problem import Problem
+
+Array = NDArray[np.float64]
+
+#: Joint error thought possible, a standard deviation: where a pose cannot tell joints apart (at a
+#: singular wrist, or with more joints than six) it decides, and the error found is that uncertain.
+_POSSIBLE_RAD = 1e-3
+_LEAST_ORDER = 0.5
+#: Highest order of the periodogram, in gear ratios of the joint.
+_MOST_RATIOS = 2.5
+#: Steps of the periodogram within the width of a peak, one over the turns that the joint made.
+_STEPS_A_PEAK = 5
+_LARGEST_STEP = 0.25
+
+
+@dataclass(frozen=True)
+class JointErrors:
+    """By how much further joints stand than the model says, in C cells.
+
+    Attributes:
+        error_rad: (C, n) joint angle error (m for a sliding joint).
+        std_rad: (C, n) its standard deviation by the noise of the cell.
+    """
+
+    error_rad: Array
+    std_rad: Array
+
+    @property
+    def weight(self) -> Array:
+        """(C, n) by which means over cells are weighted."""
+        return np.asarray(self.std_rad**-2.0)
+
+
+@dataclass(frozen=True)
+class Periodogram:
+    """How much of a joint's error goes with a sine of its angle, order by order.
+
+    Attributes:
+        orders: (F,) cycles a turn of the joint.
+        explained_rad: (F,) root mean square of the error that a sine of that order explains, a
+            constant left free (generalised Lomb-Scargle periodogram).
+        marked: orders where joints are known to err: once and twice a turn of the joint, once and
+            twice a turn of the motor.
+        marked_rad: what they explain.
+    """
+
+    orders: Array
+    explained_rad: Array
+    marked: tuple[float, ...]
+    marked_rad: Array
+
+
+def joint_errors(problem: Problem, found: Fit, left: Array) -> JointErrors:
+    """Turn what the model leaves at every cell into errors of the joints, by least squares.
+
+    Args:
+        problem: the campaign.
+        found: the fit that left it.
+        left: (C, 6) measured less predicted pose, whitened by the noise of each cell.
+    """
+    cells, chain = problem.cells, found.model.chain
+    at = chain.joint_columns
+    end = end_pose_with_screws(chain, found.model.chain_coordinates(cells.states, found.x))
+    R = found.level.T_cmm_base[:3, :3]
+    screws = np.concatenate([R @ end.screws[:, :3, at], R @ end.screws[:, 3:, at]], axis=1)
+    rows = problem.pose.whitener @ screws
+    across = rows.transpose(0, 2, 1)
+    covariance = np.linalg.inv(across @ rows + np.eye(len(at)) / _POSSIBLE_RAD**2)
+    return JointErrors(
+        error_rad=(covariance @ (across @ left[:, :, None]))[:, :, 0],
+        std_rad=np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
+    )
+
+
+def periodogram(
+    q_rad: Array, error_rad: Array, weight: Array, gear_ratio: float
+) -> Periodogram | None:
+    """Return the periodogram of one joint's error by its angle, None where it hardly turned.
+
+    Args:
+        q_rad: (C,) joint angle of every cell.
+        error_rad: (C,) joint angle error.
+        weight: (C,) by which cells are weighted.
+        gear_ratio: motor turns a joint turn.
+    """
+    turns = float(np.ptp(q_rad)) / (2.0 * np.pi)
+    highest = _MOST_RATIOS * max(gear_ratio, 1.0)
+    # An arc that is a small part of the finest cycle tells nothing of any cycle.
+    if turns * highest < 1.0:
+        return None
+    step = min(_LARGEST_STEP, 1.0 / (_STEPS_A_PEAK * turns))
+    orders = np.arange(_LEAST_ORDER, highest + step, step)
+    marked = tuple(sorted({1.0, 2.0, float(gear_ratio), 2.0 * float(gear_ratio)}))
+    share = weight / weight.sum()
+    centred = error_rad - share @ error_rad
+    variance = float(share @ centred**2)
+    if variance == 0.0:
+        return Periodogram(orders, np.zeros(len(orders)), marked, np.zeros(len(marked)))
+    part = lombscargle(
+        q_rad,
+        centred,
+        np.concatenate([orders, marked]),
+        weights=share,
+        normalize=True,
+        floating_mean=True,
+    )
+    explained = np.sqrt(variance * np.clip(part, 0.0, 1.0))
+    return Periodogram(orders, explained[: len(orders)], marked, explained[len(orders) :])

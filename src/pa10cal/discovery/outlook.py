@@ -1,0 +1,122 @@
+"""How well what else may be adjusted could do the work of an effect, and what poses would add.
+
+Everything is linear about a fit and every adjustable parameter has an expected size, so the rows of
+a pose are taken in as in recursive least squares: what the rest cannot follow adds to the
+separation, and what it learns sharpens what it will say of every other pose.
+
+A sum of squares S that cannot be followed costs a model S / 2 in log evidence where it is small.
+Where it is large, the model may lay it to an error of unknown cause at every pose: with the
+variance of that error chosen to suit, D components of all poses cost D / 2 log(1 + S / D).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What tells an effect from all that may be adjusted in its place.
+
+    Attributes:
+        adjustable: (N, b, k) weighed rows of N poses that could be measured: of the adjustable
+            parameters, a unit of each being what is expected of it.
+        cov: (k, k) covariance of these parameters, as known so far.
+        left: (N, b, m) rows of the effect in these poses, less what the rest says of them.
+        spread: (N, b, b) covariance of what the rest says.
+        energy: (g, l, l) sums of squares and products that the rest could not follow so far: of g
+            shapes of the effect, in l directions each; m = g l.
+        components: D, of all poses measured so far.
+    """
+
+    adjustable: Array
+    cov: Array
+    left: Array
+    spread: Array
+    energy: Array
+    components: int
+
+    @classmethod
+    def of(
+        cls,
+        present: Array,
+        effect: Array,
+        adjustable: Array,
+        ahead: Array,
+        *,
+        directions: int,
+        poses: int,
+    ) -> Outlook:
+        """Start with what was measured.
+
+        Args:
+            present: (R, k) weighed rows of the adjustable parameters in what was measured.
+            effect: (R, m) of the effect, in its size.
+            adjustable: (N, b, k) of the adjustable parameters in what could be measured.
+            ahead: (N, b, m) of the effect there.
+            directions: l, columns of the effect that go together; what shows least among their
+                combinations counts.
+            poses: how many different poses were measured.
+        """
+        k, m = present.shape[1], effect.shape[1]
+        q, triangle = np.linalg.qr(np.concatenate([present, np.eye(k)]))
+        inverse = solve_triangular(triangle, np.eye(k))
+        rest = inverse @ (q[: len(present)].T @ effect)
+        missed = np.concatenate([effect - present @ rest, rest])
+        spread = adjustable @ inverse
+        return cls(
+            adjustable=adjustable,
+            cov=inverse @ inverse.T,
+            left=ahead - adjustable @ rest,
+            spread=spread @ spread.transpose(0, 2, 1),
+            energy=_groups((missed.T @ missed)[None], m // directions)[0],
+            components=poses * adjustable.shape[1],
+        )
+
+    @property
+    def nats(self) -> float:
+        """Separation so far: expected difference in log evidence, by the shape that shows least."""
+        return float(_nats(self.energy[None], self.components)[0])
+
+    def nats_with(self) -> Array:
+        """Return the separation if one more pose were measured, for each, (N,)."""
+        innovation = self.spread + np.eye(self.spread.shape[1])
+        gain = self.left.transpose(0, 2, 1) @ np.linalg.solve(innovation, self.left)
+        energy = self.energy + _groups(gain, len(self.energy))
+        return _nats(energy, self.components + self.left.shape[1])
+
+    def after(self, pose: int) -> Outlook:
+        """Return the outlook once a pose was measured."""
+        rows = self.adjustable[pose]
+        root = np.linalg.cholesky(self.spread[pose] + np.eye(len(rows)))
+        learned = solve_triangular(root, rows @ self.cov, lower=True).T  # (k, b)
+        news = solve_triangular(root, self.left[pose], lower=True)  # (b, m)
+        elsewhere = self.adjustable @ learned
+        return replace(
+            self,
+            cov=self.cov - learned @ learned.T,
+            left=self.left - elsewhere @ news,
+            spread=self.spread - elsewhere @ elsewhere.transpose(0, 2, 1),
+            energy=self.energy + _groups((news.T @ news)[None], len(self.energy))[0],
+            components=self.components + len(rows),
+        )
+
+
+def _groups(products: Array, shapes: int) -> Array:
+    """Return the blocks (N, g, l, l) on the diagonal of products (N, g l, g l)."""
+    count, size = products.shape[:2]
+    blocks = products.reshape(count, shapes, size // shapes, shapes, size // shapes)
+    return np.diagonal(blocks, axis1=1, axis2=3).transpose(0, 3, 1, 2)
+
+
+def _nats(energy: Array, components: int) -> Array:
+    """Return the cost in log evidence of the direction and shape that show least, (N,)."""
+    size = energy[..., 0, 0] if energy.shape[-1] == 1 else np.linalg.eigvalsh(energy)[..., 0]
+    nats: Array = 0.5 * components * np.log1p(np.maximum(size.min(axis=1), 0.0) / components)
+    return nats

@@ -1,0 +1,49 @@
+"""What the search needs to know of a campaign, from its description and the settings."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pa10cal.arm.chain import Chain, long_links
+from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import Burden
+from pa10cal.campaign.description import Campaign
+from pa10cal.discovery.problem import Setting, Uncertainties
+from pa10cal.settings import CalibrationSettings, DiscoverySettings
+from pa10cal.terms.model import Model
+
+MM = 1e-3
+
+
+def setting_of(
+    campaign: Campaign, arm: Arm, calibration: CalibrationSettings, discovery: DiscoverySettings
+) -> Setting:
+    """Return what the search needs to know besides the poses."""
+    burden = None
+    if arm.mass_kg is not None:
+        burden = Burden(
+            mass_kg=campaign.tool.mass_kg,
+            com_m=MM * np.array(campaign.tool.com_mm),
+            load_point_m=MM * np.array(campaign.tool.load_point_mm),
+            gravity_m_s2=np.array(campaign.gravity_m_s2),
+        )
+    return Setting(
+        burden=burden,
+        p_ee_targets_m=MM * campaign.p_ee_balls_mm,
+        reference_temperature_C=campaign.reference_temperature_C,
+        flexible_joints=calibration.flexible_joints,
+        uncertainties=Uncertainties(
+            apparatus_m=MM * calibration.apparatus_uncertainty_mm,
+            load=discovery.load_uncertainty,
+            mass=discovery.mass_uncertainty,
+            com_m=MM * discovery.com_uncertainty_mm,
+            load_point_m=MM * discovery.load_point_uncertainty_mm,
+            torque_zero=discovery.torque_zero_uncertainty,
+        ),
+    )
+
+
+def with_bends(model: Model) -> Model:
+    """Return a model on a chain whose long links may bend."""
+    arm = model.chain.arm
+    return Model(Chain.of(arm, bends=long_links(arm)), model.terms)

@@ -1,0 +1,151 @@
+"""The model with its named effects as JSON, written and read back."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pa10cal.arm.description import Arm
+from pa10cal.calibration.base_parameters import report_base
+from pa10cal.discovery.discover import Discovery
+from pa10cal.discovery.fit import Fit, normal_matrix, possible_sizes
+from pa10cal.discovery.problem import Baseline
+from pa10cal.errors import RecordError
+from pa10cal.stages.records import read_pose_matrix
+from pa10cal.terms.effects.effect import Surroundings
+from pa10cal.terms.effects.library import candidates
+from pa10cal.terms.model import Model
+from pa10cal.terms.term import Report
+
+Array = NDArray[np.float64]
+
+#: A parameter known no better than this part of what is possible is not told by the data.
+_TOLD = 1.0 / 3.0
+
+
+def extended_record(found: Discovery) -> dict[str, Any]:
+    """Return the extended model: parameters with uncertainties, effects, and what restores it."""
+    extended = found.extended
+    return {
+        "effects": [
+            {"id": effect.id, "of": effect.of, "x": extended.of(effect).tolist()}
+            for effect in extended.effects
+        ],
+        "parameters": parameter_records(found, extended),
+        "x": extended.x[extended.own_columns()][:-6].tolist(),
+        "T_cmm_base": base_of(extended).tolist(),
+        "baseline": {
+            "x": found.problem.baseline.x.tolist(),
+            "T_cmm_base": found.problem.baseline.T_cmm_base.tolist(),
+        },
+        "surroundings": {
+            field.name: _plain(getattr(found.problem.surroundings, field.name))
+            for field in fields(Surroundings)
+            if field.name != "arm"
+        },
+    }
+
+
+def read_extended(
+    record: dict[str, Any], baseline_model: Model, path: Path
+) -> tuple[Baseline, Model, Array, Array]:
+    """Return the baseline, and the extended model, its parameters and T_cmm_base.
+
+    Args:
+        record: what `extended_record` wrote.
+        baseline_model: chain and terms of the calibrated model.
+        path: where it was read from, for the message.
+
+    Raises:
+        RecordError: when an effect is not in the vocabulary, or a key is missing.
+    """
+    arm = baseline_model.chain.arm
+    try:
+        around = _surroundings(record["surroundings"], arm)
+        known = {(effect.id, effect.of): effect for effect in candidates(around)}
+        effects = [known[entry["id"], entry["of"]] for entry in record["effects"]]
+        own = np.array(record["x"], dtype=float)
+        x = np.concatenate([own, *(np.array(entry["x"]) for entry in record["effects"])])
+        baseline_x = np.array(record["baseline"]["x"], dtype=float)
+    except (KeyError, TypeError, ValueError) as error:
+        raise RecordError(
+            "the extended model cannot be restored",
+            where=str(path),
+            value=str(error),
+            allowed="effects of the vocabulary with their parameters",
+            remedy="run the discover stage again",
+        ) from None
+    model = Model(baseline_model.chain, (*baseline_model.terms, *effects))
+    baseline = Baseline(
+        baseline_model, baseline_x, read_pose_matrix(record["baseline"], "T_cmm_base", path)
+    )
+    return baseline, model, x, read_pose_matrix(record, "T_cmm_base", path)
+
+
+def base_of(found: Fit) -> Array:
+    """Return T_cmm_base (4, 4) with the fit's own small motions of the base."""
+    moved = np.eye(4)
+    moved[:3, 3] = found.x[-6:-3]
+    moved[:3, :3] = Rotation.from_euler("XYZ", found.x[-3:]).as_matrix()
+    T: Array = found.level.T_cmm_base @ moved
+    return T
+
+
+def parameter_records(found: Discovery, extended: Fit) -> dict[str, dict[str, Any]]:
+    """Return every parameter of the model in a fit, its effects aside, and the base frame."""
+    normal = normal_matrix(found.problem, extended)
+    size = 1.0 / np.sqrt(np.diag(normal))
+    covariance = np.linalg.inv(normal * np.outer(size, size)) * np.outer(size, size)
+    own = extended.own_columns()[:-6]
+    model = found.problem.baseline.model
+    report = model.report(extended.x[own])
+    told = np.sqrt(np.diag(covariance))[own] < _TOLD * possible_sizes(model)
+    touched = report.jacobian != 0.0
+    records = _records(report, covariance[np.ix_(own, own)])
+    for name, row in zip(records, touched, strict=True):
+        records[name]["identifiable"] = bool(np.all(told[row]))
+    base = _records(report_base(base_of(extended)), covariance[-6:, -6:])
+    for record in base.values():
+        record["identifiable"] = True
+    return records | base
+
+
+def _records(report: Report, covariance: Array) -> dict[str, dict[str, Any]]:
+    std = np.sqrt(np.diag(report.jacobian @ covariance @ report.jacobian.T))
+    return {
+        parameter.name: {
+            "value": float(value),
+            "std": float(sigma),
+            "unit": parameter.unit,
+            "tolerance": parameter.tolerance,
+        }
+        for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)
+    }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return [None if not np.all(np.isfinite(entry)) else entry for entry in value.tolist()]
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _surroundings(record: dict[str, Any], arm: Arm) -> Surroundings:
+    def array(name: str) -> Array:
+        return np.array([np.nan if entry is None else entry for entry in record[name]], dtype=float)
+
+    first, last = record["time_span_s"]
+    return Surroundings(
+        arm=arm,
+        flexible_joints=tuple(record["flexible_joints"]),
+        reference_temperature_C=float(record["reference_temperature_C"]),
+        tau_span_Nm=array("tau_span_Nm"),
+        T_cmm_base=array("T_cmm_base"),
+        p_cmm_middle_m=array("p_cmm_middle_m"),
+        q_span_rad=array("q_span_rad"),
+        time_span_s=(float(first), float(last)),
+    )

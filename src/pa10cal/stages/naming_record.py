@@ -1,0 +1,20 @@
+"""Errors as the named effects join the model one by one, as JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from pa10cal.discovery.naming import Named
+
+
+def naming_record(steps: tuple[Named, ...]) -> list[dict[str, Any]]:
+    """Return the errors of each step; the effects are all those in the model by then."""
+    return [
+        {
+            "effects": [{"id": effect.id, "of": effect.of} for effect in step.effects],
+            "train": asdict(step.train),
+            "holdout": None if step.holdout is None else asdict(step.holdout),
+        }
+        for step in steps
+    ]
