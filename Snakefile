@@ -23,6 +23,7 @@ include: "workflow/rules/export.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/simulate.smk"
 include: "workflow/rules/coverage.smk"
+include: "workflow/rules/blind_trials.smk"
 
 
 rule all:
@@ -34,3 +35,4 @@ rule all:
         expand(rules.discover.output.verdict, campaign=SETTINGS.campaigns),
         expand(rules.export.output.model, campaign=SETTINGS.campaigns),
         rules.figures.input,
+        rules.blind_trials_reduced.input,

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-import gzip
 import os
+
+# Before numpy is imported: its threads only get in each other's way in matrices of this size.
+for _library in ("OPENBLAS", "OMP", "MKL"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
+import gzip
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any

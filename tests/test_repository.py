@@ -20,7 +20,8 @@ FLOOR = {"errors"}
 
 #: What a package may import besides itself and `errors`: packages, or single modules.
 MAY_IMPORT = {
-    "settings": set(),
+    "settings": {"refused_settings"},
+    "refused_settings": set(),
     "arm": set(),
     "terms": {"arm"},
     "frame": set(),

@@ -17,12 +17,15 @@ from textwrap import dedent
 import pytest
 import yaml
 
-from pa10cal.figures.catalogue import FIGURES, TABLES
+from pa10cal.figures.catalogue import FIGURES, TABLES, TRIAL_FIGURES, TRIAL_TABLES
+from pa10cal.settings import BlindTrialsSettings
 
 ROOT = Path(__file__).parents[1]
+SETTINGS = BlindTrialsSettings()
 PICTURES = {*FIGURES, *TABLES}
+TRIAL_PICTURES = {*TRIAL_FIGURES, *TRIAL_TABLES}
 
-#: Stage, the options it is called with, and what the stand-in writes.
+#: Stage, the options it is called with, and what the stand-in writes. Several values follow a +.
 STAND_INS = {
     "ingest": (
         ["--campaign-dir", "--settings", "--out", "--quarantine"],
@@ -41,9 +44,25 @@ STAND_INS = {
         "import pa10cal.calibration.probe",
     ),
     "montecarlo": (["--campaign", "--robot", "--plane-mm", "--settings", "--out"], ""),
-    "evaluate": (["--campaign-dir", "--poses", "--calibration", "--out"], ""),
+    "discover": (
+        [
+            "--campaign-dir",
+            "--poses",
+            "--calibration",
+            "--settings",
+            "--verdict",
+            "--analysis",
+            "--extended",
+            "--suggested",
+        ],
+        """
+        for path in (a.verdict, a.analysis, a.extended, a.suggested):
+            write_text(Path(path), a.calibration)
+        """,
+    ),
+    "evaluate": (["--campaign-dir", "--poses", "--calibration", "--extended", "--out"], ""),
     "export": (
-        ["--calibration", "--model", "--urdf"],
+        ["--calibration", "--extended", "--model", "--urdf"],
         """
         for path in (a.model, a.urdf):
             write_text(Path(path), a.calibration)
@@ -52,6 +71,36 @@ STAND_INS = {
     "coverage": (["--campaigns", "--settings", "--out"], ""),
     "figures": (
         ["--figure", "--campaign-dir", "--results-dir", "--settings", "--out-dir"],
+        """
+        endings = ["csv", "md", "html"] if a.out_dir.endswith("tables") else ["svg", "pdf", "png"]
+        for ending in endings:
+            write_text(Path(a.out_dir) / f"{a.figure}.{ending}", a.figure)
+        """,
+    ),
+    "blind_trials": (
+        [
+            "--kind",
+            "--first",
+            "--count",
+            "--random-seed",
+            "--settings",
+            "--verdicts",
+            "--truths",
+        ],
+        """
+        for path in (a.verdicts, a.truths):
+            write_text(Path(path), f"{a.kind} {a.first} {a.count}")
+        """,
+    ),
+    "score_trials": (
+        ["--verdicts+", "--truths+", "--scores", "--trials"],
+        """
+        for path in (a.scores, a.trials):
+            write_text(Path(path), "; ".join(Path(name).read_text() for name in a.verdicts))
+        """,
+    ),
+    "trial_figures": (
+        ["--figure", "--scores", "--settings", "--out-dir"],
         """
         endings = ["csv", "md", "html"] if a.out_dir.endswith("tables") else ["svg", "pdf", "png"]
         for ending in endings:
@@ -76,7 +125,8 @@ from pa10cal.stages.command import run_stage
 
 def describe(parser):
     for option in {options}:
-        parser.add_argument(option, required=True)
+        several = "+" if option.endswith("+") else None
+        parser.add_argument(option.rstrip("+"), required=True, nargs=several)
 
 def run(a):
     print("{stage} at work", file=sys.stderr)
@@ -140,7 +190,7 @@ def checkout(tmp_path):
         (package / f"stages/{stage}.py").write_text(text)
     (package / "calibration/probe.py").write_text("ANSWER = 1\n")
     (package / "figures").mkdir()
-    for name in ("__init__", *PICTURES):
+    for name in ("__init__", *PICTURES, *TRIAL_PICTURES):
         (package / f"figures/{name}.py").write_text(f'"""{name}"""\n')
     campaign = place / "data/raw/c1"
     campaign.mkdir(parents=True)
@@ -200,7 +250,7 @@ def test_names_a_campaign_that_is_not_there(plan, tmp_path):
 
 def test_every_picture_has_a_caption():
     captions = {path.stem for path in (ROOT / "workflow/report").glob("*.rst")}
-    assert captions == PICTURES | {"workflow"}
+    assert captions == PICTURES | TRIAL_PICTURES | {"workflow"}
 
 
 def test_a_campaign_that_is_not_there_is_refused_in_one_line(plan):
@@ -245,6 +295,35 @@ def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
 
     (checkout.place / "src/pa10cal/figures/l_curve.py").write_text("LINE = 1\n")
     assert set(planned(checkout("-n", "figures")[1])) == {"l_curve", "figures", "total"}
+
+
+def test_the_default_target_runs_a_few_blind_trials_and_their_own_target_all(plan):
+    full, reduced = SETTINGS.full, SETTINGS.reduced
+    size = SETTINGS.trials_a_job
+
+    def jobs(counts):
+        return sum(-(-count // size) for _, count in counts)
+
+    code, text = plan("blind_trials_reduced")
+    assert code == 0, text
+    assert planned(text)["judge_trials"] == jobs(reduced)
+    code, text = plan("blind_trials")
+    assert code == 0, text
+    assert planned(text)["judge_trials"] == jobs(full)
+    assert planned(text)["score_trials"] == planned(text)["trials_summary"] == 1
+    assert full.null >= 200
+    assert all(few <= many for (_, few), (_, many) in zip(reduced, full, strict=True))
+
+
+def test_blind_trials_are_divided_into_jobs_and_scored_together(checkout):
+    counts = {**dict.fromkeys(dict(SETTINGS.full), 0), "null": 3, "single": 2}
+    few = [f"blind_trials={{'trials_a_job': 2, 'reduced': {counts}}}"]
+    code, text = checkout("blind_trials_reduced", config=few)
+    assert code == 0, text
+    results = checkout.place / "results/blind_trials_reduced"
+    assert (results / "scores.json").read_text() == "null 0 2; null 2 1; single 0 2"
+    assert {path.stem for path in results.glob("[ft][ia][gb]*/*.*")} == TRIAL_PICTURES
+    assert not (checkout.place / "results/c1").exists()
 
 
 def test_shows_and_keeps_the_message_of_a_stage_that_refuses(checkout):

@@ -15,9 +15,13 @@ STAGES = {
     "seed": "base frame from the straight-line moves",
     "calibrate": "two-level calibration of one load case",
     "montecarlo": "position error from resolver uncertainty in one plane",
+    "discover": "which effect is missing from the model, and the gap with it closed",
     "evaluate": "held-out points and loads",
     "export": "the calibrated model as model.yaml and robot.urdf",
     "figures": "draw one figure or table",
+    "blind_trials": "hide effects in campaigns of the virtual cell and judge them blindly",
+    "score_trials": "hold verdicts on blind trials against what was hidden",
+    "trial_figures": "draw one figure or table of blind trials",
     "coverage": "count how often intervals hold the truth of simulated campaigns",
 }
 
@@ -26,7 +30,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one stage and return its exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     if not words or words[0] in ("-h", "--help") or words[0] not in STAGES:
-        lines = [f"  {name:<11} {what}" for name, what in STAGES.items()]
+        lines = [f"  {name:<13} {what}" for name, what in STAGES.items()]
         print("usage: pa10cal STAGE [options]   (pa10cal STAGE --help)\n" + "\n".join(lines))
         return 0 if words and words[0] in ("-h", "--help") else REFUSED
     limit_threads()

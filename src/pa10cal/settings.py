@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -13,12 +12,14 @@ from pydantic import (
     ConfigDict,
     Field,
     FiniteFloat,
+    NonNegativeInt,
     ValidationError,
     ValidationInfo,
     field_validator,
 )
 
 from pa10cal.errors import SettingsError
+from pa10cal.refused_settings import refusal
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
@@ -140,6 +141,59 @@ class EvaluationSettings(Section):
     calibration: str = Field("combined", description="which load case's models are evaluated")
 
 
+class DiscoverySettings(Section):
+    """The search for missing effects."""
+
+    error_rate: Annotated[FiniteFloat, Field(gt=0, lt=1)] = Field(
+        0.01, description="probability allowed of a name where nothing is missing"
+    )
+    load_uncertainty: NonNegative = Field(
+        0.005, description="standard uncertainty of an external load, relative"
+    )
+    load_point_uncertainty_mm: NonNegative = Field(
+        2.0, description="standard uncertainty of where the load hangs, per axis"
+    )
+    mass_uncertainty: NonNegative = Field(
+        0.3, description="standard uncertainty of a link's mass, relative"
+    )
+    com_uncertainty_mm: NonNegative = Field(
+        30.0, description="standard uncertainty of a link's centre of mass, per axis"
+    )
+    torque_zero_uncertainty: NonNegative = Field(
+        0.01, description="standard uncertainty of a torque's zero, relative to the rated torque"
+    )
+    suggestions: Annotated[int, Field(ge=0)] = Field(
+        10, description="poses to suggest where effects cannot be told apart"
+    )
+    random_seed: Annotated[int, Field(ge=0)] = Field(
+        20080427, description="of the poses from which suggestions are chosen"
+    )
+
+
+class TrialCounts(Section):
+    """How many blind trials of each kind."""
+
+    null: NonNegativeInt = Field(200, description="nothing hidden")
+    single: NonNegativeInt = Field(380, description="one effect, each of the vocabulary in turn")
+    pair: NonNegativeInt = Field(100, description="two effects")
+    triple: NonNegativeInt = Field(100, description="three effects")
+    outside: NonNegativeInt = Field(100, description="one effect that no name covers")
+    wrong_noise: NonNegativeInt = Field(40, description="nothing hidden, uncertainty misstated")
+    wrong_mass: NonNegativeInt = Field(40, description="nothing hidden, one link's mass is wrong")
+
+
+class BlindTrialsSettings(Section):
+    """Campaigns of the virtual cell judged without their truth, and scored apart."""
+
+    random_seed: Annotated[int, Field(ge=0)] = 20080427
+    trials_a_job: Annotated[int, Field(ge=1)] = Field(10, description="trials one job runs")
+    full: TrialCounts = Field(TrialCounts(), description="what `snakemake blind_trials` runs")
+    reduced: TrialCounts = Field(
+        TrialCounts(null=4, single=19, pair=2, triple=1, outside=4, wrong_noise=0, wrong_mass=0),
+        description="the first of them, which the default target runs",
+    )
+
+
 class FigureSettings(Section):
     """Looks shared by all figures."""
 
@@ -181,6 +235,11 @@ class CellPosesSettings(Section):
         0.1, description="held-out points lie outside the grid's volume by up to this"
     )
     line_length_m: Positive = Field(0.2, description="length of the straight moves")
+    extra_deg: tuple[tuple[FiniteFloat, ...], ...] = Field(
+        (),
+        description="further calibration poses, joint angles each, measured after those of the "
+        "layout in every repeat",
+    )
     tilt_seed: int = Field(1, description="draws attitudes, held-out points and wide poses")
 
 
@@ -261,6 +320,8 @@ class Settings(Section):
     calibration: CalibrationSettings = CalibrationSettings()
     montecarlo: MonteCarloSettings = MonteCarloSettings()
     evaluation: EvaluationSettings = EvaluationSettings()
+    discovery: DiscoverySettings = DiscoverySettings()
+    blind_trials: BlindTrialsSettings = BlindTrialsSettings()
     figures: FigureSettings = FigureSettings()
     simulate: dict[str, SimulateSettings] = Field(
         default_factory=dict, description="campaigns the virtual cell can write, by name"
@@ -293,7 +354,7 @@ def parse_section(section: type[_S], raw: object, *, where: str) -> _S:
     try:
         return section.model_validate(raw)
     except ValidationError as error:
-        raise _explain(section, error, where) from None
+        raise refusal(section, error, where) from None
 
 
 def read_settings_argument(section: type[_S], argument: str) -> _S:
@@ -316,49 +377,3 @@ def read_settings_argument(section: type[_S], argument: str) -> _S:
             remedy="check the path and its syntax",
         ) from None
     return parse_section(section, raw, where=where)
-
-
-def _explain(section: type[Section], error: ValidationError, where: str) -> SettingsError:
-    """Turn one of pydantic's findings, an unknown key first, into one message of the project."""
-    first = min(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
-    location = tuple(str(part) for part in first["loc"])
-    key = ".".join(location) or "the whole"
-    if first["type"] == "extra_forbidden":
-        known = _known_keys(section, location[:-1])
-        near = difflib.get_close_matches(location[-1], known, n=1, cutoff=0.0)
-        return SettingsError(
-            f"unknown key {key}",
-            where=where,
-            allowed=", ".join(sorted(known)),
-            remedy=f"did you mean {near[0]!r}?" if near else "remove it",
-        )
-    if first["type"] == "missing":
-        return SettingsError(
-            f"missing key {key}", where=where, allowed="a value", remedy=f"set {key}"
-        )
-    return SettingsError(
-        f"key {key} does not fit",
-        where=where,
-        value=first.get("input"),
-        allowed=first["msg"].removeprefix("Value error, "),
-        remedy=f"set {key} accordingly",
-    )
-
-
-def _known_keys(section: type[Section], path: tuple[str, ...]) -> list[str]:
-    """Return the field names of the (sub)section at `path`."""
-    current: Any = section
-    for part in path:
-        field = current.model_fields.get(part)
-        if field is None:  # the key of a mapping, such as a campaign's name
-            continue
-        annotation = field.annotation
-        current = next(
-            (
-                kind
-                for kind in (annotation, *getattr(annotation, "__args__", ()))
-                if isinstance(kind, type) and issubclass(kind, Section)
-            ),
-            current,
-        )
-    return list(current.model_fields)

@@ -92,6 +92,17 @@ def test_the_same_layout_comes_out_again_and_another_seed_changes_it(arm, robot,
     assert not np.array_equal(other.holdout, poses.holdout)
 
 
+@pytest.mark.parametrize("layout", ["grid", "wide"])
+def test_further_poses_come_after_those_of_the_layout(arm, robot, layout):
+    nominal = Mechanism.nominal(robot)
+    extra = ((10.0, 20.0, 80.0, 100.0, -45.0, 30.0), (-60.0, 0.0, 100.0, 0.0, 60.0, 200.0))
+    plain = place_poses(arm, nominal, CellPosesSettings(layout=layout), 10)
+    more = place_poses(arm, nominal, CellPosesSettings(layout=layout, extra_deg=extra), 10)
+    assert np.array_equal(more.grid[:-2], plain.grid)
+    assert np.degrees(more.grid[-2:]) == pytest.approx(np.array(extra))
+    assert np.array_equal(more.holdout, plain.holdout)
+
+
 BAD = [
     ({"centre_deg": (0, 0, 0, 0, 0, 0)}, "short"),
     ({"spacing_m": (0.6, 0.6, 0.6)}, "short"),
@@ -105,6 +116,17 @@ def test_refuses_poses_out_of_reach_or_beyond_a_limit(arm, robot, change, value)
         place_poses(arm, Mechanism.nominal(robot), CellPosesSettings(**change), 10)
     assert "pose " in str(refusal.value)
     assert "poses.spacing_m" in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("pose_deg", "value"),
+    [((0.0, 0.0), "2 joint angles for 6"), ((0.0, 125.0, 0.0, 0.0, 0.0, 0.0), "joint 2 beyond")],
+)
+def test_refuses_further_poses_that_the_arm_cannot_take(arm, robot, pose_deg, value):
+    extra = ((0.0,) * 6, pose_deg)
+    with pytest.raises(SimulationError, match=value) as refusal:
+        place_poses(arm, Mechanism.nominal(robot), CellPosesSettings(extra_deg=extra), 10)
+    assert "poses.extra_deg[1]" in str(refusal.value)
 
 
 def test_the_poses_tell_34_of_the_36_unknowns(robot, poses):

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from pa10cal.figures.catalogue import FIGURES, TABLES
+from pa10cal.figures.catalogue import FIGURES, TABLES, TRIAL_FIGURES, TRIAL_TABLES
 
 ROOT = Path(__file__).parents[2]
 CAPTIONS = ROOT / "workflow/report"
-NAMES = (*FIGURES, *TABLES)
+NAMES = (*FIGURES, *TABLES, *TRIAL_FIGURES, *TRIAL_TABLES)
 
 
 def test_the_workflow_draws_every_picture():
@@ -17,6 +17,12 @@ def test_the_workflow_draws_every_picture():
     figures, tables = rules.split("TABLES = {")
     assert tuple(re.findall(r'^    "(\w+)": \{', figures, re.MULTILINE)) == FIGURES
     assert tuple(re.findall(r'^    "(\w+)": \{', tables, re.MULTILINE)) == TABLES
+
+
+def test_the_workflow_draws_every_picture_of_blind_trials():
+    rules = (ROOT / "workflow/rules/blind_trials.smk").read_text("utf-8")
+    named = re.findall(r'"(trials_\w+)": "', rules)
+    assert tuple(named) == (*TRIAL_FIGURES, *TRIAL_TABLES)
 
 
 def test_every_picture_has_a_module_and_a_caption():

@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -14,6 +15,9 @@ from matplotlib.text import Text
 from pa10cal.figures.catalogue import FIGURES
 from pa10cal.figures.style import WIDTH_MM, looks, write_figure
 
+#: Pictures of discovery are drawn where it named something as well.
+DISCOVERY = FIGURES[FIGURES.index("where_breakdown") :]
+CASES = [*(("nothing", name) for name in FIGURES), *(("named", name) for name in DISCOVERY)]
 DPI = 80
 LEAST_POINTS = 8.0
 
@@ -31,37 +35,39 @@ for name in sys.argv[4:]:
 
 
 @pytest.fixture(scope="module")
-def drawn(results, tmp_path_factory):
+def drawn(results, named, tmp_path_factory):
     """Write every figure; return the folder, and each one's texts with the boxes they fill."""
     place = tmp_path_factory.mktemp("drawn")
-    texts = {name: {} for name in FIGURES}
+    texts = {case: {} for case in CASES}
+    sources = {"nothing": results, "named": named}
     draw_text = Text.draw
     with pytest.MonkeyPatch.context() as patch:
-        for name in FIGURES:
+        for case in CASES:
+            source, name = case
 
-            def draw(text, renderer, *rest, seen=texts[name], **more):
+            def draw(text, renderer, *rest, seen=texts[case], **more):
                 draw_text(text, renderer, *rest, **more)
                 if isinstance(renderer, RendererAgg) and text.get_visible() and text.get_text():
                     seen[text] = (text.get_window_extent(renderer), renderer)
 
             patch.setattr(Text, "draw", draw)
             with looks():
-                figure = import_module(f"pa10cal.figures.{name}").draw(results)
-                write_figure(figure, results.footer, place, name, DPI)
+                figure = import_module(f"pa10cal.figures.{name}").draw(sources[source])
+                write_figure(figure, results.footer, place / source, name, DPI)
     return place, texts
 
 
-@pytest.mark.parametrize("name", FIGURES)
-def test_is_written_in_three_formats(drawn, name):
+@pytest.mark.parametrize("case", CASES, ids="-".join)
+def test_is_written_in_three_formats(drawn, case):
     place, _ = drawn
     starts = {"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}
     for ending, start in starts.items():
-        assert (place / f"{name}.{ending}").read_bytes().startswith(start)
+        assert (place / case[0] / f"{case[1]}.{ending}").read_bytes().startswith(start)
 
 
-@pytest.mark.parametrize("name", FIGURES)
-def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(drawn, name):
-    texts = drawn[1][name]
+@pytest.mark.parametrize("case", CASES, ids="-".join)
+def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(drawn, case):
+    texts = drawn[1][case]
     assert len(texts) > 10
     for text, (box, renderer) in texts.items():
         assert text.get_fontsize() >= LEAST_POINTS, text
@@ -80,13 +86,13 @@ def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(drawn
     assert not overlapping
 
 
-@pytest.mark.parametrize("name", FIGURES)
-def test_says_what_it_was_drawn_from(drawn, name):
-    texts = [text.get_text() for text in drawn[1][name]]
+@pytest.mark.parametrize("case", CASES, ids="-".join)
+def test_says_what_it_was_drawn_from(drawn, case):
+    texts = [text.get_text() for text in drawn[1][case]]
     assert (
         "Campaign cell-null. Synthetic data. Provenance: virtual cell, independent of this project."
     ) in texts
-    assert any("[mm]" in text or "[%]" in text or "tolerance" in text for text in texts)
+    assert any(re.search(r"\[(mm|%|µrad|N m)\]|tolerance", text) for text in texts)
 
 
 def test_another_process_writes_the_same_bytes(drawn, results, tmp_path):
@@ -94,5 +100,5 @@ def test_another_process_writes_the_same_bytes(drawn, results, tmp_path):
     words = [pickle.dumps(results).hex(), str(tmp_path), str(DPI), *FIGURES]
     env = {**os.environ, "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo", "SOURCE_DATE_EPOCH": "1"}
     subprocess.run([sys.executable, "-c", DRAW_ALL, *words], check=True, env=env, timeout=120)
-    for path in place.iterdir():
+    for path in (place / "nothing").iterdir():
         assert (tmp_path / path.name).read_bytes() == path.read_bytes(), path.name

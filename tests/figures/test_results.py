@@ -48,6 +48,8 @@ def test_poses_come_in_order_of_time(results):
         ("evaluation/holdout.json", lambda r: r.held_out(), "evaluate"),
         ("seed/base_frame.json", lambda r: r.base_frame(), "seed"),
         ("montecarlo/z500.json", lambda r: r.planes(), "montecarlo"),
+        ("discovery/analysis.json", lambda r: r.analysis(), "discover"),
+        ("discovery/verdict.json", lambda r: r.verdict(), "discover"),
         ("ingest/poses.parquet", lambda r: r.poses(), "ingest"),
     ],
 )

@@ -9,6 +9,7 @@ rule discover:
         verdict=result("discovery/verdict.json"),
         analysis=result("discovery/analysis.json"),
         extended=result("discovery/extended.json"),
+        suggested=result("discovery/suggested_poses.csv"),
     log:
         result("logs/discover.log"),
     params:
@@ -18,4 +19,5 @@ rule discover:
         "python -m pa10cal discover --campaign-dir {params.folder:q} --poses {input.poses:q}"
         " --calibration {input.calibration:q} --settings {params.settings:q}"
         " --verdict {output.verdict:q} --analysis {output.analysis:q} --extended {output.extended:q}"
+        " --suggested {output.suggested:q}"
         " 2>&1 | tee {log:q} >&2"

@@ -34,6 +34,9 @@ Array = NDArray[np.float64]
 
 #: Starts whose cost is within this part of the best have found the same minimum.
 _SAME_COST = 1e-6
+#: Relative changes at which linear springs are near enough, and the cubic share they start with.
+_GOOD_ENOUGH = 1e-6
+_LITTLE_SHARE = 0.01
 #: The null space hardly moves with the parameters; it is found again at the solution this often.
 _NULL_SPACE_PASSES = 3
 
@@ -121,6 +124,7 @@ def calibrate(
     poses = inner_poses or spread_poses(observations, options.inner_poses)
     level = TwoLevel(model, observations, rows_of(observations, poses), options.r_max_m)
     starts = random_starts(model, options.starts, options.random_seed)
+    starts[0] = _from_linear_springs(level, starts[0], options)
     terms = tolerance_rows(level, starts[0], options)
     solutions = [solve(level, start, terms, options.max_iterations) for start in starts]
     best = min(solutions, key=lambda solution: (not solution.converged, solution.cost))
@@ -132,6 +136,30 @@ def calibrate(
         again = solve(level, best.x, terms, options.max_iterations)
         best = replace(again, iterations=best.iterations + again.iterations)
     return describe(level, best, tuple(solutions), terms, poses, errors)
+
+
+def _from_linear_springs(level: TwoLevel, start: Array, options: Options) -> Array:
+    """Return where linear springs lead, with a little of the cubic part.
+
+    Straight from nominal geometry a stiff, nearly linear spring can end as an all but cubic one,
+    a minimum too, but not the lowest.
+    """
+    springs = [term for term in level.model.terms if isinstance(term, JointSpring) and term.cubic]
+    if not springs:
+        return start
+    terms = tuple(
+        replace(term, cubic=False) if isinstance(term, JointSpring) else term
+        for term in level.model.terms
+    )
+    shares = np.array(
+        [parameter.name.startswith("cubic_share") for parameter in level.model.parameters]
+    )
+    linear = replace(level, model=Model(level.model.chain, terms))
+    rows = tolerance_rows(linear, start[~shares], options)
+    found = solve(linear, start[~shares], rows, options.max_iterations, _GOOD_ENOUGH)
+    ahead = np.full(len(start), _LITTLE_SHARE)
+    ahead[~shares] = found.x
+    return ahead
 
 
 def describe(

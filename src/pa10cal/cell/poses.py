@@ -32,7 +32,7 @@ class Poses:
         line_x: (11, n) straight move along the base's x axis, tool attitude fixed.
         line_y: (11, n) the same along y.
         grid: (P, n) calibration poses in the order in which a path runs through them: the 27 of
-            the grid, or those of the wide layout.
+            the grid, or those of the wide layout; then those that the settings add.
         holdout: (H, n) poses outside the grid's volume, or more of the wide ones.
     """
 
@@ -72,25 +72,56 @@ def place_poses(
         holdout_points: H, how many held-out points.
 
     Raises:
-        SimulationError: when a pose is out of reach or beyond a joint limit.
+        SimulationError: when a pose is out of reach or beyond a joint limit, or one that the
+            settings add has not one angle a joint.
     """
     rng = np.random.default_rng(settings.tilt_seed)
     reach = _Reach(arm, nominal, centre_rad(arm, settings))
     along = np.linspace(-0.5, 0.5, LINE_POINTS)[:, None] * settings.line_length_m
     line_x = reach.joints("LX", along * np.array([1.0, 0.0, 0.0]))
     line_y = reach.joints("LY", along * np.array([0.0, 1.0, 0.0]))
+    extra = _extra_rad(arm, settings)
     if settings.layout == "wide":
         wide = neighbours_path(draw_wide(arm, nominal, settings.wide_poses, rng))
-        return Poses(line_x, line_y, wide, draw_wide(arm, nominal, holdout_points, rng))
+        holdout = draw_wide(arm, nominal, holdout_points, rng)
+        return Poses(line_x, line_y, np.concatenate([wide, extra]), holdout)
     spacing_m = np.array(settings.spacing_m)
     grid_m = _grid_path() * spacing_m
     outside_m = _points_outside(spacing_m, settings.outside_m, holdout_points, rng)
+    grid = reach.joints("P", grid_m, _tilts(len(grid_m), settings.tilt_rad, rng))
     return Poses(
         line_x=line_x,
         line_y=line_y,
-        grid=reach.joints("P", grid_m, _tilts(len(grid_m), settings.tilt_rad, rng)),
+        grid=np.concatenate([grid, extra]),
         holdout=reach.joints("H", outside_m, _tilts(holdout_points, settings.tilt_rad, rng)),
     )
+
+
+def _extra_rad(arm: Arm, settings: CellPosesSettings) -> Array:
+    """Return the (E, n) joint angles that the settings add."""
+    for number, angles_deg in enumerate(settings.extra_deg):
+        where = f"poses.extra_deg[{number}]"
+        if len(angles_deg) != arm.n:
+            raise SimulationError(
+                f"{len(angles_deg)} joint angles for {arm.n} joints",
+                where=where,
+                value=angles_deg,
+                allowed=f"{arm.n} angles",
+                remedy="give one angle a joint",
+            )
+        low, high = np.degrees(arm.limits_rad).T
+        beyond = np.maximum(low - angles_deg, np.array(angles_deg) - high)
+        if np.any(beyond > 0):
+            joint = int(np.argmax(beyond))
+            raise SimulationError(
+                f"joint {joint + 1} beyond its limits",
+                where=where,
+                value=angles_deg[joint],
+                allowed=f"{low[joint]:.0f} to {high[joint]:.0f} deg",
+                remedy="leave the pose out",
+            )
+    extra: Array = np.radians(np.array(settings.extra_deg, dtype=float).reshape(-1, arm.n))
+    return extra
 
 
 def _grid_path() -> Array:

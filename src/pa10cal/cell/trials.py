@@ -40,6 +40,11 @@ NOISE_FACTORS = (1.5, 4.0)
 MASS_EXCESS = (0.1, 0.3)
 LINKS = 6
 
+#: Kinds that go through their effects one after the other.
+_IN_TURN: dict[TrialKind, dict[str, Reference]] = {
+    "single": REFERENCES,
+    "outside": OUTSIDE_REFERENCES,
+}
 _MEMBERS: dict[TrialKind, int] = {"single": 1, "outside": 1, "pair": 2, "triple": 3}
 
 
@@ -78,7 +83,8 @@ def draw_trials(
     """Draw trials of one kind; the same arguments give the same trials.
 
     Every trial has a robot, a layout's attitudes and noise of its own. Singles go through the
-    vocabulary in turn, trials outside of it through what it lacks; the layouts take turns as well.
+    vocabulary in turn, trials outside of it through what it lacks; the layouts take turns as well,
+    and from one round of the effects to the next, so that each effect meets every layout.
     Trials of a smaller count are the first of a larger one.
 
     Args:
@@ -100,9 +106,16 @@ def draw_trials(
             remedy="name one of these",
         )
     return tuple(
-        _draw(kind, number, random_seed, layouts[number % len(layouts)], size)
+        _draw(kind, number, random_seed, _layout(kind, number, layouts), size)
         for number in range(count)
     )
+
+
+def _layout(kind: TrialKind, number: int, layouts: Sequence[Layout]) -> Layout:
+    turn, place = 0, number
+    if kind in _IN_TURN:
+        turn, place = divmod(number, len(_IN_TURN[kind]))
+    return layouts[(turn + place) % len(layouts)]
 
 
 def _draw(
@@ -134,14 +147,13 @@ def _hidden(
     kind: TrialKind, number: int, layout: Layout, size: float | None, rng: np.random.Generator
 ) -> tuple[list[dict[str, Any]], tuple[float, ...]]:
     """Draw the hidden effects, none twice at one place, and their sizes."""
-    references = OUTSIDE_REFERENCES if kind == "outside" else REFERENCES
+    references = _IN_TURN.get(kind, REFERENCES)
     ids = list(references)
     bounds = SINGLE_SIZES if kind == "single" else OTHER_SIZES
     hidden: list[dict[str, Any]] = []
     sizes: list[float] = []
     while len(hidden) < _MEMBERS.get(kind, 0):
-        in_turn = kind in ("single", "outside")
-        name = ids[number % len(ids)] if in_turn else str(rng.choice(ids))
+        name = ids[number % len(ids)] if kind in _IN_TURN else str(rng.choice(ids))
         drawn = float(np.exp(rng.uniform(*np.log(bounds))))
         factor = drawn if size is None else size
         effect = _effect(name, references[name], layout, factor, rng)

@@ -23,7 +23,7 @@ from pa10cal.errors import DiscoveryError
 Array = NDArray[np.float64]
 
 _DRAWN_AT_ONCE = 20_000
-_MOST_DRAWS = 40
+_MOST_DRAWS = 15
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,10 @@ def _weighed(problem: Problem, poses: PoseObservations) -> Problem:
         coordinates = baseline.model.chain_coordinates(poses.states, baseline.x)
         weights = statics(baseline.model.chain, coordinates, poses.states.load_N, setting.burden)
         scale = np.sqrt(poses.repeats)[:, None] / problem.noise.torque_Nm
-        common = common_torques(poses, weights, baseline, setting.burden, setting.uncertainties)
+        loads_N = np.unique(problem.cells.states.load_N)
+        common = common_torques(
+            poses, weights, baseline, setting.burden, setting.uncertainties, loads_N[loads_N > 0]
+        )
         torque = Channel.of(scale[:, :, None] * np.eye(poses.states.n), shared, common)
     left = np.zeros_like(poses.states.tau_Nm)
     return replace(
@@ -199,7 +202,10 @@ def _weighed(problem: Problem, poses: PoseObservations) -> Problem:
 
 
 def _on_apparatus(poses: PoseObservations, problem: Problem) -> PoseObservations:
-    """Return poses with what places of targets do to them: the same along the end's own axes."""
+    """Return poses with what places of targets do to them.
+
+    That is about the same along the end's own axes everywhere: the mean of the readings.
+    """
     readings = problem.readings
     own = np.mean(_turns(readings).transpose(0, 2, 1) @ readings.by_apparatus, axis=0)
     return replace(poses, by_apparatus=_turns(poses) @ own)

@@ -35,10 +35,12 @@ class NotTestable:
     Attributes:
         effect: which, and where.
         why: the reason.
+        by_these_poses: whether other poses might show it; not where what it needs was not logged.
     """
 
     effect: Effect
     why: str
+    by_these_poses: bool = True
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,7 @@ def testable(
         if why is None:
             known.append(effect)
         else:
-            refused.append(NotTestable(effect, why))
+            refused.append(NotTestable(effect, why, by_these_poses=False))
     lin = linearise(problem, found, tuple(known))
     pose = problem.pose.weights(0.0)
     own, _ = np.linalg.qr(np.concatenate([pose(lin.own), np.eye(lin.own.shape[1])]))

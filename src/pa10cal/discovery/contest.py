@@ -75,15 +75,14 @@ def _outlook(
     found: Fit, now: _Rows, then: _Rows, truth: Effect, rival: Effect | None, poses: int
 ) -> Outlook:
     """Return the outlook of telling the truth from its rival and the model's own parameters."""
-    x, directions = _taken_for_true(found, now, truth, rival)
+    x = _taken_for_true(found, now, truth, rival)
     present, true = _adjustable(found, now, truth, rival), now.blocks[truth] @ x
     return Outlook.of(
         present.reshape(-1, present.shape[2]),
         true.reshape(-1, true.shape[2]),
         _adjustable(found, then, truth, rival),
         then.blocks[truth] @ x,
-        directions=directions,
-        poses=poses,
+        poses,
     )
 
 
@@ -98,24 +97,23 @@ def _adjustable(found: Fit, rows: _Rows, truth: Effect, rival: Effect | None) ->
     return np.concatenate([rows.own, *columns], axis=2)
 
 
-def _taken_for_true(
-    found: Fit, now: _Rows, truth: Effect, rival: Effect | None
-) -> tuple[Array, int]:
-    """Return parameters (k', m) of an effect taken for the truth, and how many go together.
+def _taken_for_true(found: Fit, now: _Rows, truth: Effect, rival: Effect | None) -> Array:
+    """Return parameters (k', m) of an effect taken for the truth.
 
-    Those found; else those with which it passes for its rival that was found; else, one by one,
-    those plausible, of which any combination in one shape may be the truth.
+    Those found; else those with which it passes for its rival that was found; else what is
+    plausible of each, on average over its shapes.
     """
     if truth in found.effects:
-        return _amount(found, truth)[:, None], 1
+        return _amount(found, truth)[:, None]
+    factor = now.factors[truth]
     if rival is None or rival not in found.effects:
-        return now.factors[truth], truth.linear
+        return np.asarray(factor / np.sqrt(len(truth.starts)))
     columns = _adjustable(found, now, rival, truth)
     k = columns.shape[2]
     rows = np.concatenate([columns.reshape(-1, k), np.eye(k)])
     target = np.concatenate([(now.blocks[rival] @ _amount(found, rival)).ravel(), np.zeros(k)])
-    passes = np.linalg.lstsq(rows, target, rcond=None)[0][-len(now.factors[truth]) :]
-    return (_ANY_SIZE * now.factors[truth] @ passes)[:, None], 1
+    passes = np.linalg.lstsq(rows, target, rcond=None)[0][-len(factor) :]
+    return np.asarray(_ANY_SIZE * factor @ passes)[:, None]
 
 
 def _amount(found: Fit, effect: Effect) -> Array:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.candidates import NotTestable, testable
-from pa10cal.discovery.fit import Fit, fit
+from pa10cal.discovery.contest import Pair
+from pa10cal.discovery.fit import Fit, apparatus_m, as_read, fit
 from pa10cal.discovery.gap import Gap, gap
 from pa10cal.discovery.judge import Judgement, floor_mm, judge
 from pa10cal.discovery.problem import Baseline, Problem, Setting, complete_about, prepare
@@ -19,6 +20,9 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.library import candidates
 
 Array = NDArray[np.float64]
+
+#: Pairs for which configurations are chosen, the found ones first.
+_MOST_PAIRS = 8
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,24 @@ def discover(
     )
 
 
+def unresolved(found: Discovery) -> tuple[Pair, ...]:
+    """Return what other poses might tell: each finding against its alternatives, the not testable.
+
+    An effect that is not testable has no rival but the model's own parameters.
+    """
+    rivals = [
+        (finding.effect, other)
+        for finding in found.judgement.findings
+        for other in finding.alternatives
+    ]
+    alone: list[Pair] = [
+        (entry.effect, None)
+        for entry in found.not_testable
+        if entry.by_these_poses and not entry.effect.generic
+    ]
+    return (*rivals, *alone)[:_MOST_PAIRS]
+
+
 def compare(problem: Problem, extended: Fit, poses: PoseObservations) -> Gap:
     """Return the gap of baseline and extended model on averaged poses."""
     baseline = problem.baseline
@@ -99,7 +121,15 @@ def compare(problem: Problem, extended: Fit, poses: PoseObservations) -> Gap:
     return gap(
         poses,
         (baseline.model.predict(poses.states, baseline.x), baseline.T_cmm_base),
-        (extended.model.predict(poses.states, extended.x), extended.level.T_cmm_base),
+        (
+            as_read(
+                extended.model.predict(poses.states, extended.x),
+                extended.level.T_cmm_base,
+                poses,
+                apparatus_m(problem, extended),
+            ),
+            extended.level.T_cmm_base,
+        ),
     )
 
 

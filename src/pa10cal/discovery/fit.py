@@ -7,8 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pa10cal.calibration.levels import Linearisation, OneLevel
+from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.evidence import SIZES
 from pa10cal.discovery.minimise import minimise
 from pa10cal.discovery.problem import Problem
@@ -130,6 +132,42 @@ def normal_matrix(problem: Problem, found: Fit) -> Array:
     _, jacobian = weigh(found.x)
     information: Array = jacobian.T @ jacobian
     return information
+
+
+def apparatus_m(problem: Problem, found: Fit) -> Array:
+    """Return what the fit says of the targets' places on the apparatus, (a,) [m].
+
+    They are integrated out in the fit, and are known best once it is done: the error of their
+    places that the poses all share.
+    """
+    u_m = problem.setting.uncertainties.apparatus_m
+    scale = problem.pose.weights(found.pose_variance).scale[:, None]
+    common: Array = scale * problem.pose.common
+    left = scale * problem.pose.rows(pose_rows(found.level.linearise(found.x))[:, :, :1])
+    information = common.T @ common + np.eye(common.shape[1])
+    places: Array = -u_m * np.linalg.solve(information, common.T @ left)[:, 0]
+    return places
+
+
+def as_read(T_base_ee: Array, T_cmm_base: Array, poses: PoseObservations, places_m: Array) -> Array:
+    """Return predicted poses as the instrument reads them with targets off their places.
+
+    Args:
+        T_base_ee: (P, 4, 4) predicted poses.
+        T_cmm_base: (4, 4) base frame.
+        poses: the measured poses, which say how they answer to the targets' places.
+        places_m: (a,) from `apparatus_m`.
+
+    Returns:
+        (P, 4, 4) in the base frame.
+    """
+    R = T_cmm_base[:3, :3]
+    moved = poses.by_apparatus @ places_m
+    T: Array = T_base_ee.copy()
+    T[:, :3, 3] += moved[:, :3] @ R
+    turned: Array = Rotation.from_rotvec(moved[:, 3:] @ R).as_matrix() @ T[:, :3, :3]
+    T[:, :3, :3] = turned
+    return T
 
 
 def _start(problem: Problem, effects: tuple[Effect, ...], start: Fit | None, shape: int) -> Array:

@@ -22,6 +22,9 @@ MAP = "joint_error_map"
 MISSED_RATE = 0.03
 #: Probability allowed that chance makes as much of the family, by sign flips over poses.
 FLIP_RATE = 0.05
+#: A map of a joint's error can always do what a named form does: it is a rival of one only where
+#: the name has no odds of 20 to 1.
+_BY_NAME = float(np.log(20.0))
 #: What linear evidence may be wrong by where it picks rivals to refit.
 _MARGIN = 4.0
 _MOST_REFITS = 12
@@ -113,32 +116,30 @@ def judge(found: Found) -> Judgement:
 def _prefer_named(problem: Problem, found: Found) -> Found:
     """Put a named form in the place of a map or a generic effect that is no better."""
     for effect in found.fit.effects:
-        if not (effect.generic or effect.id == MAP):
+        if _is_named(effect):
             continue
-        for rival, _ in _refitted(problem, found, effect, _named(found.family)):
+        for rival, _ in _refitted(problem, found, effect, tuple(filter(_is_named, found.family))):
             return _prefer_named(problem, _with(problem, found, rival))
     return found
 
 
-def _named(family: tuple[Effect, ...]) -> tuple[Effect, ...]:
-    return tuple(effect for effect in family if not (effect.generic or effect.id == MAP))
+def _is_named(effect: Effect) -> bool:
+    """Tell whether an effect says what is wrong, and not only where."""
+    return not (effect.generic or effect.id == MAP)
 
 
 def _rivals(problem: Problem, found: Found, effect: Effect) -> tuple[Effect, ...]:
-    """Return the effects of the vocabulary that explain the data as well in one's place.
-
-    A map of the joint's error can always do what a named form does, and is no rival of one.
-    """
+    """Return the effects of the vocabulary that explain the data as well in one's place."""
     if effect.generic:
         return ()
-    family = _named(found.family)
-    if effect.id == MAP:
-        family += tuple(each for each in found.family if each.id == MAP)
+    family = tuple(each for each in found.family if not each.generic)
+    here = found.score.log_evidence
     rivals = [
         each
-        for rival, _ in _refitted(problem, found, effect, family)
+        for rival, score in _refitted(problem, found, effect, family)
         for each in rival.effects
         if each not in found.fit.effects
+        and not (_is_named(effect) and each.id == MAP and score.log_evidence < here - _BY_NAME)
     ]
     place = found.family.index(effect)
     alike = [found.family[k] for k in np.flatnonzero(found.same[place]) if k != place]

@@ -28,10 +28,10 @@ class Outlook:
         adjustable: (N, b, k) weighed rows of N poses that could be measured: of the adjustable
             parameters, a unit of each being what is expected of it.
         cov: (k, k) covariance of these parameters, as known so far.
-        left: (N, b, m) rows of the effect in these poses, less what the rest says of them.
+        left: (N, b, m) rows of the effect in these poses, less what the rest says of them; of an
+            effect of unknown size, m equally likely contributions that add up in squares.
         spread: (N, b, b) covariance of what the rest says.
-        energy: (g, l, l) sums of squares and products that the rest could not follow so far: of g
-            shapes of the effect, in l directions each; m = g l.
+        energy: sum of squares of the effect that the rest could not follow so far.
         components: D, of all poses measured so far.
     """
 
@@ -39,7 +39,7 @@ class Outlook:
     cov: Array
     left: Array
     spread: Array
-    energy: Array
+    energy: float
     components: int
 
     @classmethod
@@ -49,8 +49,6 @@ class Outlook:
         effect: Array,
         adjustable: Array,
         ahead: Array,
-        *,
-        directions: int,
         poses: int,
     ) -> Outlook:
         """Start with what was measured.
@@ -60,11 +58,9 @@ class Outlook:
             effect: (R, m) of the effect, in its size.
             adjustable: (N, b, k) of the adjustable parameters in what could be measured.
             ahead: (N, b, m) of the effect there.
-            directions: l, columns of the effect that go together; what shows least among their
-                combinations counts.
             poses: how many different poses were measured.
         """
-        k, m = present.shape[1], effect.shape[1]
+        k = present.shape[1]
         q, triangle = np.linalg.qr(np.concatenate([present, np.eye(k)]))
         inverse = solve_triangular(triangle, np.eye(k))
         rest = inverse @ (q[: len(present)].T @ effect)
@@ -75,21 +71,20 @@ class Outlook:
             cov=inverse @ inverse.T,
             left=ahead - adjustable @ rest,
             spread=spread @ spread.transpose(0, 2, 1),
-            energy=_groups((missed.T @ missed)[None], m // directions)[0],
+            energy=float(np.sum(missed**2)),
             components=poses * adjustable.shape[1],
         )
 
     @property
     def nats(self) -> float:
-        """Separation so far: expected difference in log evidence, by the shape that shows least."""
-        return float(_nats(self.energy[None], self.components)[0])
+        """Separation so far: the expected difference in log evidence."""
+        return float(_nats(np.array(self.energy), self.components))
 
     def nats_with(self) -> Array:
         """Return the separation if one more pose were measured, for each, (N,)."""
         innovation = self.spread + np.eye(self.spread.shape[1])
-        gain = self.left.transpose(0, 2, 1) @ np.linalg.solve(innovation, self.left)
-        energy = self.energy + _groups(gain, len(self.energy))
-        return _nats(energy, self.components + self.left.shape[1])
+        gain = np.sum(self.left * np.linalg.solve(innovation, self.left), axis=(1, 2))
+        return _nats(self.energy + gain, self.components + self.left.shape[1])
 
     def after(self, pose: int) -> Outlook:
         """Return the outlook once a pose was measured."""
@@ -103,20 +98,12 @@ class Outlook:
             cov=self.cov - learned @ learned.T,
             left=self.left - elsewhere @ news,
             spread=self.spread - elsewhere @ elsewhere.transpose(0, 2, 1),
-            energy=self.energy + _groups((news.T @ news)[None], len(self.energy))[0],
+            energy=self.energy + float(np.sum(news**2)),
             components=self.components + len(rows),
         )
 
 
-def _groups(products: Array, shapes: int) -> Array:
-    """Return the blocks (N, g, l, l) on the diagonal of products (N, g l, g l)."""
-    count, size = products.shape[:2]
-    blocks = products.reshape(count, shapes, size // shapes, shapes, size // shapes)
-    return np.diagonal(blocks, axis1=1, axis2=3).transpose(0, 3, 1, 2)
-
-
 def _nats(energy: Array, components: int) -> Array:
-    """Return the cost in log evidence of the direction and shape that show least, (N,)."""
-    size = energy[..., 0, 0] if energy.shape[-1] == 1 else np.linalg.eigvalsh(energy)[..., 0]
-    nats: Array = 0.5 * components * np.log1p(np.maximum(size.min(axis=1), 0.0) / components)
+    """Return what a sum of squares that cannot be followed costs in log evidence."""
+    nats: Array = 0.5 * components * np.log1p(energy / components)
     return nats

@@ -137,11 +137,11 @@ def prepare(
         weights = _statics(cells.states, about, setting.burden)
         left = cells.states.tau_Nm - weights.torque_Nm
         scale = np.sqrt(cells.repeats)[:, None] / noise.torque_Nm
-        torque = Channel.of(
-            scale[:, :, None] * np.eye(baseline.model.chain.arm.n),
-            shared,
-            common_torques(cells, weights, about, setting.burden, setting.uncertainties),
+        loads_N = np.unique(cells.states.load_N)
+        common = common_torques(
+            cells, weights, about, setting.burden, setting.uncertainties, loads_N[loads_N > 0]
         )
+        torque = Channel.of(scale[:, :, None] * np.eye(baseline.model.chain.arm.n), shared, common)
     return Problem(
         baseline,
         setting,
@@ -210,15 +210,18 @@ def common_torques(
     baseline: Baseline,
     burden: Burden,
     uncertainties: Uncertainties,
+    loads_N: Array,
 ) -> Array:
-    """Return what errors of masses, loads and zeros do to the torques, (C, n, c), at their size."""
+    """Return what errors of masses, loads and zeros do to the torques, (C, n, c), at their size.
+
+    Each of the loads `loads_N` has an error of its own.
+    """
     arm = baseline.model.chain.arm
     mass_kg = np.zeros(arm.n) if arm.mass_kg is None else arm.mass_kg
     by_link = np.stack(
         [uncertainties.mass * mass_kg, *[uncertainties.com_m * mass_kg] * 3], axis=1
     ).ravel()
-    loads = np.unique(cells.states.load_N[cells.states.load_N > 0])
-    load_N = cells.states.load_N[:, None] * (cells.states.load_N[:, None] == loads)
+    load_N = cells.states.load_N[:, None] * (cells.states.load_N[:, None] == loads_N)
     elsewhere = [
         replace(burden, load_point_m=burden.load_point_m + uncertainties.load_point_m * axis)
         for axis in np.eye(3)

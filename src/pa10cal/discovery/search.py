@@ -98,13 +98,6 @@ def search(problem: Problem, family: tuple[Effect, ...], error_rate: float, star
         members, sizes = _improve(evidence, same, members, sizes, needed)
         score = evidence.score(members, sizes)
         nothing = evidence.score((), ())
-        steps.append(
-            Step(
-                tuple(family[k] for k in members),
-                score.log_evidence - nothing.log_evidence,
-                _rms_mm(current),
-            )
-        )
         if frozenset(members) in seen:
             break
         seen.add(frozenset(members))
@@ -114,6 +107,13 @@ def search(problem: Problem, family: tuple[Effect, ...], error_rate: float, star
             sizes,
             (score.pose_variance, score.torque_variance),
             current,
+        )
+        steps.append(
+            Step(
+                tuple(family[k] for k in members),
+                score.log_evidence - nothing.log_evidence,
+                _rms_mm(current),
+            )
         )
     evidence = evidence_about(problem, current, family)
     members = tuple(family.index(effect) for effect in current.effects)

@@ -22,10 +22,10 @@ from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
 
-#: A pair that the best configurations leave closer than this (odds of 20 to 1) counts as one that
+#: A pair that the best configurations bring apart by less (odds of 20 to 1) counts as one that
 #: poses cannot tell apart.
 LEAST_NATS = 3.0
-_POOL = 2000
+_POOL = 1000
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ class Separation:
 
     @property
     def can_be_split(self) -> bool:
-        """Whether so many configurations can tell the two apart at all."""
-        return self.possible_nats >= LEAST_NATS
+        """Whether so many configurations bring the two apart at all."""
+        return self.possible_nats - self.before_nats >= LEAST_NATS
 
     @property
     def label(self) -> str:
@@ -128,13 +128,13 @@ def plan(
     ahead = foresee(problem, found, pool.q_rad, pool.load_N, pool.arrival)
     pairs = outlooks(problem, found, rivals, *ahead)
     count = min(count, len(pool.q_rad))
-    alone = [_choose([pair], count)[1][:, 0] for pair in pairs]
-    sought = [k for k, nats in enumerate(alone) if nats[-1] >= LEAST_NATS]
+    possible = [float(_choose([pair], count, [0])[1][-1, 0]) for pair in pairs]
+    sought = [k for k, pair in enumerate(pairs) if possible[k] - _nats(pair) >= LEAST_NATS]
     chosen, nats = _choose(pairs, count if sought else 0, sought)
     return Plan(
         _suggestions(pool, chosen, nats, rivals, sought),
         tuple(
-            Separation(*pair, float(nats[0, k]), float(nats[-1, k]), float(alone[k][-1]))
+            Separation(*pair, float(nats[0, k]), float(nats[-1, k]), possible[k])
             for k, pair in enumerate(rivals)
         ),
     )
@@ -163,7 +163,7 @@ def _draw(problem: Problem, room: Room, rng: np.random.Generator) -> _Pool:
 
 
 def _choose(
-    pairs: Sequence[tuple[Outlook, ...]], count: int, sought: Sequence[int] = (0,)
+    pairs: Sequence[tuple[Outlook, ...]], count: int, sought: Sequence[int]
 ) -> tuple[list[int], Array]:
     """Choose configurations one after the other by the closest of the pairs sought.
 

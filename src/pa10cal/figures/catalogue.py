@@ -13,6 +13,16 @@ FIGURES = (
     "montecarlo_planes",
     "montecarlo_convergence",
     "montecarlo_map",
+    "where_breakdown",
+    "where_joints",
+    "where_torque",
+    "gap_by_step",
+    "residual_field",
+    "parameter_shifts",
 )
 #: Modules with `tabulate(results) -> Table`.
-TABLES = ("table1_parameters", "paper_against_ours")
+TABLES = ("table1_parameters", "paper_against_ours", "verdict")
+#: Modules with `draw(scores) -> Figure`, of a study of blind trials.
+TRIAL_FIGURES = ("trials_confusion", "trials_power", "trials_false_names", "trials_intervals")
+#: Modules with `tabulate(scores) -> Table`, of a study of blind trials.
+TRIAL_TABLES = ("trials_summary",)

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from pa10cal.errors import RawDataError
 from pa10cal.figures import published
+from pa10cal.figures.discovery_records import Analysis, Verdict
 from pa10cal.figures.records import BaseFrame, Calibration, HeldOut, Plane, Record
 from pa10cal.files import schemas
 from pa10cal.settings import FigureSettings, MonteCarloSettings, Section
@@ -106,6 +107,16 @@ class Results:
         """Read `evaluation/holdout.json`."""
         path = self.folder / "evaluation" / "holdout.json"
         return self._read(path, HeldOut, schemas.HOLDOUT, "evaluate")
+
+    def analysis(self) -> Analysis:
+        """Read `discovery/analysis.json`."""
+        path = self.folder / "discovery" / "analysis.json"
+        return self._read(path, Analysis, schemas.ANALYSIS, "discover")
+
+    def verdict(self) -> Verdict:
+        """Read `discovery/verdict.json`."""
+        path = self.folder / "discovery" / "verdict.json"
+        return self._read(path, Verdict, schemas.VERDICT, "discover")
 
     def base_frame(self) -> Array:
         """Read T_cmm_base (4, 4) of `seed/base_frame.json` [m]."""

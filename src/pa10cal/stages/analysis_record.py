@@ -7,8 +7,10 @@ from typing import Any
 from pa10cal.discovery.discover import Discovery
 from pa10cal.discovery.gap import Gap
 from pa10cal.discovery.lack_of_fit import lack_of_fit
+from pa10cal.discovery.naming import errors_by_name
 from pa10cal.stages.extended_record import parameter_records
 from pa10cal.stages.lack_of_fit_record import lack_of_fit_record
+from pa10cal.stages.naming_record import naming_record
 from pa10cal.stages.verdict_record import name_of
 
 
@@ -26,10 +28,13 @@ def analysis_record(found: Discovery) -> dict[str, Any]:
             }
             for step in steps
         ],
+        "naming": naming_record(
+            errors_by_name(problem, found.extended, found.train, found.holdout)
+        ),
         "parameter_shifts": _shifts(found),
         "gap": {
-            "train": _rows(found.train),
-            "holdout": None if found.holdout is None else _rows(found.holdout),
+            "train": _rows(found, found.train),
+            "holdout": None if found.holdout is None else _rows(found, found.holdout),
         },
         "noise_floor_mm": found.noise_floor_mm,
     }
@@ -53,13 +58,15 @@ def _shifts(found: Discovery) -> list[dict[str, Any]]:
     ]
 
 
-def _rows(gap: Gap) -> list[dict[str, Any]]:
+def _rows(found: Discovery, gap: Gap) -> list[dict[str, Any]]:
     """Return every averaged configuration with its errors before and after, base axes."""
+    T_cmm_base = found.problem.baseline.T_cmm_base
+    p_base_mm = 1e3 * (gap.poses.T_cmm_ee[:, :3, 3] - T_cmm_base[:3, 3]) @ T_cmm_base[:3, :3]
     return [
         {
             "pose": str(gap.poses.pose[k]),
             "load_N": float(gap.poses.states.load_N[k]),
-            "place_mm": (1e3 * gap.poses.T_cmm_ee[k, :3, 3]).tolist(),
+            "place_mm": p_base_mm[k].tolist(),
             "before_mm": gap.found_before.position_mm[k].tolist(),
             "after_mm": gap.found_after.position_mm[k].tolist(),
         }

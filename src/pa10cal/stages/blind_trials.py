@@ -1,7 +1,7 @@
 """Stage: draw trials, write each as a raw campaign, and judge it without its truth.
 
-The judging part is given the folder of the raw campaign and nothing else. The truth goes from what
-was drawn straight into a file of its own, which the scoring stage alone reads.
+What judges is given the folder of the raw campaign and nothing else. What is hidden goes from the
+trial straight into a file of its own, which the scoring stage alone reads.
 """
 
 from __future__ import annotations
@@ -14,20 +14,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from pa10cal.settings import CalibrationSettings, DiscoverySettings, Section
 from pa10cal.stages.command import limit_threads, run_stage
 
 if TYPE_CHECKING:
+    from pa10cal.cell.references import Layout
     from pa10cal.cell.trials import Trial
-
-_KCUB_READING = "text_e7"
-
-
-class JudgingSettings(Section):
-    """The settings by which trials are judged."""
-
-    calibration: CalibrationSettings = CalibrationSettings()
-    discovery: DiscoverySettings = DiscoverySettings()
+    from pa10cal.settings import SimulateSettings
+    from pa10cal.stages.trial_judging import CalibratedCampaign, JudgingSettings
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -43,7 +36,9 @@ def _describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--layouts", default="grid,wide", help="layouts of the poses, in turn")
     parser.add_argument("--size", type=float, help="factor of all effects; drawn where not given")
     parser.add_argument(
-        "--settings", default="{}", help="sections calibration and discovery: JSON or YAML file"
+        "--settings",
+        default="{}",
+        help="sections ingest, calibration and discovery: JSON or YAML file",
     )
     parser.add_argument("--verdicts", type=Path, required=True, help="JSON lines, one a trial")
     parser.add_argument("--truths", type=Path, required=True, help="what they hide, apart")
@@ -54,7 +49,8 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.errors import DiscoveryError
     from pa10cal.files.output import whole_files
     from pa10cal.settings import read_settings_argument
-    from pa10cal.stages.trial_records import json_line, truth_record
+    from pa10cal.stages.trial_judging import JudgingSettings
+    from pa10cal.stages.trial_records import json_line
 
     settings = read_settings_argument(JudgingSettings, arguments.settings)
     last = arguments.first + _at_least_one(arguments.count)
@@ -62,20 +58,21 @@ def _run(arguments: argparse.Namespace) -> None:
         arguments.kind, last, arguments.random_seed, _layouts(arguments.layouts), arguments.size
     )[arguments.first :]
     progress = _Progress(f"{arguments.kind} trials", len(trials))
-    verdicts = []
+    verdicts, truths = [], []
     for trial in trials:
-        verdicts.append(_try(trial, settings))
-        progress(verdicts[-1])
+        verdict, truth = _try(trial, settings)
+        progress(verdict)
+        verdicts.append(verdict)
+        truths.append(truth)
     with whole_files(arguments.verdicts, arguments.truths) as (judged, hidden):
         judged.write_text("".join(map(json_line, verdicts)), encoding="utf-8", newline="\n")
-        lines = (json_line(truth_record(trial)) for trial in trials)
-        hidden.write_text("".join(lines), encoding="utf-8", newline="\n")
-    failed = [record for record in verdicts if "failed" in record]
+        hidden.write_text("".join(map(json_line, truths)), encoding="utf-8", newline="\n")
+    failed = [record["failed"] for record in verdicts if "failed" in record]
     if len(failed) == len(trials):
         raise DiscoveryError(
             "every trial failed",
             where=f"{arguments.kind} trials",
-            value=failed[0]["failed"],
+            value=failed[0],
             allowed="at least one verdict",
             remedy="run discover on one such campaign with --debug",
         )
@@ -95,120 +92,73 @@ def _at_least_one(count: int) -> int:
     return count
 
 
-def _layouts(text: str) -> list[Any]:
+def _layouts(text: str) -> tuple[Layout, ...]:
     from pa10cal.cell.references import Layout
     from pa10cal.errors import SettingsError
 
+    known: tuple[Layout, ...] = get_args(Layout)
     names = text.split(",")
-    if unknown := sorted(set(names) - set(get_args(Layout))):
+    if unknown := sorted(set(names) - set(known)):
         raise SettingsError(
             "no such layout of poses",
             where="--layouts",
             value=unknown[0],
-            allowed=", ".join(get_args(Layout)),
+            allowed=", ".join(known),
             remedy="correct the name",
         )
-    return names
+    return tuple(layout for name in names for layout in known if layout == name)
 
 
-def _try(trial: Trial, settings: JudgingSettings) -> dict[str, Any]:
-    """Return the verdict on a trial, or what went wrong: no trial is dropped."""
+def _try(trial: Trial, settings: JudgingSettings) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped."""
     from pa10cal.files.schemas import VERDICT
+    from pa10cal.stages.trial_judging import judge
+    from pa10cal.stages.trial_records import truth_record
 
+    moved_mm, seconds = None, 0.0
     try:
-        with tempfile.TemporaryDirectory() as name:
-            began = time.perf_counter()
-            raw = Path(name) / "raw"
-            _measure(trial, raw)
-            measured = time.perf_counter() - began
-            return {**judge_campaign(raw, settings), "seconds_simulating": measured}
+        began = time.perf_counter()
+        known = _measured(trial, trial.settings, settings)
+        simulating = time.perf_counter() - began - known.seconds
+        verdict = {**judge(known, settings), "seconds_simulating": simulating}
+        began = time.perf_counter()
+        moved_mm = _moved_mm(trial, known, settings)
+        seconds = time.perf_counter() - began
     except Exception as error:
         message = " ".join(f"{type(error).__name__}: {error}".split())
-        return {"schema": VERDICT, "campaign": trial.name, "failed": message}
+        verdict = {"schema": VERDICT, "campaign": trial.name, "failed": message}
+    return verdict, truth_record(trial, moved_mm, seconds)
 
 
-def _measure(trial: Trial, raw: Path) -> None:
-    """Write a trial's raw campaign; the record of what it hides is thrown away."""
+def _measured(
+    trial: Trial, cell: SimulateSettings, settings: JudgingSettings
+) -> CalibratedCampaign:
+    """Write a raw campaign, throw the record of what it hides away, and calibrate with the rest."""
     from pa10cal.cell.campaign import simulate_campaign
     from pa10cal.cell.write import write_campaign
     from pa10cal.files.arms import load_arm
+    from pa10cal.stages.trial_judging import calibrated
 
-    arm = load_arm(trial.settings.robot)
-    campaign = simulate_campaign(trial.name, arm, trial.settings, _KCUB_READING)
-    with tempfile.TemporaryDirectory() as elsewhere:
-        write_campaign(campaign, raw, Path(elsewhere) / "truth.json")
+    made = simulate_campaign(trial.name, load_arm(cell.robot), cell)
+    with tempfile.TemporaryDirectory() as place:
+        with tempfile.TemporaryDirectory() as elsewhere:
+            write_campaign(made, Path(place) / "raw", Path(elsewhere) / "truth.json")
+        return calibrated(Path(place) / "raw", settings)
 
 
-def judge_campaign(raw: Path, settings: JudgingSettings) -> dict[str, Any]:
-    """Return the verdict on a raw campaign: ingested, calibrated on all loads, searched.
+def _moved_mm(trial: Trial, known: CalibratedCampaign, settings: JudgingSettings) -> float | None:
+    """Return how far what is hidden moves what the calibrated baseline leaves.
 
-    Args:
-        raw: folder of the campaign.
-        settings: how to calibrate and to search.
+    Root mean square over averaged grid poses of the difference to the same campaign, noise and
+    all, with nothing hidden; None where nothing is. For the scoring alone: no verdict sees it.
     """
-    from pa10cal.campaign.description import read_campaign
-    from pa10cal.campaign.ingest import ingest_campaign
-    from pa10cal.campaign.table import observations, read_pose_table, write_pose_table
-    from pa10cal.discovery.discover import discover
-    from pa10cal.discovery.problem import Baseline
-    from pa10cal.files.arms import load_arm
-    from pa10cal.files.schemas import VERDICT
-    from pa10cal.settings import IngestSettings
-    from pa10cal.stages.discovery_setting import setting_of, with_bends
-    from pa10cal.stages.verdict_record import verdict_record
-
-    began = time.perf_counter()
-    campaign = read_campaign(raw)
-    arm = load_arm(campaign.robot)
-    ingested = ingest_campaign(campaign, arm, raw, IngestSettings())
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "poses.parquet"
-        write_pose_table(path, ingested.poses, campaign.name)
-        table = read_pose_table(path, campaign.name)
-    readings = observations(table, kind="grid", average=False, covariance="instrument")
-    held_out = observations(table, kind="holdout")
-    found = _calibrated(
-        arm, observations(table, kind="grid", average=False), settings.calibration
-    )
-    error_rate = settings.discovery.error_rate
-    discovery = discover(
-        readings,
-        held_out if len(held_out) else None,
-        Baseline(with_bends(found.level.model), found.solution.x, found.T_cmm_base),
-        setting_of(campaign, arm, settings.calibration, settings.discovery),
-        error_rate,
-    )
-    return {
-        "schema": VERDICT,
-        "campaign": campaign.name,
-        **verdict_record(discovery, error_rate),
-        "seconds": time.perf_counter() - began,
-    }
-
-
-def _calibrated(arm: Any, readings: Any, settings: CalibrationSettings) -> Any:
-    """Calibrate the cubic model on all loads from the nominal arm, elsewhere if that fails."""
-    from dataclasses import replace
-
     import numpy as np
 
-    from pa10cal.calibration.calibrate import calibrate
-    from pa10cal.calibration.uncertainty import ErrorSources
-    from pa10cal.campaign.averages import average_repeats
-    from pa10cal.stages.calibration_record import study_of
-    from pa10cal.terms.baseline import baseline
-
-    study = study_of(settings)
-    poses = average_repeats(readings)
-    model = baseline(
-        arm,
-        study.flexible_joints,
-        study.tolerances,
-        tau_ref_Nm=np.abs(poses.states.tau_Nm).max(axis=0),
-    )
-    errors = ErrorSources(readings, 1e-3 * settings.apparatus_uncertainty_mm)
-    found = calibrate(model, poses, replace(study.options, starts=1), errors)
-    return found if found.converged else calibrate(model, poses, study.options, errors)
+    if not trial.settings.hidden_effects:
+        return None
+    without = trial.settings.model_copy(update={"hidden_effects": ()})
+    moved_mm = known.left_mm - _measured(trial, without, settings).left_mm
+    return float(np.sqrt(np.mean(np.sum(moved_mm**2, axis=1))))
 
 
 class _Progress:
@@ -218,14 +168,14 @@ class _Progress:
         self._title, self._count = title, count
         self._began, self._done = time.monotonic(), 0
 
-    def __call__(self, record: dict[str, Any]) -> None:
+    def __call__(self, verdict: dict[str, Any]) -> None:
         self._done += 1
         seconds = (time.monotonic() - self._began) / self._done
         left = seconds * (self._count - self._done)
         print(
             f"{self._title}: {self._done} of {self._count}, {seconds:.1f} s a trial, "
-            f"{left:.0f} s left; {record['campaign']}: "
-            + (f"failed: {record['failed']}" if "failed" in record else record["verdict"]),
+            f"{left:.0f} s left; {verdict['campaign']}: "
+            + (f"failed: {verdict['failed']}" if "failed" in verdict else verdict["verdict"]),
             file=sys.stderr,
             flush=True,
         )

@@ -25,15 +25,17 @@ def _describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--verdict", type=Path, required=True, help="verdict to write")
     parser.add_argument("--analysis", type=Path, required=True, help="what figures show, to write")
     parser.add_argument("--extended", type=Path, required=True, help="extended model to write")
+    parser.add_argument("--suggested", type=Path, required=True, help="poses to measure, CSV")
 
 
 def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import observations, read_pose_table
-    from pa10cal.discovery.discover import discover
+    from pa10cal.discovery.discover import discover, unresolved
     from pa10cal.discovery.problem import Baseline
+    from pa10cal.discovery.suggest import plan
     from pa10cal.files.arms import load_arm
-    from pa10cal.files.output import write_json
+    from pa10cal.files.output import write_json, write_text
     from pa10cal.files.schemas import ANALYSIS, CALIBRATION, EXTENDED, VERDICT
     from pa10cal.settings import (
         CalibrationSettings,
@@ -46,6 +48,11 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.stages.discovery_setting import setting_of, with_bends
     from pa10cal.stages.extended_record import extended_record
     from pa10cal.stages.records import read_record
+    from pa10cal.stages.suggestion_record import (
+        separation_records,
+        suggestion_records,
+        suggestion_table,
+    )
     from pa10cal.stages.verdict_record import verdict_record
 
     began = time.perf_counter()
@@ -68,11 +75,20 @@ def _run(arguments: argparse.Namespace) -> None:
         setting_of(campaign, arm, calibration, settings),
         settings.error_rate,
     )
+    ahead = plan(
+        found.problem,
+        found.judgement.found.fit,
+        unresolved(found),
+        settings.suggestions,
+        settings.random_seed,
+    )
     header = {"campaign": campaign.name, "provenance": campaign.provenance}
     verdict = {
         "schema": VERDICT,
         **header,
         **verdict_record(found, settings.error_rate),
+        "suggested_poses": suggestion_records(ahead.suggestions),
+        "separations": separation_records(ahead.separations),
         "seconds": time.perf_counter() - began,
     }
     extended = {
@@ -88,6 +104,7 @@ def _run(arguments: argparse.Namespace) -> None:
         "warnings": _warnings(verdict),
         **extended_record(found),
     }
+    write_text(arguments.suggested, suggestion_table(ahead.suggestions, arm.n))
     write_json(arguments.extended, extended)
     write_json(arguments.analysis, {"schema": ANALYSIS, **header, **analysis_record(found)})
     write_json(arguments.verdict, verdict)

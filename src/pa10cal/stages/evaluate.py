@@ -111,6 +111,9 @@ def _extended(
     held_out: PoseObservations,
 ) -> HeldOut:
     """Judge the model with the effects that discovery named."""
+    import numpy as np
+
+    from pa10cal.discovery.fit import as_read
     from pa10cal.discovery.problem import Baseline, complete_about
     from pa10cal.evaluation.holdout import judge
     from pa10cal.files.arms import load_arm
@@ -126,7 +129,9 @@ def _extended(
         CalibrationSettings, record["settings"], where=str(arguments.calibration)
     )
     model, _, _ = read_fit(record, arm, arguments.calibration, cubic=True)
-    extended = read_record(arguments.extended, EXTENDED, ("effects", "x"), campaign.name)
+    extended = read_record(
+        arguments.extended, EXTENDED, ("effects", "x", "targets_off_m"), campaign.name
+    )
     baseline, model, x, T_cmm_base = read_extended(extended, with_bends(model), arguments.extended)
     poses = complete_about(
         held_out,
@@ -134,7 +139,9 @@ def _extended(
         Baseline(model, x, T_cmm_base),
         setting_of(campaign, arm, calibration, DiscoverySettings()),
     )
-    return judge(model.predict(poses.states, x), T_cmm_base, poses)
+    places_m = np.array(extended["targets_off_m"], dtype=float)
+    T_base_ee = as_read(model.predict(poses.states, x), T_cmm_base, poses, places_m)
+    return judge(T_base_ee, T_cmm_base, poses)
 
 
 def _twist_record(found: HeldOut) -> dict[str, Any]:

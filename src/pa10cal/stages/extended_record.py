@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.base_parameters import report_base
 from pa10cal.discovery.discover import Discovery
-from pa10cal.discovery.fit import Fit, normal_matrix, possible_sizes
+from pa10cal.discovery.fit import Fit, apparatus_m, normal_matrix, possible_sizes
 from pa10cal.discovery.problem import Baseline
 from pa10cal.errors import RecordError
 from pa10cal.stages.records import read_pose_matrix
@@ -39,6 +39,7 @@ def extended_record(found: Discovery) -> dict[str, Any]:
         "parameters": parameter_records(found, extended),
         "x": extended.x[extended.own_columns()][:-6].tolist(),
         "T_cmm_base": base_of(extended).tolist(),
+        "targets_off_m": apparatus_m(found.problem, extended).tolist(),
         "baseline": {
             "x": found.problem.baseline.x.tolist(),
             "T_cmm_base": found.problem.baseline.T_cmm_base.tolist(),

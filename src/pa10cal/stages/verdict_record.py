@@ -44,7 +44,6 @@ def verdict_record(found: Discovery, error_rate: float) -> dict[str, Any]:
                 "after": shared_error_mm(found.problem, judgement.found.score.pose_variance),
             },
         },
-        "suggested_poses": [],
     }
 
 

@@ -1,0 +1,230 @@
+"""One blind trial: what was hidden, and what was said without knowing it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+MAP = "joint_error_map"
+#: Kind of trial that hides what no name covers.
+OUTSIDE = "outside"
+#: Root mean square over mean of the length of a vector with independent, alike normal components.
+_RMS_OVER_MEAN = float(np.sqrt(3.0 * np.pi / 8.0))
+#: What shows in the logged torque at every joint, and in the pose only by way of a spring.
+_TORQUE_ALONE = "torque_gain"
+_TORQUE_BY_SPRING = "friction_torque"
+#: Effects outside the vocabulary that are an error depending on the joint's angle, so that a map at
+#: their joint says where they are and leaves the cause open.
+_OF_ANGLE = ("third_harmonic", "dress_pack")
+
+
+@dataclass(frozen=True, order=True)
+class Name:
+    """An effect and its place, in the vocabulary's words."""
+
+    id: str
+    of: str
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """An effect that was hidden.
+
+    Attributes:
+        name: which, and where.
+        size: factor of its reference size.
+        parameters: as the cell has them; vectors are lists.
+    """
+
+    name: Name
+    size: float
+    parameters: Mapping[str, object]
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect of a verdict.
+
+    Attributes:
+        name: which, and where.
+        alternatives: what explains the data as well.
+        parameters: value and standard uncertainty, by name.
+    """
+
+    name: Name
+    alternatives: tuple[Name, ...]
+    parameters: Mapping[str, tuple[float, float]]
+
+    @property
+    def all_names(self) -> tuple[Name, ...]:
+        """Return the name and its alternatives."""
+        return (self.name, *self.alternatives)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was said of a trial.
+
+    Attributes:
+        word: `none`, `named`, `ambiguous` or `unexplained`.
+        effects: what was named, in order.
+        places: where something without a name sits; None where that cannot be told.
+        not_testable: what the data cannot show, as was said before looking.
+        alike: groups that the poses cannot tell apart, as was said before looking.
+        noise_floor_mm: mean position error that repeatability alone leaves.
+        held_out_after_mm: mean position error of the extended model at held-out poses; None where
+            there are none.
+        seconds, seconds_simulating: what judging, and making, the trial took.
+    """
+
+    word: str
+    effects: tuple[Named, ...]
+    places: tuple[str | None, ...]
+    not_testable: frozenset[Name]
+    alike: tuple[frozenset[Name], ...]
+    noise_floor_mm: float
+    held_out_after_mm: float | None
+    seconds: float
+    seconds_simulating: float
+
+    @property
+    def says_something(self) -> bool:
+        """Whether anything was found, with a name or without."""
+        return self.word != "none" or bool(self.effects)
+
+
+@dataclass(frozen=True)
+class BlindTrial:
+    """A trial with its verdict.
+
+    Attributes:
+        campaign, kind, layout, path: which trial.
+        flexible_joints: joints with a spring.
+        hidden: what it hides.
+        moved_mm: how far that moves what the calibrated baseline leaves at averaged poses, root
+            mean square; None where nothing is hidden or the trial failed.
+        seconds_twin: what finding that out took.
+        verdict: None where it failed.
+        failed: the message where it failed.
+    """
+
+    campaign: str
+    kind: str
+    layout: str
+    path: str
+    flexible_joints: tuple[int, ...]
+    hidden: tuple[Hidden, ...]
+    moved_mm: float | None
+    seconds_twin: float
+    verdict: Verdict | None
+    failed: str | None
+
+    @property
+    def moved_over_floor(self) -> float | None:
+        """Return how far what is hidden moves the residual, over what noise alone leaves.
+
+        Both are position errors, root mean square over averaged poses; the floor's from its mean as
+        for a vector with alike components. A turn about the last axis moves no position.
+        """
+        if self.verdict is None or self.moved_mm is None:
+            return None
+        return self.moved_mm / (_RMS_OVER_MEAN * self.verdict.noise_floor_mm)
+
+    @property
+    def ratio(self) -> float | None:
+        """Return what the baseline leaves over what noise alone leaves: sqrt(1 + moved²)."""
+        moved = self.moved_over_floor
+        return None if moved is None else float(np.hypot(1.0, moved))
+
+    def moves_poses(self, hidden: Hidden) -> bool:
+        """Tell whether an effect can move the residual of the poses at all."""
+        if hidden.name.id == _TORQUE_BY_SPRING:
+            return int(hidden.name.of.removeprefix("joint ")) in self.flexible_joints
+        return hidden.name.id != _TORQUE_ALONE
+
+    def is_testable(self, hidden: Hidden) -> bool:
+        """Tell whether the verdict said, before looking, that the data can show an effect."""
+        return self.verdict is not None and hidden.name not in self.verdict.not_testable
+
+    def is_separable(self, hidden: Hidden) -> bool:
+        """Tell whether the verdict said, before looking, that an effect can be told from others.
+
+        A map of its joint's error can do what any named form of the joint does and is no rival of
+        one. A map itself can be told where the forms of its joint are told from each other.
+        """
+        if self.verdict is None or not self.is_testable(hidden):
+            return False
+        mine = hidden.name
+        groups = [{name for name in group if name.id != MAP} for group in self.verdict.alike]
+        if mine.id != MAP:
+            return not any(mine in group and len(group) > 1 for group in groups)
+        return not any(sum(name.of == mine.of for name in group) > 1 for group in groups)
+
+    def names(self, hidden: Hidden) -> bool:
+        """Tell whether the verdict names an effect at its place."""
+        return any(named.name == hidden.name for named in self._effects())
+
+    def lists(self, hidden: Hidden) -> bool:
+        """Tell whether an effect is among those named and their alternatives."""
+        return any(hidden.name in named.all_names for named in self._effects())
+
+    def alternatives(self, hidden: Hidden) -> int:
+        """Return how many other names stand beside an effect that is listed."""
+        return min(
+            len(named.alternatives) for named in self._effects() if hidden.name in named.all_names
+        )
+
+    def all_listed(self) -> bool:
+        """Tell whether all that is hidden is listed, each by a finding of its own."""
+        return self._matched() == len(self.hidden)
+
+    def extra(self) -> int:
+        """Return how many findings stand for nothing that is hidden."""
+        return len(self._effects()) - self._matched()
+
+    def has_right_place(self) -> bool:
+        """Tell whether something without a name was found where an effect without one is hidden."""
+        if self.verdict is None:
+            return False
+        (hidden,) = self.hidden
+        return hidden.name.of in self.verdict.places or any(map(self._leaves_open, self._effects()))
+
+    def is_confidently_wrong(self) -> bool:
+        """Tell whether the verdict is `named` and a name stands alone that is not what is hidden.
+
+        A map at the joint of an error that depends on the joint's angle leaves the cause open.
+        """
+        if self.verdict is None or self.verdict.word != "named":
+            return False
+        right = {hidden.name for hidden in self.hidden}
+        return any(
+            not named.alternatives and named.name not in right and not self._leaves_open(named)
+            for named in self._effects()
+        )
+
+    def _leaves_open(self, named: Named) -> bool:
+        return named.name.id == MAP and any(
+            hidden.name.id in _OF_ANGLE and hidden.name.of == named.name.of
+            for hidden in self.hidden
+        )
+
+    def _effects(self) -> tuple[Named, ...]:
+        return () if self.verdict is None else self.verdict.effects
+
+    def _matched(self) -> int:
+        """Return how many hidden effects and findings can be paired off."""
+        return max(map(len, self._pairings()), default=0)
+
+    def _pairings(self) -> Iterator[list[Named]]:
+        effects = self._effects()
+        count = min(len(effects), len(self.hidden))
+        for chosen in permutations(self.hidden, count):
+            for kept in permutations(effects, count):
+                yield [
+                    named
+                    for hidden, named in zip(chosen, kept, strict=True)
+                    if hidden.name in named.all_names
+                ]

@@ -1,0 +1,310 @@
+"""What many blind trials come to: rates of right and wrong names, and the bars they are held to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pa10cal.evaluation.blind_trial import OUTSIDE, BlindTrial, Hidden
+from pa10cal.evaluation.trial_rates import Rate, rate
+
+NOTHING_HIDDEN = ("null", "wrong_noise", "wrong_mass")
+SEVERAL = ("pair", "triple")
+#: A residual so many times what noise alone leaves is large ...
+LARGE = 3.0
+#: ... and from here on an effect counts as above its detection limit.
+LIMIT = 1.5
+#: Held-out error after naming, over that of campaigns without missing effect, allowed.
+GAP_ALLOWED = 1.3
+
+
+@dataclass(frozen=True)
+class NothingHidden:
+    """Trials that hide no effect.
+
+    Attributes:
+        named: verdicts with a name in them, right or wrong (a failed trial counts as one).
+        unexplained: verdicts of something without a name.
+    """
+
+    named: Rate
+    unexplained: Rate
+
+
+@dataclass(frozen=True)
+class Singles:
+    """Trials that hide one effect of the vocabulary.
+
+    Attributes:
+        large: those that move the residual to `LARGE` times the floor or more and are separable,
+            and are named at their place.
+        large_alone: of the same, those named without alternatives and nothing else beside them.
+        above: those that move it to `LIMIT` times or more, and are listed: named or among the
+            alternatives.
+        found: of all where anything was found, those listed.
+        torque_alone: of those that only the logged torque shows, being testable, those listed.
+        detected: of all that are testable, those where anything was found.
+        wrong: of all, those with a finding that stands for nothing hidden.
+        alternatives: mean number of alternatives where the truth is listed; None of none.
+        not_testable: how many the verdict said it could not show.
+    """
+
+    large: Rate
+    large_alone: Rate
+    above: Rate
+    found: Rate
+    torque_alone: Rate
+    detected: Rate
+    wrong: Rate
+    alternatives: float | None
+    not_testable: int
+
+
+@dataclass(frozen=True)
+class Outside:
+    """Trials that hide what no name covers.
+
+    Attributes:
+        confidently_wrong: a name that stands alone, of another place or nature.
+        right_place: found without a name where it is.
+        silent: nothing found.
+    """
+
+    confidently_wrong: Rate
+    right_place: Rate
+    silent: Rate
+
+
+@dataclass(frozen=True)
+class Several:
+    """Trials that hide two or three effects.
+
+    Attributes:
+        all_listed: each named or among the alternatives of a finding of its own.
+        nothing_extra: no finding that stands for nothing hidden.
+        testable_listed: `all_listed`, of those trials whose effects are all testable.
+    """
+
+    all_listed: Rate
+    nothing_extra: Rate
+    testable_listed: Rate
+
+
+@dataclass(frozen=True)
+class GapScore:
+    """Held-out error after naming, over the mean of campaigns without missing effect.
+
+    Attributes:
+        mean, median, high: mean, median and 95 % quantile of the ratio over trials with a name.
+        null_high: 95 % quantile of the same ratio of the campaigns without missing effect.
+        trials: how many have a name.
+    """
+
+    mean: float
+    median: float
+    high: float
+    null_high: float
+    trials: int
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One figure to reach.
+
+    Attributes:
+        what: the quantity.
+        at_least: whether the figure must be at least the limit, else at most.
+        limit, reached: the two; None where no trial tells.
+        low, high: 95 % interval of the figure reached; None where it is no share.
+        trials: how many tell.
+        share: whether it is a share of trials.
+    """
+
+    what: str
+    at_least: bool
+    limit: float
+    reached: float | None
+    low: float | None
+    high: float | None
+    trials: int
+    share: bool = True
+
+    @property
+    def met(self) -> bool | None:
+        """Return whether it is reached, None where no trial tells."""
+        if self.reached is None:
+            return None
+        return self.reached >= self.limit if self.at_least else self.reached <= self.limit
+
+
+def of_kinds(trials: Iterable[BlindTrial], *kinds: str) -> list[BlindTrial]:
+    """Return the trials of some kinds."""
+    return [trial for trial in trials if trial.kind in kinds]
+
+
+def score_nothing_hidden(trials: Sequence[BlindTrial]) -> NothingHidden:
+    """Score trials of one kind that hide no effect."""
+    return NothingHidden(
+        named=rate(t.verdict is None or bool(t.verdict.effects) for t in trials),
+        unexplained=rate(t.verdict is not None and t.verdict.word == "unexplained" for t in trials),
+    )
+
+
+def score_singles(trials: Sequence[BlindTrial]) -> Singles:
+    """Score trials that hide one effect; one that failed counts against every share."""
+    pairs = [(trial, trial.hidden[0]) for trial in trials]
+    moving = [(t, h) for t, h in pairs if t.moves_poses(h)]
+    large = [(t, h) for t, h in moving if t.verdict is None or _is_large(t, h)]
+    above = [(t, h) for t, h in moving if t.verdict is None or (t.ratio or 0.0) >= LIMIT]
+    found = [(t, h) for t, h in pairs if t.verdict is None or t.verdict.says_something]
+    testable = [(t, h) for t, h in pairs if t.verdict is None or t.is_testable(h)]
+    torque = [(t, h) for t, h in testable if not t.moves_poses(h)]
+    alternatives = [t.alternatives(h) for t, h in pairs if t.lists(h)]
+    return Singles(
+        large=rate(t.names(h) for t, h in large),
+        large_alone=rate(t.names(h) and not t.alternatives(h) and not t.extra() for t, h in large),
+        above=rate(t.lists(h) for t, h in above),
+        found=rate(t.lists(h) for t, h in found),
+        torque_alone=rate(t.lists(h) for t, h in torque),
+        detected=rate(t.verdict is not None and t.verdict.says_something for t, _ in testable),
+        wrong=rate(t.verdict is None or t.extra() > 0 for t, _ in pairs),
+        alternatives=float(np.mean(alternatives)) if alternatives else None,
+        not_testable=len(pairs) - len(testable),
+    )
+
+
+def _is_large(trial: BlindTrial, hidden: Hidden) -> bool:
+    return (trial.ratio or 0.0) >= LARGE and trial.is_separable(hidden)
+
+
+def score_outside(trials: Sequence[BlindTrial]) -> Outside:
+    """Score trials that hide what no name covers; one that failed counts against every share."""
+    return Outside(
+        confidently_wrong=rate(t.verdict is None or t.is_confidently_wrong() for t in trials),
+        right_place=rate(t.has_right_place() for t in trials),
+        silent=rate(t.verdict is None or not t.verdict.says_something for t in trials),
+    )
+
+
+def score_several(trials: Sequence[BlindTrial]) -> Several:
+    """Score trials that hide several effects; one that failed counts against every share."""
+    testable = [t for t in trials if t.verdict is None or all(map(t.is_testable, t.hidden))]
+    return Several(
+        all_listed=rate(t.all_listed() for t in trials),
+        nothing_extra=rate(t.verdict is not None and not t.extra() for t in trials),
+        testable_listed=rate(t.all_listed() for t in testable),
+    )
+
+
+def score_gap(trials: Sequence[BlindTrial]) -> GapScore | None:
+    """Score held-out errors layout by layout; None without nulls or without any name."""
+    null = of_kinds(trials, "null")
+    reference = {
+        layout: float(np.mean(held))
+        for layout in {trial.layout for trial in null}
+        if (held := _held_out([t for t in null if t.layout == layout]))
+    }
+
+    def over(chosen: list[BlindTrial]) -> list[float]:
+        return [
+            held / reference[trial.layout]
+            for trial in chosen
+            if trial.layout in reference
+            for held in _held_out([trial])
+        ]
+
+    named = [
+        t
+        for t in of_kinds(trials, "single", *SEVERAL)
+        if t.verdict is not None and t.verdict.effects and t.verdict.word != "unexplained"
+    ]
+    ratios = over(named)
+    if not ratios:
+        return None
+    return GapScore(
+        mean=float(np.mean(ratios)),
+        median=float(np.median(ratios)),
+        high=float(np.quantile(ratios, 0.95)),
+        null_high=float(np.quantile(over(null), 0.95)),
+        trials=len(ratios),
+    )
+
+
+def _held_out(trials: list[BlindTrial]) -> list[float]:
+    return [
+        t.verdict.held_out_after_mm
+        for t in trials
+        if t.verdict is not None and t.verdict.held_out_after_mm is not None
+    ]
+
+
+def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
+    """Return the figures to reach and those reached."""
+    singles = score_singles(of_kinds(trials, "single"))
+    outside = score_outside(of_kinds(trials, OUTSIDE))
+    several = score_several(of_kinds(trials, *SEVERAL))
+    null = score_nothing_hidden(of_kinds(trials, "null"))
+    gap = score_gap(trials)
+    seconds = [t.verdict.seconds for t in trials if t.verdict is not None]
+    whole = [
+        t.verdict.seconds + t.verdict.seconds_simulating + t.seconds_twin
+        for t in trials
+        if t.verdict is not None
+    ]
+    return (
+        _share("nothing hidden: a name all the same", null.named, 0.02, at_least=False),
+        _share(
+            f"one effect, separable, residual {LARGE:g} times the floor or more: "
+            "right id and place",
+            singles.large,
+            0.95,
+        ),
+        _share(
+            f"one effect, residual {LIMIT:g} times the floor or more: "
+            "among the effect or its alternatives",
+            singles.above,
+            0.97,
+        ),
+        _share(
+            "one effect, anything found: among the effect or its alternatives",
+            singles.found,
+            0.97,
+        ),
+        _share(
+            "effect outside the vocabulary: a confident wrong name",
+            outside.confidently_wrong,
+            0.05,
+            at_least=False,
+        ),
+        _share("effect outside the vocabulary: found at the right place", outside.right_place, 0.8),
+        _share("two or three effects: all named or in the alternatives", several.all_listed, 0.9),
+        _share("two or three effects: nothing extra", several.nothing_extra, 0.95),
+        _number(
+            "held-out mean after naming, over that of campaigns without missing effect",
+            None if gap is None else gap.mean,
+            GAP_ALLOWED,
+            0 if gap is None else gap.trials,
+        ),
+        _number(
+            "seconds to judge one campaign, longest", max(seconds, default=None), 15.0, len(seconds)
+        ),
+        _number(
+            "trials an hour on two cores",
+            2.0 * 3600.0 / float(np.mean(whole)) if whole else None,
+            240.0,
+            len(whole),
+            at_least=True,
+        ),
+    )
+
+
+def _share(what: str, found: Rate, limit: float, *, at_least: bool = True) -> Bar:
+    return Bar(what, at_least, limit, found.share, found.low, found.high, found.of)
+
+
+def _number(
+    what: str, reached: float | None, limit: float, trials: int, *, at_least: bool = False
+) -> Bar:
+    return Bar(what, at_least, limit, reached, None, None, trials, share=False)

@@ -1,0 +1,94 @@
+"""The error left as the named effects join the model one by one, fitted and held out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from pa10cal.figures.discovery_records import Errors, Naming
+from pa10cal.figures.results import Results
+from pa10cal.figures.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    ORANGE,
+    WIDTH_MM,
+    height_of,
+    new_figure,
+    panel,
+    plain_log,
+    write_text_at,
+)
+
+_ROW_MM = 11.0
+_BELOW_MM, _ABOVE_MM = 30.0, 16.0
+_TRAIN: dict[str, Any] = {"color": BLUE, "marker": "o"}
+_HELD_OUT: dict[str, Any] = {"color": ORANGE, "marker": "^"}
+_ASIDE = 0.19
+_FLOOR_LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "linestyle": "--"}
+
+
+def draw(results: Results) -> Figure:
+    """Draw mean, root mean square and peak of every step, from the calibrated model downward."""
+    found = results.analysis()
+    steps = found.naming
+    rows = _ROW_MM * len(steps)
+    figure = new_figure(
+        _BELOW_MM + rows + _ABOVE_MM, "Gap between model and measurement, name by name"
+    )
+    axes = panel(figure, 46.0, _BELOW_MM, 84.0, rows)
+    for k, step in enumerate(steps):
+        _draw_errors(axes, k - _ASIDE, step.train, _TRAIN)
+        if step.holdout is not None:
+            _draw_errors(axes, k + _ASIDE, step.holdout, _HELD_OUT)
+    everything = [errors for step in steps for errors in (step.train, step.holdout) if errors]
+    floor = found.noise_floor_mm
+    lowest = min(floor, *(errors.mean_mm for errors in everything))
+    plain_log(axes, "x", lowest / 1.5, max(errors.peak_mm for errors in everything) * 1.4)
+    axes.axvline(floor, **_FLOOR_LINE)
+    axes.set_ylim(len(steps) - 0.5, -0.5)
+    axes.set_yticks(range(len(steps)), [_name(step) for step in steps])
+    axes.tick_params(axis="y", length=0.0)
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel("position error [mm]: mean, rms (bar) and peak (end)")
+    write_text_at(figure, 133.0, _BELOW_MM + rows + 2.0, "mean / rms / peak [mm]")
+    _draw_legend(figure, steps)
+    return figure
+
+
+def _name(step: Naming) -> str:
+    """Return what joined the model at a step."""
+    if not step.effects:
+        return "calibrated model"
+    name, _, place = step.effects[-1].words.partition(", ")
+    return f"+ {name}\n   {place}"
+
+
+def _draw_errors(axes: Axes, y: float, errors: Errors, look: dict[str, Any]) -> None:
+    axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=look["color"], linewidth=1.4)
+    for value, size in ((errors.rms_mm, 7.0), (errors.peak_mm, 4.0)):
+        axes.plot(value, y, color=look["color"], marker="|", markersize=size)
+    axes.plot(errors.mean_mm, y, **look)
+    axes.text(
+        1.035,
+        y,
+        f"{errors.mean_mm:.3f} / {errors.rms_mm:.3f} / {errors.peak_mm:.3f}",
+        transform=axes.get_yaxis_transform(),
+        va="center",
+    )
+
+
+def _draw_legend(figure: Figure, steps: tuple[Naming, ...]) -> None:
+    handles = [Line2D([], [], label="poses fitted", **_TRAIN)]
+    if steps[0].holdout is not None:
+        handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
+    handles.append(Line2D([], [], label="what repeatability alone leaves", **_FLOOR_LINE))
+    height = height_of(figure)
+    figure.legend(
+        handles=handles, loc="lower left", bbox_to_anchor=(10.0 / WIDTH_MM, 11.0 / height), ncols=3
+    )
+    if len(steps) == 1:
+        write_text_at(figure, 10.0, 6.5, "No effect was named: there is one step.", color=GREY)

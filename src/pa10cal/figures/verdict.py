@@ -1,0 +1,146 @@
+"""The verdict: which effects are missing from the model, how sure that is, and what it is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from pa10cal.figures.discovery_records import EffectName, FoundEffect, LoadGap, SetGap, Verdict
+from pa10cal.figures.results import Results
+from pa10cal.figures.table import Grid, Row, Table
+
+_HALF_WIDTH_95 = 1.96
+_DATA_HEADER: Row = ("kind", "effect", "of", "quantity", "value", "std", "unit", "remark")
+_GAP_HEADER: Row = (
+    "poses",
+    "load",
+    "mean before",
+    "after",
+    "rms before",
+    "after",
+    "peak before",
+    "after",
+    "mean less by, 95 % interval",
+)
+_MEANINGS = {
+    "none": "None: model and measurement agree within the measured repeatability.",
+    "named": "Named: every effect found stands alone.",
+    "ambiguous": "Ambiguous: at least one effect cannot be told from its alternatives.",
+    "unexplained": "Unexplained: a gap remains that no effect of the vocabulary closes.",
+}
+
+
+def tabulate(results: Results) -> Table:
+    """Return effects with intervals, alternatives and evidence, what is not testable, the gap."""
+    found = results.verdict()
+    return Table(
+        title="What is missing from the model",
+        data=Grid(_DATA_HEADER, tuple(_data_rows(found))),
+        shown=tuple(_grids(found)),
+        notes=_notes(found),
+    )
+
+
+def _grids(found: Verdict) -> Iterator[Grid]:
+    yield Grid(
+        ("effect", "of", "parameters, with 95 % intervals", "alternatives", "evidence"),
+        tuple(_effect_row(effect) for effect in found.effects) or (("none named", "", "", "", ""),),
+        "Effects found",
+    )
+    if found.unexplained is not None:
+        places = tuple((place.of or "not known", place.why) for place in found.unexplained.all)
+        yield Grid(("of", "why"), places, "Without a name")
+    yield Grid(
+        _GAP_HEADER,
+        tuple(_gap_rows(found)),
+        f"Position error [mm]; repeatability alone leaves {found.gap.noise_floor_mm:.4f} mm",
+    )
+    if found.not_told_apart:
+        groups = tuple((_together(group),) for group in found.not_told_apart)
+        yield Grid(("group",), groups, "Effects that these poses could not tell apart")
+    if found.not_testable:
+        yield Grid(
+            ("effect", "of", "why"),
+            tuple((entry.id, entry.of, entry.why) for entry in found.not_testable),
+            "Effects that these data cannot show",
+        )
+
+
+def _effect_row(effect: FoundEffect) -> Row:
+    parameters = "; ".join(
+        f"{name} = {parameter.value:.5g} ± {_HALF_WIDTH_95 * parameter.std:.2g} {parameter.unit}"
+        for name, parameter in effect.parameters.items()
+    )
+    evidence = "; ".join(f"{name} {value:.3g}" for name, value in _statistics(effect.evidence))
+    return (effect.id, effect.of, parameters, _together(effect.alternatives) or "none", evidence)
+
+
+def _statistics(evidence: dict[str, Any], of: str = "") -> Iterator[tuple[str, float]]:
+    """Yield the numbers of the evidence, those inside others under both names."""
+    for name, value in evidence.items():
+        words = f"{of} {name.replace('_', ' ')}".strip()
+        if isinstance(value, dict):
+            yield from _statistics(value, words)
+        elif isinstance(value, int | float):
+            yield words, float(value)
+
+
+def _together(effects: tuple[EffectName, ...]) -> str:
+    return "; ".join(f"{effect.id} of {effect.of}" for effect in effects)
+
+
+def _sets(found: Verdict) -> list[tuple[str, SetGap]]:
+    """Return the gaps there are, by what the poses are."""
+    holdout = found.gap.holdout
+    return [("fitted", found.gap.train)] + ([] if holdout is None else [("held out", holdout)])
+
+
+def _gap_rows(found: Verdict) -> Iterator[Row]:
+    for poses, gap in _sets(found):
+        yield _gap_row(poses, "all", gap)
+        for load, at_load in gap.per_load.items():
+            yield _gap_row(poses, load, at_load)
+
+
+def _gap_row(poses: str, load: str, gap: LoadGap) -> Row:
+    errors = [
+        f"{getattr(errors, name):.4f}"
+        for name in ("mean_mm", "rms_mm", "peak_mm")
+        for errors in (gap.before, gap.after)
+    ]
+    low, high = gap.reduction.interval95_mm
+    return (poses, load, *errors, f"{low:.4f} to {high:.4f} ({gap.reduction.poses} poses)")
+
+
+def _data_rows(found: Verdict) -> Iterator[Row]:
+    yield ("verdict", "", "", "verdict", found.verdict, "", "", "")
+    for effect in found.effects:
+        rivals = _together(effect.alternatives)
+        remark = f"alternatives: {rivals}" if rivals else "stands alone"
+        for name, parameter in effect.parameters.items():
+            value, std = f"{parameter.value:.8g}", f"{parameter.std:.3g}"
+            yield ("effect", effect.id, effect.of, name, value, std, parameter.unit, remark)
+        for name, number in _statistics(effect.evidence):
+            yield ("evidence", effect.id, effect.of, name, f"{number:.6g}", "", "", "")
+    for place in found.unexplained.all if found.unexplained else ():
+        yield ("unexplained", "", place.of or "", "", "", "", "", place.why)
+    for entry in found.not_testable:
+        yield ("not_testable", entry.id, entry.of, "", "", "", "", entry.why)
+    for poses, gap in _sets(found):
+        for load, at_load in {"all": gap, **gap.per_load}.items():
+            for when, errors in (("before", at_load.before), ("after", at_load.after)):
+                for name in ("mean_mm", "rms_mm", "peak_mm"):
+                    value = f"{getattr(errors, name):.6g}"
+                    yield ("gap", "", poses, f"{when}_{name}", value, "", "mm", load)
+    floor = f"{found.gap.noise_floor_mm:.6g}"
+    yield ("gap", "", "", "noise_floor_mm", floor, "", "mm", "repeatability alone")
+
+
+def _notes(found: Verdict) -> tuple[str, ...]:
+    return (
+        _MEANINGS.get(found.verdict, found.verdict),
+        "Before is the calibrated model, after the same with the effects found, recalibrated; "
+        "held-out poses are used for nothing else.",
+        "The interval of the reduction is over poses: the loads and repeats of a pose share its "
+        "errors and count once.",
+    )

@@ -1,0 +1,145 @@
+"""From the folder of a raw campaign to a verdict, in memory: what judging a trial may know."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+from pa10cal.calibration.accuracy import deviations
+from pa10cal.calibration.calibrate import Calibration, calibrate
+from pa10cal.calibration.uncertainty import ErrorSources
+from pa10cal.campaign.averages import average_repeats
+from pa10cal.campaign.description import Campaign, read_campaign
+from pa10cal.campaign.ingest import ingest_campaign
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.campaign.table import observations, read_pose_table, write_pose_table
+from pa10cal.discovery.discover import discover
+from pa10cal.discovery.problem import Baseline
+from pa10cal.files.arms import load_arm
+from pa10cal.files.schemas import VERDICT
+from pa10cal.settings import (
+    CalibrationSettings,
+    DiscoverySettings,
+    IngestSettings,
+    Section,
+)
+from pa10cal.stages.calibration_record import study_of
+from pa10cal.stages.discovery_setting import setting_of, with_bends
+from pa10cal.stages.verdict_record import verdict_record
+from pa10cal.terms.baseline import baseline
+
+Array = NDArray[np.float64]
+
+
+class JudgingSettings(Section):
+    """The settings by which a campaign is judged."""
+
+    ingest: IngestSettings = IngestSettings()
+    calibration: CalibrationSettings = CalibrationSettings()
+    discovery: DiscoverySettings = DiscoverySettings()
+
+
+@dataclass(frozen=True)
+class CalibratedCampaign:
+    """A campaign with its calibrated baseline.
+
+    Attributes:
+        campaign: its description.
+        arm: the nominal arm.
+        readings: single readings of the grid poses, with the instrument's covariance.
+        held_out: averaged held-out poses.
+        calibration: cubic model on all loads.
+        seconds: that this took.
+    """
+
+    campaign: Campaign
+    arm: Arm
+    readings: PoseObservations
+    held_out: PoseObservations
+    calibration: Calibration
+    seconds: float
+
+    @property
+    def left_mm(self) -> Array:
+        """Return what the baseline leaves at averaged grid poses, along the base axes, (C, 3)."""
+        poses = average_repeats(self.readings)
+        found = self.calibration
+        T_base_ee = found.level.model.predict(poses.states, found.solution.x)
+        return deviations(T_base_ee, found.T_cmm_base, poses).position_mm
+
+
+def calibrated(raw: Path, settings: JudgingSettings) -> CalibratedCampaign:
+    """Ingest a raw campaign and calibrate the cubic model on all its loads.
+
+    Args:
+        raw: folder of the campaign.
+        settings: how to ingest and to calibrate.
+
+    Raises:
+        RawDataError: when the campaign cannot be read.
+        CalibrationError: when it is not enough to calibrate with.
+    """
+    began = time.perf_counter()
+    campaign = read_campaign(raw)
+    arm = load_arm(campaign.robot)
+    ingested = ingest_campaign(campaign, arm, raw, settings.ingest)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "poses.parquet"
+        write_pose_table(path, ingested.poses, campaign.name)
+        table = read_pose_table(path, campaign.name)
+    calibration = _calibrate(arm, observations(table, average=False), settings.calibration)
+    return CalibratedCampaign(
+        campaign=campaign,
+        arm=arm,
+        readings=observations(table, average=False, covariance="instrument"),
+        held_out=observations(table, kind="holdout"),
+        calibration=calibration,
+        seconds=time.perf_counter() - began,
+    )
+
+
+def judge(known: CalibratedCampaign, settings: JudgingSettings) -> dict[str, Any]:
+    """Return the verdict on a campaign, as the results' contract has it, without suggestions.
+
+    Raises:
+        DiscoveryError: when the data do not allow a search.
+    """
+    began = time.perf_counter()
+    found, held_out = known.calibration, known.held_out
+    error_rate = settings.discovery.error_rate
+    discovery = discover(
+        known.readings,
+        held_out if len(held_out) else None,
+        Baseline(with_bends(found.level.model), found.solution.x, found.T_cmm_base),
+        setting_of(known.campaign, known.arm, settings.calibration, settings.discovery),
+        error_rate,
+    )
+    return {
+        "schema": VERDICT,
+        "campaign": known.campaign.name,
+        **verdict_record(discovery, error_rate),
+        "suggested_poses": [],
+        "seconds": known.seconds + time.perf_counter() - began,
+    }
+
+
+def _calibrate(arm: Arm, readings: PoseObservations, settings: CalibrationSettings) -> Calibration:
+    """Calibrate from the nominal arm, and from more starts where that does not converge."""
+    study = study_of(settings)
+    poses = average_repeats(readings)
+    model = baseline(
+        arm,
+        study.flexible_joints,
+        study.tolerances,
+        tau_ref_Nm=np.abs(poses.states.tau_Nm).max(axis=0),
+    )
+    errors = ErrorSources(readings, 1e-3 * settings.apparatus_uncertainty_mm)
+    found = calibrate(model, poses, replace(study.options, starts=1), errors)
+    return found if found.converged else calibrate(model, poses, study.options, errors)

@@ -1,0 +1,296 @@
+"""Where model and data disagree is found where it was put, and nowhere where nothing was put."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pa10cal.arm.chain import Chain, long_links
+from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import Burden, statics
+from pa10cal.calibration.accuracy import Accuracy
+from pa10cal.campaign.averages import average_repeats
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.discovery.clustered import mean, slope
+from pa10cal.discovery.discover import compare
+from pa10cal.discovery.fit import fit
+from pa10cal.discovery.joint_space import periodogram
+from pa10cal.discovery.lack_of_fit import lack_of_fit
+from pa10cal.discovery.naming import errors_by_name
+from pa10cal.discovery.problem import Baseline, Setting, prepare
+from pa10cal.files.arms import load_arm
+from pa10cal.stages.lack_of_fit_record import lack_of_fit_record
+from pa10cal.stages.naming_record import naming_record
+from pa10cal.terms.baseline import baseline
+from pa10cal.terms.effects.encoder import TransmissionError
+from pa10cal.terms.effects.joint_torque import FrictionTorque
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import Tolerances
+
+ARM = load_arm("pa10_6ce")
+FLEXIBLE = (2, 3)
+BURDEN = Burden(2.4, np.array([0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))
+SETTING = Setting(BURDEN, np.zeros((0, 3)), 21.0, FLEXIBLE)
+POSES, LOADS_N, REPEATS = 40, (0.0, 22.0, 44.0), 4
+POSITION_M, ROTATION_RAD, TORQUE_NM = 5e-6, 2e-5, 0.05
+HARMONIC = TransmissionError("joint 2", 100.0)
+AMPLITUDE_RAD = 3e-4
+FRICTION = FrictionTorque("joint 3", 100.0)
+FRICTION_NM = 3.0
+
+
+def model_of(*effects):
+    terms = baseline(ARM, FLEXIBLE, Tolerances()).terms
+    return Model(Chain.of(ARM, bends=long_links(ARM)), (*terms, *effects))
+
+
+BASELINE = Baseline(model_of(), np.zeros(len(model_of().parameters)), np.eye(4))
+BASELINE.x[[p.name.startswith("windup") for p in model_of().parameters]] = 3e-3
+
+
+def measured(*effects, x=(), seed=20080427):
+    """Return single readings of an arm with some effects, and noise."""
+    rng = np.random.default_rng(seed)
+    centre = np.radians([0.0, 10.0, 100.0, 5.0, 50.0, -80.0])
+    at_pose = centre + rng.uniform(-0.5, 0.5, (POSES, 6))
+    pose, load_N, repeat = (
+        axis.ravel()
+        for axis in np.meshgrid(np.arange(POSES), LOADS_N, np.arange(REPEATS), indexing="ij")
+    )
+    count = len(pose)
+    time_s = 45.0 * rng.permutation(count)
+    arrival = rng.choice([-1.0, 1.0], (POSES, 6))[pose]
+    states = PoseStates(
+        q_rad=at_pose[pose],
+        tau_Nm=np.zeros((count, 6)),
+        arrival=arrival * np.where(repeat < REPEATS // 2, 1.0, -1.0)[:, None],
+        load_N=load_N,
+        temperature_C=np.full(count, np.nan),
+        time_s=time_s,
+    )
+    model = model_of(*effects)
+    x_true = np.concatenate([BASELINE.x, *x])
+    weights = statics(model.chain, model.chain_coordinates(states, x_true), load_N, BURDEN)
+    states = replace(states, tau_Nm=weights.torque_Nm)
+    logged = weights.torque_Nm + model.torque_Nm(states, x_true)
+    states = replace(states, tau_Nm=logged)
+    T = model.predict(states, x_true)
+    T[:, :3, 3] += rng.normal(0.0, POSITION_M, (count, 3))
+    turn = rng.normal(0.0, ROTATION_RAD, (count, 3))
+    T[:, :3, :3] += np.cross(turn[:, None, :], T[:, :3, :3], axisb=1, axisc=1)
+    U, _, Vt = np.linalg.svd(T[:, :3, :3])
+    T[:, :3, :3] = U @ Vt
+    noise = np.diag([POSITION_M**2] * 3 + [ROTATION_RAD**2] * 3)
+    return PoseObservations(
+        pose=np.array([f"P{k:02d}" for k in pose]),
+        states=replace(states, tau_Nm=logged + rng.normal(0.0, TORQUE_NM, (count, 6))),
+        T_cmm_ee=T,
+        cov_ee=np.tile(noise, (count, 1, 1)),
+        by_apparatus=np.zeros((count, 6, 0)),
+        repeats=np.ones(count, dtype=np.int64),
+    )
+
+
+def without_effects(readings):
+    problem = prepare(readings, BASELINE, SETTING)
+    return problem, fit(problem, (), (), (0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def nothing():
+    """What is left where nothing is missing."""
+    return lack_of_fit(*without_effects(measured()))
+
+
+@pytest.fixture(scope="module")
+def harmonic():
+    """Problem and fit without effects, where joint 2 has a periodic error."""
+    return without_effects(measured(HARMONIC, x=[AMPLITUDE_RAD * np.array([0.6, 0.8])]))
+
+
+@pytest.fixture(scope="module")
+def left(harmonic):
+    return lack_of_fit(*harmonic)
+
+
+@pytest.fixture(scope="module")
+def friction():
+    """What is left where joint 3 holds part of its load by friction."""
+    return lack_of_fit(*without_effects(measured(FRICTION, x=[np.array([FRICTION_NM])])))
+
+
+def test_pure_error_is_all_there_is_where_nothing_is_missing(nothing):
+    for channel in (nothing.pose, nothing.torque):
+        for test in (channel.shared, channel.unshared):
+            assert test.ratio == pytest.approx(1.0, abs=0.25)
+            assert test.p_value > 0.001
+    assert nothing.rms_mm == pytest.approx(nothing.floor_mm, rel=0.15)
+    for part in nothing.by_joint:
+        assert part.rms_rad == pytest.approx(part.floor_rad, rel=0.2)
+    for part in nothing.by_torque:
+        assert part.rms_Nm == pytest.approx(part.noise_Nm, rel=0.2)
+
+
+def test_the_floor_is_what_the_noise_of_the_cells_leaves(nothing):
+    # Three axes, and two readings a cell: one a direction of arrival.
+    expected_mm = 1e3 * POSITION_M * np.sqrt(3.0 / nothing.cells.repeats.mean())
+    assert nothing.floor_mm == pytest.approx(expected_mm, rel=0.15)
+
+
+def test_what_poses_share_stands_out_where_something_is_missing(left):
+    assert left.pose.shared.ratio > 20.0
+    assert left.pose.shared.p_value < 1e-9
+    assert left.pose.shared_variance > 1.0
+    # The error is the same at every load and direction of a pose.
+    assert left.pose.unshared.ratio < 3.0
+    assert left.torque.shared.ratio == pytest.approx(1.0, abs=0.25)
+
+
+def test_projection_finds_the_joint_and_the_periodogram_its_order(left):
+    excess = [part.rms_rad / part.floor_rad for part in left.by_joint]
+    assert np.argmax(excess) == 1
+    found = left.by_joint[1].periodogram
+    assert found.marked == (1.0, 2.0, 50.0, 100.0)
+    assert np.argmax(found.marked_rad) == 3
+    assert found.orders[np.argmax(found.explained_rad)] == pytest.approx(100.0, abs=1.0)
+    # A sine of amplitude A has a root mean square of A / sqrt(2), less what the model absorbed.
+    assert found.marked_rad[3] == pytest.approx(AMPLITUDE_RAD / np.sqrt(2.0), rel=0.2)
+
+
+def test_parts_add_up_to_the_whole(left):
+    squares = (left.position_mm**2).sum(axis=1)
+    for parts in (left.by_load, left.by_pose):
+        total = sum(part.cells * part.rms_mm**2 for part in parts)
+        assert total == pytest.approx(squares.sum())
+        assert sum(part.cells for part in parts) == len(left.cells)
+    assert [part.of for part in left.by_load] == ["0 N", "22 N", "44 N"]
+    assert sum(part.rms_mm**2 for part in left.by_axis) == pytest.approx(squares.mean())
+
+
+def test_friction_shows_as_torque_by_direction(friction):
+    for part in friction.by_torque:
+        by_side = {arrival.direction: arrival.mean for arrival in part.arrivals}
+        if part.joint == 3:
+            assert by_side[1].value == pytest.approx(FRICTION_NM, rel=0.1)
+            assert by_side[-1].value == pytest.approx(-FRICTION_NM, rel=0.1)
+            assert part.rms_Nm > 20.0 * part.noise_Nm
+        else:
+            assert abs(by_side[1].value - by_side[-1].value) < 0.1 * FRICTION_NM
+
+
+def test_friction_winds_the_spring_by_direction(friction):
+    (part,) = (part for part in friction.by_joint if part.joint == 3)
+    backward, forward = (arrival.mean for arrival in part.arrivals)
+    assert abs(forward.value - backward.value) > 5.0 * np.hypot(forward.std, backward.std)
+
+
+def test_what_the_effect_explains_is_gone_with_it(harmonic):
+    problem, start = harmonic
+    after = lack_of_fit(problem, fit(problem, (HARMONIC,), (1,), (0.0, 0.0), start))
+    assert after.pose.shared.ratio == pytest.approx(1.0, abs=0.25)
+    assert after.by_joint[1].rms_rad == pytest.approx(after.by_joint[1].floor_rad, rel=0.2)
+
+
+def test_unlogged_torques_and_temperatures_are_not_made_up():
+    readings = measured()
+    readings = replace(
+        readings, states=replace(readings.states, tau_Nm=np.full((len(readings), 6), np.nan))
+    )
+    rigid = baseline(ARM, (), Tolerances())
+    model = Model(Chain.of(ARM, bends=long_links(ARM)), rigid.terms)
+    start = Baseline(model, np.zeros(len(model.parameters)), np.eye(4))
+    problem = prepare(readings, start, replace(SETTING, flexible_joints=()))
+    record = lack_of_fit_record(lack_of_fit(problem, fit(problem, (), (), (0.0, 0.0))))
+    assert record["torque"] is None
+    assert record["by_torque"] == []
+    assert all(joint["torque_left_Nm"] is None for joint in record["cells"]["joints"])
+    assert set(record["cells"]["temperature_C"]) == {None}
+    assert all(drift["by_temperature_mm_per_K"] is None for drift in record["drifts"])
+
+
+def test_the_record_holds_finite_numbers_cell_by_cell(left):
+    record = lack_of_fit_record(left)
+
+    def numbers(node):
+        if isinstance(node, dict):
+            for value in node.values():
+                yield from numbers(value)
+        elif isinstance(node, list):
+            for value in node:
+                yield from numbers(value)
+        elif isinstance(node, float):
+            yield node
+
+    assert np.isfinite(list(numbers(record))).all()
+    assert record["pose"]["shared"]["F"] == left.pose.shared.ratio
+    second = record["cells"]["joints"][1]
+    np.testing.assert_allclose(second["error_rad"], left.joints.error_rad[:, 1], rtol=1e-5)
+    assert len(record["cells"]["pose"]) == len(left.cells)
+
+
+def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(harmonic):
+    problem, start = harmonic
+    extended = fit(problem, (FRICTION, HARMONIC), (1, 1), (0.0, 0.0), start)
+    train = compare(problem, extended, average_repeats(problem.readings))
+    steps = errors_by_name(problem, extended, train, None)
+    assert [step.effects for step in steps] == [(), (FRICTION,), (FRICTION, HARMONIC)]
+    assert isinstance(steps[1].train, Accuracy)
+    assert steps[0].train == train.before
+    assert steps[2].train == train.after
+    assert steps[2].train.rms_mm < 0.3 * steps[1].train.rms_mm
+    record = naming_record(steps)
+    assert record[1]["effects"] == [{"id": "friction_torque", "of": "joint 3"}]
+    assert record[0]["holdout"] is None
+
+
+def test_without_effects_there_is_the_baseline_alone(harmonic):
+    problem, start = harmonic
+    train = compare(problem, start, average_repeats(problem.readings))
+    steps = errors_by_name(problem, start, train, train)
+    assert [step.effects for step in steps] == [()]
+    assert steps[0].holdout == train.before
+
+
+class TestPeriodogram:
+    q_rad = np.random.default_rng(7).uniform(-0.6, 0.6, 60)
+
+    @pytest.mark.parametrize("order", [50.0, 100.0])
+    def test_explains_a_sine_of_its_order_and_no_offset(self, order):
+        error = 2.0 + np.sin(order * self.q_rad + 0.3)
+        found = periodogram(self.q_rad, error, np.ones(60), 50.0)
+        at = found.marked.index(order)
+        assert found.marked_rad[at] == pytest.approx(error.std(), rel=1e-6)
+        assert found.orders[np.argmax(found.explained_rad)] == pytest.approx(order, abs=0.5)
+
+    def test_cells_without_weight_do_not_count(self):
+        error = np.sin(50.0 * self.q_rad)
+        error[:10] += 30.0
+        weight = np.where(np.arange(60) < 10, 1e-12, 1.0)
+        found = periodogram(self.q_rad, error, weight, 50.0)
+        assert np.argmax(found.marked_rad) == 2
+
+    def test_an_error_that_is_zero_holds_no_order(self):
+        found = periodogram(self.q_rad, np.zeros(60), np.ones(60), 50.0)
+        assert not found.explained_rad.any()
+
+    def test_a_joint_that_hardly_turned_has_none(self):
+        assert periodogram(0.01 * self.q_rad, self.q_rad, np.ones(60), 50.0) is None
+
+
+class TestClustered:
+    pose = np.repeat([f"P{k}" for k in range(200)], 5)
+
+    def test_the_uncertainty_counts_poses(self):
+        rng = np.random.default_rng(3)
+        of_pose = np.repeat(rng.normal(0.0, 1.0, 200), 5)
+        found = mean(of_pose, np.ones(1000), self.pose)
+        assert found.std == pytest.approx(1.0 / np.sqrt(200), rel=0.15)
+
+    def test_the_slope_is_that_of_a_line_far_from_zero(self):
+        by = np.random.default_rng(3).uniform(1e5, 1e5 + 10.0, 1000)
+        found = slope(by, 3.0 - 0.5 * by, np.ones(1000), self.pose)
+        assert found.value == pytest.approx(-0.5)
+        assert found.std == pytest.approx(0.0, abs=1e-6)
+
+    def test_one_pose_tells_no_uncertainty(self):
+        assert np.isnan(mean(np.arange(5.0), np.ones(5), self.pose[:5]).std)

@@ -1,0 +1,266 @@
+"""What to measure next, put to the test: measure it in the virtual cell, and search again."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from pa10cal.arm.chain import Chain, long_links
+from pa10cal.arm.statics import Burden
+from pa10cal.calibration.calibrate import ErrorSources, Options, calibrate
+from pa10cal.campaign.averages import average_repeats
+from pa10cal.campaign.description import read_campaign
+from pa10cal.campaign.ingest import ingest_campaign
+from pa10cal.campaign.table import observations, read_pose_table, write_pose_table
+from pa10cal.cell.campaign import simulate_campaign
+from pa10cal.cell.write import write_campaign
+from pa10cal.discovery import candidates as family
+from pa10cal.discovery.admissible import Room, draw_admissible, foresee
+from pa10cal.discovery.evidence import SIZES
+from pa10cal.discovery.fit import Fit, fit
+from pa10cal.discovery.problem import Baseline, Problem, Setting, prepare
+from pa10cal.discovery.search import evidence_about, search
+from pa10cal.discovery.suggest import LEAST_NATS, plan, suggest
+from pa10cal.errors import DiscoveryError
+from pa10cal.files.arms import load_arm
+from pa10cal.settings import IngestSettings, SimulateSettings, parse_section
+from pa10cal.terms.baseline import baseline
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.library import candidates
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import Tolerances
+
+ARM = load_arm("pa10_6ce")
+FLEXIBLE = (2, 3, 5)
+#: Two models are told apart where one is so much likelier.
+APART_NATS = 8.0
+
+
+@dataclass
+class Measured:
+    """A campaign, the baseline fitted to it, and which effects it can show."""
+
+    problem: Problem
+    start: Fit
+    shown: tuple[Effect, ...]
+    refused: tuple[Effect, ...]
+
+    def effect(self, id_, of):
+        return next(
+            effect for effect in (*self.shown, *self.refused) if (effect.id, effect.of) == (id_, of)
+        )
+
+    def search(self):
+        return search(self.problem, self.shown, 0.01, self.start)
+
+
+@pytest.fixture(scope="module")
+def measure(tmp_path_factory):
+    """Measure a robot that hides one effect, on the grid and where else is asked."""
+
+    def measured(id_, of, parameters, further=()):
+        raw = {
+            "random_seed": 7,
+            "built": "drawn",
+            "repeats": 4,
+            "holdout_points": 0,
+            "hidden_effects": [{"id": id_, "of": of, "parameters": parameters}],
+            "poses": {
+                "tilt_seed": 3,
+                "extra_deg": [np.degrees(suggestion.q_rad).tolist() for suggestion in further],
+            },
+        }
+        folder = tmp_path_factory.mktemp("campaign")
+        made = simulate_campaign("c", ARM, parse_section(SimulateSettings, raw, where="test"))
+        write_campaign(made, folder / "raw", folder / "truth.json")
+        campaign = read_campaign(folder / "raw")
+        poses = ingest_campaign(campaign, ARM, folder / "raw", IngestSettings()).poses
+        write_pose_table(folder / "poses.parquet", poses, campaign.name)
+        table = read_pose_table(folder / "poses.parquet")
+        readings = observations(table, average=False, covariance="instrument")
+        tool = campaign.tool
+        burden = Burden(
+            tool.mass_kg,
+            1e-3 * np.array(tool.com_mm),
+            1e-3 * np.array(tool.load_point_mm),
+            np.array(campaign.gravity_m_s2),
+        )
+        setting = Setting(
+            burden, 1e-3 * campaign.p_ee_balls_mm, campaign.reference_temperature_C, FLEXIBLE
+        )
+        problem = prepare(readings, calibrated(readings), setting)
+        start = fit(problem, (), (), (0.0, 0.0))
+        shown, refused = family.testable(problem, start, candidates(problem.surroundings))
+        return Measured(problem, start, shown, tuple(entry.effect for entry in refused))
+
+    return measured
+
+
+def calibrated(readings):
+    averaged = average_repeats(readings)
+    tau_Nm = np.abs(averaged.states.tau_Nm).max(axis=0)
+    model = baseline(ARM, FLEXIBLE, Tolerances(), tau_ref_Nm=tau_Nm)
+    options = Options(starts=1, inner_poses=None)
+    found = calibrate(model, averaged, options, ErrorSources(readings, 5e-6))
+    bending = Model(Chain.of(ARM, bends=long_links(ARM)), model.terms)
+    return Baseline(bending, found.solution.x, found.T_cmm_base)
+
+
+RATIO = ("gear_ratio_error", "joint 2", {"eps": 2e-4})
+ECCENTRIC = ("encoder_eccentricity", "joint 2", {"A": 1.45e-4, "phi": 2.0})
+WINDUP = ("soft_windup", "joint 3", {"A": 3e-4, "tau0": 10.0})
+
+
+@pytest.fixture(scope="module")
+def ratio(measure):
+    return measure(*RATIO)
+
+
+@pytest.fixture(scope="module")
+def searched(ratio):
+    return ratio.search()
+
+
+def names(found):
+    return [(effect.id, effect.of) for effect in found.fit.effects]
+
+
+def behind(found, effect):
+    """Return how much less likely the data are with one effect alone than with what was found."""
+    k = found.family.index(effect)
+    alone = [found.evidence.score((k,), (size,)).log_evidence for size in range(len(SIZES))]
+    return found.score.log_evidence - max(alone)
+
+
+def gain(measured, effect):
+    """Return what one effect adds to the evidence of the baseline."""
+    evidence = evidence_about(measured.problem, measured.start, (effect,))
+    alone = [evidence.score((0,), (size,)).log_evidence for size in range(len(SIZES))]
+    return max(alone) - evidence.score((), ()).log_evidence
+
+
+def test_an_effect_and_its_double_come_apart_where_suggested(measure, ratio, searched):
+    effect, rival = ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2])
+    assert names(searched) == [RATIO[:2]]
+    assert behind(searched, rival) < APART_NATS  # ambiguous so far
+    found = plan(ratio.problem, searched.fit, [(effect, rival)], 4)
+    (separation,) = found.separations
+    assert separation.before_nats < 2.0
+    assert separation.can_be_split
+    assert separation.after_nats == found.suggestions[-1].separation_nats > APART_NATS
+    again = measure(*RATIO, further=found.suggestions).search()
+    assert names(again) == [RATIO[:2]]
+    # Expected with one load a pose; the cell hangs all three.
+    rival = next(e for e in again.family if (e.id, e.of) == ECCENTRIC[:2])
+    assert behind(again, rival) > separation.after_nats
+
+
+def test_a_wrong_name_among_doubles_is_put_right(measure):
+    first = measure(*ECCENTRIC)
+    found = first.search()
+    truth, double = (first.effect(id_, "joint 2") for id_ in (ECCENTRIC[0], "encoder_ellipticity"))
+    assert found.fit.effects == (double,)  # with these poses, the likelier of the two
+    assert behind(found, truth) < APART_NATS
+    further = suggest(first.problem, found.fit, [(double, truth)], 4)
+    again = measure(*ECCENTRIC, further=further).search()
+    assert names(again) == [ECCENTRIC[:2]]
+    assert behind(again, double) > APART_NATS
+
+
+def test_what_was_not_testable_shows_where_suggested(measure):
+    first = measure(*WINDUP)
+    effect = first.effect(*WINDUP[:2])
+    assert effect in first.refused
+    assert gain(first, effect) < LEAST_NATS
+    found = plan(first.problem, first.start, [(effect, None)], 4)
+    assert found.separations[0].before_nats < LEAST_NATS
+    assert found.separations[0].can_be_split
+    again = measure(*WINDUP, further=found.suggestions)
+    effect = again.effect(*WINDUP[:2])
+    assert effect in again.shown
+    assert gain(again, effect) > APART_NATS
+
+
+def test_poses_cannot_tell_a_twisting_forearm_from_a_yielding_joint_4(measure):
+    first = measure("link_torsion", "forearm", {"c": 3e-5})
+    pair = (
+        first.effect("link_torsion", "forearm"),
+        first.effect("joint_compliance", "joint 4"),
+    )
+    for effect, rival in (pair, pair[::-1]):
+        there = fit(first.problem, (effect,), (1,), (0.0, 0.0))
+        found = plan(first.problem, there, [(effect, rival)])
+        assert found.suggestions == ()
+        assert not found.separations[0].can_be_split
+        assert found.separations[0].possible_nats < LEAST_NATS
+
+
+def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, searched):
+    pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
+    hopeless = (ratio.effect("thermal_growth", "arm"), None)
+    alone = plan(ratio.problem, searched.fit, [pair], 3)
+    both = plan(ratio.problem, searched.fit, [pair, hopeless], 3)
+    assert [separation.can_be_split for separation in both.separations] == [True, False]
+    for one, other in zip(alone.suggestions, both.suggestions, strict=True):
+        assert np.array_equal(one.q_rad, other.q_rad)
+        assert other.for_effects == (both.separations[0].label,)
+
+
+def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, searched):
+    pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
+    first, again = (suggest(ratio.problem, searched.fit, [pair], 5, 3) for _ in range(2))
+    nats = [suggestion.separation_nats for suggestion in first]
+    assert np.all(np.diff(nats) > 0)
+    assert [s.q_rad.tolist() for s in first] == [s.q_rad.tolist() for s in again]
+    assert len({tuple(suggestion.q_rad) for suggestion in first}) == 5
+    for suggestion in first:
+        assert set(suggestion.arrival) <= {-1.0, 1.0}
+        assert suggestion.load_N in (0.0, 44.0)
+    assert suggest(ratio.problem, searched.fit, [], 5) == ()
+
+
+def test_drawn_configurations_keep_within_the_room(ratio):
+    room = Room()
+    q_rad = draw_admissible(ratio.problem, 300, room, np.random.default_rng(0))
+    low, high = ARM.limits_rad.T
+    assert q_rad.shape == (300, 6)
+    assert np.all((q_rad > low + 0.049 * (high - low)) & (q_rad < high - 0.049 * (high - low)))
+    T = Chain.of(ARM).forward(q_rad)
+    balls = T[:, None, :3, 3] + np.einsum(
+        "pij,bj->pbi", T[:, :3, :3], ratio.problem.setting.p_ee_targets_m
+    )
+    for p_base in (T[:, None, :3, 3], balls):
+        assert p_base[..., 2].min() > room.floor_m
+        assert np.hypot(p_base[..., 0], p_base[..., 1]).min() > room.column_m
+    T_cmm_base = ratio.problem.baseline.T_cmm_base
+    p_cmm = T[:, :3, 3] @ T_cmm_base[:3, :3].T + T_cmm_base[:3, 3]
+    measured = ratio.problem.cells.T_cmm_ee[:, :3, 3]
+    assert np.all(p_cmm > measured.min(axis=0) - 0.3)
+    assert np.all(p_cmm < measured.max(axis=0) + 0.3)
+    assert np.ptp(p_cmm, axis=0) == pytest.approx(np.ptp(measured, axis=0) + 0.6, rel=0.1)
+
+
+def test_refuses_where_there_is_no_room(ratio):
+    with pytest.raises(DiscoveryError, match="no configuration"):
+        draw_admissible(ratio.problem, 10, Room(floor_m=5.0), np.random.default_rng(0))
+
+
+def test_what_is_foreseen_is_what_was_measured(ratio):
+    """In configurations of the campaign itself."""
+    readings, noise = ratio.problem.readings, ratio.problem.noise
+    rows = np.arange(0, len(readings), 13)
+    measured = readings.take(rows)
+    states = measured.states
+    ahead, start = foresee(ratio.problem, ratio.start, states.q_rad, states.load_N, states.arrival)
+    poses = ahead.cells
+    assert poses.T_cmm_ee[:, :3, 3] == pytest.approx(measured.T_cmm_ee[:, :3, 3], abs=5e-4)
+    assert poses.states.tau_Nm == pytest.approx(states.tau_Nm, abs=5.0 * noise.torque_Nm.max())
+    assert np.all(poses.repeats == 4)
+    # Touches see the balls from fixed sides, so the end's own axes are not quite all that matters.
+    for foreseen, seen in (
+        (poses.by_apparatus, measured.by_apparatus),
+        (4.0 * poses.cov_ee, noise.cov_ee[rows]),
+    ):
+        for part in (np.s_[:, :3], np.s_[:, 3:]):
+            assert np.linalg.norm((foreseen - seen)[part]) < 0.2 * np.linalg.norm(seen[part])
+    assert np.abs(start.level.residuals(start.x)).max() < 1e-12

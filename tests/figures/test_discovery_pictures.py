@@ -1,0 +1,264 @@
+"""What the pictures and the table of discovery show is what its records say."""
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.quiver import Quiver, QuiverKey
+from matplotlib.text import Text
+
+from pa10cal.figures import (
+    gap_by_step,
+    parameter_shifts,
+    residual_field,
+    verdict,
+    where_breakdown,
+    where_joints,
+    where_torque,
+)
+from pa10cal.figures.table import write_table
+
+pytestmark = pytest.mark.usefixtures("project_looks")
+
+
+def texts_of(figure):
+    return [text.get_text() for text in figure.findobj(Text)]
+
+
+@pytest.fixture
+def changed(named, tmp_path):
+    """Copy the results with changes to the JSON of one of them."""
+
+    def copy(name, change):
+        folder = tmp_path / "changed"
+        shutil.copytree(named.folder, folder)
+        record = json.loads((folder / name).read_text("utf-8"))
+        change(record)
+        (folder / name).write_text(json.dumps(record), encoding="utf-8")
+        return replace(named, folder=folder)
+
+    return copy
+
+
+def test_discovery_names_what_the_spoiled_campaign_hides(named):
+    (effect,) = named.verdict().effects
+    assert (effect.id, effect.of) == ("transmission_error", "joint 2")
+    amplitude = effect.parameters["A"]
+    assert amplitude.value == pytest.approx(4e-4, abs=4 * amplitude.std)
+    assert named.analysis().effects[0].words == "transmission error, joint 2"
+
+
+class TestBreakdown:
+    def test_shows_both_fits_beside_the_floor(self, named):
+        found = named.analysis()
+        by_load = where_breakdown.draw(named).axes[0]
+        floor, before, after = (line.get_ydata() for line in by_load.lines[:3])
+        np.testing.assert_allclose(floor, [part.floor_mm for part in found.before.by_load])
+        np.testing.assert_allclose(before, [part.rms_mm for part in found.before.by_load])
+        np.testing.assert_allclose(after, [part.rms_mm for part in found.after.by_load])
+        assert (before > 3 * floor).all()
+        np.testing.assert_allclose(after, floor, rtol=0.3)
+
+    def test_the_joint_stands_out(self, named):
+        by_joint = where_breakdown.draw(named).axes[2]
+        floor, before, after = (line.get_ydata() for line in by_joint.lines[:3])
+        assert np.argmax(before / floor) == 1
+        assert (after / floor).max() < 1.5
+
+    def test_says_how_it_compares_with_repeats(self, named, results):
+        (said,) = (t for t in texts_of(where_breakdown.draw(named)) if t.startswith("Variance"))
+        assert f"{named.analysis().before.pose.shared.F:.0f} before (p < 0.001)" in said
+        (said,) = (t for t in texts_of(where_breakdown.draw(results)) if t.startswith("Variance"))
+        assert "< 0.001" not in said
+
+    def test_a_temperature_that_was_not_logged_has_no_slope(self, changed, named):
+        def unlogged(record):
+            for fit in ("before", "after"):
+                temperature = record[fit]["cells"]["temperature_C"]
+                record[fit]["cells"]["temperature_C"] = [None] * len(temperature)
+                for drift in record[fit]["drifts"]:
+                    drift["by_temperature_mm_per_K"] = None
+
+        def errorbars(results):
+            return len(where_breakdown.draw(results).axes[4].containers)
+
+        assert errorbars(named) == 4
+        assert errorbars(changed("discovery/analysis.json", unlogged)) == 2
+
+
+class TestJoints:
+    def test_the_marked_order_of_the_joint_stands_out(self, named):
+        orders = where_joints.draw(named).axes[6:]
+        marked = [axes.lines[5].get_ydata() for axes in orders]
+        assert np.unravel_index(np.argmax(marked), (6, 4)) == (1, 3)
+        assert [label.get_text() for label in orders[1].get_xticklabels()] == [
+            "1",
+            "2",
+            "N",
+            "\n2N",
+        ]
+        assert list(orders[1].lines[5].get_xdata()) == [1.0, 2.0, 50.0, 100.0]
+
+    def test_a_point_a_cell_over_the_joints_own_angle(self, named):
+        points = where_joints.draw(named).axes[1]
+        joint = named.analysis().before.cells.joints[1]
+        before = points.lines[1]
+        np.testing.assert_allclose(before.get_xdata(), np.degrees(joint.q_rad))
+        np.testing.assert_allclose(before.get_ydata(), 1e6 * np.array(joint.error_rad))
+
+    def test_a_joint_that_hardly_turned_has_no_periodogram(self, changed):
+        def still(record):
+            for fit in ("before", "after"):
+                record[fit]["by_joint"][0]["periodogram"] = None
+
+        texts = texts_of(where_joints.draw(changed("discovery/analysis.json", still)))
+        assert texts.count("hardly\nturned") == 1
+
+
+class TestTorque:
+    def test_every_cell_is_drawn_by_its_direction(self, results):
+        joint = results.analysis().before.cells.joints[2]
+        axes = where_torque.draw(results).axes[2]
+        drawn = {line.get_marker(): line.get_ydata() for line in axes.lines[:-1]}
+        forward = np.sign(joint.arrival) > 0
+        np.testing.assert_allclose(drawn["^"], np.array(joint.torque_left_Nm)[forward])
+        assert sum(map(len, drawn.values())) == len(joint.q_rad)
+
+    def test_says_when_there_are_no_torques(self, changed):
+        def unlogged(record):
+            for fit in ("before", "after"):
+                record[fit]["by_torque"] = []
+                for joint in record[fit]["cells"]["joints"]:
+                    joint["torque_left_Nm"] = None
+
+        texts = texts_of(where_torque.draw(changed("discovery/analysis.json", unlogged)))
+        assert "No torques were logged, or the weights are not known." in texts
+
+
+class TestGapByStep:
+    def test_a_row_a_name_with_its_errors(self, named):
+        found = named.analysis()
+        texts = texts_of(gap_by_step.draw(named))
+        assert {"calibrated model", "+ transmission error\n   joint 2"} <= set(texts)
+        for step in found.naming:
+            for errors in (step.train, step.holdout):
+                written = f"{errors.mean_mm:.3f} / {errors.rms_mm:.3f} / {errors.peak_mm:.3f}"
+                assert written in texts
+        assert found.naming[1].holdout.mean_mm < 0.3 * found.naming[0].holdout.mean_mm
+
+    def test_one_row_where_nothing_was_named(self, results):
+        assert any("No effect was named" in text for text in texts_of(gap_by_step.draw(results)))
+
+    def test_without_held_out_poses(self, changed):
+        def none(record):
+            for step in record["naming"]:
+                step["holdout"] = None
+
+        texts = texts_of(gap_by_step.draw(changed("discovery/analysis.json", none)))
+        assert "poses fitted" in texts
+        assert not any("held-out" in text for text in texts)
+
+
+class TestResidualField:
+    def test_arrows_run_from_the_predicted_to_the_measured_place(self, named):
+        figure = residual_field.draw(named)
+        arrows = [artist for axes in figure.axes for artist in axes.findobj(Quiver)]
+        assert len(arrows) == 8
+        rows = named.analysis().gap.train
+        np.testing.assert_allclose(arrows[0].X, [row.place_mm[0] for row in rows])
+        scale = -arrows[0].U[0] / rows[0].before_mm[0]
+        np.testing.assert_allclose(-arrows[0].U, [scale * row.before_mm[0] for row in rows])
+        after = arrows[4]
+        np.testing.assert_allclose(-after.U, [scale * row.after_mm[0] for row in rows])
+        (key,) = figure.findobj(QuiverKey)
+        assert key.text.get_text() == f"{key.U / scale:g} mm, enlarged {scale:g} times"
+
+    def test_places_are_along_the_axes_of_the_base(self, named):
+        T = named.base_frame()
+        poses = named.poses()
+        rows = {(row.pose, row.load_N): row.place_mm for row in named.analysis().gap.train}
+        one = (poses.pose == "P01") & (poses.load_N == 0.0)
+        p_base_mm = (poses.p_cmm_mm[one].mean(axis=0) - 1e3 * T[:3, 3]) @ T[:3, :3]
+        # The frame from straight lines is a degree or so away from the calibrated one.
+        np.testing.assert_allclose(rows["P01", 0.0], p_base_mm, atol=30.0)
+
+
+class TestParameterShifts:
+    def test_links_in_tolerances_and_springs_in_percent(self, named):
+        shifts = {s.name: s for s in named.analysis().parameter_shifts if s.identifiable}
+        links, springs = parameter_shifts.draw(named).axes
+        names = [label.get_text() for label in links.get_yticklabels()]
+        drawn = dict(zip(names, (bar.get_width() for bar in links.patches), strict=False))
+        shift = shifts["delta_a_2"]
+        assert drawn["δa₂"] == pytest.approx((shift.after - shift.before) / shift.tolerance)
+        assert len(names) == sum(name.startswith("delta") for name in shifts)
+        labels = [label.get_text() for label in springs.get_yticklabels()]
+        assert labels == [f"K_{kind}, joint {j}" for kind in ("lin", "cub") for j in (2, 3, 5)]
+        shift = shifts["K_lin_3"]
+        larger = max(shift.before, shift.after)
+        percent = 100.0 * (shift.after - shift.before) / larger
+        assert springs.patches[1].get_width() == pytest.approx(percent)
+
+    def test_nothing_moves_where_nothing_was_named(self, results):
+        figure = parameter_shifts.draw(results)
+        assert any("No effect was named" in text for text in texts_of(figure))
+        assert max(abs(bar.get_width()) for bar in figure.axes[0].patches[:-1]) < 1e-3
+
+    def test_an_arm_without_springs_is_drawn(self, changed):
+        def rigid(record):
+            record["parameter_shifts"] = [
+                shift for shift in record["parameter_shifts"] if not shift["name"].startswith("K_")
+            ]
+
+        texts = texts_of(parameter_shifts.draw(changed("discovery/analysis.json", rigid)))
+        assert "all joints held rigid" in texts
+
+
+class TestVerdictTable:
+    def rows(self, results, folder):
+        write_table(verdict.tabulate(results), results.footer, folder, "verdict")
+        with (folder / "verdict.csv").open(encoding="utf-8", newline="") as file:
+            return list(csv.DictReader(file))
+
+    def test_holds_effects_evidence_and_gap(self, named, tmp_path):
+        rows = self.rows(named, tmp_path)
+        assert rows[0]["value"] == "named"
+        (amplitude,) = (row for row in rows if row["quantity"] == "A")
+        assert (amplitude["effect"], amplitude["of"]) == ("transmission_error", "joint 2")
+        assert float(amplitude["value"]) == pytest.approx(4e-4, rel=0.05)
+        assert amplitude["unit"] == "rad"
+        assert {row["kind"] for row in rows} >= {"effect", "evidence", "not_testable", "gap"}
+        (mean,) = (
+            row
+            for row in rows
+            if (row["of"], row["quantity"], row["remark"]) == ("held out", "after_mean_mm", "all")
+        )
+        assert float(mean["value"]) == pytest.approx(
+            named.verdict().gap.holdout.after.mean_mm, rel=1e-5
+        )
+        page = (tmp_path / "verdict.html").read_text("utf-8")
+        assert "Synthetic data." in page
+        assert "Named: every effect found stands alone." in page
+
+    def test_says_when_nothing_was_named(self, results, tmp_path):
+        rows = self.rows(results, tmp_path)
+        assert rows[0]["value"] == "none"
+        assert not any(row["kind"] == "effect" for row in rows)
+        assert "none named" in (tmp_path / "verdict.md").read_text("utf-8")
+
+    def test_names_alternatives_and_what_has_no_name(self, changed, tmp_path):
+        def doubtful(record):
+            record["verdict"] = "unexplained"
+            record["effects"][0]["alternatives"] = [{"id": "backlash", "of": "joint 3"}]
+            place = {"of": "joint 4", "why": "a smooth function predicts it"}
+            record["unexplained"] = {**place, "all": [place]}
+            record["gap"]["holdout"] = None
+
+        rows = self.rows(changed("discovery/verdict.json", doubtful), tmp_path)
+        assert any(row["remark"] == "alternatives: backlash of joint 3" for row in rows)
+        (place,) = (row for row in rows if row["kind"] == "unexplained")
+        assert (place["of"], place["remark"]) == ("joint 4", "a smooth function predicts it")
+        assert not any(row["of"] == "held out" for row in rows)

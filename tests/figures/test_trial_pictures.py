@@ -1,0 +1,214 @@
+"""Pictures of blind trials: drawn from scores of made-up trials, legible, and with what they say."""
+
+import json
+from itertools import combinations
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
+
+from pa10cal.cell.references import OUTSIDE_REFERENCES, REFERENCES
+from pa10cal.errors import RecordError
+from pa10cal.figures import (
+    trials_confusion,
+    trials_false_names,
+    trials_intervals,
+    trials_power,
+    trials_summary,
+)
+from pa10cal.figures.catalogue import TRIAL_FIGURES, TRIAL_TABLES
+from pa10cal.figures.style import WIDTH_MM
+from pa10cal.figures.trial_scores import Rate, Scores, read_scores
+from pa10cal.files.schemas import TRIAL_TRUTH, VERDICT
+from pa10cal.stages import score_trials, trial_figures
+from pa10cal.stages.command import REFUSED
+
+DRAWN = (trials_confusion, trials_power, trials_false_names, trials_intervals)
+LEAST_POINTS = 8.0
+COUNTS = {"null": 9, "wrong_noise": 3, "wrong_mass": 3, "pair": 6, "triple": 5}
+
+
+def trial(rng, number, kind, names):
+    """Return a made-up verdict and its truth; larger effects are named more often."""
+    header = {"campaign": f"blind-{number:04d}"}
+    size = float(np.exp(rng.uniform(np.log(0.1), np.log(3.0))))
+    hidden = [
+        {"id": name, "of": f"joint {k + 1}", "parameters": {"A": 1e-4, "phi": 0.3}, "size": size}
+        for k, name in enumerate(names)
+    ]
+    truth = {
+        "schema": TRIAL_TRUTH,
+        **header,
+        "kind": kind,
+        "layout": ("grid", "wide")[number % 2],
+        "path": "same",
+        "flexible_joints": [2, 3, 5],
+        "hidden_effects": hidden,
+        "moved_mm": 0.01 * size if names else None,
+        "seconds_twin": 1.0,
+    }
+    found = [e for e in hidden if kind != "outside" and rng.random() < 0.3 + 0.5 * size]
+    effects = [
+        {
+            "id": "backlash" if rng.random() < 0.1 else entry["id"],
+            "of": entry["of"],
+            "alternatives": [{"id": "tool_sag", "of": "tool"}] if rng.random() < 0.3 else [],
+            "parameters": {
+                "A": {"value": 1e-4 * (1.0 + 0.01 * rng.standard_normal()), "std": 1e-6},
+                "phi": {"value": 0.3 + 0.01 * rng.standard_normal(), "std": 0.01},
+            },
+        }
+        for entry in found
+    ]
+    word = "none" if not effects else "named"
+    places = []
+    if kind == "outside":
+        word, places = "unexplained", [{"of": "joint 1" if rng.random() < 0.8 else None}]
+    held_out_mm = float(rng.uniform(0.008, 0.01))
+    said = {
+        "schema": VERDICT,
+        **header,
+        "verdict": word,
+        "effects": effects,
+        "unexplained": {"all": places} if places else None,
+        "not_testable": [{"id": e["id"], "of": e["of"]} for e in hidden if rng.random() < 0.05],
+        "not_told_apart": [],
+        "gap": {"noise_floor_mm": 0.005, "holdout": {"after": {"mean_mm": held_out_mm}}},
+        "seconds": 2.0,
+        "seconds_simulating": 1.0,
+    }
+    return said, truth
+
+
+def write_scores(folder, kinds):
+    """Write scores of trials of (kind, hidden names); return the path."""
+    rng = np.random.default_rng(7)
+    both = [trial(rng, number, *what) for number, what in enumerate(kinds)]
+    paths = [folder / f"{name}.jsonl" for name in ("verdicts", "truths")]
+    for path, records in zip(paths, zip(*both, strict=True), strict=True):
+        path.write_text("".join(json.dumps(record) + "\n" for record in records), "utf-8")
+    out = folder / "scores.json"
+    words = ["--verdicts", str(paths[0]), "--truths", str(paths[1]), "--scores", str(out)]
+    assert score_trials.main([*words, "--trials", str(folder / "trials.csv")]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory):
+    several = {"pair": 2, "triple": 3}
+    names = sorted(REFERENCES)
+    kinds = [("single", (name,)) for name in names for _ in range(4)]
+    kinds += [("outside", (name,)) for name in sorted(OUTSIDE_REFERENCES) for _ in range(3)]
+    for kind, count in COUNTS.items():
+        kinds += [(kind, tuple(names[: several.get(kind, 0)]))] * count
+    return write_scores(tmp_path_factory.mktemp("full"), kinds)
+
+
+@pytest.fixture(scope="module")
+def few(tmp_path_factory):
+    """Scores of nulls alone: nothing to draw for most pictures."""
+    return write_scores(tmp_path_factory.mktemp("few"), [("null", ())] * 3)
+
+
+def texts_of(figure):
+    """Return what is written, with the boxes it fills."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    shown = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text()]
+    return [(text, text.get_window_extent(renderer)) for text in shown], renderer
+
+
+@pytest.mark.usefixtures("project_looks")
+@pytest.mark.parametrize("module", DRAWN, ids=lambda module: module.__name__.split(".")[-1])
+def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(full, module):
+    figure = module.draw(read_scores(full))
+    texts, renderer = texts_of(figure)
+    assert len(texts) > 10
+    assert figure.get_figwidth() * 25.4 == pytest.approx(WIDTH_MM)
+    for text, box in texts:
+        assert text.get_fontsize() >= LEAST_POINTS, text
+        assert box.x0 >= -1, text
+        assert box.y0 >= -1, text
+        assert box.x1 <= renderer.width + 1, text
+        assert box.y1 <= renderer.height + 1, text
+    overlapping = [
+        (first.get_text(), second.get_text())
+        for (first, here), (second, there) in combinations(texts, 2)
+        if here.padded(-1).overlaps(there.padded(-1))
+    ]
+    assert not overlapping
+
+
+@pytest.mark.usefixtures("project_looks")
+@pytest.mark.parametrize("module", DRAWN, ids=lambda module: module.__name__.split(".")[-1])
+def test_is_drawn_of_a_few_trials_too(few, module):
+    assert texts_of(module.draw(read_scores(few)))[0]
+
+
+@pytest.mark.usefixtures("project_looks")
+def test_the_matrix_shows_every_count(full):
+    scores = read_scores(full)
+    texts, _ = texts_of(trials_confusion.draw(scores))
+    shown = [int(text.get_text()) for text, _ in texts if text.get_text().isdigit()]
+    rows = [*scores.confusion.single.values(), *scores.confusion.outside.values()]
+    assert sum(shown) == 2 * sum(sum(row.values()) for row in rows)  # cells, and sums of rows
+
+
+@pytest.mark.usefixtures("project_looks")
+def test_shares_are_drawn_where_they_are_with_what_is_allowed(full):
+    axes = trials_false_names.draw(read_scores(full)).axes[0]
+    named = read_scores(full).nothing_hidden["null"].named
+    label = axes.get_yticklabels()[0].get_text()
+    assert label.startswith("nothing hidden")
+    drawn = axes.containers[0].lines[0]
+    assert drawn.get_xdata()[0] == pytest.approx(100.0 * named.share)
+    assert axes.lines[1].get_xdata()[0] == pytest.approx(2.0) or 2.0 in [
+        line.get_xdata()[0] for line in axes.lines
+    ]
+
+
+def test_the_table_has_a_row_a_bar_with_its_figure(full):
+    scores = read_scores(full)
+    table = trials_summary.tabulate(scores)
+    assert len(table.data.rows) == len(scores.bars)
+    first = table.data.rows[0]
+    assert first[1] == "≤ 2.0 %"
+    assert first[2] == f"{100 * scores.bars[0].reached:.1f} %"
+    assert first[4] == str(COUNTS["null"])
+    assert {row[5] for row in table.data.rows} == {"yes", "no"}
+
+
+def test_the_stage_writes_pictures_and_tables(full, tmp_path):
+    for name in (*TRIAL_FIGURES, *TRIAL_TABLES):
+        words = ["--figure", name, "--scores", str(full), "--settings", '{"png_dpi": 60}']
+        assert trial_figures.main([*words, "--out-dir", str(tmp_path)]) == 0
+    written = sorted(path.name for path in tmp_path.iterdir())
+    expected = [f"{name}.{ending}" for name in TRIAL_FIGURES for ending in ("svg", "pdf", "png")]
+    expected += [f"{name}.{ending}" for name in TRIAL_TABLES for ending in ("csv", "md", "html")]
+    assert written == sorted(expected)
+    assert "Synthetic data" in (tmp_path / "trials_summary.md").read_text("utf-8")
+
+
+def test_the_stage_refuses_another_name_and_other_records(full, tmp_path, capsys):
+    words = ["--scores", str(full), "--out-dir", str(tmp_path)]
+    assert trial_figures.main(["--figure", "l_curve", *words]) == REFUSED
+    assert "no such figure" in capsys.readouterr().err
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps({"schema": VERDICT}))
+    with pytest.raises(RecordError, match="cannot be read"):
+        read_scores(other)
+    spoilt = json.loads(full.read_text("utf-8"))
+    del spoilt["bars"][0]["limit"]
+    other.write_text(json.dumps(spoilt))
+    with pytest.raises(RecordError, match="limit"):
+        read_scores(other)
+
+
+def test_a_rate_is_read_with_its_interval(full):
+    scores = read_scores(full)
+    assert isinstance(scores, Scores)
+    found = scores.single.detected
+    assert isinstance(found, Rate)
+    assert found.low <= found.share <= found.high

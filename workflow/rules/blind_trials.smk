@@ -1,0 +1,135 @@
+# Two studies: the full one on demand, and the first of its trials in the default target.
+TRIAL_STUDIES = {
+    "blind_trials": SETTINGS.blind_trials.full,
+    "blind_trials_reduced": SETTINGS.blind_trials.reduced,
+}
+TRIAL_FIGURES = {
+    "trials_confusion": "What was hidden, and what was named",
+    "trials_power": "How large an effect must be to be found",
+    "trials_false_names": "How often a verdict is wrong",
+    "trials_intervals": "Whether intervals of effects hold the truth",
+}
+TRIAL_TABLES = {"trials_summary": "Figures to reach, and those reached"}
+
+
+def trial_result(name):
+    """The path pattern of a result of a study of blind trials."""
+    return os.path.join(_literal(SETTINGS.results_dir), "{study}", name)
+
+
+def trial_chunks(kind_of_file):
+    """The files of all jobs of a study: so many trials each, numbered from the first of a kind."""
+
+    def files(wildcards):
+        size = SETTINGS.blind_trials.trials_a_job
+        return [
+            trial_result(f"trials/{kind}_{first}_{min(size, count - first)}.{kind_of_file}").format(
+                study=wildcards.study
+            )
+            for kind, count in TRIAL_STUDIES[wildcards.study]
+            for first in range(0, count, size)
+        ]
+
+    return files
+
+
+def reported_trials(path, name, title):
+    return report(
+        trial_result(path),
+        caption=f"../report/{name}.rst",
+        category="Blind trials",
+        subcategory="{study}",
+        labels={"picture": title},
+    )
+
+
+rule blind_trials:
+    """Every blind trial, scored: wrong names, missed names, power, intervals."""
+    input:
+        expand(trial_result("scores.json"), study="blind_trials"),
+        expand(trial_result("figures/{name}.svg"), study="blind_trials", name=TRIAL_FIGURES),
+        expand(trial_result("tables/{name}.csv"), study="blind_trials", name=TRIAL_TABLES),
+
+
+rule blind_trials_reduced:
+    """A few of them, as a check that verdicts are still what they were."""
+    input:
+        expand(trial_result("scores.json"), study="blind_trials_reduced"),
+        expand(trial_result("figures/{name}.svg"), study="blind_trials_reduced", name=TRIAL_FIGURES),
+        expand(trial_result("tables/{name}.csv"), study="blind_trials_reduced", name=TRIAL_TABLES),
+
+
+rule judge_trials:
+    """Some trials of one kind: hidden, measured, judged; the truth goes into a file apart."""
+    input:
+        code=code_of("stages.blind_trials"),
+    output:
+        verdicts=trial_result("trials/{kind}_{first}_{trials}.verdicts.jsonl"),
+        truths=trial_result("trials/{kind}_{first}_{trials}.truths.jsonl"),
+    log:
+        trial_result("logs/{kind}_{first}_{trials}.log"),
+    wildcard_constraints:
+        study="|".join(TRIAL_STUDIES),
+        kind="[a-z_]+",
+        first="[0-9]+",
+        trials="[0-9]+",
+    params:
+        seed=SETTINGS.blind_trials.random_seed,
+        settings=sections_of("ingest", "calibration", "discovery"),
+    shell:
+        "python -m pa10cal blind_trials --kind {wildcards.kind} --first {wildcards.first}"
+        " --count {wildcards.trials} --random-seed {params.seed} --settings {params.settings:q}"
+        " --verdicts {output.verdicts:q} --truths {output.truths:q} 2>&1 | tee {log:q} >&2"
+
+
+rule score_trials:
+    """Verdicts against truths: the one rule that reads a truth."""
+    input:
+        verdicts=trial_chunks("verdicts.jsonl"),
+        truths=trial_chunks("truths.jsonl"),
+        code=code_of("stages.score_trials"),
+    output:
+        scores=trial_result("scores.json"),
+        trials=trial_result("trials.csv"),
+    log:
+        trial_result("logs/score_trials.log"),
+    wildcard_constraints:
+        study="|".join(TRIAL_STUDIES),
+    shell:
+        "python -m pa10cal score_trials --verdicts {input.verdicts:q} --truths {input.truths:q}"
+        " --scores {output.scores:q} --trials {output.trials:q} 2>&1 | tee {log:q} >&2"
+
+
+for name, title in {**TRIAL_FIGURES, **TRIAL_TABLES}.items():
+
+    rule:
+        name:
+            name
+        input:
+            scores=trial_result("scores.json"),
+            code=code_of("stages.trial_figures", f"figures.{name}"),
+        output:
+            **(
+                {
+                    "svg": reported_trials(f"figures/{name}.svg", name, title),
+                    "pdf": trial_result(f"figures/{name}.pdf"),
+                    "png": trial_result(f"figures/{name}.png"),
+                }
+                if name in TRIAL_FIGURES
+                else {
+                    "html": reported_trials(f"tables/{name}.html", name, title),
+                    "csv": trial_result(f"tables/{name}.csv"),
+                    "markdown": trial_result(f"tables/{name}.md"),
+                }
+            ),
+        log:
+            trial_result(f"logs/{name}.log"),
+        wildcard_constraints:
+            study="|".join(TRIAL_STUDIES),
+        params:
+            name=name,
+            out=lambda wildcards, output: os.path.dirname(output[0]),
+            settings=settings_of("figures"),
+        shell:
+            "python -m pa10cal trial_figures --figure {params.name} --scores {input.scores:q}"
+            " --settings {params.settings:q} --out-dir {params.out:q} 2>&1 | tee {log:q} >&2"
