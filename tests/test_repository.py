@@ -15,7 +15,7 @@ CODE = [
     *sorted((ROOT / "tests").rglob("*.py")),
     *sorted((ROOT / "benchmarks").rglob("*.py")),
 ]
-PURE = {"arm", "terms", "frame", "calibration", "montecarlo", "evaluation"}
+PURE = {"arm", "terms", "frame", "calibration", "discovery", "montecarlo", "evaluation"}
 FLOOR = {"errors"}
 
 #: What a package may import besides itself and `errors`: packages, or single modules.
@@ -27,6 +27,14 @@ MAY_IMPORT = {
     "frame": set(),
     "campaign": {"arm", "frame", "settings"},
     "calibration": {"arm", "terms", "campaign.observations", "campaign.averages", "frame"},
+    "discovery": {
+        "arm",
+        "terms",
+        "campaign.observations",
+        "campaign.averages",
+        "frame",
+        "calibration",
+    },
     "montecarlo": {"arm"},
     "evaluation": {"arm", "terms", "campaign.observations", "frame", "calibration", "montecarlo"},
     "cell": {"arm.description", "files", "settings"},
@@ -151,7 +159,18 @@ def test_lock_holds_every_dependency_of_the_project():
 
 
 @pytest.mark.parametrize(
-    "stage", ["ingest", "seed", "calibrate", "montecarlo", "evaluate", "export", "figures"]
+    "stage",
+    [
+        "ingest",
+        "seed",
+        "calibrate",
+        "montecarlo",
+        "discover",
+        "trial_judging",
+        "evaluate",
+        "export",
+        "figures",
+    ],
 )
 def test_estimating_stages_know_nothing_of_the_cell_or_its_truth(stage):
     path = PACKAGE / "stages" / f"{stage}.py"

@@ -1,8 +1,4 @@
-# Two studies: the full one on demand, and the first of its trials in the default target.
-TRIAL_STUDIES = {
-    "blind_trials": SETTINGS.blind_trials.full,
-    "blind_trials_reduced": SETTINGS.blind_trials.reduced,
-}
+# The pictures of a study of blind trials, and what the report calls them.
 TRIAL_FIGURES = {
     "trials_confusion": "What was hidden, and what was named",
     "trials_power": "How large an effect must be to be found",
@@ -10,37 +6,6 @@ TRIAL_FIGURES = {
     "trials_intervals": "Whether intervals of effects hold the truth",
 }
 TRIAL_TABLES = {"trials_summary": "Figures to reach, and those reached"}
-
-
-def trial_result(name):
-    """The path pattern of a result of a study of blind trials."""
-    return os.path.join(_literal(SETTINGS.results_dir), "{study}", name)
-
-
-def trial_chunks(kind_of_file):
-    """The files of all jobs of a study: so many trials each, numbered from the first of a kind."""
-
-    def files(wildcards):
-        size = SETTINGS.blind_trials.trials_a_job
-        return [
-            trial_result(f"trials/{kind}_{first}_{min(size, count - first)}.{kind_of_file}").format(
-                study=wildcards.study
-            )
-            for kind, count in TRIAL_STUDIES[wildcards.study]
-            for first in range(0, count, size)
-        ]
-
-    return files
-
-
-def reported_trials(path, name, title):
-    return report(
-        trial_result(path),
-        caption=f"../report/{name}.rst",
-        category="Blind trials",
-        subcategory="{study}",
-        labels={"picture": title},
-    )
 
 
 rule blind_trials:

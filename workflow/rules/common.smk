@@ -38,6 +38,13 @@ wildcard_constraints:
     plane=r"[0-9]+",
 
 
+# Two studies: the full one on demand, and the first of its trials in the default target.
+TRIAL_STUDIES = {
+    "blind_trials": SETTINGS.blind_trials.full,
+    "blind_trials_reduced": SETTINGS.blind_trials.reduced,
+}
+
+
 def raw(name):
     """The path pattern of a raw file of a campaign."""
     return os.path.join(_literal(SETTINGS.raw_dir), "{campaign}", name)
@@ -162,5 +169,37 @@ def _reported(path, name, title):
         result(path),
         caption=f"../report/{name}.rst",
         category="{campaign}",
+        labels={"picture": title},
+    )
+
+
+def trial_result(name):
+    """The path pattern of a result of a study of blind trials."""
+    return os.path.join(_literal(SETTINGS.results_dir), "{study}", name)
+
+
+def trial_chunks(kind_of_file):
+    """The files of all jobs of a study: so many trials each, numbered from the first of a kind."""
+
+    def files(wildcards):
+        size = SETTINGS.blind_trials.trials_a_job
+        return [
+            trial_result(f"trials/{kind}_{first}_{min(size, count - first)}.{kind_of_file}").format(
+                study=wildcards.study
+            )
+            for kind, count in TRIAL_STUDIES[wildcards.study]
+            for first in range(0, count, size)
+        ]
+
+    return files
+
+
+def reported_trials(path, name, title):
+    """Mark a file of a study of blind trials for the report."""
+    return report(
+        trial_result(path),
+        caption=f"../report/{name}.rst",
+        category="Blind trials",
+        subcategory="{study}",
         labels={"picture": title},
     )

@@ -6,7 +6,7 @@ absorb, and which cannot be told from each other.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -199,8 +199,13 @@ def alike(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> NDArray[
     """Tell which effects look the same in these poses, whatever is measured, (m, m).
 
     Two do when every canonical cosine of what the model's own parameters leave of them is close to
-    one. Known before residuals are looked at; such effects stand for each other.
+    one. Known before residuals are looked at; such effects stand for each other. Torques are taken
+    as the weights ask for, so that the noise of the log tells nothing apart.
     """
+    states = problem.cells.states
+    if states.carried is not None:
+        quiet = replace(states, tau_Nm=states.carried.joint_Nm)
+        problem = replace(problem, cells=replace(problem.cells, states=quiet))
     lin = linearise(problem, found, effects)
     pose = problem.pose.weights(0.0)
     own, _ = np.linalg.qr(np.concatenate([pose(lin.own), np.eye(lin.own.shape[1])]))

@@ -142,11 +142,11 @@ def apparatus_m(problem: Problem, found: Fit) -> Array:
     """
     u_m = problem.setting.uncertainties.apparatus_m
     scale = problem.pose.weights(found.pose_variance).scale[:, None]
-    common: Array = scale * problem.pose.common
+    common = scale * problem.pose.common
     left = scale * problem.pose.rows(pose_rows(found.level.linearise(found.x))[:, :, :1])
     information = common.T @ common + np.eye(common.shape[1])
-    places: Array = -u_m * np.linalg.solve(information, common.T @ left)[:, 0]
-    return places
+    units = np.linalg.solve(information, common.T @ left)[:, 0]
+    return np.asarray(-u_m * units, dtype=np.float64)
 
 
 def as_read(T_base_ee: Array, T_cmm_base: Array, poses: PoseObservations, places_m: Array) -> Array:

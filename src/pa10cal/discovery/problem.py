@@ -248,7 +248,9 @@ def _surroundings(cells: PoseObservations, baseline: Baseline, setting: Setting)
         arm=baseline.model.chain.arm,
         flexible_joints=setting.flexible_joints,
         reference_temperature_C=setting.reference_temperature_C,
-        tau_span_Nm=np.abs(states.tau_Nm).max(axis=0),
+        tau_span_Nm=np.abs(
+            states.tau_Nm if states.carried is None else states.carried.joint_Nm
+        ).max(axis=0),
         T_cmm_base=baseline.T_cmm_base,
         p_cmm_middle_m=states.seen.p_cmm_targets_m.reshape(-1, 3).mean(axis=0),
         q_span_rad=np.stack([states.q_rad.min(axis=0), states.q_rad.max(axis=0)], axis=1),

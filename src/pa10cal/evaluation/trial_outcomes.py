@@ -11,6 +11,7 @@ import numpy as np
 
 from pa10cal.evaluation.blind_trial import OUTSIDE, BlindTrial, Hidden
 from pa10cal.evaluation.trial_rates import Power, Rate, power, rate
+from pa10cal.evaluation.trial_scores import LARGE, LIMIT
 
 LISTED = "in the alternatives"
 ELSEWHERE = "right id elsewhere"
@@ -20,8 +21,13 @@ NOTHING = "nothing found"
 NOT_TESTABLE = "said to be not testable"
 FAILED = "failed"
 
-#: Edges of the bins in which shares are counted: of how far the residual moves, over the floor.
-MOVED_EDGES = (0.0, 0.1, 0.2, 0.4, 0.7, 1.1, 2.0, 4.0, 8.0, np.inf)
+#: Edges of the bins in which shares are counted: of how far the residual moves, over the floor. Two
+#: of them are where the residual is `LIMIT` and `LARGE` times the floor.
+MOVED_EDGES = (
+    *(0.0, 0.1, 0.2, 0.4),
+    *(float(np.sqrt(ratio**2 - 1.0)) for ratio in (LIMIT, LARGE)),
+    *(8.0, np.inf),
+)
 #: Less than this counts as this; keeps logarithms finite.
 _LEAST_MOVED = 0.03
 

@@ -34,6 +34,7 @@ _WORDS = (
     "failed",
 )
 _HONEST = _WORDS[:4]
+_RIGHT_WITHOUT_NAME = _WORDS[1]
 
 
 def draw(scores: Scores) -> Figure:
@@ -49,30 +50,36 @@ def draw(scores: Scores) -> Figure:
     width, height = _CELL_MM * (len(columns) + 1), _CELL_MM * len(rows)
     figure = new_figure(_TOP_MM + height + _BOTTOM_MM, _TITLE)
     axes = panel(figure, _LEFT_MM, _BOTTOM_MM, width, height)
-    _draw_cells(axes, rows, columns)
+    _draw_cells(axes, rows, columns, set(outside))
     _name(axes, rows, columns, len(ids), len(inside))
     write_text_at(
         figure,
         2.0,
         6.0,
-        "Blue: right id at the right place. Orange: not named alone, but no wrong name either. "
-        "Red: wrong.\nShade: share of the row. Last column: trials.",
+        "Blue: right id at the right place, or rightly without a name. Orange: not named alone, "
+        "but no wrong name\neither. Red: wrong. Shade: share of the row. Last column: trials.",
     )
     return figure
 
 
-def _draw_cells(axes: Axes, rows: list[tuple[str, dict[str, int]]], columns: list[str]) -> None:
+def _draw_cells(
+    axes: Axes,
+    rows: list[tuple[str, dict[str, int]]],
+    columns: list[str],
+    without_name: set[str],
+) -> None:
     shades = {
         color: LinearSegmentedColormap.from_list("shade", ["white", color])
         for color in (BLUE, ORANGE, VERMILLION)
     }
     for y, (name, counts) in enumerate(rows):
         total = sum(counts.values())
+        best = _RIGHT_WITHOUT_NAME if name in without_name else name
         for x, column in enumerate(columns):
             count = counts.get(column, 0)
             if not count:
                 continue
-            right = BLUE if column == name else ORANGE if column in _HONEST else VERMILLION
+            right = BLUE if column == best else ORANGE if column in _HONEST else VERMILLION
             share = 0.15 + 0.6 * count / total
             box = (x - 0.5, y - 0.5)
             axes.add_patch(Rectangle(box, 1.0, 1.0, facecolor=shades[right](share), linewidth=0.0))

@@ -31,7 +31,7 @@ def draw(scores: Scores) -> Figure:
     height = max(50.0, _ROW_MM * len(found.by_parameter))
     figure = new_figure(height + 44.0, _TITLE)
     _draw_parameters(panel(figure, 50.0, 30.0, 42.0, height), scores)
-    _draw_levels(panel(figure, 117.0, 30.0 + height - 50.0, 50.0, 50.0), scores)
+    _draw_levels(panel(figure, 123.0, 30.0 + height - 44.0, 44.0, 44.0), scores)
     inside = found.inside
     write_text_at(
         figure,
@@ -71,7 +71,7 @@ def _draw_parameters(axes: Axes, scores: Scores) -> None:
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_yticks(range(len(rows)), [f"{row.id} {row.parameter}" for row in rows])
     axes.tick_params(axis="y", length=0.0)
-    axes.set_xlabel("inside the 95 % interval [%]")
+    axes.set_xlabel("inside, 95 % interval [%]")
 
 
 def _draw_levels(axes: Axes, scores: Scores) -> None:
@@ -89,4 +89,4 @@ def _draw_levels(axes: Axes, scores: Scores) -> None:
     axes.set_ylim(0.0, 100.0)
     axes.set_xlabel("level of the interval [%]")
     axes.set_ylabel("parameters inside [%]")
-    axes.set_title("all levels; grey: what chance allows")
+    axes.set_title("every level (grey: chance)")

@@ -27,7 +27,7 @@ _ROW_MM = 4.8
 _MARKERS = {"grid": "o", "wide": "s"}
 _LOWEST, _HIGHEST = 0.03, 60.0
 #: Where the residual is so many times the floor.
-_RATIOS = (1.5, 3.0)
+_RATIOS = {1.5: "right", 3.0: "left"}
 
 
 def draw(scores: Scores) -> Figure:
@@ -89,10 +89,10 @@ def _draw_moved(axes: Axes, scores: Scores) -> None:
         moved = np.geomspace(_LOWEST, _HIGHEST, 200)
         odds = curve.intercept + curve.slope * np.log(moved)
         axes.plot(moved, 1.0 / (1.0 + np.exp(-odds)), color=BLACK, linewidth=0.8)
-    for ratio in _RATIOS:
+    for ratio, side in _RATIOS.items():
         x = np.sqrt(ratio**2 - 1.0)
         axes.axvline(x, color=GREY, linewidth=0.8, linestyle=":")
-        axes.text(x, 1.06, f"{ratio:g} x", ha="center", color=GREY)
+        axes.text(x, 1.06, f" {ratio:g} × ", ha=side, color=GREY)
     plain_log(axes, "x", _LOWEST, _HIGHEST)
     axes.set_ylim(-0.1, 1.12)
     axes.set_yticks(np.linspace(0.0, 1.0, 6))

@@ -1,0 +1,114 @@
+"""Cells hold every reading once, and what cells of a pose share is laid out as it is."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.discovery.cells import READINGS_A_CELL, gather, shared_error
+
+
+def rows_of(pose, load_N, side, time_s, repeats=None):
+    """Return rows; the joint angles of row k are 1 at k, so that means show what they hold."""
+    count = len(pose)
+    return PoseObservations(
+        pose=np.array([f"P{k}" for k in pose]),
+        states=PoseStates(
+            q_rad=np.eye(count),
+            tau_Nm=np.zeros((count, 2)),
+            arrival=np.stack([side, np.ones(count)], axis=1),
+            load_N=np.asarray(load_N, dtype=float),
+            temperature_C=np.zeros(count),
+            time_s=np.asarray(time_s, dtype=float),
+        ),
+        T_cmm_ee=np.tile(np.eye(4), (count, 1, 1)),
+        cov_ee=np.tile(np.eye(6), (count, 1, 1)),
+        by_apparatus=np.zeros((count, 6, 0)),
+        repeats=np.ones(count, dtype=np.int64) if repeats is None else np.asarray(repeats),
+    )
+
+
+@st.composite
+def some_readings(draw):
+    count = draw(st.integers(1, 60))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    return rows_of(
+        rng.integers(0, 3, count),
+        rng.choice([0.0, 22.0], count),
+        rng.choice([-1.0, 1.0], count),
+        rng.permutation(count),
+    )
+
+
+@given(some_readings())
+@settings(deadline=None, max_examples=40)
+def test_every_reading_is_in_one_cell_of_its_own_circumstances(readings):
+    cov_ee = np.arange(1.0, len(readings) + 1)[:, None, None] * np.eye(6)
+    cells = gather(readings, cov_ee)
+    held = cells.states.q_rad > 0.0
+    assert (held.sum(axis=0) == 1).all()
+    assert (held.sum(axis=1) == cells.repeats).all()
+    assert cells.repeats.max() <= READINGS_A_CELL
+    for k, members in enumerate(held):
+        rows = readings.take(members)
+        assert set(rows.pose) == {cells.pose[k]}
+        assert set(rows.states.load_N) == {cells.states.load_N[k]}
+        np.testing.assert_array_equal(rows.states.arrival, cells.states.arrival[[k] * len(rows)])
+        # The mean of so many independent readings.
+        expected = cov_ee[members].mean(axis=0) / len(rows)
+        np.testing.assert_allclose(cells.cov_ee[k], expected)
+
+
+@given(some_readings())
+@settings(deadline=None, max_examples=40)
+def test_cells_of_the_same_circumstances_follow_each_other_in_time(readings):
+    cells = gather(readings, readings.cov_ee)
+    held = cells.states.q_rad > 0.0
+    time_s = readings.states.time_s
+    keys = list(
+        zip(cells.pose, cells.states.load_N, map(tuple, cells.states.arrival), strict=True)
+    )
+    assert keys == sorted(keys)
+    for k in range(1, len(keys)):
+        if keys[k] == keys[k - 1]:
+            assert time_s[held[k - 1]].max() < time_s[held[k]].min()
+            assert abs(int(cells.repeats[k]) - int(cells.repeats[k - 1])) <= 1
+            assert cells.repeats[k] + cells.repeats[k - 1] > READINGS_A_CELL
+
+
+def shapes_of(load_N, time_s, side):
+    """Write down how an error of a pose may go with its cells, (c, 4)."""
+
+    def spread(values):
+        centred = values - values.mean()
+        return centred / np.abs(centred).max() if np.ptp(values) else 0.0 * centred
+
+    return np.stack([np.ones(len(side)), *map(spread, (load_N, time_s, side))], axis=1)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 100.0))
+@settings(deadline=None, max_examples=25)
+def test_turned_rows_of_the_shared_error_are_independent(seed, variance):
+    rng = np.random.default_rng(seed)
+    pose = np.repeat(np.arange(4), rng.integers(1, 7, 4))
+    load_N, side = rng.choice([0.0, 22.0, 44.0], len(pose)), rng.choice([-1.0, 1.0], len(pose))
+    time_s, repeats = rng.permutation(len(pose)) * 50.0, rng.integers(1, 5, len(pose))
+    found = shared_error(rows_of(pose, load_N, side, time_s, repeats))
+    np.testing.assert_allclose(found.turn @ found.turn.T, np.eye(len(pose)), atol=1e-12)
+    assert not found.turn[pose[:, None] != pose].any()
+    covariance = np.eye(len(pose))
+    for each in range(4):
+        here = np.flatnonzero(pose == each)
+        # A unit of the error is one standard deviation of a reading; a mean of k is whiter.
+        shapes = shapes_of(load_N[here], time_s[here], side[here]) * np.sqrt(repeats[here, None])
+        covariance[np.ix_(here, here)] += variance * shapes @ shapes.T
+    turned = found.turn @ covariance @ found.turn.T
+    np.testing.assert_allclose(turned, np.diag(1.0 + variance * found.size), atol=1e-8)
+
+
+def test_a_pose_of_one_cell_shares_with_nothing():
+    found = shared_error(rows_of([0, 1], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0], [3, 1]))
+    np.testing.assert_allclose(np.abs(found.turn), np.eye(2))
+    assert found.size == pytest.approx([3.0, 1.0])

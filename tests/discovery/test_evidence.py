@@ -1,0 +1,208 @@
+"""The evidence is the Gaussian density written out, and chance rarely makes much of it."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from pa10cal.discovery.cells import SharedError
+from pa10cal.discovery.channel import Channel
+from pa10cal.discovery.evidence import SHARED_VARIANCES, SIZES, Block, Evidence
+
+CELLS, OWN = 10, 3
+POSE = np.repeat(np.arange(5), 2)
+
+
+def channel_of(rng, b, common):
+    """Return a channel of cells that share an error two by two."""
+    size, turn = np.linalg.eigh(1.0 * (POSE[:, None] == POSE))
+    shared = SharedError(turn.T, np.maximum(size, 0.0))
+    return Channel.of(np.tile(np.eye(b), (CELLS, 1, 1)), shared, rng.normal(size=(CELLS, b, common)))
+
+
+class Made:
+    """Two channels and four candidates, one of poses, one of both, one of torques, one weak."""
+
+    def __init__(self):
+        rng = np.random.default_rng(11)
+        self.pose, self.torque = channel_of(rng, 2, 2), channel_of(rng, 1, 1)
+        self.own = 3.0 * rng.normal(size=(2 * CELLS, OWN))
+        blocks = []
+        for width, in_pose, in_torque in ((2, 1, 0), (1, 1, 1), (1, 0, 1), (1, 0.1, 0)):
+            factor = np.tril(rng.normal(size=(width, width))) + 2.0 * np.eye(width)
+            blocks.append(
+                Block(
+                    in_pose * rng.normal(size=(2 * CELLS, width)),
+                    in_torque * rng.normal(size=(CELLS, width)),
+                    0.3 * factor,
+                )
+            )
+        self.blocks = tuple(blocks)
+
+    def data(self, seed, pose_variance=0.0, torque_variance=0.0, members=(), scale=1.0):
+        """Draw data from the model of the evidence."""
+        rng = np.random.default_rng(seed)
+        rows = []
+        for channel, variance, own in self._channels(pose_variance, torque_variance):
+            std = np.sqrt(1.0 + variance * channel.shared_size)
+            noise = std * rng.normal(size=len(std)) + channel.common @ rng.normal(
+                size=channel.common.shape[1]
+            )
+            rows.append(noise + own @ rng.normal(size=own.shape[1]))
+        for k in members:
+            block = self.blocks[k]
+            x = scale * block.factor @ rng.normal(size=len(block.factor))
+            rows[0] += block.pose @ x
+            rows[1] += block.torque @ x
+        return rows
+
+    def evidence(self, data):
+        return Evidence(self.pose, self.torque, *data, self.own, self.blocks)
+
+    def log_density(self, data, members, sizes, variances):
+        """Write the density of the data out, everything Gaussian integrated out."""
+        split = len(data[0])
+        covariance = np.zeros((split + len(data[1]),) * 2)
+        both = slice(0, split), slice(split, None)
+        for at, (channel, variance, own) in zip(both, self._channels(*variances), strict=True):
+            rows = np.concatenate([channel.common, own], axis=1)
+            total = np.diag(1.0 + variance * channel.shared_size)
+            covariance[at, at] = total + rows @ rows.T
+        for k, size in zip(members, sizes, strict=True):
+            block = self.blocks[k]
+            rows = np.concatenate([block.pose, block.torque]) @ block.factor * SIZES[size]
+            covariance += rows @ rows.T
+        return float(multivariate_normal.logpdf(np.concatenate(data), cov=covariance))
+
+    def _channels(self, pose_variance, torque_variance):
+        none = np.zeros((CELLS, 0))
+        return (
+            (self.pose, pose_variance, self.own),
+            (self.torque, torque_variance, none),
+        )
+
+
+@pytest.fixture(scope="module")
+def made():
+    return Made()
+
+
+SETS = [((), ()), ((0,), (1,)), ((1,), (0,)), ((2, 0), (2, 1)), ((3, 1, 0), (1, 1, 0))]
+CONSTANT = 0.5 * 3 * CELLS * np.log(2.0 * np.pi)
+
+
+def penalty(members):
+    """What trying so many sizes of each member costs."""
+    return np.log(len(SIZES)) * len(members)
+
+
+@pytest.mark.parametrize(("members", "sizes"), SETS)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_is_the_density_at_the_best_of_the_variances_tried(made, members, sizes, seed):
+    data = made.data(seed, members=members)
+    found = made.evidence(data).score(members, sizes)
+    table = {
+        pair: made.log_density(data, members, sizes, SHARED_VARIANCES[list(pair)])
+        for pair in product(range(len(SHARED_VARIANCES)), repeat=2)
+    }
+    best = max(table.values())
+    assert found.nearest == max(table, key=table.get)
+    between = found.log_evidence + penalty(members) - CONSTANT - best
+    if max(found.nearest) < 2:  # nothing to lay a parabola through
+        assert between == pytest.approx(0.0, abs=1e-6)
+        assert found.pose_variance == SHARED_VARIANCES[found.nearest[0]]
+    assert -1e-6 < between < 0.1
+
+
+@pytest.mark.parametrize(("members", "sizes"), SETS)
+def test_between_the_variances_tried_it_is_close_to_the_density(made, members, sizes):
+    data = made.data(3, 5.0, 300.0, members)
+    found = made.evidence(data).score(members, sizes)
+    variances = found.pose_variance, found.torque_variance
+    assert min(found.nearest) >= 2
+    assert variances[1] > variances[0] > 0.0
+    expected = made.log_density(data, members, sizes, variances) + CONSTANT - penalty(members)
+    assert found.log_evidence == pytest.approx(expected, abs=0.05)
+
+
+@pytest.mark.parametrize(("members", "sizes"), SETS[:4])
+@pytest.mark.parametrize("variances", [(0.0, 0.0), (5.0, 300.0)])
+def test_what_a_candidate_adds_is_the_difference_of_two_scores(made, members, sizes, variances):
+    evidence = made.evidence(made.data(4, *variances, members))
+    here = evidence.score(members, sizes).log_evidence
+    candidates = [k for k in range(len(made.blocks)) if k not in members]
+    for k, (gain, size) in zip(
+        candidates, evidence.additions(members, sizes, candidates), strict=True
+    ):
+        scores = [
+            evidence.score((*members, k), (*sizes, each)).log_evidence - here
+            for each in range(len(SIZES))
+        ]
+        assert gain == pytest.approx(scores[size], abs=0.3 if any(variances) else 0.02)
+        assert scores[size] > max(scores) - 0.3
+
+
+def test_the_order_of_members_does_not_matter(made):
+    evidence = made.evidence(made.data(5, 1.0, 1.0, (0, 2)))
+    there, back = evidence.score((0, 2), (1, 2)), evidence.score((2, 0), (2, 1))
+    assert there.log_evidence == pytest.approx(back.log_evidence)
+
+
+def test_without_torques_poses_speak_alone(made):
+    pose_data = made.data(6)[0]
+    blocks = tuple(Block(b.pose, np.zeros((0, b.pose.shape[1])), b.factor) for b in made.blocks)
+    alone = Evidence(made.pose, None, pose_data, np.zeros(0), made.own, blocks[:1])
+    both = made.evidence([pose_data, made.data(7)[1]])
+    gains = [
+        evidence.score((0,), (1,)).log_evidence - evidence.score((), ()).log_evidence
+        for evidence in (alone, both)
+    ]
+    assert gains[0] == pytest.approx(gains[1])
+    assert alone.score((), ()).torque_variance == 0.0
+
+
+TRIALS, ALPHA = 400, 0.2
+
+
+@pytest.fixture(scope="module")
+def by_chance(made):
+    """What the candidates gain at each size where there is nothing but noise, (trials, m, 3)."""
+    gains = []
+    for seed in range(TRIALS):
+        evidence = made.evidence(made.data(1000 + seed))
+        nothing = evidence.score((), ()).log_evidence
+        gains.append(
+            [
+                [evidence.score((k,), (s,)).log_evidence - nothing for s in range(len(SIZES))]
+                for k in range(len(made.blocks))
+            ]
+        )
+    return np.array(gains)
+
+
+def test_under_pure_noise_the_likelihood_ratio_is_one_on_average(by_chance):
+    # The weak candidate and the smallest size: elsewhere the mean rests on a few rare draws.
+    for k, s in ((3, 0), (3, 1), (2, 0)):
+        ratio = np.exp(by_chance[:, k, s] + penalty((k,)))
+        assert ratio.std() > 0.005
+        spread = ratio.std() / np.sqrt(TRIALS)
+        assert ratio.mean() == pytest.approx(1.0, abs=4.0 * spread + 0.02)
+
+
+def test_chance_reaches_the_threshold_no_more_often_than_stated(made, by_chance):
+    highest = by_chance.max(axis=(1, 2))
+    exceeded = np.mean(highest > np.log(len(made.blocks) / ALPHA))
+    assert exceeded <= ALPHA
+    # Occam: what explains nothing costs, the more the larger it might be.
+    assert by_chance[:, 0].mean(axis=0)[0] > by_chance[:, 0].mean(axis=0)[2]
+    assert by_chance[:, :3, 1:].mean() < -1.0
+
+
+def test_a_candidates_own_signal_is_found(made):
+    threshold = np.log(len(made.blocks) / ALPHA)
+    for k in range(3):
+        evidence = made.evidence(made.data(50 + k, members=(k,), scale=5.0))
+        gains = [gain for gain, _ in evidence.additions((), (), list(range(len(made.blocks))))]
+        assert np.argmax(gains) == k
+        assert gains[k] > 3.0 * threshold

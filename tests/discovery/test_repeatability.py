@@ -1,0 +1,128 @@
+"""The scatter of repeats is laid to its sources, and nothing else enters it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.discovery.repeatability import (
+    LEAST_DIFFERENCES,
+    repeatability,
+    same_circumstances,
+)
+from pa10cal.errors import DiscoveryError
+
+POSES, LOADS_N, REPEATS = 40, (0.0, 44.0), 8
+JOINT_RAD, INSTRUMENT, TORQUE_NM = np.array([8e-6, 5e-6]), 1.5, np.array([0.05, 0.2])
+
+
+def readings_of(poses=POSES, repeats=REPEATS, seed=1):
+    """Return readings one right after the other, deviations that are noise alone, and screws."""
+    rng = np.random.default_rng(seed)
+    axes = np.meshgrid(np.arange(poses), LOADS_N, np.arange(repeats), indexing="ij")
+    pose, load_N, repeat = (axis.ravel() for axis in axes)
+    count = len(pose)
+    side = np.where(repeat < (repeats + 1) // 2, 1.0, -1.0)
+    root = rng.normal(0.0, 2e-6, (count, 6, 6))
+    cov_ee = root @ root.transpose(0, 2, 1) + 1e-12 * np.eye(6)
+    screws = rng.uniform(-0.8, 0.8, (poses, 6, 2))[pose]
+    states = PoseStates(
+        q_rad=np.zeros((count, 2)),
+        tau_Nm=TORQUE_NM * rng.standard_normal((count, 2)) + pose[:, None],
+        arrival=np.stack([side, -side], axis=1),
+        load_N=load_N,
+        temperature_C=np.full(count, np.nan),
+        time_s=np.arange(count, dtype=float),
+    )
+    deviation = np.einsum("pij,pj->pi", screws, JOINT_RAD * rng.standard_normal((count, 2)))
+    deviation += INSTRUMENT * np.einsum(
+        "pij,pj->pi", np.linalg.cholesky(cov_ee), rng.standard_normal((count, 6))
+    )
+    readings = PoseObservations(
+        pose=np.array([f"P{k:02d}" for k in pose]),
+        states=states,
+        T_cmm_ee=np.tile(np.eye(4), (count, 1, 1)),
+        cov_ee=cov_ee,
+        by_apparatus=np.zeros((count, 6, 0)),
+        repeats=np.ones(count, dtype=np.int64),
+    )
+    return readings, deviation, screws
+
+
+@pytest.fixture(scope="module")
+def made():
+    return readings_of()
+
+
+def test_scatter_is_laid_to_joints_and_instrument(made):
+    readings, deviation, screws = made
+    found = repeatability(readings, deviation, screws)
+    np.testing.assert_allclose(found.joint_rad, JOINT_RAD, rtol=0.1)
+    assert found.instrument == pytest.approx(INSTRUMENT, rel=0.05)
+    np.testing.assert_allclose(found.torque_Nm, TORQUE_NM, rtol=0.1)
+    # Two directions a pose and load, of four readings each.
+    assert found.differences == POSES * len(LOADS_N) * 2 * 3
+    expected = np.einsum("pik,k,pjk->pij", screws, JOINT_RAD**2, screws)
+    expected += INSTRUMENT**2 * readings.cov_ee
+    traces = np.trace(found.cov_ee, axis1=1, axis2=2), np.trace(expected, axis1=1, axis2=2)
+    np.testing.assert_allclose(*traces, rtol=0.1)
+
+
+def test_what_poses_loads_and_directions_do_is_no_noise(made):
+    readings, deviation, screws = made
+    _, place = np.unique(same_circumstances(readings), return_inverse=True)
+    offsets = np.random.default_rng(2).normal(0.0, 1e-3, (place.max() + 1, 6))[place]
+    there = repeatability(readings, deviation + offsets, screws)
+    alone = repeatability(readings, deviation, screws)
+    np.testing.assert_allclose(there.joint_rad, alone.joint_rad, rtol=1e-6)
+    assert there.instrument == pytest.approx(alone.instrument, rel=1e-6)
+
+
+def test_a_slow_drift_is_no_noise(made):
+    readings, deviation, screws = made
+    # A hundred times the noise over the whole campaign: as much as the noise within 6 readings.
+    drift = 3e-4 * np.linspace(0.0, 1.0, len(readings))[:, None] * np.ones(6)
+    found = repeatability(readings, deviation + drift, screws)
+    np.testing.assert_allclose(found.joint_rad, JOINT_RAD, rtol=0.1)
+    assert found.instrument == pytest.approx(INSTRUMENT, rel=0.05)
+
+
+def test_the_order_of_the_rows_does_not_matter(made):
+    readings, deviation, screws = made
+    order = np.random.default_rng(3).permutation(len(readings))
+    mixed = repeatability(readings.take(order), deviation[order], screws[order])
+    ordered = repeatability(readings, deviation, screws)
+    np.testing.assert_allclose(mixed.cov_ee, ordered.cov_ee[order], rtol=1e-9)
+    np.testing.assert_allclose(mixed.torque_Nm, ordered.torque_Nm)
+
+
+def test_circumstances_are_pose_load_and_direction(made):
+    readings = made[0]
+    code = same_circumstances(readings)
+    assert sorted(np.bincount(code)) == [4] * (POSES * len(LOADS_N) * 2)
+    states = readings.states
+    for values in (readings.pose, states.load_N, states.arrival[:, 0]):
+        for number in range(0, code.max() + 1, 7):
+            assert len(set(values[code == number])) == 1
+
+
+def test_torques_that_were_not_logged_have_no_noise_to_tell(made):
+    readings, deviation, screws = made
+    states = replace(readings.states, tau_Nm=np.full_like(readings.states.tau_Nm, np.nan))
+    found = repeatability(replace(readings, states=states), deviation, screws)
+    assert np.isnan(found.torque_Nm).all()
+    assert np.isfinite(found.cov_ee).all()
+
+
+def test_too_few_repeats_are_refused():
+    readings, deviation, screws = readings_of(poses=LEAST_DIFFERENCES // 2, repeats=3)
+    enough = repeatability(readings, deviation, screws)
+    assert enough.differences == LEAST_DIFFERENCES
+    fewer = slice(1, None)  # leaves one pair without its first reading
+    with pytest.raises(DiscoveryError, match="too few repeats") as refused:
+        repeatability(readings.take(fewer), deviation[fewer], screws[fewer])
+    assert refused.value.value.startswith(f"{LEAST_DIFFERENCES - 1} pairs")
+    assert refused.value.allowed == f"at least {LEAST_DIFFERENCES}"
+    assert refused.value.remedy == "measure poses repeatedly"
