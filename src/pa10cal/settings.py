@@ -153,6 +153,12 @@ class DiscoverySettings(Section):
     load_point_uncertainty_mm: NonNegative = Field(
         2.0, description="standard uncertainty of where the load hangs, per axis"
     )
+    tool_com_uncertainty_mm: NonNegative = Field(
+        2.0, description="standard uncertainty of the apparatus' centre of mass, per axis"
+    )
+    level_uncertainty_mrad: NonNegative = Field(
+        1.0, description="standard uncertainty of the direction of gravity in the base frame"
+    )
     mass_uncertainty: NonNegative = Field(
         0.3, description="standard uncertainty of a link's mass, relative"
     )

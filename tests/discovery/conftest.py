@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from made_up_arm import Measured, Missing, at_joint, harmonic, measure
 
 

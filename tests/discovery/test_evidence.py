@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal
 
 from pa10cal.discovery.cells import SharedError
@@ -29,7 +30,7 @@ class Made:
         self.pose, self.torque = channel_of(rng, 2, 2), channel_of(rng, 1, 1)
         self.own = 3.0 * rng.normal(size=(2 * CELLS, OWN))
         blocks = []
-        for width, in_pose, in_torque in ((2, 1, 0), (1, 1, 1), (1, 0, 1), (1, 0.1, 0)):
+        for width, in_pose, in_torque in ((2, 1, 0), (1, 1, 1), (1, 0, 1), (1, 0.25, 0)):
             factor = np.tril(rng.normal(size=(width, width))) + 2.0 * np.eye(width)
             blocks.append(
                 Block(
@@ -52,7 +53,7 @@ class Made:
             rows.append(noise + own @ rng.normal(size=own.shape[1]))
         for k in members:
             block = self.blocks[k]
-            x = scale * block.factor @ rng.normal(size=len(block.factor))
+            x = scale * block.factor @ np.ones(len(block.factor))
             rows[0] += block.pose @ x
             rows[1] += block.torque @ x
         return rows
@@ -109,10 +110,10 @@ def test_is_the_density_at_the_best_of_the_variances_tried(made, members, sizes,
     best = max(table.values())
     assert found.nearest == max(table, key=table.get)
     between = found.log_evidence + penalty(members) - CONSTANT - best
-    if max(found.nearest) < 2:  # nothing to lay a parabola through
+    if max(found.nearest) < 2:  # nothing to lay a curve through
         assert between == pytest.approx(0.0, abs=1e-6)
         assert found.pose_variance == SHARED_VARIANCES[found.nearest[0]]
-    assert -1e-6 < between < 0.1
+    assert -1e-6 < between < 0.5
 
 
 @pytest.mark.parametrize(("members", "sizes"), SETS)
@@ -162,41 +163,61 @@ def test_without_torques_poses_speak_alone(made):
     assert alone.score((), ()).torque_variance == 0.0
 
 
-TRIALS, ALPHA = 400, 0.2
+@pytest.mark.parametrize("variance", [1.0, 4.0, 7.0, 12.0, 22.0])
+def test_the_best_variance_is_found_where_hundreds_of_rows_have_a_part(variance):
+    rng = np.random.default_rng(8)
+    rows = 400
+    shared = SharedError(np.eye(rows), rng.uniform(1.0, 4.0, rows))
+    channel = Channel.of(np.ones((rows, 1, 1)), shared, np.zeros((rows, 1, 0)))
+    data = np.sqrt(1.0 + variance * shared.size) * rng.normal(size=rows)
+    found = Evidence(channel, None, data, np.zeros(0), np.zeros((rows, 0)), ()).score((), ())
+
+    def minus_log(log_variance):
+        total = 1.0 + np.exp(log_variance) * shared.size
+        return 0.5 * float(np.sum(data**2 / total + np.log(total)))
+
+    best = minimize_scalar(minus_log, bracket=(-1.0, 4.0))
+    # Far less than what decides: the steps between the variances tried are wide.
+    assert found.log_evidence == pytest.approx(-best.fun, abs=1.0)
+    assert found.pose_variance == pytest.approx(np.exp(best.x), rel=0.1)
+
+
+TRIALS, ALPHA = 250, 0.2
+#: Candidates and sizes whose mean ratio does not rest on a few rare draws.
+STEADY = ((3, 1), (0, 0), (1, 0))
 
 
 @pytest.fixture(scope="module")
 def by_chance(made):
-    """What the candidates gain at each size where there is nothing but noise, (trials, m, 3)."""
-    gains = []
+    """What candidates gain where there is nothing but noise: steady ones, and the best of all."""
+    steady, best = [], []
     for seed in range(TRIALS):
         evidence = made.evidence(made.data(1000 + seed))
         nothing = evidence.score((), ()).log_evidence
-        gains.append(
-            [
-                [evidence.score((k,), (s,)).log_evidence - nothing for s in range(len(SIZES))]
-                for k in range(len(made.blocks))
-            ]
-        )
-    return np.array(gains)
+        steady.append([evidence.score((k,), (s,)).log_evidence - nothing for k, s in STEADY])
+        best.append(evidence.additions((), (), list(range(len(made.blocks)))))
+    return np.array(steady), np.array(best)[..., 0]
 
 
 def test_under_pure_noise_the_likelihood_ratio_is_one_on_average(by_chance):
-    # The weak candidate and the smallest size: elsewhere the mean rests on a few rare draws.
-    for k, s in ((3, 0), (3, 1), (2, 0)):
-        ratio = np.exp(by_chance[:, k, s] + penalty((k,)))
-        assert ratio.std() > 0.005
-        spread = ratio.std() / np.sqrt(TRIALS)
-        assert ratio.mean() == pytest.approx(1.0, abs=4.0 * spread + 0.02)
+    ratio = np.exp(by_chance[0] + penalty((0,)))
+    assert (ratio.std(axis=0) > 0.02).all()
+    spread = ratio.std(axis=0) / np.sqrt(TRIALS)
+    assert (np.abs(ratio.mean(axis=0) - 1.0) < 4.0 * spread + 0.02).all()
 
 
 def test_chance_reaches_the_threshold_no_more_often_than_stated(made, by_chance):
-    highest = by_chance.max(axis=(1, 2))
-    exceeded = np.mean(highest > np.log(len(made.blocks) / ALPHA))
-    assert exceeded <= ALPHA
-    # Occam: what explains nothing costs, the more the larger it might be.
-    assert by_chance[:, 0].mean(axis=0)[0] > by_chance[:, 0].mean(axis=0)[2]
-    assert by_chance[:, :3, 1:].mean() < -1.0
+    highest = by_chance[1].max(axis=1)
+    assert np.mean(highest > np.log(len(made.blocks) / ALPHA)) <= ALPHA
+    # It comes close often enough for the bound to mean something.
+    assert np.mean(highest > -penalty((0,))) > 0.1
+
+
+def test_what_explains_nothing_costs_the_more_the_larger_it_might_be(made):
+    evidence = made.evidence(made.data(9))
+    gains = [evidence.score((0,), (size,)).log_evidence for size in range(len(SIZES))]
+    assert gains == sorted(gains, reverse=True)
+    assert gains[2] < gains[0] - 2.0
 
 
 def test_a_candidates_own_signal_is_found(made):

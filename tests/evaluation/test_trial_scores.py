@@ -38,8 +38,8 @@ THIRD = Name("third_harmonic", "joint 2")
 FLOOR_MM = 0.005
 
 
-def hidden(name, size=1.0, **parameters):
-    return Hidden(name, size, parameters)
+def hidden(name, size=1.0, moved_mm=0.05, **parameters):
+    return Hidden(name, size, parameters, moved_mm)
 
 
 def named(name, *alternatives, **parameters):
@@ -61,7 +61,9 @@ def verdict(*effects, word=None, places=(), **more):
 
 
 def trial(kind, what, said, moved_mm=0.05, layout="grid"):
-    what = tuple(hidden(each) if isinstance(each, Name) else each for each in what)
+    what = tuple(
+        hidden(each, moved_mm=moved_mm) if isinstance(each, Name) else each for each in what
+    )
     return BlindTrial(
         campaign="blind",
         kind=kind,
@@ -69,7 +71,6 @@ def trial(kind, what, said, moved_mm=0.05, layout="grid"):
         path="same",
         flexible_joints=(2, 3, 5),
         hidden=what,
-        moved_mm=moved_mm if what else None,
         seconds_twin=1.0,
         verdict=said,
         failed=None if said else "KeyError: x",
@@ -83,17 +84,17 @@ def single(what, said, **more):
 def test_the_ratio_is_that_of_root_mean_squares_with_the_noise_added():
     floor_rms_mm = FLOOR_MM * np.sqrt(3.0 * np.pi / 8.0)
     found = single(WAVE, verdict(), moved_mm=2.0 * floor_rms_mm)
-    assert found.moved_over_floor == pytest.approx(2.0)
-    assert found.ratio == pytest.approx(np.sqrt(5.0))
-    assert single(WAVE, None).ratio is None
+    assert found.moved_over_floor(found.hidden[0]) == pytest.approx(2.0)
+    assert found.ratio(found.hidden[0]) == pytest.approx(np.sqrt(5.0))
+    failed = single(WAVE, None)
+    assert failed.ratio(failed.hidden[0]) is None
 
 
 def test_the_floor_is_the_mean_length_of_a_vector_with_alike_components():
     length = np.linalg.norm(np.random.default_rng(0).standard_normal((200_000, 3)), axis=1)
     ratio = np.sqrt(np.mean(length**2)) / length.mean()
-    assert single(WAVE, verdict(), moved_mm=FLOOR_MM * ratio).moved_over_floor == pytest.approx(
-        1.0, abs=0.005
-    )
+    found = single(WAVE, verdict(), moved_mm=FLOOR_MM * ratio)
+    assert found.moved_over_floor(found.hidden[0]) == pytest.approx(1.0, abs=0.005)
 
 
 @pytest.mark.parametrize(
@@ -227,11 +228,16 @@ def test_two_effects(said, listed, nothing_extra):
     assert found.nothing_extra.share == nothing_extra
 
 
-def test_two_effects_of_which_one_cannot_be_shown():
-    said = verdict(named(WAVE), not_testable=frozenset({LOST}))
-    found = score_several([trial("pair", [WAVE, LOST], said)])
-    assert found.all_listed.share == 0.0
-    assert found.testable_listed.of == 0
+def test_two_effects_of_which_one_is_below_its_limit():
+    small, large = hidden(LOST, moved_mm=0.1 * FLOOR_MM), hidden(WAVE)
+    for said, above in ((verdict(named(WAVE)), 1.0), (verdict(named(LOST)), 0.0), (None, 0.0)):
+        found = score_several([trial("pair", [small, large], said)])
+        assert found.all_listed.share == 0.0
+        assert found.above_listed.share == above
+    assert score_several([trial("pair", [small, small], verdict())]).above_listed.of == 0
+    hopeless = verdict(not_testable=frozenset({GAIN}))
+    assert score_several([trial("pair", [small, GAIN], hopeless)]).above_listed.of == 0
+    assert score_several([trial("pair", [small, GAIN], verdict())]).above_listed.share == 0.0
 
 
 def test_held_out_errors_are_held_against_those_of_the_same_layout():
@@ -311,9 +317,8 @@ def test_power_is_studied_by_size_and_by_what_moves():
     sizes = np.geomspace(0.1, 3.0, 30)
     trials = [
         single(
-            hidden(WAVE, size),
+            hidden(WAVE, size, moved_mm=size * FLOOR_MM),
             verdict(named(WAVE)) if size > 0.5 else verdict(),
-            moved_mm=size * FLOOR_MM,
         )
         for size in sizes
     ]

@@ -34,7 +34,13 @@ def trial(rng, number, kind, names):
     header = {"campaign": f"blind-{number:04d}"}
     size = float(np.exp(rng.uniform(np.log(0.1), np.log(3.0))))
     hidden = [
-        {"id": name, "of": f"joint {k + 1}", "parameters": {"A": 1e-4, "phi": 0.3}, "size": size}
+        {
+            "id": name,
+            "of": f"joint {k + 1}",
+            "parameters": {"A": 1e-4, "phi": 0.3},
+            "size": size,
+            "moved_mm": 0.01 * size,
+        }
         for k, name in enumerate(names)
     ]
     truth = {
@@ -45,7 +51,6 @@ def trial(rng, number, kind, names):
         "path": "same",
         "flexible_joints": [2, 3, 5],
         "hidden_effects": hidden,
-        "moved_mm": 0.01 * size if names else None,
         "seconds_twin": 1.0,
     }
     found = [e for e in hidden if kind != "outside" and rng.random() < 0.3 + 0.5 * size]

@@ -126,9 +126,14 @@ def test_a_verdict_is_that_of_the_contract_and_says_nothing_of_what_was_drawn(re
 
 def test_what_moves_the_residual_is_measured_against_a_twin(reduced):
     hidden = [record for path in reduced[1] for record in lines(path)]
-    moved = {record["kind"]: record["moved_mm"] for record in hidden}
-    assert moved["null"] is None
-    assert 0.01 < moved["pair"] < 1.0
+    moved = {
+        record["kind"]: [effect["moved_mm"] for effect in record["hidden_effects"]]
+        for record in hidden
+    }
+    assert moved["null"] == []
+    assert len(moved["pair"]) == 2
+    assert 0.01 < max(moved["pair"]) < 1.0
+    assert moved["pair"][0] != moved["pair"][1]
 
 
 def test_the_same_trials_come_out_of_any_division_into_jobs(run, reduced):

@@ -16,6 +16,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.discovery.channel import Channel
@@ -26,6 +27,8 @@ Columns = NDArray[np.intp]
 #: Variances of the shared error tried, in those of one reading: from none to a hundred times the
 #: noise in size.
 SHARED_VARIANCES = np.concatenate([[0.0], np.geomspace(1e-2, 1e5, 15)])
+#: Variances looked at between the neighbours of the best one tried, where a spline is laid.
+_BETWEEN = 129
 #: Rows with less of the shared error than this have none.
 _NO_PART = 1e-9
 #: Standard deviations of an effect that are tried, in its plausible size. Trying them costs the
@@ -314,17 +317,16 @@ def _minus_twice_log(gram: Array, projection: Array, constant: Array) -> Array:
 
 
 def _between(values: Array, least: int) -> tuple[float, float]:
-    """Return how much lower a parabola through the least value lies, and at which variance.
+    """Return how much lower a spline through the values lies near the least, and at which variance.
 
-    In the logarithm of the variance, whose steps are even from the second value on.
+    In the logarithm of the variance, whose steps are even from the second value on. The steps are
+    wide: a parabola through three values would be wrong by tens of nats where hundreds of rows have
+    a part in the error.
     """
-    variance = float(SHARED_VARIANCES[least])
     if least < 2 or least >= len(values) - 1:
-        return 0.0, variance
-    before, here, after = values[least - 1 : least + 2]
-    bend = before - 2.0 * here + after
-    if not bend > 0.0:
-        return 0.0, variance
-    offset = 0.5 * (before - after) / bend
-    step = np.log(SHARED_VARIANCES[2] / SHARED_VARIANCES[1])
-    return float(0.5 * bend * offset**2), variance * float(np.exp(offset * step))
+        return 0.0, float(SHARED_VARIANCES[least])
+    logarithm = np.log(SHARED_VARIANCES[1:])
+    near = np.linspace(logarithm[least - 2], logarithm[least], _BETWEEN)
+    between = CubicSpline(logarithm, values[1:])(near)
+    lowest = int(np.argmin(between))
+    return float(values[least] - between[lowest]), float(np.exp(near[lowest]))

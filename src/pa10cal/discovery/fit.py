@@ -34,7 +34,7 @@ class Fit:
     Attributes:
         effects: the effects in it.
         sizes: index in `evidence.SIZES` of the size expected of each.
-        problem: level whose model holds the baseline's terms, the effects and the base frame.
+        level: whose model holds the baseline's terms, the effects and the base frame.
         x: (k,) parameters, in that order.
         pose_variance, torque_variance: shared errors by which it was weighed.
         converged: whether the solver stopped by itself.

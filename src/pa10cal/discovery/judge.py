@@ -103,7 +103,7 @@ def judge(found: Found) -> Judgement:
             )
         )
     unexplained = _unexplained(problem, found, confirmations)
-    findings = [f for f in findings if not _bent(problem, found, f.effect, unexplained)]
+    findings = [f for f in findings if not _bent(found, f.effect, unexplained)]
     if unexplained:
         verdict = "unexplained"
     elif not findings:
@@ -223,16 +223,13 @@ def _unexplained(
     return tuple(places)
 
 
-def _bent(
-    problem: Problem, found: Found, effect: Effect, unexplained: tuple[Unexplained, ...]
-) -> bool:
+def _bent(found: Found, effect: Effect, unexplained: tuple[Unexplained, ...]) -> bool:
     """Tell whether an effect may only stand in for something unexplained at its own place.
 
     It may where generic effects of its place, all together, could do without it.
     """
     if not unexplained:
         return False
-    del problem
     members = tuple(found.family.index(e) for e in found.fit.effects)
     sizes = found.fit.sizes
     for k, rival in enumerate(found.family):

@@ -1,8 +1,8 @@
 """Levenberg-Marquardt on normal equations, inside the physical range of the parameters.
 
 Every parameter has an expected size, so the normal equations are well conditioned, and a step costs
-one product of the rows in place of their singular value decomposition, which in scipy's
-trust-region solver takes nine tenths of the time of a search.
+one product of the rows in place of their singular value decomposition, which takes most of the
+time in scipy's trust-region solver.
 """
 
 from __future__ import annotations

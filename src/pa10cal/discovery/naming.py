@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pa10cal.calibration.accuracy import Accuracy, deviations, summarise
-from pa10cal.campaign.observations import PoseObservations
+from pa10cal.calibration.accuracy import Accuracy
+from pa10cal.discovery.discover import compare
 from pa10cal.discovery.fit import Fit, fit
 from pa10cal.discovery.gap import Gap
 from pa10cal.discovery.problem import Problem
@@ -44,16 +44,11 @@ def errors_by_name(
         steps.append(
             Named(
                 effects,
-                _accuracy(partial, train.poses),
-                None if holdout is None else _accuracy(partial, holdout.poses),
+                compare(problem, partial, train.poses).after,
+                None if holdout is None else compare(problem, partial, holdout.poses).after,
             )
         )
     if extended.effects:
         after = None if holdout is None else holdout.after
         steps.append(Named(extended.effects, train.after, after))
     return tuple(steps)
-
-
-def _accuracy(found: Fit, poses: PoseObservations) -> Accuracy:
-    predicted = found.model.predict(poses.states, found.x)
-    return summarise(deviations(predicted, found.level.T_cmm_base, poses))

@@ -31,6 +31,8 @@ class Uncertainties:
         mass: a link's mass, relative.
         com_m: a link's centre of mass, per axis.
         load_point_m: where the load hangs, per axis.
+        tool_com_m: the apparatus' centre of mass, per axis.
+        level_rad: how level the base stands, about each of its horizontal axes.
         torque_zero: zero of a logged torque, relative to the rated torque.
     """
 
@@ -39,6 +41,8 @@ class Uncertainties:
     mass: float = 0.3
     com_m: float = 0.03
     load_point_m: float = 2e-3
+    tool_com_m: float = 2e-3
+    level_rad: float = 1e-3
     torque_zero: float = 0.01
 
 
@@ -222,23 +226,37 @@ def common_torques(
         [uncertainties.mass * mass_kg, *[uncertainties.com_m * mass_kg] * 3], axis=1
     ).ravel()
     load_N = cells.states.load_N[:, None] * (cells.states.load_N[:, None] == loads_N)
-    elsewhere = [
-        replace(burden, load_point_m=burden.load_point_m + uncertainties.load_point_m * axis)
-        for axis in np.eye(3)
-    ]
-    by_place = [
-        _statics(cells.states, baseline, moved).torque_Nm - weights.torque_Nm for moved in elsewhere
+    by_burden = [
+        _statics(cells.states, baseline, moved).torque_Nm - weights.torque_Nm
+        for moved in _misplaced(burden, uncertainties)
     ]
     zero = np.tile(np.diag(uncertainties.torque_zero * arm.torque_limit_Nm), (len(cells), 1, 1))
     return np.concatenate(
         [
             weights.torque_by_mass * by_link,
             uncertainties.load * weights.torque_by_load[:, :, None] * load_N[:, None, :],
-            np.stack(by_place, axis=2),
+            np.stack(by_burden, axis=2),
             zero,
         ],
         axis=2,
     )
+
+
+def _misplaced(burden: Burden, uncertainties: Uncertainties) -> list[Burden]:
+    """Return the burden with load, apparatus and gravity off by their standard uncertainties."""
+    g = burden.gravity_m_s2
+    level = uncertainties.level_rad * np.linalg.norm(g)
+    return [
+        *(
+            replace(burden, load_point_m=burden.load_point_m + uncertainties.load_point_m * axis)
+            for axis in np.eye(3)
+        ),
+        *(
+            replace(burden, com_m=burden.com_m + uncertainties.tool_com_m * axis)
+            for axis in np.eye(3)
+        ),
+        *(replace(burden, gravity_m_s2=g + level * axis) for axis in np.eye(3)[:2]),
+    ]
 
 
 def _surroundings(cells: PoseObservations, baseline: Baseline, setting: Setting) -> Surroundings:

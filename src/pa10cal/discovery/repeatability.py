@@ -90,7 +90,7 @@ def repeatability(readings: PoseObservations, deviation: Array, screws: Array) -
         ],
         axis=1,
     )
-    variances = _variance_components(difference, sources[first])
+    variances = _variance_components(difference, 0.5 * (sources[first] + sources[second]))
     n = screws.shape[2]
     torque = readings.states.tau_Nm
     torque_difference = (torque[second] - torque[first]) / np.sqrt(2.0)

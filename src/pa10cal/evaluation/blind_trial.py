@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
@@ -37,11 +37,14 @@ class Hidden:
         name: which, and where.
         size: factor of its reference size.
         parameters: as the cell has them; vectors are lists.
+        moved_mm: how far it moves what the calibrated baseline leaves at averaged poses, root mean
+            square; None where the trial failed.
     """
 
     name: Name
     size: float
     parameters: Mapping[str, object]
+    moved_mm: float | None
 
 
 @dataclass(frozen=True)
@@ -104,9 +107,7 @@ class BlindTrial:
         campaign, kind, layout, path: which trial.
         flexible_joints: joints with a spring.
         hidden: what it hides.
-        moved_mm: how far that moves what the calibrated baseline leaves at averaged poses, root
-            mean square; None where nothing is hidden or the trial failed.
-        seconds_twin: what finding that out took.
+        seconds_twin: what it took to find how far the residual is moved.
         verdict: None where it failed.
         failed: the message where it failed.
     """
@@ -117,26 +118,23 @@ class BlindTrial:
     path: str
     flexible_joints: tuple[int, ...]
     hidden: tuple[Hidden, ...]
-    moved_mm: float | None
     seconds_twin: float
     verdict: Verdict | None
     failed: str | None
 
-    @property
-    def moved_over_floor(self) -> float | None:
-        """Return how far what is hidden moves the residual, over what noise alone leaves.
+    def moved_over_floor(self, hidden: Hidden) -> float | None:
+        """Return how far an effect moves the residual, over what noise alone leaves.
 
         Both are position errors, root mean square over averaged poses; the floor's from its mean as
         for a vector with alike components. A turn about the last axis moves no position.
         """
-        if self.verdict is None or self.moved_mm is None:
+        if self.verdict is None or hidden.moved_mm is None:
             return None
-        return self.moved_mm / (_RMS_OVER_MEAN * self.verdict.noise_floor_mm)
+        return hidden.moved_mm / (_RMS_OVER_MEAN * self.verdict.noise_floor_mm)
 
-    @property
-    def ratio(self) -> float | None:
-        """Return what the baseline leaves over what noise alone leaves: sqrt(1 + moved²)."""
-        moved = self.moved_over_floor
+    def ratio(self, hidden: Hidden) -> float | None:
+        """Return the residual that an effect makes of the floor, in floors: sqrt(1 + moved²)."""
+        moved = self.moved_over_floor(hidden)
         return None if moved is None else float(np.hypot(1.0, moved))
 
     def moves_poses(self, hidden: Hidden) -> bool:
@@ -177,13 +175,13 @@ class BlindTrial:
             len(named.alternatives) for named in self._effects() if hidden.name in named.all_names
         )
 
-    def all_listed(self) -> bool:
-        """Tell whether all that is hidden is listed, each by a finding of its own."""
-        return self._matched() == len(self.hidden)
+    def all_listed(self, among: Sequence[Hidden]) -> bool:
+        """Tell whether some hidden effects are listed, each by a finding of its own."""
+        return self._matched(among) == len(among)
 
     def extra(self) -> int:
         """Return how many findings stand for nothing that is hidden."""
-        return len(self._effects()) - self._matched()
+        return len(self._effects()) - self._matched(self.hidden)
 
     def has_right_place(self) -> bool:
         """Tell whether something without a name was found where an effect without one is hidden."""
@@ -214,14 +212,14 @@ class BlindTrial:
     def _effects(self) -> tuple[Named, ...]:
         return () if self.verdict is None else self.verdict.effects
 
-    def _matched(self) -> int:
+    def _matched(self, among: Sequence[Hidden]) -> int:
         """Return how many hidden effects and findings can be paired off."""
-        return max(map(len, self._pairings()), default=0)
+        return max(map(len, self._pairings(among)), default=0)
 
-    def _pairings(self) -> Iterator[list[Named]]:
+    def _pairings(self, among: Sequence[Hidden]) -> Iterator[list[Named]]:
         effects = self._effects()
-        count = min(len(effects), len(self.hidden))
-        for chosen in permutations(self.hidden, count):
+        count = min(len(effects), len(among))
+        for chosen in permutations(among, count):
             for kept in permutations(effects, count):
                 yield [
                     named

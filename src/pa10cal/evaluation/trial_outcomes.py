@@ -97,7 +97,7 @@ def study_power(trials: Sequence[BlindTrial]) -> PowerStudy:
     known = [(t, t.hidden[0]) for t in trials if t.verdict is not None]
     ids = sorted({hidden.name.id for _, hidden in known})
     moving = [(t, h) for t, h in known if t.moves_poses(h)]
-    moved = np.array([t.moved_over_floor or 0.0 for t, _ in moving])
+    moved = np.array([t.moved_over_floor(h) or 0.0 for t, h in moving])
     listed = np.array([t.lists(h) for t, h in moving], dtype=bool)
     return PowerStudy(
         by_id={

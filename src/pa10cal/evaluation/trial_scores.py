@@ -84,12 +84,14 @@ class Several:
     Attributes:
         all_listed: each named or among the alternatives of a finding of its own.
         nothing_extra: no finding that stands for nothing hidden.
-        testable_listed: `all_listed`, of those trials whose effects are all testable.
+        above_listed: the same of those effects alone that are above their detection limit: that by
+            themselves bring the residual to `LIMIT` times the floor, or show in torques alone and
+            are testable. Of trials that hide such effects.
     """
 
     all_listed: Rate
     nothing_extra: Rate
-    testable_listed: Rate
+    above_listed: Rate
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,7 @@ def score_singles(trials: Sequence[BlindTrial]) -> Singles:
     pairs = [(trial, trial.hidden[0]) for trial in trials]
     moving = [(t, h) for t, h in pairs if t.moves_poses(h)]
     large = [(t, h) for t, h in moving if t.verdict is None or _is_large(t, h)]
-    above = [(t, h) for t, h in moving if t.verdict is None or (t.ratio or 0.0) >= LIMIT]
+    above = [(t, h) for t, h in moving if t.verdict is None or (t.ratio(h) or 0.0) >= LIMIT]
     found = [(t, h) for t, h in pairs if t.verdict is None or t.verdict.says_something]
     testable = [(t, h) for t, h in pairs if t.verdict is None or t.is_testable(h)]
     torque = [(t, h) for t, h in testable if not t.moves_poses(h)]
@@ -176,7 +178,7 @@ def score_singles(trials: Sequence[BlindTrial]) -> Singles:
 
 
 def _is_large(trial: BlindTrial, hidden: Hidden) -> bool:
-    return (trial.ratio or 0.0) >= LARGE and trial.is_separable(hidden)
+    return (trial.ratio(hidden) or 0.0) >= LARGE and trial.is_separable(hidden)
 
 
 def score_outside(trials: Sequence[BlindTrial]) -> Outside:
@@ -190,12 +192,20 @@ def score_outside(trials: Sequence[BlindTrial]) -> Outside:
 
 def score_several(trials: Sequence[BlindTrial]) -> Several:
     """Score trials that hide several effects; one that failed counts against every share."""
-    testable = [t for t in trials if t.verdict is None or all(map(t.is_testable, t.hidden))]
+    above = [(t, [h for h in t.hidden if _is_above(t, h)]) for t in trials]
     return Several(
-        all_listed=rate(t.all_listed() for t in trials),
+        all_listed=rate(t.all_listed(t.hidden) for t in trials),
         nothing_extra=rate(t.verdict is not None and not t.extra() for t in trials),
-        testable_listed=rate(t.all_listed() for t in testable),
+        above_listed=rate(t.all_listed(those) for t, those in above if those),
     )
+
+
+def _is_above(trial: BlindTrial, hidden: Hidden) -> bool:
+    if trial.verdict is None:
+        return True
+    if not trial.moves_poses(hidden):
+        return trial.is_testable(hidden)
+    return (trial.ratio(hidden) or 0.0) >= LIMIT
 
 
 def score_gap(trials: Sequence[BlindTrial]) -> GapScore | None:
@@ -280,6 +290,11 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
         ),
         _share("effect outside the vocabulary: found at the right place", outside.right_place, 0.8),
         _share("two or three effects: all named or in the alternatives", several.all_listed, 0.9),
+        _share(
+            f"two or three effects: those of a residual {LIMIT:g} times the floor or more",
+            several.above_listed,
+            0.9,
+        ),
         _share("two or three effects: nothing extra", several.nothing_extra, 0.95),
         _number(
             "held-out mean after naming, over that of campaigns without missing effect",

@@ -151,7 +151,6 @@ class OneTrial(Record):
     kind: str
     layout: str
     hidden: tuple[HiddenEffect, ...]
-    ratio: float | None
     verdict: str
 
 

@@ -8,7 +8,7 @@ from pa10cal.figures.trial_scores import Bar, Scores
 _HEADER = ("quantity", "to reach", "reached", "95 % interval", "trials", "met")
 _NOTES = (
     "Ratios are the position error that the calibrated baseline leaves over what noise alone "
-    "leaves, from the difference to the same campaign with nothing hidden. A turn about the last "
+    "leaves, from the difference to the same campaign without the effect. A turn about the last "
     "axis, a gain of the logged torque and friction at a rigid joint do not show in it.",
     "Separable: not in one group with another name, by the geometry of the poses alone. A map of a "
     "joint's error can do what any named form of the joint does and is no rival of one.",

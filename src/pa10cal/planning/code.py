@@ -38,6 +38,9 @@ def source_files(*modules: str) -> tuple[Path, ...]:
             continue  # the name of a function or class: `from pa10cal.errors import RawDataError`
         found[module] = path
         waiting.extend(_imports(path))
+        if "pkgutil" in _imports(path):  # it looks through its own package
+            package = module.rpartition(".")[0]
+            waiting.extend(f"{package}.{sibling.stem}" for sibling in path.parent.glob("*.py"))
         if "." in module:
             waiting.append(module.rpartition(".")[0])
     packages = {path.parent for path in found.values() if path.name == "__init__.py"}

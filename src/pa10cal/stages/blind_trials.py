@@ -115,14 +115,15 @@ def _try(trial: Trial, settings: JudgingSettings) -> tuple[dict[str, Any], dict[
     from pa10cal.stages.trial_judging import judge
     from pa10cal.stages.trial_records import truth_record
 
-    moved_mm, seconds = None, 0.0
+    moved_mm: list[float | None] = [None] * len(trial.sizes)
+    seconds = 0.0
     try:
         began = time.perf_counter()
         known = _measured(trial, trial.settings, settings)
         simulating = time.perf_counter() - began - known.seconds
         verdict = {**judge(known, settings), "seconds_simulating": simulating}
         began = time.perf_counter()
-        moved_mm = _moved_mm(trial, known, settings)
+        moved_mm = [_moved_mm(trial, number, known, settings) for number in range(len(trial.sizes))]
         seconds = time.perf_counter() - began
     except Exception as error:
         message = " ".join(f"{type(error).__name__}: {error}".split())
@@ -146,17 +147,19 @@ def _measured(
         return calibrated(Path(place) / "raw", settings)
 
 
-def _moved_mm(trial: Trial, known: CalibratedCampaign, settings: JudgingSettings) -> float | None:
-    """Return how far what is hidden moves what the calibrated baseline leaves.
+def _moved_mm(
+    trial: Trial, number: int, known: CalibratedCampaign, settings: JudgingSettings
+) -> float:
+    """Return how far one of the hidden effects moves what the calibrated baseline leaves.
 
     Root mean square over averaged grid poses of the difference to the same campaign, noise and
-    all, with nothing hidden; None where nothing is. For the scoring alone: no verdict sees it.
+    all, without this effect. For the scoring alone: no verdict sees it.
     """
     import numpy as np
 
-    if not trial.settings.hidden_effects:
-        return None
-    without = trial.settings.model_copy(update={"hidden_effects": ()})
+    effects = trial.settings.hidden_effects
+    others = (*effects[:number], *effects[number + 1 :])
+    without = trial.settings.model_copy(update={"hidden_effects": others})
     moved_mm = known.left_mm - _measured(trial, without, settings).left_mm
     return float(np.sqrt(np.mean(np.sum(moved_mm**2, axis=1))))
 

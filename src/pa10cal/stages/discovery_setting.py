@@ -38,6 +38,8 @@ def setting_of(
             mass=discovery.mass_uncertainty,
             com_m=MM * discovery.com_uncertainty_mm,
             load_point_m=MM * discovery.load_point_uncertainty_mm,
+            tool_com_m=MM * discovery.tool_com_uncertainty_mm,
+            level_rad=1e-3 * discovery.level_uncertainty_mrad,
             torque_zero=discovery.torque_zero_uncertainty,
         ),
     )

@@ -144,6 +144,7 @@ def _row(trial: BlindTrial) -> dict[str, Any]:
                 "id": hidden.name.id,
                 "of": hidden.name.of,
                 "size": hidden.size,
+                "ratio": trial.ratio(hidden),
                 "testable": trial.is_testable(hidden),
                 "separable": trial.is_separable(hidden),
                 "moves_poses": trial.moves_poses(hidden),
@@ -152,7 +153,6 @@ def _row(trial: BlindTrial) -> dict[str, Any]:
             }
             for hidden in trial.hidden
         ],
-        "ratio": trial.ratio,
         "verdict": FAILED if verdict is None else verdict.word,
         "named": [
             " or ".join(f"{name.id} of {name.of}" for name in named.all_names)
@@ -173,7 +173,9 @@ def _table(rows: list[dict[str, Any]]) -> str:
     writer.writerow(rows[0])
     for row in rows:
         hidden = "; ".join(
-            f"{entry['id']} of {entry['of']} x{entry['size']:.3g}: {entry['outcome']}"
+            f"{entry['id']} of {entry['of']} x{entry['size']:.3g}"
+            + ("" if entry["ratio"] is None else f", {entry['ratio']:.3g} floors")
+            + f": {entry['outcome']}"
             for entry in row["hidden"]
         )
         flat = {**row, "hidden": hidden}

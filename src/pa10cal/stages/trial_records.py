@@ -13,12 +13,12 @@ from pa10cal.evaluation.blind_trial import BlindTrial, Hidden, Name, Named, Verd
 from pa10cal.files.schemas import TRIAL_TRUTH, VERDICT
 
 
-def truth_record(trial: Trial, moved_mm: float | None, seconds: float) -> dict[str, Any]:
+def truth_record(trial: Trial, moved_mm: Sequence[float | None], seconds: float) -> dict[str, Any]:
     """Return what a trial hides, how it was measured, and how far that moves the residual.
 
     Args:
         trial: what was drawn.
-        moved_mm: how far, None where nothing is hidden or the trial failed.
+        moved_mm: how far, one a hidden effect; None where the trial failed.
         seconds: what finding that out took.
     """
     settings = trial.settings
@@ -31,12 +31,13 @@ def truth_record(trial: Trial, moved_mm: float | None, seconds: float) -> dict[s
         "temperature_drift_C": settings.temperature_drift_C,
         "flexible_joints": list(settings.flexible_joints),
         "hidden_effects": [
-            {**effect.model_dump(), "size": size}
-            for effect, size in zip(settings.hidden_effects, trial.sizes, strict=True)
+            {**effect.model_dump(), "size": size, "moved_mm": moved}
+            for effect, size, moved in zip(
+                settings.hidden_effects, trial.sizes, moved_mm, strict=True
+            )
         ],
         "stated_uncertainty_mm": settings.stated_uncertainty_mm,
         "mass_factor": list(settings.mass_factor),
-        "moved_mm": moved_mm,
         "seconds_twin": seconds,
     }
 
@@ -116,10 +117,9 @@ def _trial(said: dict[str, Any], truth: dict[str, Any]) -> BlindTrial:
         path=truth["path"],
         flexible_joints=tuple(truth["flexible_joints"]),
         hidden=tuple(
-            Hidden(_name(entry), float(entry["size"]), entry["parameters"])
+            Hidden(_name(entry), float(entry["size"]), entry["parameters"], entry["moved_mm"])
             for entry in truth["hidden_effects"]
         ),
-        moved_mm=truth["moved_mm"],
         seconds_twin=float(truth["seconds_twin"]),
         verdict=None if "failed" in said else _verdict(said),
         failed=said.get("failed"),

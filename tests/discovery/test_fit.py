@@ -1,0 +1,192 @@
+"""The full fit: exact derivatives, columns that add up, targets found off their places."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up_arm import Missing, at_joint, measure
+
+from pa10cal.calibration.levels import OneLevel
+from pa10cal.discovery.discover import compare
+from pa10cal.discovery.fit import (
+    Fit,
+    apparatus_m,
+    as_read,
+    fit,
+    normal_matrix,
+    pose_rows,
+    possible_sizes,
+    torque_rows,
+)
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import base_frame
+
+#: What moves poses, what shows in torques by way of a spring, what the joint carries, what bends
+#: with a shape of its own, what yields, what the instrument reads falsely.
+EFFECTS = [
+    ("transmission_error", "joint 2"),
+    ("friction_torque", "joint 3"),
+    ("torque_gain", "joint 4"),
+    ("torque_map", "joint 2"),
+    ("soft_windup", "joint 5"),
+    ("joint_compliance", "joint 4"),
+    ("cmm_scale", "instrument"),
+]
+
+
+def some_amount(effect):
+    """Return an effect's parameters in about their plausible size."""
+    x = effect.starts[-1].copy()
+    x[: effect.linear] += effect.prior_factor @ np.linspace(0.4, 1.2, effect.linear)
+    return x
+
+
+def fit_at(measured, effects, amounts):
+    """Return a fit as if it had ended with these amounts, its own parameters as in the start."""
+    start = measured.start
+    own = start.x[start.own_columns()]
+    model = Model(start.model.chain, (*measured.baseline.model.terms, *effects, base_frame()))
+    level = OneLevel(model, measured.problem.cells, measured.baseline.T_cmm_base)
+    x = np.concatenate([own[:-6], *amounts, own[-6:]])
+    return Fit(effects, (1,) * len(effects), level, x, 0.0, 0.0, True)
+
+
+@pytest.mark.parametrize("names", [[name] for name in EFFECTS] + [EFFECTS], ids=str)
+def test_rows_have_the_derivative_that_differences_show(null, names):
+    effects = tuple(null.effect(*name) for name in names)
+    there = fit_at(null, effects, [some_amount(effect) for effect in effects])
+    model, x = there.model, there.x
+
+    def rows(x):
+        pose = pose_rows(there.level.linearise(x))
+        return np.concatenate([pose, torque_rows(null.problem, model, x)], axis=1)
+
+    exact = rows(x)[:, :, 1:]
+    steps = 1e-2 * model.scale
+    steps[-6:] = 1e-5
+    asked = np.r_[0:30:7, len(x) - 6 - sum(len(e.parameters) for e in effects) : len(x)]
+    for k in asked:
+        ahead, behind = x.copy(), x.copy()
+        ahead[k] += steps[k]
+        behind[k] -= steps[k]
+        differences = (rows(ahead)[:, :, 0] - rows(behind)[:, :, 0]) / (2.0 * steps[k])
+        largest = np.abs(exact[:, :, k]).max()
+        np.testing.assert_allclose(exact[:, :, k], differences, atol=2e-5 * largest + 1e-9)
+
+
+def test_columns_of_effects_and_of_the_model_are_all_there_are(null):
+    effects = tuple(null.effect(*name) for name in EFFECTS)
+    amounts = [some_amount(effect) for effect in effects]
+    there = fit_at(null, effects, amounts)
+    spans = there.effect_columns()
+    of_effects = np.concatenate([np.arange(*span) for span in spans])
+    every = np.sort(np.concatenate([of_effects, there.own_columns()]))
+    np.testing.assert_array_equal(every, np.arange(len(there.x)))
+    names = [parameter.name for parameter in there.model.parameters]
+    for effect, amount, (first, last) in zip(effects, amounts, spans, strict=True):
+        np.testing.assert_array_equal(there.of(effect), amount)
+        assert names[first:last] == [parameter.name for parameter in effect.parameters]
+    own = null.start
+    np.testing.assert_array_equal(there.x[there.own_columns()], own.x[own.own_columns()])
+
+
+def test_a_fit_comes_to_rest_where_nothing_leads_down(wave):
+    effect = wave.effect("transmission_error", "joint 2")
+    found = fit(wave.problem, (effect,), (1,), (0.0, 0.0), wave.start)
+    assert found.converged
+
+    def cost(x):
+        rows = wave.problem.pose.weights(0.0)(
+            wave.problem.pose.rows(pose_rows(found.level.linearise(x)))
+        )[:, 0]
+        expected = x / possible_sizes(found.model)
+        (first, last), = found.effect_columns()
+        expected[first:last] = np.linalg.solve(effect.prior_factor, x[first:last])
+        return float(rows @ rows + expected @ expected)
+
+    least = cost(found.x)
+    information = normal_matrix(wave.problem, found)
+    rng = np.random.default_rng(1)
+    for _ in range(10):
+        step = 0.1 * rng.normal(size=len(found.x)) / np.sqrt(np.diag(information))
+        assert cost(found.x + step) > least
+        # and rises as the information says
+        rise = step @ information @ step
+        both = cost(found.x + step) + cost(found.x - step) - 2.0 * least
+        assert both == pytest.approx(2.0 * rise, rel=0.02)
+
+
+@pytest.mark.parametrize("tau0_Nm", [1.0, 5.0])
+def test_an_effect_that_shapes_itself_is_fitted_from_its_best_start(tau0_Nm):
+    def turn(states):
+        return at_joint(5, -6e-4 * np.tanh(states.tau_Nm[:, 4] / tau0_Nm))
+
+    made = measure(Missing(turn=turn))
+    found = fit(made.problem, (made.effect("soft_windup", "joint 5"),), (1,), (0.0, 0.0))
+    amount, tau0 = found.of(found.effects[0])
+    assert amount == pytest.approx(6e-4, rel=0.1)
+    assert tau0 == pytest.approx(tau0_Nm, rel=0.15)
+
+
+def test_expected_sizes_hold_back_what_the_data_do_not_tell(null):
+    effect = null.effect("cmm_scale", "instrument")
+    tight, wide = (fit(null.problem, (effect,), (size,), (0.0, 0.0)) for size in (0, 2))
+    std = [
+        np.sqrt(np.diag(np.linalg.inv(normal_matrix(null.problem, found))))[slice(*span)]
+        for found in (tight, wide)
+        for span in found.effect_columns()
+    ]
+    plausible = np.diag(effect.prior_factor)
+    assert (std[0] < 0.1 * plausible).all()
+    assert (std[1] > std[0]).all()
+    assert np.linalg.norm(tight.of(effect)) < np.linalg.norm(wide.of(effect))
+
+
+#: All targets stand so much further out than stated, along the end-effector's axes.
+OFF_M = np.array([0.0, 30e-6, 10e-6])
+
+
+@pytest.fixture(scope="module")
+def moved():
+    return measure(Missing(targets_m=np.tile(OFF_M, (3, 1))), apparatus_m=30e-6)
+
+
+@pytest.fixture(scope="module")
+def places_m(moved):
+    return apparatus_m(moved.problem, moved.start)
+
+
+class TestTargetsOffTheirPlaces:
+    def test_the_places_are_found_as_far_as_poses_tell_them(self, moved, places_m):
+        # The model's last row takes up a shift along z (d_6), not one along y.
+        found = places_m.reshape(3, 3).mean(axis=0)
+        # A target further out reads as a place stated too short.
+        assert found[1] == pytest.approx(-OFF_M[1], abs=4e-6)
+        assert abs(found[2]) < 4e-6
+
+    def test_poses_read_from_them_are_as_measured(self, moved, places_m):
+        poses, start = moved.problem.cells, moved.start
+        T = start.model.predict(poses.states, start.x)
+        read = as_read(T, start.level.T_cmm_base, poses, places_m)
+        shift = np.linalg.norm(read[:, :3, 3] - T[:, :3, 3], axis=1)
+        np.testing.assert_allclose(shift, OFF_M[1], rtol=0.2)
+        # A rotation stays one.
+        product = read[:, :3, :3] @ read[:, :3, :3].transpose(0, 2, 1)
+        np.testing.assert_allclose(product, np.tile(np.eye(3), (len(T), 1, 1)), atol=1e-12)
+        measured = np.linalg.inv(start.level.T_cmm_base) @ poses.T_cmm_ee
+        left = [np.linalg.norm((each - measured)[:, :3, 3], axis=1).mean() for each in (T, read)]
+        assert left[1] < 0.6 * left[0]
+
+    def test_the_gap_is_taken_with_them(self, moved):
+        with_places = compare(moved.problem, moved.start, moved.held_out)
+        assert with_places.after.mean_mm < 1.3 * 0.0092
+        known = replace(moved.problem.setting.uncertainties, apparatus_m=1e-9)
+        setting = replace(moved.problem.setting, uncertainties=known)
+        without = compare(replace(moved.problem, setting=setting), moved.start, moved.held_out)
+        assert without.after.mean_mm > 2.0 * with_places.after.mean_mm
+
+    def test_nothing_off_changes_nothing(self, moved):
+        T = moved.start.model.predict(moved.problem.cells.states, moved.start.x)
+        zero = np.zeros(moved.problem.cells.by_apparatus.shape[2])
+        same = as_read(T, moved.baseline.T_cmm_base, moved.problem.cells, zero)
+        np.testing.assert_allclose(same, T, atol=1e-15)
