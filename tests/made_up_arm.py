@@ -16,7 +16,7 @@ from pa10cal.discovery.candidates import testable
 from pa10cal.discovery.discover import Discovery, discover
 from pa10cal.discovery.fit import Fit, fit
 from pa10cal.discovery.problem import Baseline, Problem, Setting, Uncertainties, prepare
-from pa10cal.discovery.search import Found, search
+from pa10cal.discovery.search import Found, evidence_about, less, search
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.rigid_fit import fit_rigid, pose_by_source
 from pa10cal.terms.baseline import baseline
@@ -129,6 +129,28 @@ class Measured:
         return found
 
 
+def forced(measured, effects, sizes, problem=None, family=None) -> Found:
+    """Return the search as if it had ended with these effects, in its own or another problem."""
+    problem = measured.problem if problem is None else problem
+    family = measured.family if family is None else family
+    there = fit(problem, effects, sizes, (0.0, 0.0))
+    evidence = evidence_about(problem, there, family)
+    members = tuple(family.index(effect) for effect in effects)
+    return Found(
+        problem=problem,
+        fit=there,
+        score=evidence.score(members, sizes),
+        without=tuple(
+            evidence.score(less(members, k), less(sizes, k)) for k in range(len(members))
+        ),
+        evidence=evidence,
+        family=family,
+        same=np.eye(len(family), dtype=bool),
+        nothing=evidence.score((), ()),
+        steps=(),
+    )
+
+
 def measure(missing=Missing(), seed=20080427, poses=POSES, apparatus_m=5e-6, pose_m=0.0):
     """Measure a made-up arm: some poses, two loads, from either side, twice each.
 
@@ -150,9 +172,7 @@ def measure(missing=Missing(), seed=20080427, poses=POSES, apparatus_m=5e-6, pos
     T_cmm_base = np.eye(4)
     T_cmm_base[:3, :3] = Rotation.from_rotvec([0.01, -0.02, 1.6]).as_matrix()
     T_cmm_base[:3, 3] = [0.3, 0.2, -0.15]
-    setting = Setting(
-        BURDEN, TARGETS_M, 21.0, FLEXIBLE, Uncertainties(apparatus_m=apparatus_m)
-    )
+    setting = Setting(BURDEN, TARGETS_M, 21.0, FLEXIBLE, Uncertainties(apparatus_m=apparatus_m))
     single = _readings(missing, model, x, T_cmm_base, (poses, (0.0, 44.0)), rng, pose_m)
     held_out = _readings(missing, model, x, T_cmm_base, (10, (0.0, 22.0, 66.0)), rng, pose_m)
     nominal = Baseline(model, np.where(x == 3e-3, 2e-3, 0.0), T_cmm_base)

@@ -67,9 +67,7 @@ def test_cells_of_the_same_circumstances_follow_each_other_in_time(readings):
     cells = gather(readings, readings.cov_ee)
     held = cells.states.q_rad > 0.0
     time_s = readings.states.time_s
-    keys = list(
-        zip(cells.pose, cells.states.load_N, map(tuple, cells.states.arrival), strict=True)
-    )
+    keys = list(zip(cells.pose, cells.states.load_N, map(tuple, cells.states.arrival), strict=True))
     assert keys == sorted(keys)
     for k in range(1, len(keys)):
         if keys[k] == keys[k - 1]:

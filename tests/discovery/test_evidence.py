@@ -19,7 +19,9 @@ def channel_of(rng, b, common):
     """Return a channel of cells that share an error two by two."""
     size, turn = np.linalg.eigh(1.0 * (POSE[:, None] == POSE))
     shared = SharedError(turn.T, np.maximum(size, 0.0))
-    return Channel.of(np.tile(np.eye(b), (CELLS, 1, 1)), shared, rng.normal(size=(CELLS, b, common)))
+    return Channel.of(
+        np.tile(np.eye(b), (CELLS, 1, 1)), shared, rng.normal(size=(CELLS, b, common))
+    )
 
 
 class Made:

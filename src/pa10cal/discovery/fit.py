@@ -120,7 +120,7 @@ def _fit_from(
     model = Model(baseline.model.chain, (*baseline.model.terms, *effects, base_frame()))
     level = OneLevel(model, problem.cells, baseline.T_cmm_base)
     x_start = _start(problem, effects, start, shape)
-    weigh = _Weighing(problem, effects, sizes, variances, level)
+    weigh = _Weighing(problem, effects, sizes, variances, level, x_start)
     x, cost, converged = minimise(weigh, x_start, model)
     return Fit(effects, sizes, level, x, *variances, converged), cost
 
@@ -128,7 +128,7 @@ def _fit_from(
 def normal_matrix(problem: Problem, found: Fit) -> Array:
     """Return the information (k, k) that data and expected sizes give on all parameters."""
     variances = (found.pose_variance, found.torque_variance)
-    weigh = _Weighing(problem, found.effects, found.sizes, variances, found.level)
+    weigh = _Weighing(problem, found.effects, found.sizes, variances, found.level, found.x)
     _, jacobian = weigh(found.x)
     information: Array = jacobian.T @ jacobian
     return information
@@ -196,6 +196,7 @@ class _Weighing:
         sizes: tuple[int, ...],
         variances: tuple[float, float],
         level: OneLevel,
+        x_start: Array,
     ) -> None:
         self._problem, self._level = problem, level
         self._pose = problem.pose.weights(variances[0])
@@ -205,12 +206,16 @@ class _Weighing:
         )
         possible = possible_sizes(level.model)
         rows = np.diag(1.0 / possible)
+        # An effect in zero amount tells nothing of its shape: zero, the middle of what is expected
+        # of all else, would draw the shape to the end of its range at the first step.
+        middle = np.zeros(len(possible))
         column = len(possible) - 6 - sum(len(effect.parameters) for effect in effects)
         for effect, size in zip(effects, sizes, strict=True):
             here = slice(column, column + effect.linear)
             rows[here, here] = np.linalg.inv(SIZES[size] * effect.prior_factor)
             column += len(effect.parameters)
-        self._expected = rows
+            middle[here.stop : column] = x_start[here.stop : column]
+        self._expected, self._middle = rows, middle
 
     def __call__(self, x: Array) -> tuple[Array, Array]:
         """Return rows (R,) and their derivative (R, k)."""
@@ -222,7 +227,8 @@ class _Weighing:
             weighed.append(
                 self._torque(problem.torque.rows(torque_rows(problem, self._level.model, x)))
             )
-        own = np.concatenate([(self._expected @ x)[:, None], self._expected], axis=1)
+        off = self._expected @ (x - self._middle)
+        own = np.concatenate([off[:, None], self._expected], axis=1)
         everything = np.concatenate([*weighed, own])
         return everything[:, 0], everything[:, 1:]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import BASE, end_pose_with_screws
+from pa10cal.arm.chain import BASE, TOOL, end_pose_with_screws
 from pa10cal.arm.state import PoseStates, Seen
 from pa10cal.arm.statics import Burden, Statics, statics
 from pa10cal.calibration.pose_error import pose_error
@@ -178,7 +178,9 @@ def complete_about(
 def _statics(states: PoseStates, baseline: Baseline, burden: Burden) -> Statics:
     chain = baseline.model.chain
     coordinates = baseline.model.chain_coordinates(states, baseline.x)
-    coordinates[:, chain.columns(BASE)] = 0.0  # gravity is along the base's own axes
+    # Gravity is along the base's own axes; and what the instrument reads too much, which moves the
+    # tool in the model, moves no weight.
+    coordinates[:, chain.columns(BASE + TOOL)] = 0.0
     return statics(chain, coordinates, states.load_N, burden)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.discovery.candidates import Linearised, alike, linearise
-from pa10cal.discovery.evidence import Evidence, Score
+from pa10cal.discovery.evidence import SIZES, Evidence, Score
 from pa10cal.discovery.fit import Fit, fit
 from pa10cal.discovery.problem import Baseline, Problem, prepare
 from pa10cal.terms.effects.effect import Effect
@@ -66,7 +66,7 @@ class Step:
 
 def threshold(family: int, error_rate: float) -> float:
     """Return the gain in evidence that a name needs: P(any of the family reaches it) <= rate."""
-    return float(np.log(family / error_rate))
+    return float(np.log(max(family, 1) / error_rate))
 
 
 def evidence_about(problem: Problem, found: Fit, family: tuple[Effect, ...]) -> Evidence:
@@ -161,12 +161,12 @@ def _improve(
     forbidden: set[int] = set()
     while True:
         members, sizes = _forward(evidence, same, members, sizes, forbidden)
-        weakest, loss = _weakest(evidence, members, sizes)
+        weakest, loss, left_sizes = _weakest(evidence, members, sizes, needed)
         if weakest is None or loss >= needed:
             return members, sizes
         # What is not needed in the end is not tried again: forward would only bring it back.
         forbidden.add(members[weakest])
-        members, sizes = less(members, weakest), less(sizes, weakest)
+        members, sizes = less(members, weakest), left_sizes
 
 
 def _forward(
@@ -208,7 +208,12 @@ def _open(same: NDArray[np.bool_], members: tuple[int, ...], forbidden: set[int]
 def _best_addition(
     evidence: Evidence, members: tuple[int, ...], sizes: tuple[int, ...], open_to: list[int]
 ) -> tuple[float, tuple[int, ...], tuple[int, ...]]:
-    """Return the evidence of the best set with one more member, and that set."""
+    """Return the evidence of the best set with one more member, and that set.
+
+    Where nothing may join, the set as it is, and no evidence for it.
+    """
+    if not open_to:
+        return -np.inf, members, sizes
     gains = evidence.additions(members, sizes, open_to)
     best = max(range(len(open_to)), key=lambda k: gains[k][0])
     members, sizes = (*members, open_to[best]), (*sizes, gains[best][1])
@@ -216,18 +221,35 @@ def _best_addition(
 
 
 def _weakest(
-    evidence: Evidence, members: tuple[int, ...], sizes: tuple[int, ...]
-) -> tuple[int | None, float]:
-    """Return which member the set would miss least, and how much."""
+    evidence: Evidence, members: tuple[int, ...], sizes: tuple[int, ...], needed: float
+) -> tuple[int | None, float, tuple[int, ...]]:
+    """Return which member the set would miss least, how much, and the sizes of those left.
+
+    Those left may take the size they have without it: beside a proxy the right effect is small.
+    """
     if not members:
-        return None, 0.0
+        return None, 0.0, sizes
     whole = evidence.score(members, sizes).log_evidence
-    losses = [
-        whole - evidence.score(less(members, k), less(sizes, k)).log_evidence
+    left = [
+        (evidence.score(less(members, k), less(sizes, k)).log_evidence, less(sizes, k))
         for k in range(len(members))
     ]
-    weakest = int(np.argmin(losses))
-    return weakest, losses[weakest]
+    if whole - max(left)[0] >= needed:  # only then is it worth the time
+        left = [_resized(evidence, less(members, k), less(sizes, k)) for k in range(len(members))]
+    weakest = max(range(len(members)), key=lambda k: left[k][0])
+    return weakest, whole - left[weakest][0], left[weakest][1]
+
+
+def _resized(
+    evidence: Evidence, members: tuple[int, ...], sizes: tuple[int, ...]
+) -> tuple[float, tuple[int, ...]]:
+    """Return the evidence of a set with the size of each member chosen anew, and the sizes."""
+    best = evidence.score(members, sizes).log_evidence, sizes
+    for k in range(len(members)):
+        for size in range(len(SIZES)):
+            tried = (*best[1][:k], size, *best[1][k + 1 :])
+            best = max(best, (evidence.score(members, tried).log_evidence, tried))
+    return best
 
 
 def less(values: tuple[int, ...], k: int) -> tuple[int, ...]:

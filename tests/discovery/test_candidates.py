@@ -1,0 +1,238 @@
+"""What poses can tell is settled before residuals are looked at, linear about one fit."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from made_up_arm import Missing, at_joint, measure
+from pa10cal.arm.state import PoseStates
+from pa10cal.calibration.levels import OneLevel
+from pa10cal.discovery import candidates
+from pa10cal.discovery.candidates import LEAST_SHARE, alike, linearise
+from pa10cal.discovery.fit import fit
+from pa10cal.discovery.problem import prepare
+from pa10cal.terms.effects.effect import JointEffect
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import base_frame
+from pa10cal.terms.term import Parameter
+
+
+@dataclass(frozen=True)
+class MadeUp(JointEffect):
+    """An effect of one joint in one parameter, its shape given by a subclass."""
+
+    id: ClassVar[str] = "made_up"
+    plausible: ClassVar[float] = 3e-4
+
+    @property
+    def known(self):
+        return (Parameter("size", "rad", 1e-5, plausible=self.plausible),)
+
+    def derivative(self, states: PoseStates, x):
+        return self.shape(states)[:, None, None]
+
+    def shape(self, states: PoseStates):
+        return np.sin(40.0 * states.q_rad[:, self.joint - 1])
+
+
+class Constant(MadeUp):
+    def shape(self, states):
+        return np.ones(len(states))
+
+
+class NearlyConstant(MadeUp):
+    def shape(self, states):
+        return 1.0 + 1e-3 * super().shape(states)
+
+
+class Tiny(MadeUp):
+    plausible: ClassVar[float] = 1e-9
+
+
+class Warm(MadeUp):
+    def shape(self, states):
+        return states.temperature_C - 21.0
+
+
+class OfMotion(MadeUp):
+    """Nothing at all in these poses."""
+
+    def shape(self, states):
+        return np.zeros(len(states))
+
+
+def without_effects(measured, found):
+    """Return a fit as found, with its effects taken out and all else as it is."""
+    model = Model(found.model.chain, (*measured.baseline.model.terms, base_frame()))
+    level = OneLevel(model, found.level.observations, found.level.T_cmm_base)
+    x = found.x[found.own_columns()]
+    return replace(found, effects=(), sizes=(), level=level, x=x)
+
+
+class TestLinearise:
+    NAMES = (("transmission_error", "joint 2"), ("friction_torque", "joint 3"))
+
+    @pytest.mark.parametrize("factor", [1.0, 4.0])
+    def test_effects_put_back_are_as_if_they_had_not_been_in_the_fit(self, null, factor):
+        effects = tuple(null.effect(*name) for name in self.NAMES)
+        found = fit(null.problem, effects, (1, 1), (0.0, 0.0))
+        first, last = found.effect_columns()[0][0], found.effect_columns()[-1][1]
+        x = found.x.copy()
+        x[first:last] = factor * np.array([2e-4, -1e-4, 1.5])
+        found = replace(found, x=x)
+        back = linearise(null.problem, found, effects)
+        without = linearise(null.problem, without_effects(null, found), effects)
+        # Exactly linear torques; poses to second order in the size of the effects.
+        np.testing.assert_allclose(back.torque_data, without.torque_data, atol=1e-9)
+        moved = sum(
+            block.pose @ found.of(effect)
+            for block, effect in zip(back.blocks, effects, strict=True)
+        )
+        left = back.pose_data - without.pose_data
+        assert np.linalg.norm(moved) > 100.0
+        assert np.linalg.norm(left) < 2e-3 * factor * np.linalg.norm(moved)
+
+    def test_rows_of_an_effect_are_what_it_adds_to_the_prediction(self, null):
+        effects = tuple(null.effect(*name) for name in self.NAMES)
+        lin = linearise(null.problem, null.start, effects)
+        x = np.array([2e-5, -1e-5])
+        with_it = fit(null.problem, effects[:1], (1,), (0.0, 0.0))
+        first, last = with_it.effect_columns()[0]
+        own = np.insert(null.start.x, [first] * (last - first), 0.0)
+        there, absent = own.copy(), own
+        there[first:last] = x
+        rows = [
+            null.problem.pose.rows(with_it.level.residuals(at)[:, :, None])[:, 0]
+            for at in (there, absent)
+        ]
+        np.testing.assert_allclose(
+            lin.blocks[0].pose @ x, rows[0] - rows[1], atol=1e-3 * np.abs(rows[0] - rows[1]).max()
+        )
+        assert not lin.blocks[0].torque.any()
+        assert lin.blocks[1].torque.any()
+        assert lin.blocks[1].pose.any()  # joint 3 has a spring
+
+    def test_candidates_come_in_the_order_asked_for(self, null):
+        effects = tuple(null.effect(*name) for name in self.NAMES)
+        found = fit(null.problem, effects[1:], (1,), (0.0, 0.0))
+        there = linearise(null.problem, found, effects)
+        back = linearise(null.problem, found, effects[::-1])
+        for one, other in zip(there.blocks, back.blocks[::-1], strict=True):
+            np.testing.assert_allclose(one.pose, other.pose)
+            np.testing.assert_array_equal(one.factor, other.factor)
+        assert there.own.shape[1] == len(null.start.x)
+
+    def test_a_shape_to_look_for_has_columns_for_each_start(self, null):
+        effect = null.effect("soft_windup", "joint 2")
+        (block,) = linearise(null.problem, null.start, (effect,)).blocks
+        assert block.pose.shape[1] == len(effect.starts) > 1
+        assert block.factor.shape == (len(effect.starts),) * 2
+
+
+class TestTestable:
+    def divide(self, null, *effects):
+        shown, refused = candidates.testable(null.problem, null.start, effects)
+        assert len(shown) + len(refused) == len(effects)
+        return shown, {entry.effect: entry for entry in refused}
+
+    def test_what_the_poses_show_is_testable(self, null):
+        shown, refused = self.divide(null, MadeUp("joint 2"))
+        assert shown == (MadeUp("joint 2"),)
+        assert not refused
+
+    @pytest.mark.parametrize("kind", [Constant, NearlyConstant])
+    def test_what_the_model_absorbs_is_not(self, null, kind):
+        shown, refused = self.divide(null, kind("joint 2"), MadeUp("joint 2"))
+        assert shown == (MadeUp("joint 2"),)
+        entry = refused[kind("joint 2")]
+        left, rest = entry.why.split(" % ")
+        assert rest == "left after the model's own parameters"
+        assert float(left) < 100.0 * LEAST_SHARE
+        assert entry.by_these_poses
+
+    def test_what_depends_on_something_that_was_not_logged_is_not(self, null):
+        _, refused = self.divide(null, Warm("joint 2"), null.effect("thermal_growth", "arm"))
+        assert len(refused) == 2
+        for entry in refused.values():
+            assert entry.why == "what it depends on was not logged"
+            assert not entry.by_these_poses
+
+    def test_what_was_logged_after_all_is_testable(self, null):
+        readings = null.problem.readings
+        warm = 21.0 + 4.0 * np.sin(readings.states.time_s / 2000.0)
+        readings = replace(readings, states=replace(readings.states, temperature_C=warm))
+        problem = prepare(readings, null.baseline, null.setting)
+        start = fit(problem, (), (), (0.0, 0.0))
+        assert candidates.testable(problem, start, (Warm("joint 2"),))[0] == (Warm("joint 2"),)
+
+    def test_what_the_poses_do_not_exercise_is_not(self, null):
+        gain = null.effect("torque_gain", "joint 1")  # its axis is upright: no weight loads it
+        _, refused = self.divide(null, OfMotion("joint 2"), gain)
+        assert {entry.why for entry in refused.values()} == {"the poses do not exercise it"}
+
+    def test_what_would_drown_in_the_noise_is_not(self, null):
+        _, refused = self.divide(null, Tiny("joint 2"))
+        assert "would not rise above the noise" in refused[Tiny("joint 2")].why
+
+    def test_an_effect_that_needs_masses_is_not_where_they_are_not_known(self, null):
+        setting = replace(null.setting, burden=None)
+        problem = prepare(null.readings, null.baseline, setting)
+        start = fit(problem, (), (), (0.0, 0.0))
+        names = [("link_bending", "forearm"), ("friction_torque", "joint 3")]
+        shown, refused = candidates.testable(
+            problem, start, tuple(null.effect(*name) for name in names)
+        )
+        assert not shown
+        why = {entry.effect.id: entry.why for entry in refused}
+        assert "moments that weights put" in why["link_bending"]
+        assert why["friction_torque"] == "the torques of the weights are not known"
+        assert not any(entry.by_these_poses for entry in refused)
+
+
+class TestAlike:
+    def test_a_twisting_forearm_looks_like_a_yielding_joint_4(self, null):
+        same = alike(null.problem, null.start, null.family)
+        np.testing.assert_array_equal(same, same.T)
+        assert same.diagonal().all()
+        pairs = {
+            frozenset((null.family[i].id, null.family[j].id))
+            for i, j in zip(*np.nonzero(np.triu(same, 1)), strict=True)
+        }
+        assert pairs == {frozenset(("link_torsion", "joint_compliance"))}
+
+    def test_what_differs_by_what_the_model_absorbs_is_alike(self, null):
+        class Shifted(MadeUp):
+            def shape(self, states):
+                return 5.0 + super().shape(states)
+
+        class Elsewhere(MadeUp):
+            def shape(self, states):
+                return np.cos(40.0 * states.q_rad[:, self.joint - 1])
+
+        three = (MadeUp("joint 2"), Shifted("joint 2"), Elsewhere("joint 2"))
+        same = alike(null.problem, null.start, three)
+        expected = np.array([[1, 1, 0], [1, 1, 0], [0, 0, 1]], dtype=bool)
+        np.testing.assert_array_equal(same, expected)
+
+    def test_nothing_generic_stands_for_another(self, null):
+        class Unnamed(MadeUp):
+            generic: ClassVar[bool] = True
+
+        same = alike(null.problem, null.start, (MadeUp("joint 2"), Unnamed("joint 2")))
+        np.testing.assert_array_equal(same, np.eye(2, dtype=bool))
+
+    def test_is_settled_by_the_poses_and_not_by_what_is_missing_there(self, null):
+        same = alike(null.problem, null.start, null.family)
+
+        def turn(states):
+            return at_joint(4, -states.tau_Nm[:, 3] / 6000.0)
+
+        other = measure(Missing(turn=turn))
+        again = alike(
+            other.problem,
+            other.start,
+            tuple(other.effect(effect.id, effect.of) for effect in null.family),
+        )
+        np.testing.assert_array_equal(same, again)

@@ -1,0 +1,171 @@
+"""The whole search on made-up campaigns: right names, honest doubt, and nothing where nothing is."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from made_up_arm import ERROR_RATE, Missing, harmonic, measure
+from pa10cal.discovery.discover import discover, unresolved
+from pa10cal.errors import DiscoveryError
+from pa10cal.terms.effects import library as vocabulary
+from pa10cal.terms.effects.encoder import JointHarmonic
+
+
+def name(effect):
+    return effect.id, effect.of
+
+
+def said(found):
+    """Return the verdict in words and numbers."""
+    judged = found.judgement
+    return (
+        judged.verdict,
+        [name(finding.effect) for finding in judged.findings],
+        [finding.x.tolist() for finding in judged.findings],
+        [tuple(map(name, finding.alternatives)) for finding in judged.findings],
+        [(place.of, place.shared_mm) for place in judged.unexplained],
+        found.extended.x.tolist(),
+    )
+
+
+def test_where_nothing_is_missing_the_verdict_is_none(null):
+    found = null.discovery
+    assert found.judgement.verdict == "none"
+    assert found.extended.effects == ()
+    # The extended model is the baseline; what is left is what noise leaves.
+    assert found.train.after.mean_mm == pytest.approx(found.train.before.mean_mm, rel=0.1)
+    assert found.train.after.mean_mm == pytest.approx(found.noise_floor_mm, rel=0.1)
+    assert found.holdout.after.mean_mm < 1.3 * found.noise_floor_mm
+
+
+def test_a_transmission_error_is_named_and_the_gap_closed(wave, null):
+    found = wave.discovery
+    assert found.judgement.verdict == "named"
+    (finding,) = found.judgement.findings
+    assert name(finding.effect) == ("transmission_error", "joint 2")
+    std = np.sqrt(np.diag(finding.covariance))
+    assert (np.abs(finding.x - [2e-4, 1.0]) < 4.0 * std).all()
+    assert found.extended.effects == (finding.effect,)
+    for closed, bare in (
+        (found.train, null.discovery.train),
+        (found.holdout, null.discovery.holdout),
+    ):
+        assert closed.before.mean_mm > 4.0 * closed.after.mean_mm
+        assert closed.after.mean_mm < 1.3 * bare.after.mean_mm
+        assert closed.reduction.low_mm > 0.0
+        for load in closed.by_load:
+            assert closed.reduction_by_load[load].low_mm > 0.0
+    assert set(found.holdout.by_load) == {0.0, 22.0, 66.0}
+
+
+def test_friction_is_seen_in_torque_and_pose(rubbing):
+    found = rubbing.discovery
+    assert found.judgement.verdict == "named"
+    (finding,) = found.judgement.findings
+    assert name(finding.effect) == ("friction_torque", "joint 3")
+    assert abs(finding.x[0] - 3.0) < 4.0 * np.sqrt(finding.covariance[0, 0])
+    nothing, score = found.judgement.found.nothing, found.judgement.found.score
+    assert nothing.torque_variance > 100.0 > 1.0 > score.torque_variance
+    # The spring of joint 3 was wound by a torque that the log made up.
+    assert found.holdout.reduction.low_mm > 0.0
+    assert found.holdout.after.mean_mm < 1.3 * found.noise_floor_mm
+
+
+def test_a_bowed_axis_is_unexplained_at_the_instrument(bowed):
+    found = bowed.discovery
+    judged = found.judgement
+    assert judged.verdict == "unexplained"
+    assert judged.findings == ()
+    assert [(place.of, place.generic.id) for place in judged.unexplained] == [
+        ("instrument", "place_map")
+    ]
+    # No name, no improvement: what only says where is not in the extended model.
+    assert found.extended.effects == ()
+    assert found.holdout.after.mean_mm > 3.0 * found.noise_floor_mm
+
+
+def test_what_these_poses_cannot_tell_apart_is_ambiguous(soft_wrist):
+    found = soft_wrist.discovery
+    assert found.judgement.verdict == "ambiguous"
+    (finding,) = found.judgement.findings
+    pair = {("joint_compliance", "joint 4"), ("link_torsion", "forearm")}
+    assert {name(finding.effect), *map(name, finding.alternatives)} == pair
+    assert [set(map(name, group)) for group in found.alike] == [pair]
+    (first, *_) = unresolved(found)
+    assert {name(first[0]), name(first[1])} == pair
+    # Either of them closes the gap.
+    assert found.holdout.after.mean_mm < 1.3 * found.noise_floor_mm
+
+
+def test_what_cannot_be_told_at_all_is_listed_with_the_reason(null):
+    found = null.discovery
+    refused = {name(entry.effect): entry for entry in found.not_testable}
+    assert refused["thermal_growth", "arm"].why == "what it depends on was not logged"
+    assert not refused.keys() & set(map(name, found.family))
+    asked = unresolved(found)
+    assert all(rival is None for _, rival in asked)
+    # Other poses do not log a temperature.
+    assert ("thermal_growth", "arm") not in [name(effect) for effect, _ in asked]
+    assert ("torque_gain", "joint 1") in [name(effect) for effect, _ in asked]
+
+
+def test_held_out_poses_decide_nothing(wave):
+    held_out = wave.held_out
+    T = held_out.T_cmm_ee.copy()
+    T[:, :3, 3] += np.random.default_rng(2).normal(0.0, 1e-3, (len(T), 3))
+    spoilt = wave.discovered(held_out=replace(held_out, T_cmm_ee=T))
+    without = wave.discovered(held_out=None)
+    assert said(spoilt) == said(wave.discovery) == said(without)
+    assert spoilt.train.after == wave.discovery.train.after
+    assert spoilt.holdout.after.mean_mm > 50.0 * wave.discovery.holdout.after.mean_mm
+    assert without.holdout is None
+
+
+def test_the_other_poses_do_decide(wave):
+    fewer = wave.readings.take(wave.readings.pose != "P03")
+    assert said(wave.discovered(readings=fewer, held_out=None)) != said(wave.discovery)
+
+
+@dataclass(frozen=True)
+class ThirdHarmonic(JointHarmonic):
+    """Three cycles a turn of the joint: not in the vocabulary."""
+
+    id: ClassVar[str] = "third_harmonic"
+
+    @classmethod
+    def order_of(cls, surroundings, joint):
+        return 3.0
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return measure(Missing(turn=harmonic(1, 3.0, 3e-4, 1.0)))
+
+
+class TestANewEffect:
+    def test_without_it_only_the_place_is_named(self, campaign):
+        found = campaign.discovery.judgement
+        assert [name(finding.effect) for finding in found.findings] == [
+            ("joint_error_map", "joint 1")
+        ]
+
+    def test_dropped_into_the_library_it_is_found_and_named(self, campaign, monkeypatch):
+        known = (*vocabulary.library(), ThirdHarmonic)
+        monkeypatch.setattr(vocabulary, "library", lambda: known)
+        found = campaign.discovered()
+        assert sum(effect.id == "third_harmonic" for effect in found.family) == 6
+        assert found.judgement.verdict == "named"
+        (finding,) = found.judgement.findings
+        assert name(finding.effect) == ("third_harmonic", "joint 1")
+        assert finding.alternatives == ()
+        std = np.sqrt(np.diag(finding.covariance))
+        assert (np.abs(finding.x - [3e-4, 1.0]) < 4.0 * std).all()
+        assert found.holdout.after.mean_mm < 1.3 * found.noise_floor_mm
+
+
+def test_a_campaign_without_repeats_is_refused(null):
+    _, first = np.unique(null.readings.pose, return_index=True)
+    with pytest.raises(DiscoveryError, match="too few repeats"):
+        discover(null.readings.take(first), None, null.baseline, null.setting, ERROR_RATE)

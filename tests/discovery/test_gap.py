@@ -1,0 +1,77 @@
+"""The gap is paired over poses, and each load has its own."""
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_rel
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.discovery.gap import gap
+
+POSES, LOADS_N = 12, (0.0, 44.0)
+
+
+def made(poses=POSES, loads_N=LOADS_N):
+    """Return poses at the origin, and two models that miss them by known distances."""
+    rng = np.random.default_rng(4)
+    count = poses * len(loads_N)
+    pose = np.repeat([f"P{k:02d}" for k in range(poses)], len(loads_N))
+    zeros = np.zeros((count, 6))
+    measured = PoseObservations(
+        pose=pose,
+        states=PoseStates(zeros, zeros, zeros, np.tile(loads_N, poses), zeros[:, 0], zeros[:, 0]),
+        T_cmm_ee=np.tile(np.eye(4), (count, 1, 1)),
+        cov_ee=np.tile(np.eye(6), (count, 1, 1)),
+        by_apparatus=np.zeros((count, 6, 0)),
+        repeats=np.ones(count, dtype=np.int64),
+    )
+    off_mm = rng.uniform(0.2, 0.4, count), rng.uniform(0.0, 0.1, count)
+    models = []
+    for each in off_mm:
+        T = np.tile(np.eye(4), (count, 1, 1))
+        T[:, 0, 3] = 1e-3 * each
+        models.append((T, np.eye(4)))
+    return measured, models, off_mm
+
+
+def test_the_reduction_has_the_interval_of_a_paired_t_test():
+    measured, models, (before, after) = made()
+    found = gap(measured, *models)
+    by_pose = [each.reshape(POSES, -1).mean(axis=1) for each in (before, after)]
+    expected = ttest_rel(*by_pose).confidence_interval(0.95)
+    assert found.reduction.poses == POSES
+    assert found.reduction.mean_mm == pytest.approx((before - after).mean())
+    assert found.reduction.low_mm == pytest.approx(expected.low)
+    assert found.reduction.high_mm == pytest.approx(expected.high)
+
+
+def test_errors_are_those_of_each_model_over_all_and_by_load():
+    measured, models, (before, after) = made()
+    found = gap(measured, *models)
+    for accuracy, off_mm in ((found.before, before), (found.after, after)):
+        assert accuracy.mean_mm == pytest.approx(off_mm.mean())
+        assert accuracy.peak_mm == pytest.approx(off_mm.max())
+        assert accuracy.rms_mm == pytest.approx(np.sqrt((off_mm**2).mean()))
+    assert set(found.by_load) == set(found.reduction_by_load) == set(LOADS_N)
+    for load, (there, here) in found.by_load.items():
+        rows = measured.states.load_N == load
+        assert there.mean_mm == pytest.approx(before[rows].mean())
+        assert here.mean_mm == pytest.approx(after[rows].mean())
+        saved = found.reduction_by_load[load]
+        assert saved.mean_mm == pytest.approx((before - after)[rows].mean())
+        assert saved.low_mm < saved.mean_mm < saved.high_mm
+
+
+def test_loads_of_a_pose_are_no_further_poses():
+    measured, models, _ = made()
+    twice = np.repeat(np.arange(len(measured)), 2)
+    again = gap(measured.take(twice), *((T[twice], base) for T, base in models))
+    once = gap(measured, *models)
+    assert again.reduction.low_mm == pytest.approx(once.reduction.low_mm)
+
+
+def test_one_pose_has_no_interval():
+    measured, models, (before, after) = made(poses=1)
+    found = gap(measured, *models).reduction
+    assert found.low_mm == found.high_mm == found.mean_mm == pytest.approx((before - after).mean())
+    assert found.poses == 1

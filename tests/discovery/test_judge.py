@@ -1,0 +1,140 @@
+"""From a set of effects to a verdict: names before maps, rivals beside names, what is left over."""
+
+import numpy as np
+import pytest
+
+from made_up_arm import ERROR_RATE, Missing, forced, harmonic, measure
+from pa10cal.arm.state import PoseStates
+from pa10cal.discovery.judge import MAP, floor_mm, judge, mean_length, shared_error_mm
+from pa10cal.discovery.search import search
+
+
+def name(effect):
+    return effect.id, effect.of
+
+
+@pytest.fixture(scope="module")
+def eccentric():
+    """One cycle a turn at joint 2, over half a turn: ellipse, ratio and map do nearly as well."""
+    return measure(Missing(turn=harmonic(2, 1.0, 1.5e-4, 2.0)))
+
+
+@pytest.fixture(scope="module")
+def eccentric_judged(eccentric):
+    return judge(eccentric.found)
+
+
+def test_nothing_found_is_a_verdict(null):
+    judged = judge(null.found)
+    assert (judged.verdict, judged.findings, judged.unexplained) == ("none", (), ())
+
+
+def test_what_stands_alone_is_named_with_its_uncertainty(wave):
+    judged = judge(wave.found)
+    assert judged.verdict == "named"
+    (finding,) = judged.findings
+    assert name(finding.effect) == ("transmission_error", "joint 2")
+    assert finding.alternatives == ()
+    std = np.sqrt(np.diag(finding.covariance))
+    assert (np.abs(finding.x - [2e-4, 1.0]) < 4.0 * std).all()
+    assert (std < [1e-5, 0.05]).all()
+    assert finding.confirmation.p_flips < 0.01
+
+
+def test_rivals_that_do_as_well_stand_beside_the_name(eccentric_judged):
+    judged = eccentric_judged
+    assert judged.verdict == "ambiguous"
+    (finding,) = judged.findings
+    listed = {name(finding.effect), *map(name, finding.alternatives)}
+    assert ("encoder_eccentricity", "joint 2") in listed
+    assert {of for _, of in listed} == {"joint 2"}
+    assert finding.effect not in finding.alternatives
+    assert not any(effect.generic for effect in finding.alternatives)
+
+
+def test_a_name_takes_the_place_of_a_map_that_is_no_better(eccentric):
+    shape = eccentric.effect(MAP, "joint 2")
+    alone = search(eccentric.problem, (shape,), ERROR_RATE, eccentric.start)
+    assert alone.fit.effects == (shape,)
+    assert judge(alone).findings[0].effect == shape  # no name in that family
+    two = (shape, eccentric.effect("encoder_eccentricity", "joint 2"))
+    (finding,) = judge(forced(eccentric, (shape,), (1,), family=two)).findings
+    assert name(finding.effect) == ("encoder_eccentricity", "joint 2")
+
+
+def test_the_map_stands_where_no_name_does():
+    third = measure(Missing(turn=harmonic(1, 3.0, 3e-4, 1.0)))
+    judged = judge(third.found)
+    assert judged.verdict == "named"
+    (finding,) = judged.findings
+    assert name(finding.effect) == (MAP, "joint 1")
+    assert finding.alternatives == ()
+    # The map is the error that was put there, less a constant that calibration takes.
+    q_rad = np.linspace(*third.problem.surroundings.q_span_rad[0], 40)
+    at = np.zeros((40, 6))
+    at[:, 0] = q_rad
+    zero = np.zeros(40)
+    states = PoseStates(at, at, at, zero, zero, zero)
+    columns = finding.effect.derivative(states, finding.x)[:, 0]
+    found, there = columns @ finding.x, 3e-4 * np.sin(3.0 * q_rad + 1.0)
+    different = (found - found.mean()) - (there - there.mean())
+    assert np.sqrt((different**2).mean()) < 0.1 * 3e-4
+
+
+def test_what_no_name_explains_is_unexplained_where_it_sits(bowed):
+    judged = judge(bowed.found)
+    assert judged.verdict == "unexplained"
+    assert judged.findings == ()
+    (place,) = judged.unexplained
+    assert (place.of, place.generic.id) == ("instrument", "place_map")
+    assert place.shared_mm > floor_mm(bowed.problem)
+
+
+def test_what_sits_nowhere_is_unexplained_all_the_same():
+    at_random = np.random.default_rng(3).standard_normal((1000, 6))
+
+    def turn(states):
+        # Joints stop elsewhere in every pose, for no reason; alike in its readings.
+        _, pose = np.unique(np.round(states.q_rad[:, 0], 3), return_inverse=True)
+        return 1e-4 * at_random[pose]
+
+    lost = measure(Missing(turn=turn))
+    named = tuple(effect for effect in lost.family if not effect.generic)
+    judged = judge(search(lost.problem, named, ERROR_RATE, lost.start))
+    assert judged.verdict == "unexplained"
+    assert judged.findings == ()
+    (place,) = judged.unexplained
+    assert (place.of, place.generic) == (None, None)
+    assert place.shared_mm > 2.0 * floor_mm(lost.problem)
+
+
+def test_what_chance_does_as_well_is_no_finding(null):
+    chance = null.effect("encoder_ellipticity", "joint 1")
+    judged = judge(forced(null, (chance,), (1,)))
+    assert judged.found.fit.effects == (chance,)
+    assert (judged.verdict, judged.findings) == ("none", ())
+
+
+class TestFloor:
+    @pytest.mark.parametrize("sigma", [1.0, 2.5])
+    def test_the_mean_length_of_alike_components(self, sigma):
+        covariance = np.tile(sigma**2 * np.eye(3), (2, 1, 1))
+        expected = sigma * np.sqrt(8.0 / np.pi)
+        np.testing.assert_allclose(mean_length(covariance), expected, rtol=0.02)
+
+    def test_the_mean_length_along_one_line(self):
+        direction = np.array([0.6, 0.0, 0.8])
+        covariance = 4.0 * np.outer(direction, direction)[None]
+        assert mean_length(covariance)[0] == pytest.approx(2.0 * np.sqrt(2.0 / np.pi), rel=0.04)
+
+    def test_is_the_noise_of_poses_averaged_over_repeats_and_directions(self, null):
+        # Four readings of a pose and load.
+        expected = 1e3 * mean_length(null.problem.noise.cov_ee[:, :3, :3] / 4.0).mean()
+        assert floor_mm(null.problem) == pytest.approx(expected, rel=1e-6)
+
+    def test_a_shared_variance_is_told_in_millimetres(self, null):
+        one = shared_error_mm(null.problem, 1.0)
+        position = null.problem.noise.cov_ee[:, :3, :3]
+        expected = 1e3 * np.sqrt(np.trace(position, axis1=1, axis2=2).mean())
+        assert one == pytest.approx(expected)
+        assert shared_error_mm(null.problem, 9.0) == pytest.approx(3.0 * one)

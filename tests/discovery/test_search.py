@@ -1,0 +1,145 @@
+"""Forward steps, backward looks, full refits: the right set comes out, and proxies go again."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from made_up_arm import ERROR_RATE, Missing, harmonic, measure
+from pa10cal.discovery.fit import fit
+from pa10cal.discovery.search import evidence_about, less, refit, search, threshold
+from pa10cal.terms.effects.effect import JointEffect
+from pa10cal.terms.term import Parameter
+
+
+def names(effects):
+    return [(effect.id, effect.of) for effect in effects]
+
+
+@dataclass(frozen=True)
+class Proxy(JointEffect):
+    """Both waves in one: joints 2 and 3 err alike."""
+
+    id: ClassVar[str] = "proxy"
+
+    @property
+    def coordinates(self):
+        return ("theta_2", "theta_3")
+
+    @property
+    def known(self):
+        return (Parameter("A", "rad", 1e-5, plausible=3e-4),)
+
+    def derivative(self, states, x):
+        return np.sin(100.0 * states.q_rad[:, 1:3])[:, :, None]
+
+
+@pytest.fixture(scope="module")
+def two_waves():
+    """A transmission error at joints 2 and 3, the second one weaker."""
+    second, third = harmonic(2, 100.0, 2e-4, 0.5), harmonic(3, 100.0, 1.5e-4, 0.5)
+    return measure(Missing(turn=lambda states: second(states) + third(states)))
+
+
+def test_where_nothing_is_missing_nothing_is_found(null):
+    found = null.found
+    assert found.fit.effects == ()
+    assert found.without == ()
+    assert found.score.log_evidence == found.nothing.log_evidence
+    # What is left is the noise: no pose is off by more than its readings.
+    assert found.score.pose_variance < 0.05
+    gains = found.evidence.additions((), (), list(range(len(found.family))))
+    assert max(gain for gain, _ in gains) < threshold(len(found.family), ERROR_RATE)
+
+
+def test_one_effect_is_found_with_its_size(wave):
+    found = wave.found
+    assert names(found.fit.effects) == [("transmission_error", "joint 2")]
+    assert found.fit.converged
+    amplitude, phase = found.fit.effects[0].report(found.fit.of(found.fit.effects[0])).values
+    assert amplitude == pytest.approx(2e-4, rel=0.03)
+    assert phase == pytest.approx(1.0, abs=0.03)
+    loss = found.score.log_evidence - found.without[0].log_evidence
+    assert loss > 100.0
+    assert found.score.pose_variance < 0.05 < found.nothing.pose_variance
+
+
+def test_two_effects_are_found_together(two_waves):
+    found = two_waves.found
+    assert names(found.fit.effects) == [("transmission_error", f"joint {j}") for j in (2, 3)]
+    assert len(found.without) == 2
+
+
+def test_steps_tell_how_the_search_came_there(two_waves):
+    found = two_waves.found
+    last = found.steps[-1]
+    assert last.effects == found.fit.effects
+    assert last.gain > threshold(len(found.family), ERROR_RATE)
+    residuals = found.fit.level.residuals(found.fit.x)[:, :3]
+    assert last.rms_mm == pytest.approx(1e3 * np.sqrt((residuals**2).sum(axis=1).mean()))
+    start = two_waves.start.level.residuals(two_waves.start.x)[:, :3]
+    assert last.rms_mm < 0.3e3 * np.sqrt((start**2).sum(axis=1).mean())
+
+
+def test_a_proxy_that_came_first_is_dropped_when_the_right_effects_enter(two_waves):
+    proxy = Proxy("joint 2")
+    right = tuple(two_waves.effect("transmission_error", f"joint {j}") for j in (2, 3))
+    family = (proxy, *right, two_waves.effect("encoder_eccentricity", "joint 1"))
+    first = evidence_about(two_waves.problem, two_waves.start, family)
+    gains = [gain for gain, _ in first.additions((), (), list(range(len(family))))]
+    assert np.argmax(gains) == 0
+    found = search(two_waves.problem, family, ERROR_RATE, two_waves.start)
+    assert set(found.fit.effects) == set(right)
+
+
+def test_a_proxy_found_before_is_dropped_when_the_right_effects_may_enter(two_waves):
+    proxy = Proxy("joint 2")
+    right = tuple(two_waves.effect("transmission_error", f"joint {j}") for j in (2, 3))
+    alone = search(two_waves.problem, (proxy,), ERROR_RATE, two_waves.start)
+    assert alone.fit.effects == (proxy,)
+    assert alone.score.pose_variance > 1.0  # much is left
+    evidence = evidence_about(alone.problem, alone.fit, (proxy, *right))
+    scores = {
+        members: max(
+            evidence.score(members, (size,) * len(members)).log_evidence for size in range(3)
+        )
+        for members in ((0,), (0, 1), (0, 1, 2), (1, 2))
+    }
+    assert scores[0,] < scores[0, 1] < scores[1, 2]
+    assert scores[0, 1, 2] - scores[1, 2] < threshold(3, ERROR_RATE)
+
+
+def test_a_family_of_none_or_one_is_searched_too(wave):
+    nothing = search(wave.problem, (), ERROR_RATE, wave.start)
+    assert nothing.fit.effects == ()
+    effect = wave.effect("transmission_error", "joint 2")
+    assert search(wave.problem, (effect,), ERROR_RATE, wave.start).fit.effects == (effect,)
+
+
+def test_what_looks_the_same_is_not_found_twice(soft_wrist):
+    found = soft_wrist.found
+    assert len(found.fit.effects) == 1
+    assert names(found.fit.effects)[0] in [
+        ("joint_compliance", "joint 4"),
+        ("link_torsion", "forearm"),
+    ]
+    place = found.family.index(found.fit.effects[0])
+    assert found.same[place].sum() == 2
+
+
+def test_noise_is_worked_out_about_the_better_model(rubbing):
+    friction = rubbing.effect("friction_torque", "joint 3")
+    problem, found = refit(rubbing.problem, (friction,), (1,), (0.0, 0.0), rubbing.start)
+    assert problem.readings is not None
+    assert found.of(friction) == pytest.approx([3.0], rel=0.01)
+    # Friction of either sign in the torque of a spring is no scatter of repeats.
+    np.testing.assert_allclose(problem.noise.torque_Nm, 0.05, rtol=0.25)
+    again = fit(problem, (friction,), (1,), (0.0, 0.0), found)
+    np.testing.assert_allclose(again.x, found.x, rtol=1e-3, atol=1e-9)
+
+
+def test_the_threshold_is_that_of_the_family():
+    assert threshold(80, 0.01) == pytest.approx(np.log(8000.0))
+    assert threshold(0, 1.0) == threshold(1, 1.0) == 0.0
+    assert less((4, 5, 6), 1) == (4, 6)
