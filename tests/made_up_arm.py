@@ -16,7 +16,7 @@ from pa10cal.discovery.candidates import testable
 from pa10cal.discovery.discover import Discovery, discover
 from pa10cal.discovery.fit import Fit, fit
 from pa10cal.discovery.problem import Baseline, Problem, Setting, Uncertainties, prepare
-from pa10cal.discovery.search import Found, evidence_about, less, search
+from pa10cal.discovery.search import Found, evidence_about, less
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.rigid_fit import fit_rigid, pose_by_source
 from pa10cal.terms.baseline import baseline
@@ -112,7 +112,8 @@ class Measured:
 
     @cached_property
     def found(self) -> Found:
-        return search(self.problem, self.family, ERROR_RATE, self.start)
+        """What the search came to, of that of the discovery."""
+        return self.discovery.judgement.found
 
     @cached_property
     def discovery(self) -> Discovery:

@@ -37,6 +37,12 @@ def test_what_is_chance_is_not(null, chance):
     assert found.loads.explained < 0.1
 
 
+def test_what_fits_by_its_many_parameters_does_not_predict(null):
+    (found,) = confirm(null.problem, forced(null, (null.effect("place_map", "instrument"),), (2,)))
+    assert found.poses.explained < 0.0
+    assert found.poses.z < 0.0
+
+
 def test_the_larger_the_family_the_more_chance_makes_of_it(null, chance):
     (among_all,) = confirm(null.problem, chance)
     (alone,) = confirm(null.problem, replace(chance, family=chance.fit.effects))

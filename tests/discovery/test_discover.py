@@ -1,4 +1,4 @@
-"""The whole search on made-up campaigns: right names, honest doubt, and nothing where nothing is."""
+"""The whole search on made-up campaigns: right names, honest doubt, nothing made of nothing."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar

@@ -146,6 +146,15 @@ def test_what_a_candidate_adds_is_the_difference_of_two_scores(made, members, si
         assert scores[size] > max(scores) - 0.3
 
 
+def test_a_candidate_may_be_what_the_shared_error_of_torques_was(made):
+    evidence = made.evidence(made.data(4, members=(2,), scale=8.0))
+    nothing, there = evidence.score((), ()), evidence.score((2,), (2,))
+    assert nothing.torque_variance > 1.0 > there.torque_variance
+    ((gain, size),) = evidence.additions((), (), [2])
+    best = evidence.score((2,), (size,)).log_evidence - nothing.log_evidence
+    assert gain == pytest.approx(best, abs=0.5)
+
+
 def test_the_order_of_members_does_not_matter(made):
     evidence = made.evidence(made.data(5, 1.0, 1.0, (0, 2)))
     there, back = evidence.score((0, 2), (1, 2)), evidence.score((2, 0), (2, 1))

@@ -31,6 +31,7 @@ def _discover(place):
     given = ("--poses", place / "ingest/poses.parquet")
     given += ("--calibration", place / "calibration/combined.json")
     out = {name: place / f"discovery/{name}.json" for name in ("verdict", "analysis", "extended")}
+    out["suggested"] = place / "discovery/suggested_poses.csv"
     words = [word for name, path in out.items() for word in (f"--{name}", path)]
     _run(discover, "--campaign-dir", CAMPAIGN, *given, *words)
 

@@ -120,7 +120,7 @@ def calibrate(
         CalibrationError: when there are fewer equations than unknowns.
     """
     _check_enough(model, observations)
-    _check_torques(model, observations)
+    check_torques(model, observations)
     poses = inner_poses or spread_poses(observations, options.inner_poses)
     level = TwoLevel(model, observations, rows_of(observations, poses), options.r_max_m)
     starts = random_starts(model, options.starts, options.random_seed)
@@ -294,8 +294,12 @@ def _check_enough(model: Model, observations: PoseObservations) -> None:
         )
 
 
-def _check_torques(model: Model, observations: PoseObservations) -> None:
-    """Refuse springs whose torques were not logged."""
+def check_torques(model: Model, observations: PoseObservations) -> None:
+    """Refuse springs whose torques were not logged.
+
+    Raises:
+        CalibrationError: naming the joint.
+    """
     for term in model.terms:
         if not isinstance(term, JointSpring):
             continue

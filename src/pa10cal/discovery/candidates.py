@@ -163,7 +163,7 @@ def testable(
             share = max(share, float(np.linalg.norm(seen) / np.linalg.norm(bare)))
             signal = float(np.hypot(signal, np.linalg.norm(seen, 2)))
         if signal == 0.0:
-            refused.append(NotTestable(effect, "the poses do not exercise it"))
+            refused.append(NotTestable(effect, _why_silent(problem)))
         elif share < LEAST_SHARE:
             refused.append(
                 NotTestable(effect, f"{100 * share:.1f} % left after the model's own parameters")
@@ -175,6 +175,13 @@ def testable(
         else:
             shown.append(effect)
     return tuple(shown), tuple(refused)
+
+
+def _why_silent(problem: Problem) -> str:
+    """Return why an effect moves nothing at all in these poses."""
+    if not np.any(problem.cells.states.arrival):
+        return "the poses do not exercise it, or the direction of arrival was not logged"
+    return "the poses do not exercise it"
 
 
 def _unknown(problem: Problem, effect: Effect) -> str | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.calibration.calibrate import check_torques
 from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.candidates import NotTestable, testable
@@ -16,11 +17,14 @@ from pa10cal.discovery.gap import Gap, gap
 from pa10cal.discovery.judge import Judgement, floor_mm, judge
 from pa10cal.discovery.problem import Baseline, Problem, Setting, complete_about, prepare
 from pa10cal.discovery.search import Found, search
+from pa10cal.errors import DiscoveryError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.library import candidates
 
 Array = NDArray[np.float64]
 
+#: Components of different poses that there must be for every unknown of the model.
+_ROWS_AN_UNKNOWN = 1.25
 #: Pairs for which configurations are chosen, the found ones first.
 _MOST_PAIRS = 8
 
@@ -70,8 +74,11 @@ def discover(
         error_rate: probability allowed of naming anything where nothing is missing.
 
     Raises:
-        DiscoveryError: when too little is repeated.
+        DiscoveryError: when there are too few poses, or too little is repeated.
+        CalibrationError: when a joint with a spring has no torque.
     """
+    _check_enough(readings, baseline)
+    check_torques(baseline.model, readings)
     problem = prepare(readings, baseline, setting)
     start = fit(problem, (), (), (0.0, 0.0))
     family, refused = testable(problem, start, candidates(problem.surroundings))
@@ -93,6 +100,21 @@ def discover(
         if held_out is None or not len(held_out)
         else compare(problem, extended, held_out),
     )
+
+
+def _check_enough(readings: PoseObservations, baseline: Baseline) -> None:
+    """Refuse poses that the model's own parameters could follow wherever they are."""
+    poses = len(np.unique(readings.pose))
+    unknowns = len(baseline.model.parameters) + 6
+    needed = int(np.ceil(_ROWS_AN_UNKNOWN * unknowns / 6))
+    if poses < needed:
+        raise DiscoveryError(
+            "too few poses to tell an effect from the model's own parameters",
+            where="grid poses",
+            value=poses,
+            allowed=f"at least {needed} poses for {unknowns} unknowns",
+            remedy="measure more poses, well spread over the joints' ranges",
+        )
 
 
 def unresolved(found: Discovery) -> tuple[Pair, ...]:
@@ -130,6 +152,7 @@ def compare(problem: Problem, extended: Fit, poses: PoseObservations) -> Gap:
             ),
             extended.level.T_cmm_base,
         ),
+        floor_mm(problem, poses.repeats),
     )
 
 

@@ -43,6 +43,7 @@ class Gap:
         reduction_by_load: the same for every load.
         found_before, found_after: deviations, configuration by configuration.
         poses: the configurations.
+        noise_floor_mm: mean error that their repeatability alone would leave.
     """
 
     before: Accuracy
@@ -53,18 +54,21 @@ class Gap:
     found_before: Deviations
     found_after: Deviations
     poses: PoseObservations
+    noise_floor_mm: float
 
 
 def gap(
     poses: PoseObservations,
     before: tuple[Array, Array],
     after: tuple[Array, Array],
+    noise_floor_mm: float,
 ) -> Gap:
     """Compare two models on averaged poses.
 
     Args:
         poses: P measured configurations.
         before, after: predicted T_base_ee (P, 4, 4) and T_cmm_base (4, 4) of each model.
+        noise_floor_mm: mean error that the repeatability of these configurations would leave.
     """
     found = [deviations(*model, poses) for model in (before, after)]
     saved = found[0].distance_mm - found[1].distance_mm
@@ -84,6 +88,7 @@ def gap(
         found_before=found[0],
         found_after=found[1],
         poses=poses,
+        noise_floor_mm=noise_floor_mm,
     )
 
 

@@ -248,10 +248,19 @@ def shared_error_mm(problem: Problem, variance: float) -> float:
     return float(1e3 * np.sqrt(variance * position))
 
 
-def floor_mm(problem: Problem) -> float:
-    """Return the mean position error that the repeatability alone leaves in averaged poses."""
-    group = reading_groups(problem.readings)
-    variance = problem.noise.cov_ee[:, :3, :3] / np.bincount(group)[group][:, None, None]
+def floor_mm(problem: Problem, repeats: NDArray[np.int64] | None = None) -> float:
+    """Return the mean position error that the repeatability alone leaves in averaged poses.
+
+    Args:
+        problem: gives the noise of a reading.
+        repeats: (P,) readings averaged into each pose; None for those of the poses fitted.
+    """
+    variance = problem.noise.cov_ee[:, :3, :3]
+    if repeats is None:
+        group = reading_groups(problem.readings)
+        variance = variance / np.bincount(group)[group][:, None, None]
+    else:
+        variance = variance.mean(axis=0) / repeats[:, None, None]
     return float(1e3 * np.mean(mean_length(variance)))
 
 

@@ -82,7 +82,7 @@ def _draw_shifts(axes: Axes, found: list[Shift], unit: Array, names: list[str]) 
 
 def _said(found: Analysis) -> str:
     if not found.effects:
-        return "No effect was named: both models are the same."
+        return "No effect was named: what moves is the weighing of the fit."
     hidden = len(found.parameter_shifts) - sum(s.identifiable for s in found.parameter_shifts)
     return (
         "Bars: what the model without the effects had wrong. Lines: 95 % intervals of the value "

@@ -139,8 +139,12 @@ def _data_rows(found: Verdict) -> Iterator[Row]:
 def _notes(found: Verdict) -> tuple[str, ...]:
     return (
         _MEANINGS.get(found.verdict, found.verdict),
-        "Before is the calibrated model, after the same with the effects found, recalibrated; "
-        "held-out poses are used for nothing else.",
+        "Before is the calibrated model, after the same with the effects found, recalibrated, and "
+        "with the places of the targets on the apparatus as that fit leaves them; with no effect "
+        "the whole difference is theirs. Held-out poses are used for nothing else.",
+        "Evidence: what the data would be less likely by without the effect (natural logarithm, "
+        "nats); the chance that sign flips over poses give any candidate as much (max T); and what "
+        "it explains of the error of poses and loads left out.",
         "The interval of the reduction is over poses: the loads and repeats of a pose share its "
         "errors and count once.",
     )

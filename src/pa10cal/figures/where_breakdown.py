@@ -76,7 +76,7 @@ def draw(results: Results) -> Figure:
     write_text_at(figure, 18.0, 8.0, _against_pure_error(found))
     figure.legend(
         handles=[
-            Line2D([], [], label="before: calibrated model", **_BEFORE),
+            Line2D([], [], label="before: fit without the effects", **_BEFORE),
             Line2D([], [], label="after: effects named", **_AFTER),
             Line2D([], [], label="repeatability alone", **_FLOOR),
         ],

@@ -60,7 +60,7 @@ def draw(results: Results) -> Figure:
     )
     figure.legend(
         handles=[
-            Line2D([], [], color=BEFORE, marker="o", label="before: calibrated model"),
+            Line2D([], [], color=BEFORE, marker="o", label="before: fit without the effects"),
             Line2D([], [], color=AFTER, marker="o", label="after: with the effects named"),
         ],
         loc="lower left",

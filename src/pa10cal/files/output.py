@@ -34,6 +34,16 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
     Raises:
         OutputError: when one of them cannot be written at its place.
     """
+    twice = [
+        path for k, path in enumerate(paths) if path.resolve() in {p.resolve() for p in paths[:k]}
+    ]
+    if twice:
+        raise OutputError(
+            "two outputs are to be written at one place",
+            where=str(twice[0]),
+            allowed="a path of its own for each output",
+            remedy="give different paths",
+        )
     besides = tuple(path.with_name(f".{os.getpid()}.partial.{path.name}") for path in paths)
     try:
         for path, beside in zip(paths, besides, strict=True):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pa10cal.calibration.base_parameters import report_base
 from pa10cal.discovery.discover import Discovery
 from pa10cal.discovery.gap import Gap
 from pa10cal.discovery.lack_of_fit import lack_of_fit
@@ -41,14 +42,20 @@ def analysis_record(found: Discovery) -> dict[str, Any]:
 
 
 def _shifts(found: Discovery) -> list[dict[str, Any]]:
-    """Return every parameter of the model before and after the effects joined it."""
-    before = parameter_records(found, found.start)
+    """Return every parameter of the calibrated model, and once the effects joined it."""
+    baseline = found.problem.baseline
+    reports = (baseline.model.report(baseline.x), report_base(baseline.T_cmm_base))
+    before = {
+        parameter.name: float(value)
+        for report in reports
+        for parameter, value in zip(report.parameters, report.values, strict=True)
+    }
     after = parameter_records(found, found.extended)
     return [
         {
             "name": name,
             "unit": entry["unit"],
-            "before": before[name]["value"],
+            "before": before[name],
             "after": entry["value"],
             "std": entry["std"],
             "tolerance": entry["tolerance"],

@@ -35,7 +35,7 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.discovery.problem import Baseline
     from pa10cal.discovery.suggest import plan
     from pa10cal.files.arms import load_arm
-    from pa10cal.files.output import write_json, write_text
+    from pa10cal.files.output import whole_files, write_json, write_text
     from pa10cal.files.schemas import ANALYSIS, CALIBRATION, EXTENDED, VERDICT
     from pa10cal.settings import (
         CalibrationSettings,
@@ -104,10 +104,12 @@ def _run(arguments: argparse.Namespace) -> None:
         "warnings": _warnings(verdict),
         **extended_record(found),
     }
-    write_text(arguments.suggested, suggestion_table(ahead.suggestions, arm.n))
-    write_json(arguments.extended, extended)
-    write_json(arguments.analysis, {"schema": ANALYSIS, **header, **analysis_record(found)})
-    write_json(arguments.verdict, verdict)
+    outputs = (arguments.suggested, arguments.extended, arguments.analysis, arguments.verdict)
+    with whole_files(*outputs) as (table_beside, extended_beside, analysis_beside, verdict_beside):
+        write_text(table_beside, suggestion_table(ahead.suggestions, arm.n))
+        write_json(extended_beside, extended)
+        write_json(analysis_beside, {"schema": ANALYSIS, **header, **analysis_record(found)})
+        write_json(verdict_beside, verdict)
     _say(campaign.name, verdict)
 
 
@@ -122,6 +124,12 @@ def _warnings(verdict: dict[str, Any]) -> list[str]:
         place = verdict["unexplained"]["of"] or "unknown place"
         found.append(
             f"something without a name is missing, of {place}: uncertainties do not cover it"
+        )
+    held_out = verdict["gap"]["holdout"]
+    if held_out is not None and held_out["reduction"]["interval95_mm"][1] < 0.0:
+        found.append(
+            "held-out poses are predicted worse than before: do not use the extended model; the "
+            "poses fitted are too few or too alike for the effects in it"
         )
     return found
 
@@ -147,9 +155,11 @@ def _say(name: str, verdict: dict[str, Any]) -> None:
             low, high = gap["reduction"]["interval95_mm"]
             print(
                 f"{name}: {kind} mean {gap['before']['mean_mm']:.4f} -> "
-                f"{gap['after']['mean_mm']:.4f} mm, less by {low:.4f} to {high:.4f} mm (95 %)"
+                f"{gap['after']['mean_mm']:.4f} mm, less by {low:.4f} to {high:.4f} mm (95 %); "
+                f"repeatability alone {gap['noise_floor_mm']:.4f} mm"
             )
-    print(f"{name}: repeatability alone {verdict['gap']['noise_floor_mm']:.4f} mm")
+    for warning in _warnings(verdict):
+        print(f"{name}: note: {warning}", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -47,9 +47,8 @@ def _run(arguments: argparse.Namespace) -> None:
     campaign = read_campaign(arguments.campaign_dir)
     arm = load_arm(campaign.robot)
     table = read_pose_table(arguments.poses, campaign.name)
-    record = read_record(
-        arguments.calibration, CALIBRATION, ("parameters", "linear"), campaign.name
-    )
+    needs = ("parameters", "linear", *(() if arguments.extended is None else ("settings",)))
+    record = read_record(arguments.calibration, CALIBRATION, needs, campaign.name)
     header = {
         "schema": HOLDOUT,
         "campaign": campaign.name,
@@ -111,8 +110,6 @@ def _extended(
     held_out: PoseObservations,
 ) -> HeldOut:
     """Judge the model with the effects that discovery named."""
-    import numpy as np
-
     from pa10cal.discovery.fit import as_read
     from pa10cal.discovery.problem import Baseline, complete_about
     from pa10cal.evaluation.holdout import judge
@@ -122,7 +119,7 @@ def _extended(
     from pa10cal.stages.calibration_record import read_fit
     from pa10cal.stages.discovery_setting import setting_of, with_bends
     from pa10cal.stages.extended_record import read_extended
-    from pa10cal.stages.records import read_record
+    from pa10cal.stages.records import read_record, read_vector
 
     arm = load_arm(campaign.robot)
     calibration = parse_section(
@@ -139,7 +136,8 @@ def _extended(
         Baseline(model, x, T_cmm_base),
         setting_of(campaign, arm, calibration, DiscoverySettings()),
     )
-    places_m = np.array(extended["targets_off_m"], dtype=float)
+    coordinates = poses.by_apparatus.shape[2]
+    places_m = read_vector(extended, "targets_off_m", coordinates, arguments.extended)
     T_base_ee = as_read(model.predict(poses.states, x), T_cmm_base, poses, places_m)
     return judge(T_base_ee, T_cmm_base, poses)
 

@@ -33,7 +33,7 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.files.output import write_text
     from pa10cal.files.schemas import CALIBRATION, EXTENDED, MODEL
     from pa10cal.stages.calibration_record import read_fit
-    from pa10cal.stages.records import read_pose_matrix, read_record
+    from pa10cal.stages.records import read_pose_matrix, read_record, read_vector
 
     record = read_record(arguments.calibration, CALIBRATION, ("parameters", "robot", "status"))
     if record["status"] != "converged":
@@ -49,11 +49,14 @@ def _run(arguments: argparse.Namespace) -> None:
     parameters, effects, warnings = record["parameters"], [], record["warnings"]
     if arguments.extended is not None:
         extended = read_record(
-            arguments.extended, EXTENDED, ("effects", "parameters"), record["campaign"]
+            arguments.extended,
+            EXTENDED,
+            ("effects", "named", "parameters", "warnings"),
+            record["campaign"],
         )
         # With nothing missing the calibrated model stays as it is.
         if extended["effects"]:
-            x = np.array(extended["x"], dtype=float)
+            x = read_vector(extended, "x", len(x), arguments.extended)
             T_cmm_base = read_pose_matrix(extended, "T_cmm_base", arguments.extended)
             parameters, effects = extended["parameters"], extended["named"]
             warnings = extended["warnings"]

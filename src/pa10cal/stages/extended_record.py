@@ -16,7 +16,7 @@ from pa10cal.discovery.discover import Discovery
 from pa10cal.discovery.fit import Fit, apparatus_m, normal_matrix, possible_sizes
 from pa10cal.discovery.problem import Baseline
 from pa10cal.errors import RecordError
-from pa10cal.stages.records import read_pose_matrix
+from pa10cal.stages.records import read_pose_matrix, read_vector
 from pa10cal.terms.effects.effect import Surroundings
 from pa10cal.terms.effects.library import candidates
 from pa10cal.terms.model import Model
@@ -63,16 +63,20 @@ def read_extended(
         path: where it was read from, for the message.
 
     Raises:
-        RecordError: when an effect is not in the vocabulary, or a key is missing.
+        RecordError: when an effect is not in the vocabulary, or a key is missing or of wrong size.
     """
     arm = baseline_model.chain.arm
     try:
         around = _surroundings(record["surroundings"], arm)
         known = {(effect.id, effect.of): effect for effect in candidates(around)}
         effects = [known[entry["id"], entry["of"]] for entry in record["effects"]]
-        own = np.array(record["x"], dtype=float)
-        x = np.concatenate([own, *(np.array(entry["x"]) for entry in record["effects"])])
-        baseline_x = np.array(record["baseline"]["x"], dtype=float)
+        amounts = [
+            read_vector(entry, "x", len(effect.parameters), path)
+            for effect, entry in zip(effects, record["effects"], strict=True)
+        ]
+        own = len(baseline_model.parameters)
+        x = np.concatenate([read_vector(record, "x", own, path), *amounts])
+        baseline_x = read_vector(record["baseline"], "x", own, path)
     except (KeyError, TypeError, ValueError) as error:
         raise RecordError(
             "the extended model cannot be restored",

@@ -71,16 +71,32 @@ def read_pose_matrix(record: dict[str, Any], key: str, path: Path) -> NDArray[np
     Raises:
         RecordError: when it is no such matrix.
     """
+    return _numbers(record, key, (4, 4), ("a pose", "four rows of four numbers"), path)
+
+
+def read_vector(record: dict[str, Any], key: str, size: int, path: Path) -> NDArray[np.float64]:
+    """Return the numbers (size,) of a record.
+
+    Raises:
+        RecordError: when they are not so many finite numbers.
+    """
+    return _numbers(record, key, (size,), ("a list of numbers", f"{size} finite numbers"), path)
+
+
+def _numbers(
+    record: dict[str, Any], key: str, shape: tuple[int, ...], said: tuple[str, str], path: Path
+) -> NDArray[np.float64]:
+    what, allowed = said
     try:
-        matrix = np.array(record[key], dtype=float)
+        numbers = np.array(record[key], dtype=float)
     except (KeyError, TypeError, ValueError):
-        matrix = np.zeros(0)
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        numbers = np.full((), np.nan)
+    if numbers.shape != shape or not np.isfinite(numbers).all():
         raise RecordError(
-            f"{key} is not a pose",
+            f"{key} is not {what} as it should be",
             where=str(path),
             value=record.get(key),
-            allowed="four rows of four numbers",
+            allowed=allowed,
             remedy="run the stage that writes it again",
         )
-    return matrix
+    return numbers

@@ -110,6 +110,7 @@ def _gap(found: Gap) -> dict[str, Any]:
     return {
         "before": _accuracy(found.before),
         "after": _accuracy(found.after),
+        "noise_floor_mm": found.noise_floor_mm,
         "reduction": _paired(found.reduction),
         "per_load": {
             f"{load:g}N": {

@@ -82,6 +82,7 @@ def test_parameters_are_told_apart(surroundings):
 def test_terms_are_what_the_model_takes_them_for(surroundings):
     found = candidates(surroundings)
     assert {e.id for e in found if yields(e)} == {
+        "direction_map",
         "joint_compliance",
         "soft_windup",
         "windup_map",
