@@ -8,7 +8,7 @@ import pytest
 
 from made_up_arm import ERROR_RATE, Missing, harmonic, measure
 from pa10cal.discovery.discover import discover, unresolved
-from pa10cal.errors import DiscoveryError
+from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.terms.effects import library as vocabulary
 from pa10cal.terms.effects.encoder import JointHarmonic
 
@@ -169,3 +169,23 @@ def test_a_campaign_without_repeats_is_refused(null):
     _, first = np.unique(null.readings.pose, return_index=True)
     with pytest.raises(DiscoveryError, match="too few repeats"):
         discover(null.readings.take(first), None, null.baseline, null.setting, ERROR_RATE)
+
+
+def test_too_few_poses_are_refused(null):
+    readings = null.problem.readings
+    few = readings.take(np.isin(readings.pose, np.unique(readings.pose)[:5]))
+    with pytest.raises(DiscoveryError, match="too few poses"):
+        discover(few, None, null.problem.baseline, null.problem.setting, ERROR_RATE)
+
+
+def test_a_spring_without_torque_is_refused(null):
+    readings = null.problem.readings
+    silent = replace(readings.states, tau_Nm=np.full_like(readings.states.tau_Nm, np.nan))
+    with pytest.raises(CalibrationError, match="has a spring, but no torque"):
+        discover(
+            replace(readings, states=silent),
+            None,
+            null.problem.baseline,
+            null.problem.setting,
+            ERROR_RATE,
+        )

@@ -10,6 +10,8 @@ from pa10cal.discovery.gap import gap
 
 POSES, LOADS_N = 12, (0.0, 44.0)
 
+FLOOR_MM = 0.004
+
 
 def made(poses=POSES, loads_N=LOADS_N):
     """Return poses at the origin, and two models that miss them by known distances."""
@@ -36,7 +38,7 @@ def made(poses=POSES, loads_N=LOADS_N):
 
 def test_the_reduction_has_the_interval_of_a_paired_t_test():
     measured, models, (before, after) = made()
-    found = gap(measured, *models)
+    found = gap(measured, *models, FLOOR_MM)
     by_pose = [each.reshape(POSES, -1).mean(axis=1) for each in (before, after)]
     expected = ttest_rel(*by_pose).confidence_interval(0.95)
     assert found.reduction.poses == POSES
@@ -47,7 +49,7 @@ def test_the_reduction_has_the_interval_of_a_paired_t_test():
 
 def test_errors_are_those_of_each_model_over_all_and_by_load():
     measured, models, (before, after) = made()
-    found = gap(measured, *models)
+    found = gap(measured, *models, FLOOR_MM)
     for accuracy, off_mm in ((found.before, before), (found.after, after)):
         assert accuracy.mean_mm == pytest.approx(off_mm.mean())
         assert accuracy.peak_mm == pytest.approx(off_mm.max())
@@ -65,13 +67,13 @@ def test_errors_are_those_of_each_model_over_all_and_by_load():
 def test_loads_of_a_pose_are_no_further_poses():
     measured, models, _ = made()
     twice = np.repeat(np.arange(len(measured)), 2)
-    again = gap(measured.take(twice), *((T[twice], base) for T, base in models))
-    once = gap(measured, *models)
+    again = gap(measured.take(twice), *((T[twice], base) for T, base in models), FLOOR_MM)
+    once = gap(measured, *models, FLOOR_MM)
     assert again.reduction.low_mm == pytest.approx(once.reduction.low_mm)
 
 
 def test_one_pose_has_no_interval():
     measured, models, (before, after) = made(poses=1)
-    found = gap(measured, *models).reduction
+    found = gap(measured, *models, FLOOR_MM).reduction
     assert found.low_mm == found.high_mm == found.mean_mm == pytest.approx((before - after).mean())
     assert found.poses == 1

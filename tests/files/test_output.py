@@ -57,6 +57,13 @@ def test_several_outputs_appear_together(tmp_path):
     assert [path.read_text() for path in paths] == ["whole", "whole"]
 
 
+def test_two_outputs_at_one_place_are_refused_before_anything_is_written(tmp_path):
+    paths = (tmp_path / "a.json", tmp_path / "b.json", tmp_path / "sub" / ".." / "a.json")
+    with pytest.raises(OutputError, match="one place"), whole_files(*paths):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
 def test_one_place_that_is_unfit_keeps_all_outputs_back(tmp_path):
     (tmp_path / "taken").mkdir()
     (tmp_path / "file").write_text("")
