@@ -21,7 +21,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.frame.rigid_fit import fit_rigid, pose_by_source
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.library import candidates
+from pa10cal.terms.effects.family import candidates
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Tolerances
 

@@ -9,7 +9,7 @@ import pytest
 from made_up_arm import ERROR_RATE, Missing, harmonic, measure
 from pa10cal.discovery.discover import discover, unresolved
 from pa10cal.errors import CalibrationError, DiscoveryError
-from pa10cal.terms.effects import library as vocabulary
+from pa10cal.terms.effects import family
 from pa10cal.terms.effects.encoder import JointHarmonic
 
 
@@ -152,8 +152,8 @@ class TestANewEffect:
         ]
 
     def test_dropped_into_the_library_it_is_found_and_named(self, campaign, monkeypatch):
-        known = (*vocabulary.library(), ThirdHarmonic)
-        monkeypatch.setattr(vocabulary, "library", lambda: known)
+        known = (*family.every_effect(), ThirdHarmonic)
+        monkeypatch.setattr(family, "every_effect", lambda: known)
         found = campaign.discovered()
         assert sum(effect.id == "third_harmonic" for effect in found.family) == 6
         assert found.judgement.verdict == "named"

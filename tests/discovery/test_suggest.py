@@ -26,7 +26,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.settings import IngestSettings, SimulateSettings, parse_section
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.library import candidates
+from pa10cal.terms.effects.family import candidates
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Tolerances
 

@@ -19,7 +19,7 @@ from pa10cal.discovery.problem import Baseline, Problem, Setting, complete_about
 from pa10cal.discovery.search import Found, search
 from pa10cal.errors import DiscoveryError
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.library import candidates
+from pa10cal.terms.effects.family import candidates
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from pa10cal.discovery.problem import Baseline
 from pa10cal.errors import RecordError
 from pa10cal.stages.records import read_pose_matrix, read_vector
 from pa10cal.terms.effects.effect import Surroundings
-from pa10cal.terms.effects.library import candidates
+from pa10cal.terms.effects.family import candidates
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report
 

@@ -10,7 +10,7 @@ import pytest
 from pa10cal.arm.state import Carried, PoseStates, Seen
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import Effect, Surroundings
-from pa10cal.terms.effects.library import candidates
+from pa10cal.terms.effects.family import candidates
 
 POSES, TARGETS = 6, 3
 

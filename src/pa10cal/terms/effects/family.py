@@ -12,7 +12,7 @@ from pa10cal.terms.effects.effect import Effect, Surroundings
 
 
 @cache
-def library() -> tuple[type[Effect], ...]:
+def every_effect() -> tuple[type[Effect], ...]:
     """Return every class of effect, named ones before generic ones, ordered by id."""
     modules = [
         import_module(f"{effects.__name__}.{module.name}")
@@ -29,4 +29,4 @@ def library() -> tuple[type[Effect], ...]:
 
 def candidates(surroundings: Surroundings) -> tuple[Effect, ...]:
     """Return every effect at every place of an arm where it may sit."""
-    return tuple(effect for kind in library() for effect in kind.everywhere(surroundings))
+    return tuple(effect for kind in every_effect() for effect in kind.everywhere(surroundings))

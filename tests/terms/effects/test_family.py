@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pa10cal.terms import effects
-from pa10cal.terms.effects.library import candidates, library
+from pa10cal.terms.effects.family import candidates, every_effect
 from pa10cal.terms.term import shows_torque, yields
 
 JOINTS = tuple(f"joint {joint}" for joint in range(1, 7))
@@ -57,10 +57,10 @@ class ThirdHarmonic(JointEffect):
 
 
 def test_holds_the_vocabulary_and_its_rivals():
-    named = {kind.id for kind in library() if not kind.generic}
+    named = {kind.id for kind in every_effect() if not kind.generic}
     assert named == set(VOCABULARY)
-    assert {kind.id for kind in library() if kind.generic} == set(UNNAMED)
-    generic = [kind.generic for kind in library()]
+    assert {kind.id for kind in every_effect() if kind.generic} == set(UNNAMED)
+    generic = [kind.generic for kind in every_effect()]
     assert generic == sorted(generic)
 
 
@@ -109,19 +109,19 @@ def test_where_nothing_can_show_nothing_is_tried(surroundings):
 
 
 @pytest.fixture
-def fresh_library():
-    library.cache_clear()
+def fresh_family():
+    every_effect.cache_clear()
     yield
-    library.cache_clear()
+    every_effect.cache_clear()
     sys.modules.pop(f"{effects.__name__}.third_harmonic", None)
     vars(effects).pop("third_harmonic", None)
 
 
-@pytest.mark.usefixtures("fresh_library")
+@pytest.mark.usefixtures("fresh_family")
 def test_a_new_file_is_a_new_effect(tmp_path, monkeypatch, surroundings):
     (tmp_path / "third_harmonic.py").write_text(NEW)
     monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
-    assert {kind.id for kind in library()} == {*VOCABULARY, *UNNAMED, "third_harmonic"}
+    assert {kind.id for kind in every_effect()} == {*VOCABULARY, *UNNAMED, "third_harmonic"}
     found = [e for e in candidates(surroundings) if e.id == "third_harmonic"]
     assert [e.of for e in found] == list(JOINTS)
     assert found[1].parameters[0].name == "third_harmonic_2_A"
