@@ -13,8 +13,8 @@ from pa10cal.discovery.fit import (
     Fit,
     apparatus_m,
     as_read,
+    covariance_of,
     fit,
-    normal_matrix,
     pose_rows,
     possible_sizes,
     torque_rows,
@@ -106,7 +106,7 @@ def test_a_fit_comes_to_rest_where_nothing_leads_down(wave):
         return float(rows @ rows + expected @ expected)
 
     least = cost(found.x)
-    information = normal_matrix(wave.problem, found)
+    information = np.linalg.inv(covariance_of(wave.problem, found))
     rng = np.random.default_rng(1)
     for _ in range(10):
         step = 0.1 * rng.normal(size=len(found.x)) / np.sqrt(np.diag(information))
@@ -133,7 +133,7 @@ def test_expected_sizes_hold_back_what_the_data_do_not_tell(null):
     effect = null.effect("cmm_scale", "instrument")
     tight, wide = (fit(null.problem, (effect,), (size,), (0.0, 0.0)) for size in (0, 2))
     std = [
-        np.sqrt(np.diag(np.linalg.inv(normal_matrix(null.problem, found))))[slice(*span)]
+        np.sqrt(np.diag(covariance_of(null.problem, found)))[slice(*span)]
         for found in (tight, wide)
         for span in found.effect_columns()
     ]

@@ -125,13 +125,15 @@ def _fit_from(
     return Fit(effects, sizes, level, x, *variances, converged), cost
 
 
-def normal_matrix(problem: Problem, found: Fit) -> Array:
-    """Return the information (k, k) that data and expected sizes give on all parameters."""
+def covariance_of(problem: Problem, found: Fit) -> Array:
+    """Return the covariance (k, k) that data and expected sizes leave of all parameters."""
     variances = (found.pose_variance, found.torque_variance)
     weigh = _Weighing(problem, found.effects, found.sizes, variances, found.level, found.x)
     _, jacobian = weigh(found.x)
-    information: Array = jacobian.T @ jacobian
-    return information
+    information = jacobian.T @ jacobian
+    size = 1.0 / np.sqrt(np.diag(information))
+    inverse: Array = np.linalg.inv(information * np.outer(size, size)) * np.outer(size, size)
+    return inverse
 
 
 def apparatus_m(problem: Problem, found: Fit) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from pa10cal.campaign.averages import reading_groups
 from pa10cal.discovery.confirm import Confirmation, confirm
 from pa10cal.discovery.evidence import Evidence, Score
-from pa10cal.discovery.fit import Fit, fit, normal_matrix
+from pa10cal.discovery.fit import Fit, covariance_of, fit
 from pa10cal.discovery.problem import Problem
-from pa10cal.discovery.search import Found, evidence_about, less, threshold
+from pa10cal.discovery.search import Found, ended_at, evidence_about, less, threshold
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ def judge(found: Found) -> Judgement:
     found = _prefer_named(problem, found)
     rivals = {effect: _rivals(problem, found, effect) for effect in found.fit.effects}
     confirmations = dict(zip(found.fit.effects, confirm(problem, found), strict=True))
-    covariance = _covariance(problem, found)
+    covariance = covariance_of(problem, found.fit)
     findings = []
     for effect in found.fit.effects:
         if effect.generic or confirmations[effect].p_flips > FLIP_RATE:
@@ -119,7 +119,9 @@ def _prefer_named(problem: Problem, found: Found) -> Found:
         if _is_named(effect):
             continue
         for rival, _ in _refitted(problem, found, effect, tuple(filter(_is_named, found.family))):
-            return _prefer_named(problem, _with(problem, found, rival))
+            return _prefer_named(
+                problem, ended_at(problem, rival, found.family, found.same, found.steps)
+            )
     return found
 
 
@@ -187,23 +189,6 @@ def _own_score(problem: Problem, found: Fit) -> Score:
     """Return the evidence of a fit's own effects, linear about it."""
     evidence: Evidence = evidence_about(problem, found, found.effects)
     return evidence.score(tuple(range(len(found.effects))), found.sizes)
-
-
-def _with(problem: Problem, found: Found, refit: Fit) -> Found:
-    """Return the search as if it had ended at another fit."""
-    evidence = evidence_about(problem, refit, found.family)
-    members = tuple(found.family.index(effect) for effect in refit.effects)
-
-    return replace(
-        found,
-        fit=refit,
-        score=evidence.score(members, refit.sizes),
-        without=tuple(
-            evidence.score(less(members, k), less(refit.sizes, k)) for k in range(len(members))
-        ),
-        evidence=evidence,
-        nothing=evidence.score((), ()),
-    )
 
 
 def _unexplained(
@@ -276,11 +261,3 @@ def mean_length(covariance: Array) -> Array:
     draws = np.random.default_rng(0).standard_normal((2000, 3))
     lengths: Array = np.sqrt((sizes[:, None, :] ** 2 * draws[None] ** 2).sum(axis=2)).mean(axis=1)
     return lengths
-
-
-def _covariance(problem: Problem, found: Found) -> Array:
-    """Return the covariance of all parameters of the fit, (k, k)."""
-    normal = normal_matrix(problem, found.fit)
-    size = 1.0 / np.sqrt(np.diag(normal))
-    inverse: Array = np.linalg.inv(normal * np.outer(size, size)) * np.outer(size, size)
-    return inverse

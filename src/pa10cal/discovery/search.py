@@ -115,6 +115,17 @@ def search(problem: Problem, family: tuple[Effect, ...], error_rate: float, star
                 _rms_mm(current),
             )
         )
+    return ended_at(problem, current, family, same, tuple(steps))
+
+
+def ended_at(
+    problem: Problem,
+    current: Fit,
+    family: tuple[Effect, ...],
+    same: NDArray[np.bool_],
+    steps: tuple[Step, ...],
+) -> Found:
+    """Return what the search has found where it ends at a fit, with the evidence about it."""
     evidence = evidence_about(problem, current, family)
     members = tuple(family.index(effect) for effect in current.effects)
     return Found(
@@ -128,7 +139,7 @@ def search(problem: Problem, family: tuple[Effect, ...], error_rate: float, star
         family=family,
         same=same,
         nothing=evidence.score((), ()),
-        steps=tuple(steps),
+        steps=steps,
     )
 
 

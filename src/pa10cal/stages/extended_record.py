@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.base_parameters import report_base
 from pa10cal.discovery.discover import Discovery
-from pa10cal.discovery.fit import Fit, apparatus_m, normal_matrix, possible_sizes
+from pa10cal.discovery.fit import Fit, apparatus_m, covariance_of, possible_sizes
 from pa10cal.discovery.problem import Baseline
 from pa10cal.errors import RecordError
 from pa10cal.stages.records import read_pose_matrix, read_vector
@@ -103,9 +103,7 @@ def base_of(found: Fit) -> Array:
 
 def parameter_records(found: Discovery, extended: Fit) -> dict[str, dict[str, Any]]:
     """Return every parameter of the model in a fit, its effects aside, and the base frame."""
-    normal = normal_matrix(found.problem, extended)
-    size = 1.0 / np.sqrt(np.diag(normal))
-    covariance = np.linalg.inv(normal * np.outer(size, size)) * np.outer(size, size)
+    covariance = covariance_of(found.problem, extended)
     own = extended.own_columns()[:-6]
     model = found.problem.baseline.model
     report = model.report(extended.x[own])

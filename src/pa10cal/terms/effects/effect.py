@@ -151,11 +151,6 @@ def turning_joints(surroundings: Surroundings) -> tuple[int, ...]:
     return tuple(joint for joint, it in enumerate(slides, start=1) if not it)
 
 
-def joint_places(surroundings: Surroundings) -> tuple[str, ...]:
-    """Return `joint 1` … `joint n`."""
-    return tuple(f"joint {joint}" for joint in range(1, surroundings.arm.n + 1))
-
-
 def joint_of(place: str) -> int:
     """Return the number of the joint, from 1, that a place names."""
     return int(place.removeprefix("joint "))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.effects.effect import Effect, Surroundings, joint_of, joint_places
+from pa10cal.terms.effects.effect import Effect, Surroundings, joint_of, turning_joints
 from pa10cal.terms.term import Parameter, Report
 
 Array = NDArray[np.float64]
@@ -36,9 +36,8 @@ class JointHarmonic(Effect):
     def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
         """Return it at every joint that turns."""
         return tuple(
-            cls(place, cls.order_of(surroundings, joint_of(place)))
-            for place in joint_places(surroundings)
-            if not surroundings.arm.prismatic[joint_of(place) - 1]
+            cls(f"joint {joint}", cls.order_of(surroundings, joint))
+            for joint in turning_joints(surroundings)
         )
 
     @property
