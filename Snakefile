@@ -13,6 +13,7 @@ report: "workflow/report/workflow.rst"
 
 
 include: "workflow/rules/common.smk"
+include: "workflow/rules/datasets.smk"
 include: "workflow/rules/ingest.smk"
 include: "workflow/rules/base_frame.smk"
 include: "workflow/rules/calibration.smk"

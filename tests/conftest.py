@@ -35,6 +35,18 @@ APPROACH, DWELL = 6, 10
 NOISE_MM = 0.004
 
 
+@pytest.fixture(scope="session")
+def ipa_data() -> Path:
+    """The public UR10 data set ipa-robot-accuracy, where there is a copy of it."""
+    named = os.environ.get("PA10CAL_IPA_DATA")
+    folder = Path(named or Path(__file__).parents[2] / "shared/data/ipa-robot-accuracy")
+    if not folder.is_dir():
+        if named:
+            pytest.fail(f"PA10CAL_IPA_DATA names no folder: {named}")
+        pytest.skip("no copy of ipa-robot-accuracy here: PA10CAL_IPA_DATA names none")
+    return folder
+
+
 @dataclass
 class RawCampaign:
     """Raw files as lists of lines (the header first), with the truth they were made from."""

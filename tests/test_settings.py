@@ -14,6 +14,8 @@ from pa10cal.settings import (
     CalibrationSettings,
     MonteCarloSettings,
     Settings,
+    SightedPlan,
+    SimulateSettings,
     parse_settings,
     read_settings_argument,
 )
@@ -44,6 +46,16 @@ def test_config_explains_every_setting():
     assert not bare
 
 
+def test_config_shows_how_to_ask_for_any_arm_with_every_default():
+    lines = (ROOT / "config.yaml").read_text(encoding="utf-8").splitlines()
+    first = next(k for k, line in enumerate(lines) if line.startswith("  # any-arm:"))
+    shown = yaml.safe_load("\n".join(line.removeprefix("  # ") for line in lines[first:]))
+    written = shown["any-arm"]
+    assert parse_settings({"campaigns": ["c1"], "simulate": shown}, where="config.yaml")
+    defaults = SimulateSettings(without_touches=SightedPlan()).model_dump(mode="json")
+    assert written == {key: defaults[key] for key in ("random_seed", "robot", "without_touches")}
+
+
 def test_config_is_accepted_and_names_the_shipped_campaigns(config):
     settings = parse_settings(config, where="config.yaml")
     assert settings.campaigns == ("cell-a", "cell-null", "lightcap2008")
@@ -57,6 +69,11 @@ def test_config_is_accepted_and_names_the_shipped_campaigns(config):
         ({"calibration": {"start": 3}}, ["unknown key calibration.start;", "'starts'"]),
         ({"calibration": {"tolerances": {"a_mm": 1}}}, ["calibration.tolerances.a_mm", "'a_m'"]),
         ({"simulate": {"x": {"seed": 1}}}, ["unknown key simulate.x.seed"]),
+        (
+            {"simulate": {"x": {"without_touches": {"pose": 9}}}},
+            ["simulate.x.without_touches.pose;", "'poses'"],
+        ),
+        ({"simulate": {"x": {"without_touches": {}, "repeats": 3}}}, ["repeats is for touches"]),
         ({"ingest": {"still_speed_deg_s": -1}}, ["ingest.still_speed_deg_s", "-1", "than 0"]),
         ({"campaigns": []}, ["key campaigns does not fit", "at least 1"]),
         ({"calibration": {"epsilon_acts_on": "both"}}, ["'both'", "'residual' or 'cost'"]),

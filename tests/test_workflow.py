@@ -43,7 +43,10 @@ STAND_INS = {
         ["--campaign-dir", "--poses", "--base-frame", "--load", "--settings", "--out"],
         "import pa10cal.calibration.probe",
     ),
-    "montecarlo": (["--campaign", "--robot", "--plane-mm", "--settings", "--out"], ""),
+    "montecarlo": (
+        ["--campaign", "--robot", "--campaign-dir", "--plane-mm", "--settings", "--out"],
+        "",
+    ),
     "discover": (
         [
             "--campaign-dir",
@@ -62,7 +65,7 @@ STAND_INS = {
     ),
     "evaluate": (["--campaign-dir", "--poses", "--calibration", "--extended", "--out"], ""),
     "export": (
-        ["--calibration", "--extended", "--model", "--urdf"],
+        ["--campaign-dir", "--calibration", "--extended", "--model", "--urdf"],
         """
         for path in (a.model, a.urdf):
             write_text(Path(path), a.calibration)
@@ -296,6 +299,10 @@ def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
     (checkout.place / "src/pa10cal/figures/l_curve.py").write_text("LINE = 1\n")
     assert set(planned(checkout("-n", "figures")[1])) == {"l_curve", "figures", "total"}
 
+    # The campaign's own description of its robot is an input once it is there.
+    (checkout.place / "data/raw/c1/pa10_6ce.yaml").write_text("name: pa10_6ce\n")
+    assert {"ingest", "base_frame", "montecarlo"} <= set(planned(checkout("-n")[1]))
+
 
 def test_the_default_target_runs_a_few_blind_trials_and_their_own_target_all(plan):
     full, reduced = SETTINGS.full, SETTINGS.reduced
@@ -353,3 +360,12 @@ def test_simulates_beside_the_results_and_never_over_raw_data(checkout, tmp_path
     }
     assert (elsewhere / "simulated/lightcap2008.truth.json").read_text() == "text_e7"
     assert sorted((checkout.place / "data").rglob("*")) == before
+
+
+def test_a_campaign_without_touches_is_planned_as_what_it_is(plan, tmp_path):
+    code, text = plan("simulate", simulate="{s1: {without_touches: {instrument: points}}, t1: {}}")
+    assert code == 0, text
+    jobs = planned(text)
+    assert jobs["simulate_sighted"] == 1
+    assert jobs["simulate_campaign"] == 2  # the one of config.yaml, too
+    assert str(tmp_path / "out/simulated/s1/poses.csv") in text

@@ -10,6 +10,9 @@ from pa10cal.stages.command import REFUSED, limit_threads
 
 #: Stage name and what it does, in the order of the workflow.
 STAGES = {
+    "fetch": "fetch a public data set and check it",
+    "import": "a data set of another layout to campaigns",
+    "import_arm": "an arm's description from a URDF",
     "simulate": "write a campaign with the virtual cell",
     "ingest": "raw logs to a table of poses",
     "seed": "base frame from the straight-line moves",
@@ -25,6 +28,9 @@ STAGES = {
     "coverage": "count how often intervals hold the truth of simulated campaigns",
 }
 
+#: Stages whose module cannot have their name, as it is a word of Python.
+_MODULES = {"import": "import_data"}
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one stage and return its exit code."""
@@ -34,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("usage: pa10cal STAGE [options]   (pa10cal STAGE --help)\n" + "\n".join(lines))
         return 0 if words and words[0] in ("-h", "--help") else REFUSED
     limit_threads()
-    module = import_module(f"pa10cal.stages.{words[0]}")
+    module = import_module(f"pa10cal.stages.{_MODULES.get(words[0], words[0])}")
     return int(module.main(words[1:]))
 
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import yaml
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     FiniteFloat,
     NonNegativeInt,
@@ -20,18 +18,16 @@ from pydantic import (
 
 from pa10cal.errors import SettingsError
 from pa10cal.refused_settings import refusal
-
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-NonNegative = Annotated[FiniteFloat, Field(ge=0)]
-
+from pa10cal.settings_section import NonNegative as NonNegative
+from pa10cal.settings_section import Positive as Positive
+from pa10cal.settings_section import Section as Section
+from pa10cal.settings_simulate import CellNoiseSettings as CellNoiseSettings
+from pa10cal.settings_simulate import CellPosesSettings as CellPosesSettings
+from pa10cal.settings_simulate import HiddenEffectSettings as HiddenEffectSettings
+from pa10cal.settings_simulate import SightedPlan as SightedPlan
+from pa10cal.settings_simulate import SimulateSettings as SimulateSettings
 
 _S = TypeVar("_S", bound="Section")
-
-
-class Section(BaseModel):
-    """A part of the configuration: frozen, and closed to unknown keys."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class IngestSettings(Section):
@@ -71,9 +67,24 @@ class ToleranceSettings(Section):
     theta_rad: Positive = 5e-4
 
 
+class CompleteSettings(Section):
+    """The complete model, for any arm and instrument."""
+
+    springs: tuple[Annotated[int, Field(ge=1)], ...] | Literal["auto"] = Field(
+        "auto", description="joints with a linear spring; auto: those whose torque varies"
+    )
+    robust: bool = Field(True, description="poses far outside the scatter weigh less")
+
+
 class CalibrationSettings(Section):
     """The two-level calibration, equations (1)-(4), and the readings of the paper."""
 
+    model: Literal["auto", "paper", "complete"] = Field(
+        "auto",
+        description="auto: the paper's where balls are touched, with the complete one beside it, "
+        "and the complete one for other instruments",
+    )
+    complete: CompleteSettings = CompleteSettings()
     epsilon: NonNegative = Field(1.6e-4, description="weight of the tolerance terms")
     epsilon_acts_on: Literal["residual", "cost"] = Field(
         "residual", description="what epsilon multiplies"
@@ -206,111 +217,6 @@ class FigureSettings(Section):
     png_dpi: Annotated[int, Field(ge=50, le=600)] = 150
 
 
-class HiddenEffectSettings(Section):
-    """One effect for the virtual cell to hide, in the vocabulary of effects."""
-
-    id: str
-    of: str = Field(description="where it sits: `joint 2`, `forearm`, `base`, ...")
-    parameters: dict[str, Any] = Field(default_factory=dict)
-
-
-class CellPosesSettings(Section):
-    """Where the virtual cell measures: calibration and held-out poses, two straight moves."""
-
-    layout: Literal["grid", "wide"] = Field(
-        "grid",
-        description="grid: 3 x 3 x 3 calibration poses, held-out points around them; wide: both "
-        "drawn over large sweeps of all joints",
-    )
-    wide_poses: Annotated[int, Field(ge=1)] = Field(
-        60, description="calibration poses of the wide layout"
-    )
-    centre_deg: tuple[float, ...] = Field(
-        (0.0, 15.0, 90.0, 0.0, 45.0, -90.0),
-        description="joint angles in the middle of the grid; they set its place, the attitude "
-        "that all others vary, and the branch of the inverse kinematics",
-    )
-    spacing_m: tuple[Positive, Positive, Positive] = Field(
-        (0.125, 0.125, 0.125), description="spacing of the grid along the robot's base axes"
-    )
-    tilt_rad: tuple[NonNegative, NonNegative, NonNegative] = Field(
-        (0.5, 0.1, 0.1),
-        description="the tool turns by up to this about its x, y and z axes, pose by pose",
-    )
-    outside_m: Positive = Field(
-        0.1, description="held-out points lie outside the grid's volume by up to this"
-    )
-    line_length_m: Positive = Field(0.2, description="length of the straight moves")
-    extra_deg: tuple[tuple[FiniteFloat, ...], ...] = Field(
-        (),
-        description="further calibration poses, joint angles each, measured after those of the "
-        "layout in every repeat",
-    )
-    tilt_seed: int = Field(1, description="draws attitudes, held-out points and wide poses")
-
-
-class CellNoiseSettings(Section):
-    """Standard deviations of what differs from reading to reading; 0 switches one off."""
-
-    touch_mm: NonNegative = Field(0.004, description="one touch, each coordinate")
-    apparatus_mm: NonNegative = Field(
-        0.005, description="the separate measurement of the balls' places, each coordinate"
-    )
-    servo_rad: NonNegative = Field(
-        1.5e-5, description="motor angle about its command; the resolver sees it"
-    )
-    unseen_rad: NonNegative = Field(
-        6e-6, description="link against motor from repeat to repeat; the resolver does not see it"
-    )
-    resolver_rad: NonNegative = Field(4e-6, description="one resolver sample")
-    resolver_count_rad: NonNegative = Field(7.67e-6, description="one count at the joint")
-    torque_fraction: NonNegative = Field(
-        1.7e-3, description="one torque sample, as a fraction of the joint's rated torque"
-    )
-
-
-class SimulateSettings(Section):
-    """The virtual cell: what campaign `pa10cal simulate` writes."""
-
-    random_seed: Annotated[int, Field(ge=0)] = 2008
-    hidden_effects: tuple[HiddenEffectSettings, ...] = Field(
-        (),
-        description="entries {id, of, parameters} in the vocabulary of effects, or outside of it",
-    )
-    robot: str = Field("pa10_6ce", description="an arm description with masses")
-    built: Literal["table_1", "drawn"] = Field(
-        "table_1",
-        description="table_1: departures and springs of the paper (its robot only); drawn: from "
-        "the manufacturing tolerances and the rated torques",
-    )
-    flexible_joints: tuple[Annotated[int, Field(ge=1)], ...] = Field(
-        (2, 3, 5), description="joints with a cubic spring"
-    )
-    loads_N: Annotated[tuple[NonNegative, ...], Field(min_length=1)] = (0.0, 22.0, 44.0)
-    repeats: Annotated[int, Field(ge=1)] = 10
-    holdout_points: Annotated[int, Field(ge=0)] = 10
-    holdout_loads_N: tuple[NonNegative, ...] = (22.0, 44.0, 66.0, 90.0)
-    holdout_repeats: Annotated[int, Field(ge=1)] = 3
-    path: Literal["same", "alternating"] = Field(
-        "same",
-        description="same: every repeat runs along one path, so a joint always arrives in a pose "
-        "from the same side; alternating: every other repeat runs it backwards",
-    )
-    temperature_drift_C: NonNegative = Field(
-        0.0, description="amplitude of the hall's slow drift about the reference temperature"
-    )
-    mass_factor: tuple[Positive, ...] = Field(
-        (), description="true masses of the links over those of the description; empty: all 1"
-    )
-    stated_uncertainty_mm: Positive | None = Field(
-        None,
-        description="what the campaign states of its instrument, right or wrong; the touches "
-        "scatter by `noise` whatever it says; none: the paper's figure",
-    )
-    poses: CellPosesSettings = CellPosesSettings()
-    noise: CellNoiseSettings = CellNoiseSettings()
-
-
 class Settings(Section):
     """The whole of config.yaml."""
 
@@ -329,6 +235,11 @@ class Settings(Section):
     discovery: DiscoverySettings = DiscoverySettings()
     blind_trials: BlindTrialsSettings = BlindTrialsSettings()
     figures: FigureSettings = FigureSettings()
+    dataset_sources: dict[str, str] = Field(
+        default_factory=dict,
+        description="folder or address a public data set is taken from, by its name; the others "
+        "come from where they are published",
+    )
     simulate: dict[str, SimulateSettings] = Field(
         default_factory=dict, description="campaigns the virtual cell can write, by name"
     )

@@ -4,13 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pa10cal.files.arms import load_arm
 
 
+def anywhere(rng):
+    """Return a random pose (4, 4)."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_rotvec(rng.uniform(-2, 2, 3)).as_matrix()
+    T[:3, 3] = rng.uniform(-0.5, 0.5, 3)
+    return T
+
+
 @pytest.fixture(scope="session")
 def random_arm():
-    """Draw an arm of n joints, some of which slide, with masses."""
+    """Draw an arm of n joints, some of which slide, with masses, and often with frames around."""
 
     def draw(seed, n, convention="standard"):
         rng = np.random.default_rng(seed)
@@ -28,6 +37,9 @@ def random_arm():
             torque_limit_Nm=np.ones(n),
             mass_kg=rng.uniform(0.5, 15.0, n),
             com_m=rng.uniform(-0.3, 0.3, (n, 3)),
+            beta_rad=rng.choice([0.0, 0.2], n),
+            T_base_row1=anywhere(rng) if seed % 3 else np.eye(4),
+            T_row_n_ee=anywhere(rng) if seed % 2 else np.eye(4),
         )
 
     return draw

@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import (
+    BASE,
+    TOOL,
     Chain,
     bend_coordinates,
     end_pose,
@@ -18,26 +20,27 @@ from pa10cal.arm.chain import (
 )
 from pa10cal.arm.description import Arm
 from pa10cal.errors import ArmError
-from pa10cal.files.arms import load_arm
+from pa10cal.files.arms import arm_names, load_arm
 
 conventions = st.sampled_from(["standard", "modified"])
 
 
 def first_rows(arm, n):
     """Return the arm cut off after n rows."""
-    return replace(arm, **{name: getattr(arm, name)[:n] for name in ROW_FIELDS})
+    rows = {name: getattr(arm, name)[:n] for name in ROW_FIELDS}
+    return replace(arm, **rows, T_row_n_ee=np.eye(4))
 
 
-ROW_FIELDS = [
-    field.name for field in fields(Arm) if field.name not in ("name", "title", "convention")
-]
+OF_THE_ARM = ("name", "title", "convention", "T_base_row1", "T_row_n_ee")
+ROW_FIELDS = [field.name for field in fields(Arm) if field.name not in OF_THE_ARM]
 
 
 def pinocchio_forward(arm, q):
     """Forward kinematics of the same rows, by joint placements."""
     model = pin.Model()
-    parent, placement = 0, pin.SE3.Identity()
+    parent, placement = 0, pin.SE3(arm.T_base_row1)
     for k in range(arm.n):
+        tilt = pin.SE3(Rotation.from_euler("y", arm.beta_rad[k]).as_matrix(), np.zeros(3))
         turn = pin.SE3(Rotation.from_euler("x", arm.alpha_rad[k]).as_matrix(), np.zeros(3))
         along_x = pin.SE3(np.eye(3), np.array([arm.a_m[k], 0, 0]))
         offset = pin.SE3(
@@ -45,16 +48,17 @@ def pinocchio_forward(arm, q):
         )
         joint = pin.JointModelPZ() if arm.prismatic[k] else pin.JointModelRZ()
         if arm.convention == "modified":
-            parent = model.addJoint(parent, joint, placement * turn * along_x * offset, f"j{k}")
+            first = placement * tilt * turn * along_x * offset
+            parent = model.addJoint(parent, joint, first, f"j{k}")
             placement = pin.SE3.Identity()
         else:
             parent = model.addJoint(parent, joint, placement, f"j{k}")
-            placement = offset * along_x * turn
+            placement = offset * along_x * turn * tilt
     data = model.createData()
     poses = []
     for row in q:
         pin.forwardKinematics(model, data, row)
-        poses.append((data.oMi[parent] * placement).homogeneous)
+        poses.append((data.oMi[parent] * placement).homogeneous @ arm.T_row_n_ee)
     return np.array(poses)
 
 
@@ -112,6 +116,31 @@ def test_base_and_tool_coordinates_place_base_and_tool():
     expected = chain.forward(q)[0]
     expected[:3, 3] += np.array([0.5, 0, 0]) + 0.2 * expected[:3, 2]
     np.testing.assert_allclose(end_pose(chain, coordinates)[0], expected, atol=1e-15)
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 10_000), convention=conventions)
+def test_motions_of_base_and_tool_lie_outside_the_constant_frames(random_arm, seed, convention):
+    rng = np.random.default_rng(seed)
+    chain = Chain.of(random_arm(seed, 4, convention))
+    coordinates = chain.coordinates(rng.uniform(-3, 3, (2, 4)))
+    still = end_pose(chain, coordinates)
+    outer, inner = rng.uniform(-1, 1, (2, 6))
+    coordinates[:, chain.columns(BASE)], coordinates[:, chain.columns(TOOL)] = outer, inner
+
+    def motion(values):
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_euler("XYZ", values[3:]).as_matrix()
+        T[:3, 3] = values[:3]
+        return T
+
+    wanted = motion(outer) @ still @ motion(inner)
+    np.testing.assert_allclose(end_pose(chain, coordinates), wanted, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_a_chain_walks_over_no_constant_frame_that_is_none(name):
+    assert Chain.of(load_arm(name)).constants == {}
 
 
 @settings(deadline=None, max_examples=25)
@@ -184,6 +213,16 @@ def test_bends_are_the_only_motions_they_add():
 def test_a_link_that_no_joint_follows_does_not_bend(row):
     with pytest.raises(ArmError, match="rows 1 to 5"):
         Chain.of(load_arm("pa10_6ce"), bends=(row,))
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 10_000), convention=conventions)
+def test_no_place_is_beyond_the_reach(random_arm, seed, convention):
+    arm = random_arm(seed, 5, convention)
+    low, high = arm.limits_rad.T
+    q = np.random.default_rng(seed).uniform(low, high, (200, 5))
+    p_base_ee = Chain.of(arm).forward(q)[:, :3, 3]
+    assert np.linalg.norm(p_base_ee, axis=1).max() <= arm.reach_m
 
 
 def test_upper_arm_and_forearm_are_the_long_links():

@@ -67,7 +67,7 @@ def pinocchio_torques_Nm(arm, q, load_N, burden):
 
     model = pin.Model()
     model.gravity.linear = burden.gravity_m_s2
-    parent, placement = 0, pin.SE3.Identity()
+    parent, placement = 0, pin.SE3(arm.T_base_row1)
     for row in range(arm.n):
         joint = pin.JointModelPZ() if arm.prismatic[row] else pin.JointModelRZ()
         turned, raised = motion(angle=arm.theta_rad[row]), motion((0.0, 0.0, arm.d_m[row]))
@@ -75,13 +75,15 @@ def pinocchio_torques_Nm(arm, q, load_N, burden):
             motion((arm.a_m[row], 0.0, 0.0)),
             motion(turn="x", angle=arm.alpha_rad[row]),
         )
+        tilted = motion(turn="y", angle=arm.beta_rad[row])
         if arm.convention == "modified":
-            before, after = twisted * shifted * turned, raised
+            before, after = tilted * twisted * shifted * turned, raised
         else:
-            before, after = turned, raised * shifted * twisted
+            before, after = turned, raised * shifted * twisted * tilted
         parent = model.addJoint(parent, joint, placement * before, f"j{row}")
         model.appendBodyToJoint(parent, body(arm.mass_kg[row], arm.com_m[row]), after)
         placement = after
+    placement = placement * pin.SE3(arm.T_row_n_ee)
     model.appendBodyToJoint(parent, body(burden.mass_kg, burden.com_m), placement)
     unloaded = model.inertias[arm.n].copy()
     g = np.linalg.norm(burden.gravity_m_s2)

@@ -1,28 +1,44 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from pa10cal.arm.chain import Chain, end_pose
+from pa10cal.arm.chain import BASE, Chain, end_pose
 from pa10cal.arm.urdf import urdf_text
-from pa10cal.files.arms import load_arm
+from pa10cal.files.arms import arm_names, load_arm
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_forward_kinematics_of_the_urdf_is_the_chains(tmp_path, seed):
-    rng = np.random.default_rng(seed)
-    chain = Chain.of(load_arm("pa10_6ce"))
+def check_against_pinocchio(chain, rng):
+    """Hold the URDF of a chain off nominal against the chain, at random joint positions."""
+    n = chain.arm.n
     departures = rng.normal(scale=5e-3, size=len(chain.motions))
-    departures[chain.columns(("base.x", "base.y", "base.z", "base.rx", "base.ry", "base.rz"))] = 0
-    coordinates = chain.coordinates(np.zeros((1, 6)))[0] + departures
-    path = tmp_path / "robot.urdf"
-    path.write_text(urdf_text(chain, coordinates, "pa10_6ce"))
-    model = pin.buildModelFromUrdf(str(path))
+    departures[chain.columns(BASE)] = 0.0
+    coordinates = chain.coordinates(np.zeros((1, n)))[0] + departures
+    model = pin.buildModelFromXML(urdf_text(chain, coordinates, chain.arm.name))
     data = model.createData()
-    q = rng.uniform(-1, 1, 6)
-    pin.framesForwardKinematics(model, data, q)
-    moved = coordinates.copy()
-    moved[chain.joint_columns] += q
-    expected = end_pose(chain, moved[None])[0]
-    found = data.oMf[model.getFrameId("flange")].homogeneous
-    np.testing.assert_allclose(found[:3], expected[:3], atol=1e-9)
     np.testing.assert_allclose(model.upperPositionLimit, chain.arm.limits_rad[:, 1])
+    for q in rng.uniform(-1, 1, (5, n)):
+        pin.framesForwardKinematics(model, data, q)
+        moved = coordinates.copy()
+        moved[chain.joint_columns] += q
+        found = data.oMf[model.getFrameId("flange")].homogeneous
+        np.testing.assert_allclose(found, end_pose(chain, moved[None])[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_forward_kinematics_of_the_urdf_is_the_chains(name):
+    check_against_pinocchio(Chain.of(load_arm(name)), np.random.default_rng(1))
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 10_000), convention=st.sampled_from(["standard", "modified"]))
+def test_so_it_is_of_arms_of_any_shape(random_arm, seed, convention):
+    chain = Chain.of(random_arm(seed, 5, convention), bends=(2,))
+    check_against_pinocchio(chain, np.random.default_rng(seed))
+
+
+def test_what_is_not_known_is_written_as_none():
+    chain = Chain.of(load_arm("irb120"))  # its rated torques are not published
+    model = pin.buildModelFromXML(urdf_text(chain, chain.nominal, "irb120"))
+    assert not model.effortLimit.any()

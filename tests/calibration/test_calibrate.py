@@ -17,7 +17,7 @@ from pa10cal.calibration.identifiability import identify, observability, open_di
 from pa10cal.calibration.inner_dependence import inner_dependence
 from pa10cal.calibration.l_curve import l_curve
 from pa10cal.calibration.levels import TwoLevel
-from pa10cal.calibration.load_case import select_load
+from pa10cal.calibration.load_case import rows_of_load
 from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.campaign.averages import average_repeats
@@ -289,8 +289,8 @@ def test_a_rigid_arm_needs_no_torques(pa10, observe, states):
 
 def test_unknown_load_is_refused(observe):
     with pytest.raises(CalibrationError, match=r"33N.*0N, 22N, 44N, combined"):
-        select_load(observe(), "33N")
-    assert len(select_load(observe(), "22N")) == 27
+        rows_of_load(observe().states.load_N, "33N")
+    assert rows_of_load(observe().states.load_N, "22N").sum() == 27
 
 
 def test_null_directions_of_a_made_up_matrix():

@@ -48,6 +48,7 @@ def made_up_poses(repeats, scatter_ee, rng, poses=40):
         load_N=np.zeros(count),
         repeat=np.tile(np.arange(1, repeats + 1), poses),
         time_s=np.arange(count, dtype=float),
+        slides=np.zeros(ARMS, dtype=bool),
         q_rad=rng.normal(size=(count, ARMS)),
         q_u_rad=zeros,
         tau_Nm=rng.normal(size=(count, ARMS)),

@@ -49,35 +49,48 @@ class Plain:
     com_m: np.ndarray
     apparatus: object
 
-    def row(self, i, q):
-        theta = self.arm.theta_rad[i] + self.departures.theta_rad[i]
-        d = self.arm.d_m[i] + self.departures.d_m[i]
-        if self.arm.prismatic[i]:
-            d = d + q
-        else:
-            theta = theta + q
-        a = self.arm.a_m[i] + self.departures.a_m[i]
-        alpha = self.arm.alpha_rad[i] + self.departures.alpha_rad[i]
-        along_z, along_x = motion(p=(0, 0, d)), motion(p=(a, 0, 0))
-        hayati = Ry(self.departures.beta_rad[i])
-        if self.arm.convention == "standard":
-            return Rz(theta) @ along_z @ along_x @ Rx(alpha) @ hayati
-        return Rx(alpha) @ along_x @ Rz(theta) @ along_z @ hayati
+    def before(self, i):
+        """Motions of a row before its joint moves."""
+        offset = Rz(self.arm.theta_rad[i] + self.departures.theta_rad[i])
+        return offset if self.arm.convention == "standard" else self.skew(i) @ offset
 
-    def frames(self, q, base=None):
-        """Frame of the base and of every row, in the world."""
-        T = [np.eye(4) if base is None else base]
+    def after(self, i):
+        """Motions of a row after its joint has moved."""
+        along_z = motion(p=(0, 0, self.arm.d_m[i] + self.departures.d_m[i]))
+        return along_z @ self.skew(i) if self.arm.convention == "standard" else along_z
+
+    def skew(self, i):
+        along_x = motion(p=(self.arm.a_m[i] + self.departures.a_m[i], 0, 0))
+        twist = Rx(self.arm.alpha_rad[i] + self.departures.alpha_rad[i])
+        hayati = Ry(self.arm.beta_rad[i] + self.departures.beta_rad[i])
+        standard = self.arm.convention == "standard"
+        return along_x @ twist @ hayati if standard else hayati @ twist @ along_x
+
+    def row(self, i, q):
+        moves = motion(p=(0, 0, q)) if self.arm.prismatic[i] else Rz(q)
+        return self.before(i) @ moves @ self.after(i)
+
+    def frames(self, q):
+        """Frame that the first row starts from, and of every row, in the base."""
+        T = [self.arm.T_base_row1]
         for i, q_i in enumerate(q):
             T.append(T[-1] @ self.row(i, q_i))
         return T
 
-    def weights(self, q, load_N, base=None):
+    def ends(self, q):
+        """Where each link but the last ends: the frame from which the next joint moves."""
+        return [T @ self.before(i) for i, T in enumerate(self.frames(q)[1:-1], start=1)]
+
+    def flange(self, q):
+        return self.frames(q)[-1] @ self.arm.T_row_n_ee
+
+    def weights(self, q, load_N):
         """(n + 2) masses and their places: links, apparatus, load."""
-        T = self.frames(q, base)
+        T, flange = self.frames(q), self.flange(q)
         places = [
             *((T[i + 1] @ np.append(com, 1.0))[:3] for i, com in enumerate(self.com_m)),
-            (T[-1] @ np.append(self.apparatus.com_m, 1.0))[:3],
-            (T[-1] @ np.append(self.apparatus.load_point_m, 1.0))[:3],
+            (flange @ np.append(self.apparatus.com_m, 1.0))[:3],
+            (flange @ np.append(self.apparatus.load_point_m, 1.0))[:3],
         ]
         masses = [*self.mass_kg, self.apparatus.mass_kg, load_N / 9.80665]
         return np.array(masses), np.array(places)
@@ -96,6 +109,33 @@ class Plain:
 @pytest.fixture(scope="session")
 def arm():
     return load_arm("pa10_6ce")
+
+
+@pytest.fixture(scope="session")
+def odd_arm(arm):
+    """An arm in modified rows, two joints of which slide, on a pillar that leans, with a tool."""
+    leaning, tool = np.eye(4), np.eye(4)
+    leaning[:3] = [[1.0, 0.0, 0.0, 0.3], [0.0, 0.6, -0.8, -0.1], [0.0, 0.8, 0.6, 0.5]]
+    tool[:3] = [[0.0, 0.0, 1.0, 0.05], [1.0, 0.0, 0.0, 0.1], [0.0, 1.0, 0.0, 0.2]]
+    prismatic = np.array([False, False, True, False, False, True])
+    limits_rad = arm.limits_rad.copy()
+    limits_rad[prismatic] = [-0.2, 0.4]
+    return replace(
+        arm,
+        name="odd",
+        convention="modified",
+        prismatic=prismatic,
+        limits_rad=limits_rad,
+        beta_rad=np.array([0.0, 0.0, 0.3, 0.0, 0.0, -0.2]),
+        T_base_row1=leaning,
+        T_row_n_ee=tool,
+    )
+
+
+@pytest.fixture(scope="session", params=["pa10_6ce", "odd"])
+def any_arm(arm, odd_arm, request):
+    """One arm of the usual kind, and one of all others."""
+    return arm if request.param == "pa10_6ce" else odd_arm
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,13 @@
 import pandas as pd
 import pytest
 
-from pa10cal.planning.campaign import campaign_name, load_cases, raw_files, robot_name
+from pa10cal.planning.campaign import (
+    arm_files,
+    campaign_name,
+    load_cases,
+    raw_files,
+    robot_name,
+)
 
 
 @pytest.fixture
@@ -23,6 +29,9 @@ def test_sees_robot_and_the_files_that_are_there(campaign):
     assert campaign_name(folder) == "First"
     assert robot_name(folder) == "other"
     assert raw_files(folder) == [folder / "cmm.csv"]
+    assert arm_files(folder) == []
+    (folder / "other.yaml").touch()
+    assert arm_files(folder) == [folder / "other.yaml"]
 
 
 @pytest.mark.parametrize("text", ["", "- a list", "robot: [", "files: cmm.csv", "files: {cmm: 3}"])
@@ -30,6 +39,7 @@ def test_leaves_refusals_to_the_stage(campaign, text):
     folder = campaign(text)
     assert robot_name(folder) == ""
     assert raw_files(folder) == []
+    assert arm_files(folder) == []
 
 
 def test_a_campaign_that_is_not_there_has_nothing(tmp_path):

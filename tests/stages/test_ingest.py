@@ -5,12 +5,16 @@ from __future__ import annotations
 import csv
 import gzip
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from made_up_sightings import sighted
 from pa10cal.campaign.table import observations, read_pose_table
+from pa10cal.files.arm_text import arm_text
+from pa10cal.files.arms import load_arm
 from pa10cal.stages.command import REFUSED
 from pa10cal.stages.ingest import main
 
@@ -148,3 +152,34 @@ def test_the_settings_decide_how_much_may_be_left_out(raw_campaign, tmp_path, ca
     assert "max_quarantined_fraction" in capsys.readouterr().err
     assert run(folder, tmp_path, '{"max_quarantined_fraction": 0.5}')[0] == 0
     assert "no line_x rows" in capsys.readouterr().out
+
+
+def test_a_campaign_may_bring_its_own_arm(raw_campaign, tmp_path, capsys):
+    raw_campaign.description["robot"] = "mine"
+    folder = raw_campaign.write()
+    assert run(folder, tmp_path)[0] == REFUSED
+    assert "unknown robot (got 'mine')" in capsys.readouterr().err
+    arm = replace(load_arm("pa10_6ce"), name="mine")
+    (folder / "mine.yaml").write_text(arm_text(arm), encoding="utf-8")
+    assert run(folder, tmp_path)[0] == 0
+    (folder / "mine.yaml").write_text(arm_text(arm).replace("a_m", "a_mm"), encoding="utf-8")
+    assert run(folder, tmp_path)[0] == REFUSED
+    assert "mine.yaml: row 2: unknown key a_mm" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["pose", "points", "distance"])
+def test_says_what_an_instrument_without_balls_saw(tmp_path, capsys, kind):
+    raw = sighted(tmp_path, kind, repeats=2, noise_mm=0.02)
+    assert run(raw.write(), tmp_path / "out")[0] == 0
+    seen = int(np.isfinite(raw.p_cmm_m[..., 0]).sum())
+    targets = f"; targets T1, T2, T3 seen {seen} times of 240" if kind == "points" else ""
+    expected = f"sighted: 80 configurations{targets}; 0 rows left out; repeatability 0.0"
+    told = capsys.readouterr().out
+    assert told.startswith(expected)
+    assert "ball" not in told
+
+
+def test_touches_of_an_arm_that_slides_are_refused(raw_campaign, tmp_path, capsys):
+    raw_campaign.description["robot"] = "gx4_351s"
+    assert run(raw_campaign.write(), tmp_path)[0] == REFUSED
+    assert "robot: the arm has sliding joints" in capsys.readouterr().err

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from made_up_sightings import sighted
 from pa10cal.stages.command import REFUSED
 from pa10cal.stages.ingest import main as ingest
 from pa10cal.stages.seed import main
@@ -132,3 +133,78 @@ def test_the_poses_of_another_campaign_are_refused(raw_campaign, tmp_path, capsy
     assert "got 'made-up'" in said
     assert "campaign 'another'" in said
     assert not path.exists()
+
+
+def test_straight_moves_of_a_tracker_come_with_its_target(raw_campaign, tmp_path):
+    raw_campaign.description["instrument"]["kind"] = "pose"
+    raw_campaign.description["files"] = {"poses": "poses.csv"}
+    _, path = run(raw_campaign.write(), tmp_path)
+    record = read(path)
+    assert record["method"] == "straight_lines"
+    np.testing.assert_allclose(record["T_ee_target"], np.eye(4), atol=1e-5)
+
+
+def test_any_base_and_any_tool_are_found_from_poses(tmp_path, capsys):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    status, path = run(raw.write(), tmp_path)
+    assert status == 0
+    record = read(path)
+    assert record["method"] == "hand_eye_poses"
+    angle, distance = apart(raw.T_cmm_base, record)
+    assert angle < 2e-5
+    assert distance < 5e-5
+    np.testing.assert_allclose(record["T_ee_target"], raw.T_ee_target, atol=5e-5)
+    assert record["held_as_stated"] == []
+    assert record["origin_poses"] == 32
+    assert 0.02 < record["origin_scatter_mm"] < 0.05
+    assert 0.0 < record["x_direction_u_rad"] < 2e-5
+    np.testing.assert_array_equal(record["R_cmm_base"], np.array(record["T_cmm_base"])[:3, :3])
+    assert "base frame by hand_eye_poses, directions known to" in capsys.readouterr().out
+
+
+def test_places_of_targets_are_found_with_the_base(tmp_path):
+    raw = sighted(tmp_path, "points", noise_mm=0.02)
+    _, path = run(raw.write(), tmp_path)
+    record = read(path)
+    assert record["method"] == "hand_eye_points"
+    angle, distance = apart(raw.T_cmm_base, record)
+    assert angle < 5e-5
+    assert distance < 5e-5
+    places = [record["p_ee_targets_m"][name] for name in ("T1", "T2", "T3")]
+    np.testing.assert_allclose(places, raw.p_ee_m, atol=5e-5)
+
+
+def test_what_a_scara_leaves_open_is_held_as_stated_and_said(tmp_path, capsys):
+    raw = sighted(tmp_path, "points", robot="gx4_351s", targets=1)
+    raw.description["tool"]["balls_mm"] = {"T1": (1e3 * raw.p_ee_m[0]).tolist()}
+    _, path = run(raw.write(), tmp_path)
+    record = read(path)
+    np.testing.assert_allclose(record["p_ee_targets_m"]["T1"], raw.p_ee_m[0], atol=1e-6)
+    assert apart(raw.T_cmm_base, record)[1] < 1e-6
+    held = "target T1 along (0.00, 0.00, 1.00)"
+    assert record["held_as_stated"] == [held]
+    assert f"held as stated: {held}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_the_fixed_point_of_distances_is_found(tmp_path, capsys, stated):
+    raw = sighted(tmp_path, "distance", noise_mm=0.02)
+    if stated:
+        raw.description["tool"]["balls_mm"] = {"S": (1e3 * raw.T_ee_target[:3, 3]).tolist()}
+    _, path = run(raw.write(), tmp_path)
+    record = read(path)
+    assert record["method"] == "ranging"
+    np.testing.assert_allclose(record["p_base_point_m"], raw.p_base_point_m, atol=5e-4)
+    place = record["p_ee_targets_m"]["S" if stated else "target"]
+    np.testing.assert_allclose(place, raw.T_ee_target[:3, 3], atol=5e-4)
+    np.testing.assert_allclose(record["origin_cmm_m"], -np.array(record["p_base_point_m"]))
+    assert "x_direction_u_rad" not in record
+    assert "fixed point at (" in capsys.readouterr().out
+
+
+def test_too_few_distances_are_refused(tmp_path, capsys):
+    raw = sighted(tmp_path, "distance", poses=3)
+    status, path = run(raw.write(), tmp_path)
+    assert status == REFUSED
+    assert not path.exists()
+    assert "too few distances to find the fixed point" in capsys.readouterr().err

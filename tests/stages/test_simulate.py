@@ -59,6 +59,18 @@ def test_reads_settings_from_a_yaml_file(tmp_path):
     assert json.loads((tmp_path / "c1.json").read_text())["random_seed"] == 5
 
 
+@pytest.mark.parametrize("instrument", ["pose", "points", "distance"])
+def test_writes_a_campaign_of_any_arm_without_touches(tmp_path, capsys, instrument):
+    assert run(tmp_path, {"without_touches": {"instrument": instrument, "poses": 8}}) == 0
+    folder = tmp_path / "raw/c1"
+    assert sorted(path.name for path in folder.iterdir()) == ["campaign.yaml", "poses.csv"]
+    description = yaml.safe_load((folder / "campaign.yaml").read_text())
+    assert (description["name"], description["instrument"]["kind"]) == ("c1", instrument)
+    assert len((folder / "poses.csv").read_text().splitlines()) == 1 + 8
+    assert json.loads((tmp_path / "c1.json").read_text())["settings"]["poses"] == 8
+    assert capsys.readouterr().err == ""
+
+
 BAD = [
     ({"seed": 1}, ["unknown key seed", "'random_seed'"]),
     ({"random_seed": -1}, ["random_seed", "-1", "greater than or equal to 0"]),
@@ -75,6 +87,12 @@ BAD = [
     ({"poses": {"spacing_m": [0, 0.1, 0.1]}}, ["poses.spacing_m.0", "greater than 0"]),
     ({"poses": {"spacing_m": [0.5, 0.5, 0.5]}}, ["cannot be taken", "poses.spacing_m"]),
     ({"poses": {"centre_deg": [0, 0]}}, ["poses.centre_deg", "6 angles"]),
+    ({**SHORT, "without_touches": {}}, ["without_touches", "loads_N is for touches"]),
+    ({"without_touches": {"poses": 0}}, ["without_touches.poses", "greater than or equal to 1"]),
+    (
+        {"without_touches": {"flexible_joints": [7]}},
+        ["flexible_joints", "turning joints of pa10_6ce"],
+    ),
     (hiding("backslash", "joint 1", b=1e-4), ["unknown effect", "'backlash'"]),
     (hiding("backlash", "joint 9", b=1e-4), ["hidden_effects[0].of", "joint 9", "joint 6"]),
     (hiding("backlash", "joint 1"), ["lacks its parameter b"]),

@@ -2,6 +2,7 @@ rule base_frame:
     """Base frame in the instrument's frame, from the straight-line moves."""
     input:
         campaign=raw("campaign.yaml"),
+        arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         code=code_of("stages.seed"),
     output:

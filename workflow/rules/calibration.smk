@@ -2,6 +2,7 @@ rule calibrate:
     """Two-level calibration of one load case, or of all loads together."""
     input:
         campaign=raw("campaign.yaml"),
+        arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         base_frame=result("seed/base_frame.json"),
         code=code_of("stages.calibrate"),

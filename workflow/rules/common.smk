@@ -8,11 +8,14 @@ from pathlib import Path
 
 from pa10cal.errors import SettingsError
 from pa10cal.planning.campaign import (
+    arm_files,
     campaign_name,
+    instrument_kind,
     load_cases,
     missing_campaign,
     raw_files,
     robot_name,
+    takes_complete_model,
 )
 from pa10cal.planning.code import source_files
 from pa10cal.settings import parse_settings
@@ -34,7 +37,7 @@ shell.prefix(
 
 wildcard_constraints:
     campaign=r"[^/]+",
-    load=r"[0-9.e+-]+N|combined",
+    load=r"[0-9.e+-]+N|combined|complete",
     plane=r"[0-9]+",
 
 
@@ -43,6 +46,10 @@ TRIAL_STUDIES = {
     "blind_trials": SETTINGS.blind_trials.full,
     "blind_trials_reduced": SETTINGS.blind_trials.reduced,
 }
+
+
+# Campaigns that the workflow itself makes, of public data sets.
+IMPORTED = ("ur10-a", "ur10-c")
 
 
 def raw(name):
@@ -92,7 +99,14 @@ def results_folder(wildcards):
 
 
 def logs_of_campaign(wildcards):
+    if wildcards.campaign in IMPORTED:  # before the import there is no folder to look into
+        return os.path.join(campaign_folder(wildcards), "poses.csv.gz")
     return raw_files(Path(campaign_folder(wildcards)))
+
+
+def arm_of_campaign(wildcards):
+    """The campaign's own description of its robot; a shipped one is part of the code."""
+    return arm_files(Path(campaign_folder(wildcards)))
 
 
 def name_of_campaign(wildcards):
@@ -113,13 +127,31 @@ def planes_of(campaign):
 
 
 def calibrations_of(campaign):
-    """The calibrations of a campaign: one a load that ingest found, and the combined one."""
+    """The calibrations of a campaign: one a load that ingest found, and the combined one.
+
+    Beside the paper's model stands the complete one, for all loads together.
+    """
     poses = Path(checkpoints.ingest.get(campaign=campaign).output.poses)
+    beside = [] if by_complete_model(campaign) else ["complete"]
     return expand(
         result("calibration/{load}.json"),
         campaign=campaign,
-        load=[*load_cases(poses), "combined"],
+        load=[*load_cases(poses), "combined", *beside],
     )
+
+
+def by_complete_model(campaign):
+    """Whether the load cases of a campaign are worked out with the complete model."""
+    if campaign in IMPORTED:
+        return True
+    return takes_complete_model(
+        SETTINGS.calibration.model, instrument_kind(Path(SETTINGS.raw_dir, campaign))
+    )
+
+
+def by_papers_model(campaign):
+    """Whether they are worked out with the paper's: what is drawn of the paper belongs to these."""
+    return not by_complete_model(campaign)
 
 
 def every(results_of):

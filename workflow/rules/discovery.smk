@@ -2,6 +2,7 @@ rule discover:
     """Where model and data disagree, which effect is missing, and the gap with it closed."""
     input:
         campaign=raw("campaign.yaml"),
+        arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
         code=code_of("stages.discover"),

@@ -2,6 +2,7 @@ rule evaluate:
     """Uncalibrated, linear and cubic models on the held-out points and loads."""
     input:
         campaign=raw("campaign.yaml"),
+        arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
         extended=result("discovery/extended.json"),

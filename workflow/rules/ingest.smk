@@ -2,6 +2,7 @@ checkpoint ingest:
     """Raw logs to a table of poses. Which load cases there are is known once this has run."""
     input:
         campaign=raw("campaign.yaml"),
+        arm=arm_of_campaign,
         logs=logs_of_campaign,
         code=code_of("stages.ingest"),
     output:

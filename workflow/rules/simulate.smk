@@ -1,5 +1,12 @@
 # Beside the results, never over the raw data: those are only read.
 SIMULATED = os.path.join(_literal(SETTINGS.results_dir), "simulated", "{name}")
+TOUCHED = [name for name, section in SETTINGS.simulate.items() if section.without_touches is None]
+SIGHTED = [name for name in SETTINGS.simulate if name not in TOUCHED]
+
+
+def _one_of(names):
+    """Pattern of a wildcard that stands for one of the names; of none where there are none."""
+    return "|".join(map(re.escape, names)) or "(?!)"
 
 
 rule simulate:
@@ -20,7 +27,7 @@ rule simulate_campaign:
     log:
         f"{SIMULATED}.log",
     wildcard_constraints:
-        name="|".join(map(re.escape, SETTINGS.simulate)) or "(?!)",
+        name=_one_of(TOUCHED),
     params:
         folder=lambda wildcards, output: os.path.dirname(output.campaign),
         kcub_reading=SETTINGS.kcub_reading,
@@ -29,3 +36,23 @@ rule simulate_campaign:
         "python -m pa10cal simulate --name {wildcards.name:q} --settings {params.settings:q}"
         " --kcub-reading {params.kcub_reading} --out {params.folder:q} --truth {output.truth:q}"
         " 2>&1 | tee {log:q} >&2"
+
+
+rule simulate_sighted:
+    """One campaign of any arm under an instrument that does not touch, and its truth apart."""
+    input:
+        code=code_of("stages.simulate"),
+    output:
+        campaign=f"{SIMULATED}/campaign.yaml",
+        poses=f"{SIMULATED}/poses.csv",
+        truth=f"{SIMULATED}.truth.json",
+    log:
+        f"{SIMULATED}.log",
+    wildcard_constraints:
+        name=_one_of(SIGHTED),
+    params:
+        folder=lambda wildcards, output: os.path.dirname(output.campaign),
+        settings=lambda wildcards: SETTINGS.simulate[wildcards.name].model_dump_json(),
+    shell:
+        "python -m pa10cal simulate --name {wildcards.name:q} --settings {params.settings:q}"
+        " --out {params.folder:q} --truth {output.truth:q} 2>&1 | tee {log:q} >&2"

@@ -4,7 +4,8 @@ A chain is a row of elementary motions (rotations about and translations along t
 moving frame). Each is driven by one chain coordinate: the base frame, theta, d, a, alpha and beta
 of every Denavit-Hartenberg row, small bends at the ends of chosen links, the tool. The derivative
 of the end's pose by a coordinate is the screw of its axis, exact and at no extra cost (paper,
-Section II.C; Hayati's beta ends each row).
+Section II.C; Hayati's beta ends each row). The constant frames of the arm, before its first row and
+after its last, stand next to the rows, so that the small motions of base and tool lie outside.
 """
 
 from __future__ import annotations
@@ -65,6 +66,7 @@ class Frames:
 
     Attributes:
         T_base_rows: (n, P, 4, 4) end of every Denavit-Hartenberg row, its own motions done.
+            The last one lacks the constant frame of the end-effector.
         T_base_joints: (n, P, 4, 4) frame in which every joint moves, just before it does: along
             or about its z axis.
         T_base_ee: (P, 4, 4) end of the chain.
@@ -84,12 +86,15 @@ class Chain:
         motions: elementary motions from the base to the end, one a coordinate.
         nominal: (m,) coordinates at zero joint positions.
         joint_columns: (n,) column of the coordinate that each joint position drives.
+        constants: column of a motion, and the constant frame (4, 4) that precedes it; the identity
+            is left out.
     """
 
     arm: Arm
     motions: tuple[Motion, ...]
     nominal: Array
     joint_columns: NDArray[np.intp]
+    constants: dict[int, Array]
     _columns: dict[str, int] = field(repr=False)
 
     @classmethod
@@ -128,8 +133,11 @@ class Chain:
             nominal[columns[f"d_{row + 1}"]] = arm.d_m[row]
             nominal[columns[f"a_{row + 1}"]] = arm.a_m[row]
             nominal[columns[f"alpha_{row + 1}"]] = arm.alpha_rad[row]
+            nominal[columns[f"beta_{row + 1}"]] = arm.beta_rad[row]
         joints = np.array([columns[drive] for drive in drives])
-        return cls(arm, motions, nominal, joints, columns)
+        placed = {len(BASE): arm.T_base_row1, len(motions) - len(TOOL): arm.T_row_n_ee}
+        constants = {column: T for column, T in placed.items() if (np.eye(4) != T).any()}
+        return cls(arm, motions, nominal, joints, constants, columns)
 
     def columns(self, names: tuple[str, ...]) -> NDArray[np.intp]:
         """Return the columns of the named chain coordinates (KeyError when there is none)."""
@@ -199,6 +207,8 @@ def frames(chain: Chain, coordinates: Array) -> Frames:
             T_base_joints[joints[k]] = _homogeneous(frame, origin)
 
     frame, end = _walk(chain, coordinates, note)
+    if len(chain.motions) - len(TOOL) in chain.constants:
+        T_base_rows[-1] = T_base_rows[-1] @ np.linalg.inv(arm.T_row_n_ee)
     return Frames(T_base_rows, T_base_joints, _homogeneous(frame, end))
 
 
@@ -237,6 +247,8 @@ def _walk(chain: Chain, coordinates: Array, note: _Note | None) -> tuple[list[Ar
     origin = np.zeros((3, count))
     for k, motion in enumerate(chain.motions):
         value = coordinates[:, k]
+        if k in chain.constants:
+            frame, origin = _placed(frame, origin, chain.constants[k])
         if note is not None:
             note(k, frame, origin)
         if not value.any():
@@ -251,6 +263,13 @@ def _walk(chain: Chain, coordinates: Array, note: _Note | None) -> tuple[list[Ar
         else:
             origin = origin + value * frame[motion.axis]
     return frame, origin
+
+
+def _placed(frame: list[Array], origin: Array, T: Array) -> tuple[list[Array], Array]:
+    """Carry a frame, given by its axes and origin, over a constant one."""
+    axes = np.stack(frame)
+    moved = np.tensordot(T[:3].T, axes, axes=1)
+    return [*moved[:3]], origin + moved[3]
 
 
 def _homogeneous(frame: list[Array], origin: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 from pa10cal.errors import ArmError
 
 Array = NDArray[np.float64]
+
+#: Longer links than this are millimetres.
+_LONGEST_M = 10.0
+#: What a joint that carried hardly anything counts as rated for, of the most that any carried.
+_LEAST_RATED = 0.05
 
 
 @dataclass(frozen=True)
@@ -25,13 +30,18 @@ class Arm:
         d_m: (n,) offsets along z.
         a_m: (n,) lengths along x.
         alpha_rad: (n,) twists.
-        hayati: (n,) whether the row ends with Ry(beta) and has no departure in d.
+        hayati: (n,) whether the row has Ry(beta), at its end (`standard`) or start (`modified`),
+            and no departure in d; see `arm.parallel`.
         prismatic: (n,) whether the joint slides along its z axis.
         limits_rad: (n, 2) joint limits (metres for a prismatic joint).
-        gear_ratio: (n,) motor turns a joint turn.
-        torque_limit_Nm: (n,) rated joint torques.
+        gear_ratio: (n,) motor turns a joint turn; nan where not known.
+        torque_limit_Nm: (n,) rated joint torques (newtons for a prismatic joint); nan where not
+            known.
         mass_kg: (n,) link masses, or None where they are not known.
         com_m: (n, 3) centres of mass in the frame of the link's own row, or None.
+        beta_rad: (n,) nominal beta of the rows; empty for none.
+        T_base_row1: (4, 4) pose of the frame that the first row starts from, in the base [m].
+        T_row_n_ee: (4, 4) pose of the end-effector in the frame of the last row [m].
     """
 
     name: str
@@ -48,15 +58,37 @@ class Arm:
     torque_limit_Nm: Array
     mass_kg: Array | None
     com_m: Array | None
+    beta_rad: Array = field(default_factory=lambda: np.zeros(0))
+    T_base_row1: Array = field(default_factory=lambda: np.eye(4))
+    T_row_n_ee: Array = field(default_factory=lambda: np.eye(4))
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.theta_rad)
 
+    @property
+    def reach_m(self) -> float:
+        """No point of the end-effector's frame is further than this from the base's origin [m]."""
+        slide_m = np.abs(self.limits_rad).max(axis=1)[self.prismatic].sum()
+        ends = self.T_base_row1[:3, 3], self.T_row_n_ee[:3, 3]
+        return float(np.hypot(self.a_m, self.d_m).sum() + slide_m + sum(map(np.linalg.norm, ends)))
+
+    def rated_Nm(self, carried_Nm: Array) -> Array:
+        """Return the rated torques (n,); where not known, what the joint was seen to carry.
+
+        Args:
+            carried_Nm: (n,) largest torque that each joint carried; nan where not known.
+        """
+        carried_Nm = np.nan_to_num(carried_Nm)
+        seen_Nm = np.maximum(carried_Nm, _LEAST_RATED * carried_Nm.max())
+        return np.where(np.isnan(self.torque_limit_Nm), seen_Nm, self.torque_limit_Nm)
+
     def __post_init__(self) -> None:
         n = len(self.theta_rad)
-        for field in (
+        if not len(self.beta_rad):
+            object.__setattr__(self, "beta_rad", np.zeros(n))
+        for name in (
             "d_m",
             "a_m",
             "alpha_rad",
@@ -67,20 +99,27 @@ class Arm:
             "torque_limit_Nm",
             "mass_kg",
             "com_m",
+            "beta_rad",
         ):
-            value = getattr(self, field)
+            value = getattr(self, name)
             if value is not None and len(value) != n:
                 raise ArmError(
-                    f"{field} has {len(value)} entries for {n} rows",
+                    f"{name} has {len(value)} entries for {n} rows",
                     where=self.name,
                     allowed=f"{n} entries, one a joint",
                     remedy="complete the arm description",
                 )
-        if np.any(np.abs(self.d_m) > 10) or np.any(np.abs(self.a_m) > 10):
-            raise ArmError(
-                "a link is longer than 10 m",
-                where=self.name,
-                value=float(max(np.abs(self.d_m).max(), np.abs(self.a_m).max())),
-                allowed="lengths in metres",
-                remedy="divide by 1000 if the lengths are in millimetres",
-            )
+        places = [*np.column_stack([self.a_m, self.d_m])]
+        names = [f"row {row}" for row in range(1, n + 1)]
+        for T, name in ((self.T_base_row1, "base"), (self.T_row_n_ee, "tool")):
+            places.append(T[:3, 3])
+            names.append(name)
+        for name, lengths_m in zip(names, places, strict=True):
+            if np.abs(lengths_m).max() > _LONGEST_M:
+                raise ArmError(
+                    "a link is longer than 10 m",
+                    where=f"{self.name}: {name}",
+                    value=float(lengths_m[np.abs(lengths_m).argmax()]),
+                    allowed="lengths in metres",
+                    remedy="divide by 1000 if the lengths are in millimetres",
+                )

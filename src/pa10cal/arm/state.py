@@ -49,7 +49,7 @@ class PoseStates:
     """States of P poses of an arm with n joints.
 
     Attributes:
-        q_rad: (P, n) motor-side joint positions after the gear ratio.
+        q_rad: (P, n) motor-side joint positions after the gear ratio; metres where a joint slides.
         tau_Nm: (P, n) joint torques that hold the arm.
         arrival: (P, n) direction in which each joint arrived: -1, 0 (did not move) or +1.
         load_N: (P,) external load.

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arm.attitude import roll_pitch_yaw
 from pa10cal.arm.chain import BASE, Chain
 
 Array = NDArray[np.float64]
@@ -35,6 +36,7 @@ def urdf_text(chain: Chain, coordinates: Array, name: str) -> str:
         if motion.coordinate in BASE:
             continue
         value = float(coordinates[column])
+        constant = constant @ chain.constants.get(column, np.eye(4))
         if column in driven:
             joint += 1
             child = f"link_{joint}"
@@ -47,7 +49,7 @@ def urdf_text(chain: Chain, coordinates: Array, name: str) -> str:
                 "limit",
                 lower=repr(float(lower)),
                 upper=repr(float(upper)),
-                effort=repr(float(chain.arm.torque_limit_Nm[driven[column]])),
+                effort=repr(float(np.nan_to_num(chain.arm.torque_limit_Nm[driven[column]]))),
                 velocity="1.0",
             )
             constant, parent = np.eye(4), child
@@ -63,9 +65,7 @@ def _joint(
     """Add a link and the joint that carries it, at pose T in its parent."""
     ElementTree.SubElement(robot, "link", name=child)
     joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
-    # URDF turns about fixed axes x, y, z; at 90 degrees of y the split is not unique, the pose is.
-    rpy = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", suppress_warnings=True)
-    origin = {"xyz": _numbers(T[:3, 3]), "rpy": _numbers(rpy)}
+    origin = {"xyz": _numbers(T[:3, 3]), "rpy": _numbers(roll_pitch_yaw(T[:3, :3]))}
     ElementTree.SubElement(joint, "origin", origin)
     ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "child", link=child)

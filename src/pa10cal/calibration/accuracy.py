@@ -21,14 +21,15 @@ class Accuracy:
 
     Attributes:
         mean_mm, peak_mm, rms_mm: distances at the end-effector frame.
-        orientation_deg: mean angle between predicted and measured attitude.
+        orientation_deg: mean angle between predicted and measured attitude; None where the
+            instrument gives positions alone.
         configurations: how many.
     """
 
     mean_mm: float
     peak_mm: float
     rms_mm: float
-    orientation_deg: float
+    orientation_deg: float | None
     configurations: int
 
 

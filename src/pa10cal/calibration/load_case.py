@@ -14,9 +14,17 @@ from pa10cal.calibration.accuracy import (
     Deviations,
     align_nominal,
     deviations,
+    summarise,
     summarise_by_load,
 )
-from pa10cal.calibration.calibrate import Calibration, Options, calibrate, solve_one_level
+from pa10cal.calibration.calibrate import (
+    Calibration,
+    Options,
+    calibrate,
+    one_level,
+    solve_one_level,
+)
+from pa10cal.calibration.health import Ended, Health, health
 from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependence
 from pa10cal.calibration.l_curve import LCurvePoint, l_curve
 from pa10cal.calibration.solve import nominal_start, solve
@@ -83,6 +91,7 @@ class LoadCase:
         dependence: on the choice of inner poses.
         one_level: the one-level solution beside it.
         l_curve: what the weight of the tolerance terms would do, for the combined case.
+        health: whether the cubic model's calibration is good.
         seed_angle_deg, seed_distance_mm: how far the base frame ended from its seed.
         seconds: time taken.
     """
@@ -98,6 +107,7 @@ class LoadCase:
     dependence: InnerDependence
     one_level: OneLevelCheck
     l_curve: tuple[LCurvePoint, ...]
+    health: Health
     seed_angle_deg: float
     seed_distance_mm: float
     seconds: float
@@ -106,6 +116,7 @@ class LoadCase:
 def work_out(
     arm: Arm,
     readings: PoseObservations,
+    held_out: PoseObservations | None,
     T_cmm_base_seed: Array,
     load: str,
     u_apparatus_m: float,
@@ -116,6 +127,7 @@ def work_out(
     Args:
         arm: the nominal arm.
         readings: single readings of the grid poses, of every load.
+        held_out: poses held out, only judged; None where there are none.
         T_cmm_base_seed: (4, 4) base frame from the straight-line moves.
         load: `combined`, or a load such as `44N`.
         u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
@@ -125,7 +137,7 @@ def work_out(
         CalibrationError: when no grid pose has that load, or there are too few of them.
     """
     began = time.perf_counter()
-    chosen = select_load(readings, load)
+    chosen = readings.take(rows_of_load(readings.states.load_N, load))
     grid, used = average_repeats(readings), average_repeats(chosen)
     errors = ErrorSources(chosen, u_apparatus_m)
     options = study.options
@@ -147,12 +159,13 @@ def work_out(
     rigid = nominal(arm)
     T_rigid = rigid.predict(grid.states, np.zeros(0))
     away = np.linalg.inv(T_cmm_base_seed) @ cubic.T_cmm_base
+    noise = with_own_scatter(used, chosen, cubic.level.model, cubic.solution.x)
     return LoadCase(
         load=load,
         cubic=cubic,
         linear=linear,
         grid=grid,
-        noise=with_own_scatter(used, chosen, cubic.level.model, cubic.solution.x),
+        noise=noise,
         residuals=model_deviations(cubic, grid),
         before=summarise_by_load(
             deviations(T_rigid, align_nominal(rigid, grid), grid), grid.states.load_N
@@ -167,6 +180,7 @@ def work_out(
             if load == COMBINED
             else ()
         ),
+        health=_health(cubic, noise, held_out),
         seed_angle_deg=float(
             np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1)))
         ),
@@ -175,12 +189,15 @@ def work_out(
     )
 
 
-def select_load(poses: PoseObservations, load: str) -> PoseObservations:
-    """Return the poses of a load case."""
-    if load == COMBINED:
-        return poses
-    labels = np.array([f"{value:g}N" for value in poses.states.load_N])
-    if load not in labels:
+def rows_of_load(load_N: Array, load: str) -> NDArray[np.bool_]:
+    """Return (P,) which poses are of a load case.
+
+    Raises:
+        CalibrationError: when none is.
+    """
+    labels = np.array([f"{value:g}N" for value in load_N])
+    rows = np.ones(len(load_N), dtype=bool) if load == COMBINED else labels == load
+    if not rows.any():
         raise CalibrationError(
             "no grid pose with this load",
             where="--load",
@@ -188,7 +205,7 @@ def select_load(poses: PoseObservations, load: str) -> PoseObservations:
             allowed=", ".join([*dict.fromkeys(labels), COMBINED]),
             remedy="choose one of the measured loads",
         )
-    return poses.take(labels == load)
+    return rows
 
 
 def model_deviations(calibration: Calibration, poses: PoseObservations) -> Deviations:
@@ -216,4 +233,42 @@ def _check_one_level(cubic: Calibration, T_cmm_base_seed: Array, options: Option
         largest_difference=float((np.abs(x - two.x) / size)[known].max()),
         mean_mm=float(found.distance_mm.mean()),
         shift=np.where(known, (x - cubic.solution.x) / np.where(std > 0, std, 1.0), 0.0),
+    )
+
+
+def _health(
+    cubic: Calibration, noise: PoseObservations, held_out: PoseObservations | None
+) -> Health:
+    """Judge the calibration, base frame included."""
+    level, solution = cubic.level, cubic.solution
+    whole = one_level(level, cubic.T_cmm_base)
+    k = len(solution.x)
+    jacobian = whole.linearise(np.concatenate([solution.x, np.zeros(6)])).jacobian
+    unit = np.concatenate([np.full(3, 1.0 / level.r_max_m), np.ones(3)])
+    whitener = np.linalg.inv(np.linalg.cholesky(noise.cov_ee * np.outer(unit, unit)))
+    covariance = np.zeros((k + 6, k + 6))
+    covariance[:k, :k], covariance[k:, k:] = cubic.covariances.parameters, cubic.covariances.base
+    held = [
+        parameter.name
+        for parameter, at_bound in zip(level.model.parameters, solution.at_bound, strict=True)
+        if at_bound
+    ]
+    ended = Ended(
+        converged=solution.converged,
+        reason=solution.reason,
+        iterations=solution.iterations,
+        at_bound=tuple(held),
+        parameters=whole.model.parameters,
+        covariance=covariance,
+        identifiability=cubic.identifiability,
+        white=whitener @ jacobian,
+        position=level.r_max_m * jacobian[:, :3],
+        open_parameters=cubic.open_parameters,
+    )
+    noise_mm = 1e3 * float(np.sqrt(np.trace(noise.cov_ee[:, :3, :3], axis1=1, axis2=2).mean()))
+    return health(
+        ended,
+        summarise(model_deviations(cubic, level.observations)).rms_mm,
+        None if held_out is None else summarise(model_deviations(cubic, held_out)).rms_mm,
+        noise_mm,
     )

@@ -48,7 +48,7 @@ def average_repeats(single: PoseObservations) -> PoseObservations:
         that arrived from either side has one between -1 and 1), temperature, time and position, the
         chordal mean of the attitude, and the covariance of that mean for independent readings.
     """
-    return average_groups(single, _groups(single)[0])
+    return average_groups(single, reading_groups(single))
 
 
 def average_groups(single: PoseObservations, code: Index) -> PoseObservations:
@@ -62,32 +62,38 @@ def average_groups(single: PoseObservations, code: Index) -> PoseObservations:
         One row a group, in the order of their numbers; see `average_repeats`.
     """
     _, first, count = np.unique(code, return_index=True, return_counts=True)
-
-    def mean(values: Array) -> Array:
-        total = np.zeros((len(count), *values.shape[1:]))
-        np.add.at(total, code, values)
-        return np.asarray(total / count.reshape(-1, *[1] * (values.ndim - 1)))
-
-    states = single.states
-    T = mean(single.T_cmm_ee)
+    T = group_means(single.T_cmm_ee, code)
     U, _, Vt = np.linalg.svd(T[:, :3, :3])
     U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
     T[:, :3, :3] = U @ Vt
     return PoseObservations(
         pose=single.pose[first],
-        states=PoseStates(
-            q_rad=mean(states.q_rad),
-            tau_Nm=mean(states.tau_Nm),
-            arrival=mean(states.arrival),
-            load_N=states.load_N[first],
-            temperature_C=mean(states.temperature_C),
-            time_s=mean(states.time_s),
-        ),
+        states=average_states(single.states, code),
         T_cmm_ee=T,
-        cov_ee=mean(single.cov_ee) / count[:, None, None],
-        by_apparatus=mean(single.by_apparatus),
+        cov_ee=group_means(single.cov_ee, code) / count[:, None, None],
+        by_apparatus=group_means(single.by_apparatus, code),
         repeats=count,
     )
+
+
+def average_states(states: PoseStates, code: Index) -> PoseStates:
+    """Average the states of each group of readings; see `average_repeats` and `average_groups`."""
+    return PoseStates(
+        q_rad=group_means(states.q_rad, code),
+        tau_Nm=group_means(states.tau_Nm, code),
+        arrival=group_means(states.arrival, code),
+        load_N=states.load_N[np.unique(code, return_index=True)[1]],
+        temperature_C=group_means(states.temperature_C, code),
+        time_s=group_means(states.time_s, code),
+    )
+
+
+def group_means(values: Array, code: Index) -> Array:
+    """Return the mean (G, ...) of the values (P, ...) of each group."""
+    count = np.bincount(code)
+    total = np.zeros((len(count), *values.shape[1:]))
+    np.add.at(total, code, values)
+    return np.asarray(total / count.reshape(-1, *[1] * (values.ndim - 1)))
 
 
 def repeat_scatter(single: PoseObservations) -> RepeatScatter:
@@ -96,13 +102,13 @@ def repeat_scatter(single: PoseObservations) -> RepeatScatter:
     Deviations are taken along the end-effector's axes, in which the noise of balls, tool and wrist
     looks alike in every pose.
     """
-    code, first = _groups(single)
+    code = reading_groups(single)
     mean = average_repeats(single).T_cmm_ee[code]
     R_ee_cmm = np.swapaxes(mean[:, :3, :3], 1, 2)
     shift = R_ee_cmm @ (single.T_cmm_ee[:, :3, 3] - mean[:, :3, 3])[..., None]
     turn = Rotation.from_matrix(R_ee_cmm @ single.T_cmm_ee[:, :3, :3]).as_rotvec()
     deviation = np.hstack([shift[..., 0], turn])
-    freedoms = len(single) - len(first)
+    freedoms = len(single) - len(np.unique(code))
     return RepeatScatter(deviation.T @ deviation / max(freedoms, 1), freedoms)
 
 
@@ -117,12 +123,12 @@ def with_scatter(poses: PoseObservations, scatter: RepeatScatter) -> PoseObserva
 
 def reading_groups(single: PoseObservations) -> Index:
     """Return, for every reading, its row in `average_repeats`."""
-    return _groups(single)[0]
+    return same_pose_and_load(single.pose, single.states.load_N)
 
 
-def _groups(single: PoseObservations) -> tuple[Index, Index]:
-    """Return each reading's group, numbered by pose, then load; and each group's first reading."""
-    _, pose = np.unique(single.pose, return_inverse=True)
-    loads, load = np.unique(single.states.load_N, return_inverse=True)
-    _, first, code = np.unique(pose * len(loads) + load, return_index=True, return_inverse=True)
-    return code, first
+def same_pose_and_load(pose: NDArray[np.str_], load_N: Array) -> Index:
+    """Return (P,) the group of each reading, numbered by pose label, then load."""
+    _, label = np.unique(pose, return_inverse=True)
+    loads, load = np.unique(load_N, return_inverse=True)
+    _, code = np.unique(label * len(loads) + load, return_inverse=True)
+    return np.asarray(code, dtype=np.intp)

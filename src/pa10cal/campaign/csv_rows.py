@@ -62,6 +62,12 @@ class RawRows:
         )
 
 
+def column_names(path: Path) -> list[str]:
+    """Return the names in the header of a CSV file, none where there is no header."""
+    header = next((text for text in _read_lines(path) if text.strip()), "")
+    return _fields(header) if header else []
+
+
 def read_rows(
     path: Path,
     required: Sequence[str],
@@ -219,7 +225,8 @@ def _check_header(
         raise _refusal(path, line, f"column {twice[0]} is there twice", "once", "remove one")
     missing = [name for name in required if name not in header]
     if missing:
-        near = difflib.get_close_matches(missing[0], header, n=1, cutoff=0.5)
+        others = [name for name in header if name not in required]
+        near = difflib.get_close_matches(missing[0], others, n=1, cutoff=0.5)
         raise RawDataError(
             f"missing column{'s' if len(missing) > 1 else ''} {', '.join(missing)}",
             where=f"{path}:{line}",

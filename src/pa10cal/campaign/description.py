@@ -41,7 +41,8 @@ class Tool(Section):
     com_mm: Vector
     load_point_mm: Vector
     balls_mm: dict[BallName, Vector] = Field(
-        default_factory=dict, description="centres of the tooling balls by name"
+        default_factory=dict,
+        description="centres of the tooling balls, or of other targets, by name",
     )
 
 
@@ -143,8 +144,6 @@ def _read_mapping(path: Path) -> dict[str, object]:
 def _check_instrument(campaign: Campaign, folder: Path) -> None:
     """Refuse a campaign that lacks what its kind of instrument needs."""
     kind = campaign.instrument.kind
-    if kind in ("points", "distance"):
-        raise _unfit(folder, "instrument.kind", kind, "touch_trigger_cmm or pose; others not yet")
     if kind == "touch_trigger_cmm":
         if campaign.ball_diameter_mm is None:
             raise _unfit(folder, "ball_diameter_mm", None, "the diameter of the tooling balls")

@@ -31,17 +31,17 @@ def ingest_campaign(
 
     Raises:
         RawDataError: when a file, or too much of it, cannot be used, when there is no `grid` row,
-            or when the arm has sliding joints, for which the logs have no columns.
+            or when the arm has sliding joints and its log gives degrees.
     """
-    if arm.prismatic.any():
+    touched = campaign.instrument.kind == "touch_trigger_cmm"
+    if touched and arm.prismatic.any():
         raise RawDataError(
             "the arm has sliding joints",
             where=f"{folder / DESCRIPTION_FILE}: robot",
             value=arm.name,
-            allowed="turning joints, as the logs give positions in degrees",
-            remedy="use an arm without sliding joints",
+            allowed="turning joints, as the resolver log gives positions in degrees",
+            remedy="give the poses in files.poses, with a column in millimetres for each of them",
         )
-    touched = campaign.instrument.kind == "touch_trigger_cmm"
     read = poses_from_touches if touched else poses_from_tracker
     ingested = read(campaign, arm, folder, settings)
     poses = ingested.poses
@@ -56,7 +56,8 @@ def ingest_campaign(
             allowed="rows of kind grid",
             remedy="check the column kind",
         )
-    missing = [kind for kind in ("line_x", "line_y", "holdout") if kind not in kinds]
+    lines = () if campaign.instrument.kind in ("points", "distance") else ("line_x", "line_y")
+    missing = [kind for kind in (*lines, "holdout") if kind not in kinds]
     notes = (*ingested.notes, *(f"no {kind} rows" for kind in missing))
     return Ingested(poses, tuple(sorted(ingested.left_out)), notes)
 
@@ -93,14 +94,28 @@ def hold_out(poses: MeasuredPoses, rule: Holdout, where: str) -> MeasuredPoses:
 
 
 def repeatability_mm(poses: MeasuredPoses) -> dict[float, float]:
-    """Return, for each load, the mean standard deviation of position within one grid pose.
+    """Return, for each load, the mean standard deviation of what was measured in one grid pose.
 
-    The deviation is that of the distance from the mean of the repeats (paper, Section III); loads
-    without repeats are not in it.
+    The deviation is that of the distance from the mean of the repeats (paper, Section III), of the
+    end-effector, of each target, or of the measured distance; loads without repeats are not in it.
     """
     rows = poses.take(poses.kind == "grid")
-    p_mm = pd.DataFrame(rows.T_cmm_ee_mm[:, :3, 3])
-    groups = p_mm.groupby([rows.load_N, rows.pose])
-    square: NDArray[np.float64] = groups.var().sum(axis=1).to_numpy()[groups.size().to_numpy() > 1]
-    load = groups.size().index.get_level_values(0).to_numpy()[groups.size().to_numpy() > 1]
+    places_mm = _places_mm(rows)
+    targets, axes = places_mm.shape[1:]
+    table = pd.DataFrame(places_mm.reshape(-1, axes))
+    target = np.tile(np.arange(targets), len(rows))
+    keys = [np.repeat(rows.load_N, targets), np.repeat(rows.pose, targets), target]
+    groups = table[table[0].notna()].groupby([key[table[0].notna()] for key in keys])
+    repeated = groups.size().to_numpy() > 1
+    square: NDArray[np.float64] = groups.var().sum(axis=1).to_numpy()[repeated]
+    load = groups.size().index.get_level_values(0).to_numpy()[repeated]
     return {float(at): float(np.sqrt(square[load == at]).mean()) for at in np.unique(load)}
+
+
+def _places_mm(poses: MeasuredPoses) -> NDArray[np.float64]:
+    """Return what was measured of B places, (C, B, 3), or of a distance, (C, 1, 1)."""
+    if poses.d_mm is not None:
+        return poses.d_mm[:, None, None]
+    if poses.T_cmm_ee_mm is not None:
+        return poses.T_cmm_ee_mm[:, None, :3, 3]
+    return poses.p_cmm_balls_mm

@@ -27,7 +27,6 @@ KINDS = ("line_x", "line_y", "grid", "holdout")
 #: No instrument of this kind measures further than this.
 LARGEST_MM = 1e6
 TOO_LARGE = "a coordinate beyond any measuring volume"
-NOT_UNCERTAIN = "the stated uncertainty is not above zero"
 
 _T = TypeVar("_T", bound="_Columns")
 
@@ -98,33 +97,6 @@ class Samples(_Columns):
 
 
 @dataclass(frozen=True)
-class TrackedPoses(Readings):
-    """End-effector poses from an instrument that gives them directly.
-
-    Attributes:
-        q_deg: (N, n) joint positions.
-        q_u_deg: (N, n) their standard uncertainties, nan where not stated.
-        tau_Nm: (N, n) torques, nan where not logged.
-        tau_u_Nm: (N, n) their standard uncertainties, nan where not stated.
-        temperature_C: (N,) temperature, nan where not logged.
-        p_cmm_ee_mm: (N, 3) position.
-        p_u_mm: (N, 3) its standard uncertainties, nan where not stated.
-        quaternion: (N, 4) attitude as w, x, y, z; of unit length.
-        quaternion_u: (N, 4) its standard uncertainties, nan where not stated.
-    """
-
-    q_deg: Array
-    q_u_deg: Array
-    tau_Nm: Array
-    tau_u_Nm: Array
-    temperature_C: Array
-    p_cmm_ee_mm: Array
-    p_u_mm: Array
-    quaternion: Array
-    quaternion_u: Array
-
-
-@dataclass(frozen=True)
 class FileRead:
     """How the reading of one file went.
 
@@ -168,11 +140,11 @@ def read_touches(path: Path, ball_names: Sequence[str]) -> tuple[Touches, FileRe
     raw, _ = numbers(raw, ["time_s", "load_N", *places])
     raw, _ = whole_numbers(raw, "touch")
     raw = in_range(raw, places, TOO_LARGE, -LARGEST_MM, LARGEST_MM)
-    raw, shared = _readings(raw)
+    raw, shared = readings_of(raw)
     _, p_cmm_mm = numbers(raw, places)
     names = raw.columns["ball"].astype(str)
     ball = np.argmax(names[:, None] == np.array(ball_names), axis=1)
-    return _in_time(Touches(**shared, ball=ball, p_cmm_mm=p_cmm_mm), raw)
+    return in_time(Touches(**shared, ball=ball, p_cmm_mm=p_cmm_mm), raw)
 
 
 def read_samples(path: Path, joints: int) -> tuple[Samples, FileRead]:
@@ -196,70 +168,15 @@ def read_samples(path: Path, joints: int) -> tuple[Samples, FileRead]:
     samples = Samples(
         raw.line, table[:, 0], table[:, 1 : joints + 1], table[:, joints + 1 : -1], table[:, -1]
     )
-    return _in_time(samples, raw)
+    return in_time(samples, raw)
 
 
-def read_tracked_poses(
-    path: Path, joints: int, *, kind_stated: bool
-) -> tuple[TrackedPoses, FileRead]:
-    """Read the poses of a 6-D tracker.
+def readings_of(raw: RawRows) -> tuple[RawRows, dict[str, Any]]:
+    """Read what every row says of its configuration; rows that do not say it are left out.
 
-    Args:
-        path: the file named by `files.poses`.
-        joints: number of joints; their torques are logged for all of them or for none.
-        kind_stated: whether the rows must say their kind; else all are of the grid.
-
-    Raises:
-        RawDataError: when the file as a whole cannot be used.
+    Returns:
+        The remaining rows and the fields of `Readings`.
     """
-    q = [f"q{j}_deg" for j in range(1, joints + 1)]
-    tau = [f"tau{j}_Nm" for j in range(1, joints + 1)]
-    place, attitude = ["x_mm", "y_mm", "z_mm"], ["qw", "qx", "qy", "qz"]
-    labels = ["pose", "load_N", "repeat", *(["kind"] if kind_stated else [])]
-    stated_u = [f"u_{name}" for name in (*q, *tau, *place, *attitude)]
-    optional = ["temperature_C", *stated_u]
-    raw = read_rows(path, ["time_s", *labels, *q, *place, *attitude], ["kind", *optional], tau)
-    if "kind" not in raw.columns:
-        raw.columns["kind"] = np.full(len(raw.line), "grid", dtype=object)
-    raw = choices(raw, "kind", KINDS)
-    logged = [name for name in tau if name in raw.columns]
-    raw, _ = numbers(raw, ["time_s", "load_N", *q, *logged, *place, *attitude])
-    raw = in_range(raw, place, TOO_LARGE, -LARGEST_MM, LARGEST_MM)
-    given = [name for name in optional if name in raw.columns]
-    raw, _ = numbers(raw, given, may_be_blank=True)
-    above_zero = float(np.nextafter(0.0, 1.0))
-    raw = in_range(raw, [name for name in stated_u if name in given], NOT_UNCERTAIN, above_zero)
-    raw = _with_unit_quaternions(raw, attitude)
-    raw, shared = _readings(raw)
-    given += logged
-    columns = dict(zip(given, numbers(raw, given, may_be_blank=True)[1].T, strict=True))
-    unknown = np.full(len(raw.line), np.nan)
-
-    def stated(names: Sequence[str]) -> Array:
-        return np.column_stack([columns.get(name, unknown) for name in names])
-
-    def uncertain(names: Sequence[str]) -> Array:
-        return stated([f"u_{name}" for name in names])
-
-    quaternion = numbers(raw, attitude)[1]
-    length = np.linalg.norm(quaternion, axis=1, keepdims=True)
-    poses = TrackedPoses(
-        **shared,
-        q_deg=numbers(raw, q)[1],
-        q_u_deg=uncertain(q),
-        tau_Nm=stated(tau),
-        tau_u_Nm=uncertain(tau),
-        temperature_C=stated(["temperature_C"])[:, 0],
-        p_cmm_ee_mm=numbers(raw, place)[1],
-        p_u_mm=uncertain(place),
-        quaternion=quaternion / length,
-        quaternion_u=uncertain(attitude) / length,
-    )
-    return _in_time(poses, raw)
-
-
-def _readings(raw: RawRows) -> tuple[RawRows, dict[str, Any]]:
-    """Return the remaining rows and the fields of `Readings`."""
     raw = in_range(raw, ["load_N"], "negative load", 0.0)
     raw, repeat = whole_numbers(raw, "repeat")
     named = raw.columns["pose"] != ""
@@ -276,15 +193,7 @@ def _readings(raw: RawRows) -> tuple[RawRows, dict[str, Any]]:
     }
 
 
-def _with_unit_quaternions(raw: RawRows, attitude: Sequence[str]) -> RawRows:
-    _, quaternion = numbers(raw, attitude)
-    length = np.linalg.norm(quaternion, axis=1)
-    keep = np.abs(length - 1.0) < 0.01
-    values = [f"length {value:.4g}" for value in length[~keep]]
-    return raw.take(keep, "the quaternion is not of unit length", values)
-
-
-def _in_time(rows: _T, raw: RawRows) -> tuple[_T, FileRead]:
+def in_time(rows: _T, raw: RawRows) -> tuple[_T, FileRead]:
     """Sort the rows by time and say how many were out of order."""
     time_s = rows.time_s
     late = time_s[1:] < np.maximum.accumulate(time_s)[:-1] if len(time_s) else np.zeros(0, bool)

@@ -22,7 +22,6 @@ from pa10cal.campaign.logs import Samples, Touches, read_samples, read_touches
 from pa10cal.campaign.measured import Ingested, MeasuredPoses
 from pa10cal.campaign.plausibility import (
     OTHER_COMMAND,
-    SAME_COMMAND_DEG,
     off_command,
     refuse_wrong_angle_unit,
 )
@@ -91,8 +90,8 @@ def poses_from_touches(
     balls = locate_balls(touches.p_cmm_mm[groups.row], groups.valid, tool, str(cmm))
     readings = dwell_readings(samples, dwells)
     dwell = dwell[groups.first]
-    off = off_command(touches.pose[groups.first], readings.q_rad[dwell])
-    late = (balls.reason == "") & (off > SAME_COMMAND_DEG)
+    off = off_command(touches.pose[groups.first], readings.q_rad[dwell], arm.prismatic)
+    late = (balls.reason == "") & off
     reason = np.where(late, OTHER_COMMAND, balls.reason)
     listed += _unused_touches(touches, groups, balls, reason, cmm.name, settings)
     refuse_too_many(listed, totals, settings.max_quarantined_fraction)
@@ -211,6 +210,7 @@ def _assemble(
         load_N=touches.load_N[first],
         repeat=touches.repeat[first],
         time_s=0.5 * (begin + end),
+        slides=np.zeros(readings.q_rad.shape[1], dtype=bool),
         q_rad=readings.q_rad[at],
         q_u_rad=readings.q_u_rad[at],
         tau_Nm=readings.tau_Nm[at],

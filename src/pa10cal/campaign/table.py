@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
@@ -96,7 +97,17 @@ def observations(
 
     Returns:
         P poses; none when the table holds no such rows.
+
+    Raises:
+        RawDataError: when the instrument saw points or distances, and no poses.
     """
+    if "ee_x_mm" not in table.columns:
+        raise RawDataError(
+            "the instrument did not see the end-effector's pose",
+            where=f"table of poses of {table.attrs.get('campaign')}",
+            allowed="a campaign of kind touch_trigger_cmm or pose",
+            remedy="calibrate this campaign with its complete model",
+        )
     every = _single(table[table["kind"] == kind])
     single = every if loads is None else every.take(np.isin(every.states.load_N, list(loads)))
     poses = average_repeats(single) if average else single
@@ -108,29 +119,17 @@ def observations(
 
 def _single(rows: pd.DataFrame) -> PoseObservations:
     """Return every row as an observation with the instrument's covariance."""
-    rows = rows.sort_values(["pose", "load_N", "time_s"], kind="stable")
-    n = sum(name.startswith("tau") and name.endswith("_u_Nm") for name in rows.columns)
-
-    def numbers(names: Sequence[str]) -> Array:
-        return np.array(rows[list(names)], dtype=float)
-
+    rows = in_order(rows)
     T = np.tile(np.eye(4), (len(rows), 1, 1))
-    T[:, :3, 3] = MM * numbers([f"ee_{axis}_mm" for axis in AXES])
-    T[:, :3, :3] = Rotation.from_quat(numbers(QUATERNION), scalar_first=True).as_matrix()
+    T[:, :3, 3] = MM * _numbers(rows, [f"ee_{axis}_mm" for axis in AXES])
+    T[:, :3, :3] = Rotation.from_quat(_numbers(rows, QUATERNION), scalar_first=True).as_matrix()
     upper = np.triu_indices(6)
     cov_ee = np.zeros((len(rows), 6, 6))
-    cov_ee[:, upper[0], upper[1]] = cov_ee[:, upper[1], upper[0]] = numbers(COVARIANCE)
+    cov_ee[:, upper[0], upper[1]] = cov_ee[:, upper[1], upper[0]] = _numbers(rows, COVARIANCE)
     scale = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
     return PoseObservations(
         pose=rows["pose"].to_numpy(dtype=str),
-        states=PoseStates(
-            q_rad=numbers(_joint_columns("q", n, "_rad")),
-            tau_Nm=numbers(_joint_columns("tau", n, "_Nm")),
-            arrival=numbers(_joint_columns("s", n, "")),
-            load_N=numbers(["load_N"])[:, 0],
-            temperature_C=numbers(["temperature_C"])[:, 0],
-            time_s=numbers(["time_s"])[:, 0],
-        ),
+        states=states_of(rows),
         T_cmm_ee=T,
         cov_ee=cov_ee * np.outer(scale, scale),
         by_apparatus=_by_apparatus(rows, T),
@@ -138,24 +137,66 @@ def _single(rows: pd.DataFrame) -> PoseObservations:
     )
 
 
-def _by_apparatus(rows: pd.DataFrame, T_cmm_ee: Array) -> Array:
-    """Return how each measured pose answers to the balls' places on the apparatus."""
-    balls = [
-        name[4:-5] for name in rows.columns if name.startswith("ball") and name.endswith("_x_mm")
-    ]
-    if not balls:
-        return np.zeros((len(rows), 6, 0))
-    centres = np.stack(
-        [np.array(rows[[f"ball{ball}_{axis}_mm" for axis in AXES]], dtype=float) for ball in balls],
-        axis=1,
+def in_order(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return rows of the table in the order of all observations: pose, load, time."""
+    return rows.sort_values(["pose", "load_N", "time_s"], kind="stable")
+
+
+def states_of(rows: pd.DataFrame) -> PoseStates:
+    """Return the state of the arm in every row of the table."""
+    n = sum(name.startswith("tau") and name.endswith("_u_Nm") for name in rows.columns)
+    slides = np.array([f"q{joint}_m" in rows.columns for joint in range(1, n + 1)])
+    return PoseStates(
+        q_rad=_numbers(rows, _position_columns(slides)),
+        tau_Nm=_numbers(rows, _joint_columns("tau", n, "_Nm")),
+        arrival=_numbers(rows, _joint_columns("s", n, "")),
+        load_N=_numbers(rows, ["load_N"])[:, 0],
+        temperature_C=_numbers(rows, ["temperature_C"])[:, 0],
+        time_s=_numbers(rows, ["time_s"])[:, 0],
     )
-    covariances = np.zeros((len(rows), len(balls), 3, 3))
-    for b, ball in enumerate(balls):
+
+
+def target_names(table: pd.DataFrame) -> tuple[str, ...]:
+    """Return the names of the balls or other targets whose centres the table holds."""
+    held = (re.fullmatch(r"ball(\w+)_x_mm", str(name)) for name in table.columns)
+    return tuple(found.group(1) for found in held if found)
+
+
+def targets_m(rows: pd.DataFrame) -> tuple[Array, Array]:
+    """Return the centres (P, B, 3) [m] of the targets, and their covariances (P, B, 3, 3)."""
+    names = target_names(rows)
+    p_cmm_mm = np.zeros((len(rows), len(names), 3))
+    cov_mm2 = np.zeros((len(rows), len(names), 3, 3))
+    for b, name in enumerate(names):
+        p_cmm_mm[:, b] = _numbers(rows, [f"ball{name}_{axis}_mm" for axis in AXES])
         for i in range(3):
             for j in range(i, 3):
-                column = np.array(rows[f"ball{ball}_c{AXES[i]}{AXES[j]}_mm2"], dtype=float)
-                covariances[:, b, i, j] = covariances[:, b, j, i] = column
-    return pose_by_source(T_cmm_ee, MM * centres, MM**2 * covariances)
+                column = _numbers(rows, [f"ball{name}_c{AXES[i]}{AXES[j]}_mm2"])[:, 0]
+                cov_mm2[:, b, i, j] = cov_mm2[:, b, j, i] = column
+    return MM * p_cmm_mm, MM**2 * cov_mm2
+
+
+def distances_m(rows: pd.DataFrame) -> tuple[Array, Array]:
+    """Return the distances (P,) [m] and their standard uncertainties (P,)."""
+    d_m, u_m = MM * _numbers(rows, ["d_mm", "d_u_mm"]).T
+    return d_m, u_m
+
+
+def _by_apparatus(rows: pd.DataFrame, T_cmm_ee: Array) -> Array:
+    """Return how each measured pose answers to the balls' places on the apparatus."""
+    if not target_names(rows):
+        return np.zeros((len(rows), 6, 0))
+    return pose_by_source(T_cmm_ee, *targets_m(rows))
+
+
+def _numbers(rows: pd.DataFrame, names: Sequence[str]) -> Array:
+    return np.array(rows[list(names)], dtype=float)
+
+
+def _position_columns(slides: NDArray[np.bool_], uncertainty: str = "") -> list[str]:
+    """Return the names of the joint positions' columns: q1_rad …, or q1_m of one that slides."""
+    units = np.where(slides, "m", "rad")
+    return [f"q{joint}{uncertainty}_{unit}" for joint, unit in enumerate(units, start=1)]
 
 
 def _joint_columns(prefix: str, joints: int, suffix: str) -> list[str]:
@@ -172,14 +213,14 @@ def _columns(poses: MeasuredPoses) -> dict[str, object]:
         "repeat": poses.repeat,
         "time_s": poses.time_s,
     }
-    for prefix, suffix, values in (
-        ("q", "_rad", poses.q_rad),
-        ("q", "_u_rad", poses.q_u_rad),
-        ("tau", "_Nm", poses.tau_Nm),
-        ("tau", "_u_Nm", poses.tau_u_Nm),
-        ("s", "", poses.arrival.astype(np.int8)),
+    for names, values in (
+        (_position_columns(poses.slides), poses.q_rad),
+        (_position_columns(poses.slides, "_u"), poses.q_u_rad),
+        (_joint_columns("tau", n, "_Nm"), poses.tau_Nm),
+        (_joint_columns("tau", n, "_u_Nm"), poses.tau_u_Nm),
+        (_joint_columns("s", n, ""), poses.arrival.astype(np.int8)),
     ):
-        columns |= dict(zip(_joint_columns(prefix, n, suffix), values.T, strict=True))
+        columns |= dict(zip(names, values.T, strict=True))
     columns["temperature_C"] = poses.temperature_C
     columns["dwell_samples"] = poses.dwell_samples
     for b, name in enumerate(poses.ball_names):
@@ -189,13 +230,22 @@ def _columns(poses: MeasuredPoses) -> dict[str, object]:
             for j in range(i, 3):
                 columns[f"ball{name}_c{AXES[i]}{AXES[j]}_mm2"] = poses.cov_balls_mm2[:, b, i, j]
         columns[f"ball{name}_touches"] = poses.ball_touches[:, b]
-    for k, axis in enumerate(AXES):
-        columns[f"ee_{axis}_mm"] = poses.T_cmm_ee_mm[:, k, 3]
-    quaternion = Rotation.from_matrix(poses.T_cmm_ee_mm[:, :3, :3]).as_quat(
+    if poses.T_cmm_ee_mm is not None and poses.cov_ee_mm is not None:
+        columns |= _pose_columns(poses.T_cmm_ee_mm, poses.cov_ee_mm)
+    if poses.d_mm is not None:
+        columns |= {"d_mm": poses.d_mm, "d_u_mm": poses.d_u_mm}
+    return columns
+
+
+def _pose_columns(T_cmm_ee_mm: Array, cov_ee_mm: Array) -> dict[str, object]:
+    columns: dict[str, object] = {
+        f"ee_{axis}_mm": T_cmm_ee_mm[:, k, 3] for k, axis in enumerate(AXES)
+    }
+    quaternion = Rotation.from_matrix(T_cmm_ee_mm[:, :3, :3]).as_quat(
         canonical=True, scalar_first=True
     )
     columns |= dict(zip(QUATERNION, quaternion.T, strict=True))
-    upper = poses.cov_ee_mm[:, *np.triu_indices(6)]
+    upper = cov_ee_mm[:, *np.triu_indices(6)]
     return columns | dict(zip(COVARIANCE, upper.T, strict=True))
 
 

@@ -1,48 +1,65 @@
-"""Poses from an instrument that gives them directly (a 6-D tracker) to measured configurations."""
+"""Rows of an instrument that touches nothing to measured configurations."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.campaign.csv_rows import column_names
 from pa10cal.campaign.description import Campaign
+from pa10cal.campaign.distance_tracker import DistanceTracker
 from pa10cal.campaign.grouping import configurations
-from pa10cal.campaign.logs import TrackedPoses, read_tracked_poses
+from pa10cal.campaign.length_unit import refuse_wrong_length_unit
 from pa10cal.campaign.measured import Ingested, MeasuredPoses
 from pa10cal.campaign.outliers import (
     OFF_MODEL,
     OFF_REPEATS,
     OUT_OF_REACH,
+    Mask,
+    Misfit,
     off_model,
     off_repeats,
     out_of_reach,
+    robust_misfit,
 )
 from pa10cal.campaign.plausibility import (
     OTHER_COMMAND,
-    SAME_COMMAND_DEG,
+    may_be_radians,
     off_command,
     refuse_wrong_angle_unit,
-    refuse_wrong_length_unit,
 )
+from pa10cal.campaign.point_tracker import PointTracker, target_names
+from pa10cal.campaign.pose_rows import PoseRows, position_columns, read_pose_rows
+from pa10cal.campaign.pose_tracker import PoseTracker
 from pa10cal.campaign.quarantine import LeftOut, left_out, refuse_too_many
+from pa10cal.campaign.tracker import Tracker
+from pa10cal.errors import RawDataError
 from pa10cal.settings import IngestSettings
 
 Array = NDArray[np.float64]
 
-#: An attitude without a stated uncertainty is as sure as targets this far apart make it.
-TARGET_SPREAD_MM = 100.0
 NO_TORQUES = "no torques logged: springs cannot be identified"
+#: The nominal model fitted in another unit of joint positions must be this much nearer to count,
+#: and as logged be further off than this.
+BETTER = 5.0
+BAD_MM = 2.0
+#: Logged positions of sliding joints that never exceed the longest stroke in metres may be metres.
+LONGEST_STROKE_M = 10.0
+#: Median misfits of the nominal model, fitted, that are worth a note.
+NOTE_MM = 50.0
+NOTE_DEG = 10.0
 
 
 def poses_from_tracker(
     campaign: Campaign, arm: Arm, folder: Path, settings: IngestSettings
 ) -> Ingested:
-    """Read a campaign of an instrument that gives positions and attitudes.
+    """Read a campaign of an instrument that gives poses, positions of targets, or distances.
 
     Args:
         campaign: its description.
@@ -51,68 +68,188 @@ def poses_from_tracker(
         settings: the `ingest` section.
 
     Returns:
-        One entry a row: no balls, no approach (arrivals are 0) and no dwell; what was not logged
-        is nan.
+        One entry a row: no approach (arrivals are 0) and no dwell; what was not logged is nan.
 
     Raises:
         RawDataError: when the file, or too much of it, cannot be used.
     """
     path = folder / str(campaign.files.poses)
-    rows, read = read_tracked_poses(path, arm.n, kind_stated=campaign.holdout is None)
+    tracker = _tracker(campaign, path)
+    rows, read = read_pose_rows(
+        path, arm.prismatic, tracker.columns, kind_stated=campaign.holdout is None
+    )
+    totals, most = {read.file: read.total}, settings.max_quarantined_fraction
     listed = list(read.left_out)
     _, first = np.unique(configurations(rows), return_index=True)
     again = np.ones(len(rows), dtype=bool)
     again[first] = False
     listed += left_out(read.file, rows.line[again], "this configuration was read before")
-    rows = rows.take(~again)
-    refuse_too_many(listed, {read.file: read.total}, settings.max_quarantined_fraction)
-    rows, outliers = _without_outliers(rows, arm, path)
-    listed += outliers
-    q_rad = np.radians(rows.q_deg)
-    off = off_command(rows.pose, q_rad) > SAME_COMMAND_DEG
+    refuse_too_many(listed, totals, most)
+    screened = _Screen(tracker, arm, path).of(rows.take(~again))
+    listed += screened.left_out
+    rows, q_rad = screened.rows, in_radians(screened.rows.q, arm)
+    off = off_command(rows.pose, q_rad, arm.prismatic)
     listed += left_out(read.file, rows.line[off], OTHER_COMMAND, rows.pose[off])
-    refuse_too_many(listed, {read.file: read.total}, settings.max_quarantined_fraction)
-    poses = _measured(rows, q_rad, campaign.instrument.uncertainty_mm).take(~off)
-    notes = (*read.notes, NO_TORQUES) if np.isnan(poses.tau_Nm).all() else read.notes
-    return Ingested(poses, tuple(listed), notes)
+    refuse_too_many(listed, totals, most)
+    rows, q_rad = rows.take(~off), q_rad[~off]
+    poses = tracker.with_seen(_unseen(rows, q_rad, arm), rows)
+    notes = [*read.notes, *tracker.notes, *screened.notes]
+    if np.isnan(poses.tau_Nm).all():
+        notes.append(NO_TORQUES)
+    return Ingested(poses, tuple(listed), tuple(notes))
 
 
-def _without_outliers(
-    rows: TrackedPoses, arm: Arm, path: Path
-) -> tuple[TrackedPoses, tuple[LeftOut, ...]]:
-    """Refuse wrong units, and leave out single readings that cannot be of their pose."""
-    far = out_of_reach(rows.p_cmm_ee_mm, arm)
-    listed = left_out(path.name, rows.line[far], OUT_OF_REACH, _places(rows.take(far)))
-    rows = rows.take(~far)
-    log, places = (rows.time_s, rows.q_deg), (rows.time_s, rows.p_cmm_ee_mm)
-    refuse_wrong_angle_unit(log, places, arm, 0.0, f"{path}: q1_deg … q{arm.n}_deg")
-    nominal_mm = 1e3 * Chain.of(arm).forward(np.radians(rows.q_deg))[:, :3, 3]
-    refuse_wrong_length_unit(rows.p_cmm_ee_mm, nominal_mm, f"{path}: x_mm, y_mm, z_mm")
-    other = off_repeats(rows.p_cmm_ee_mm, rows.pose, rows.load_N)
-    listed += left_out(path.name, rows.line[other], OFF_REPEATS, _places(rows.take(other)))
-    rows, nominal_mm = rows.take(~other), nominal_mm[~other]
-    stray = off_model(rows.p_cmm_ee_mm, nominal_mm)
-    listed += left_out(path.name, rows.line[stray], OFF_MODEL, _places(rows.take(stray)))
-    return rows.take(~stray), listed
+def in_radians(q: Array, arm: Arm) -> Array:
+    """Return logged joint positions (N, n) in radians; in metres of joints that slide."""
+    return np.asarray(np.where(arm.prismatic, 1e-3 * q, np.radians(q)))
 
 
-def _places(rows: TrackedPoses) -> list[str]:
-    return [f"x_mm, y_mm, z_mm = {x:g}, {y:g}, {z:g}" for x, y, z in rows.p_cmm_ee_mm]
+def _tracker(campaign: Campaign, path: Path) -> Tracker:
+    kind, uncertainty_mm = campaign.instrument.kind, campaign.instrument.uncertainty_mm
+    if kind == "points":
+        names = target_names(column_names(path))
+        return PointTracker(names, campaign.tool.balls_mm, uncertainty_mm)
+    return DistanceTracker(uncertainty_mm) if kind == "distance" else PoseTracker(uncertainty_mm)
 
 
-def _measured(rows: TrackedPoses, q_rad: Array, uncertainty_mm: float) -> MeasuredPoses:
+@dataclass(frozen=True)
+class _Screened:
+    """Rows that can be of their configuration, those left out, and what the reader should know."""
+
+    rows: PoseRows
+    left_out: tuple[LeftOut, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Screen:
+    """Refuses wrong units, and leaves out single readings that cannot be of their pose."""
+
+    tracker: Tracker
+    arm: Arm
+    path: Path
+
+    def of(self, rows: PoseRows) -> _Screened:
+        """Screen rows."""
+        far = self._each(rows, lambda p, _: out_of_reach(p, self.arm))
+        rows, listed = self._without(rows, far, OUT_OF_REACH)
+        self._refuse_units(rows)
+        other = self._each(rows, lambda p, seen: off_repeats(p, rows.pose[seen], rows.load_N[seen]))
+        rows, off = self._without(rows, other, OFF_REPEATS)
+        listed += off
+        misfit = self._misfit(rows, rows.q)
+        if misfit is None:
+            return _Screened(rows, listed, ())
+        notes = _poor_fit(misfit)
+        rows, off = self._without(rows, off_model(misfit), OFF_MODEL)
+        return _Screened(rows, listed + off, notes)
+
+    def _each(self, rows: PoseRows, judge: Callable[[Array, Mask], Mask]) -> Mask:
+        """Judge the targets one by one, by where each was seen: (N, B)."""
+        places = self.tracker.places_mm(rows)
+        judged = np.zeros(places.shape[:2], dtype=bool)
+        for b in range(places.shape[1]):
+            seen = np.isfinite(places[:, b, 0])
+            judged[seen, b] = judge(places[seen, b], seen)
+        return judged
+
+    def _without(
+        self, rows: PoseRows, off: Mask, reason: str
+    ) -> tuple[PoseRows, tuple[LeftOut, ...]]:
+        """Leave out rows with a target (N, B) that is off, naming the first of them."""
+        lost = np.flatnonzero(off.any(axis=1))
+        places = self.tracker.places_mm(rows)
+        values = []
+        for row, b in zip(lost, off[lost].argmax(axis=1), strict=True):
+            numbers = ", ".join(f"{value:g}" for value in places[row, b])
+            values.append(f"{', '.join(self.tracker.targets[b])} = {numbers}")
+        listed = left_out(self.path.name, rows.line[lost], reason, values)
+        kept = np.setdiff1d(np.arange(len(rows)), lost)
+        return rows.take(kept), listed
+
+    def _refuse_units(self, rows: PoseRows) -> None:
+        places = self.tracker.places_mm(rows)
+        seen = np.isfinite(places[..., 0])
+        best = int(seen.sum(axis=0).argmax())
+        of_best = rows.take(seen[:, best])
+        refuse_wrong_angle_unit(
+            (rows.time_s, rows.q),
+            (of_best.time_s, places[seen[:, best], best]),
+            self.arm,
+            0.0,
+            self._where_joints,
+        )
+        self._refuse_better_unit(rows)
+        what = "distances" if places.shape[2] == 1 else "positions"
+        where = f"{self.path}: {', '.join(self.tracker.targets[best])}"
+        T_base_ee = Chain.of(self.arm).forward(in_radians(rows.q, self.arm))
+        refuse_wrong_length_unit(self.tracker.scale(rows, T_base_ee), what, where)
+
+    def _refuse_better_unit(self, rows: PoseRows) -> None:
+        """Stop when angles taken for radians, or strokes for metres, explain what was seen."""
+        slides = self.arm.prismatic
+        tried = []
+        if may_be_radians(rows.q, self.arm):
+            tried.append(("angles", "radians", "degrees", np.where(slides, 1.0, np.degrees(1.0))))
+        if slides.any() and np.abs(rows.q[:, slides]).max() <= LONGEST_STROKE_M:
+            tried.append(("strokes", "metres", "millimetres", np.where(slides, 1e3, 1.0)))
+        if not tried:
+            return
+        logged = self._misfit(rows, rows.q)
+        if logged is None or np.median(logged.size_mm) <= BAD_MM:
+            return
+        for what, unit, right, factor in tried:
+            misfit = self._misfit(rows, rows.q * factor)
+            if misfit is None or BETTER * np.median(misfit.size_mm) > np.median(logged.size_mm):
+                continue
+            raise RawDataError(
+                f"the joint {what} look like {unit}",
+                where=self._where_joints,
+                value=f"a median misfit of the nominal model of {np.median(logged.size_mm):.0f} mm,"
+                f" and of {np.median(misfit.size_mm):.0f} mm with {unit}",
+                allowed=f"joint {what} in {right}",
+                remedy=f"convert the columns to {right}",
+            )
+
+    def _misfit(self, rows: PoseRows, q: Array) -> Misfit | None:
+        if len(rows) < self.tracker.least_rows:
+            return None
+        T_base_ee = Chain.of(self.arm).forward(in_radians(q, self.arm))
+        return robust_misfit(
+            lambda used, weights: self.tracker.misfit(rows, T_base_ee, used, weights), len(rows)
+        )
+
+    @property
+    def _where_joints(self) -> str:
+        names = position_columns(self.arm.prismatic)
+        return f"{self.path}: {names[0]} … {names[-1]}"
+
+
+def _poor_fit(misfit: Misfit) -> tuple[str, ...]:
+    """Say where the nominal model, however placed, is far from most of what was seen."""
+    length_mm, turn_deg = np.nanmedian(misfit.length_mm), np.median(misfit.turn_deg)
+    off = [f"{length_mm:.0f} mm"] if length_mm > NOTE_MM else []
+    off += [f"{turn_deg:.0f} deg"] if turn_deg > NOTE_DEG else []
+    if not off:
+        return ()
+    return (
+        f"the nominal model, base and target fitted, is {' and '.join(off)} off in the median: "
+        "check robot, and order, signs and zeros of the joints and of the quaternion",
+    )
+
+
+def _unseen(rows: PoseRows, q_rad: Array, arm: Arm) -> MeasuredPoses:
+    """Return the configurations without what was seen."""
     count = len(rows)
-    T = np.tile(np.eye(4), (count, 1, 1))
-    T[:, :3, :3] = Rotation.from_quat(rows.quaternion, scalar_first=True).as_matrix()
-    T[:, :3, 3] = rows.p_cmm_ee_mm
     return MeasuredPoses(
         kind=rows.kind,
         pose=rows.pose,
         load_N=rows.load_N,
         repeat=rows.repeat,
         time_s=rows.time_s,
+        slides=arm.prismatic,
         q_rad=q_rad,
-        q_u_rad=np.radians(rows.q_u_deg),
+        q_u_rad=in_radians(rows.q_u, arm),
         tau_Nm=rows.tau_Nm,
         tau_u_Nm=rows.tau_u_Nm,
         arrival=np.zeros_like(q_rad),
@@ -122,26 +259,4 @@ def _measured(rows: TrackedPoses, q_rad: Array, uncertainty_mm: float) -> Measur
         p_cmm_balls_mm=np.zeros((count, 0, 3)),
         cov_balls_mm2=np.zeros((count, 0, 3, 3)),
         ball_touches=np.zeros((count, 0), dtype=np.int64),
-        T_cmm_ee_mm=T,
-        cov_ee_mm=_covariance(rows, uncertainty_mm),
     )
-
-
-def _covariance(rows: TrackedPoses, uncertainty_mm: float) -> Array:
-    """Return (C, 6, 6) from stated uncertainties, or from that of a centre where there are none.
-
-    A small rotation w on the left changes the quaternion by half its product with it, so that w is
-    twice the vector part of dq q*.
-    """
-    cov = np.zeros((len(rows), 6, 6))
-    p_u_mm = np.where(np.isnan(rows.p_u_mm), uncertainty_mm, rows.p_u_mm)
-    cov[:, range(3), range(3)] = p_u_mm**2
-    scalar, vector = rows.quaternion[:, :1, None], rows.quaternion[:, 1:]
-    cross = np.cross(vector[:, None, :], np.eye(3))  # rows v x e_k: the transpose of [v]x
-    by_vector = scalar * np.eye(3) + np.swapaxes(cross, 1, 2)
-    turning = 2.0 * np.concatenate([-vector[:, :, None], by_vector], axis=2)
-    stated = turning @ (rows.quaternion_u[:, :, None] ** 2 * np.swapaxes(turning, 1, 2))
-    unstated = np.isnan(rows.quaternion_u.sum(axis=1))
-    assumed = (uncertainty_mm / TARGET_SPREAD_MM) ** 2 * np.eye(3)
-    cov[:, 3:, 3:] = np.where(unstated[:, None, None], assumed, stated)
-    return cov

@@ -55,6 +55,20 @@ class Springs:
         """(n,) which joints yield."""
         return np.isfinite(self.k_lin)
 
+    def step(self, delta: Array, tau: Array) -> Array:
+        """Return one Newton step of k_lin delta + k_cub delta^3 = tau in the flexible joints.
+
+        Args:
+            delta: (..., n) deflections so far; those of rigid joints stay.
+            tau: (..., n) torques.
+        """
+        soft = self.flexible
+        k_lin, k_cub, d = self.k_lin[soft], self.k_cub[soft], delta[..., soft]
+        stepped = delta.copy()
+        excess = k_lin * d + k_cub * d**3 - tau[..., soft]
+        stepped[..., soft] = d - excess / (k_lin + 3.0 * k_cub * d**2)
+        return stepped
+
     @classmethod
     def rigid(cls, n: int) -> Springs:
         """Return no spring at all, for an arm of `n` joints."""

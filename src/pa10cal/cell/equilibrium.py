@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 #: The iteration stops when no joint and no link moves by more than this [rad, m].
 TOLERANCE = 1e-13
-_MAX_ITERATIONS = 200
+MAX_ITERATIONS = 200
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,17 @@ def rest_poses(
     return rest
 
 
+def refuse_unrest(moved: float) -> SimulationError:
+    """Return the refusal of an arm whose links or joints still move by `moved` [rad or m]."""
+    return SimulationError(
+        "the arm finds no rest under its weight",
+        where="the virtual cell",
+        value=f"still moving by {moved:.1e} rad or m after {MAX_ITERATIONS} rounds",
+        allowed="springs and links much stiffer than gravity changes over their deflection",
+        remedy="stiffen the springs or shrink the hidden compliance",
+    )
+
+
 class _YieldingArm:
     """A mechanism with everything in it that gives way under weights."""
 
@@ -92,9 +103,7 @@ class _YieldingArm:
         self._lost = [effect for effect in effects if isinstance(effect, LostMotionEffect)]
         self._structures = [effect for effect in effects if isinstance(effect, StructureEffect)]
         self._rated_Nm = robot.arm.torque_limit_Nm
-        self._flexible = robot.springs.flexible
-        self._k_lin = robot.springs.k_lin[self._flexible]
-        self._k_cub = robot.springs.k_cub[self._flexible]
+        self._springs = robot.springs
 
     def settle(
         self, drive: Array, arrival: Array, time_s: float, warming_K: float
@@ -106,12 +115,12 @@ class _YieldingArm:
         """
         q, delta = drive.copy(), np.zeros_like(drive)
         strain = Strain.none(self.mechanism.n)
-        for _ in range(_MAX_ITERATIONS):
+        for _ in range(MAX_ITERATIONS):
             tau = self.mechanism.torques_Nm(q)
             strain_next = self._strain(strain, time_s, warming_K)
             for pull in self._carried:
                 tau += pull.carried_Nm(q)
-            delta = self._spring_step(delta, tau)
+            delta = self._springs.step(delta, tau)
             q_next = drive - delta - sum(effect.deflection_rad(tau) for effect in self._windups)
             for lost in self._lost:
                 q_next += lost.lost_rad(tau, arrival, self._rated_Nm)
@@ -119,21 +128,7 @@ class _YieldingArm:
             q, strain = q_next, strain_next
             if moved <= TOLERANCE:
                 return q, tau
-        raise SimulationError(
-            "the arm finds no rest under its weight",
-            where="the virtual cell",
-            value=f"still moving by {moved:.1e} rad or m after {_MAX_ITERATIONS} rounds",
-            allowed="springs and links much stiffer than gravity changes over their deflection",
-            remedy="stiffen the springs or shrink the hidden compliance",
-        )
-
-    def _spring_step(self, delta: Array, tau: Array) -> Array:
-        """Return one Newton step of k_lin delta + k_cub delta^3 = tau in the flexible joints."""
-        stepped = delta.copy()
-        d = delta[self._flexible]
-        excess = self._k_lin * d + self._k_cub * d**3 - tau[self._flexible]
-        stepped[self._flexible] = d - excess / (self._k_lin + 3.0 * self._k_cub * d**2)
-        return stepped
+        raise refuse_unrest(moved)
 
     def _strain(self, strain: Strain, time_s: float, warming_K: float) -> Strain:
         """Give the mechanism the shape that its moments ask for; return that strain."""

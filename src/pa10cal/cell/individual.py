@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Literal
 
 import numpy as np
@@ -64,8 +65,8 @@ def build_robot(
         rng: draws the base's place, the balls, and the departures where they are drawn.
 
     Raises:
-        SimulationError: for an arm without masses, for Table I on another robot, or for mass
-            factors that are not as many as the links.
+        SimulationError: for an arm without masses or rated torques, for Table I on another robot,
+            or for mass factors that are not as many as the links.
     """
     if arm.mass_kg is None or arm.com_m is None:
         raise SimulationError(
@@ -74,6 +75,7 @@ def build_robot(
             allowed="an arm description with mass_kg and com_m",
             remedy="add them to the description or choose another robot",
         )
+    refuse_unrated(arm, range(1, arm.n + 1), "robot")
     if settings.built == "table_1":
         departures, springs = _paper_robot(arm, kcub_reading)
     else:
@@ -121,15 +123,6 @@ def _drawn_robot(
     arm: Arm, flexible_joints: tuple[int, ...], rng: np.random.Generator
 ) -> tuple[Departures, Springs]:
     """Draw departures from the tolerances and springs from the rated torques."""
-    beyond = [joint for joint in flexible_joints if joint > arm.n]
-    if beyond:
-        raise SimulationError(
-            "a flexible joint does not exist",
-            where="flexible_joints",
-            value=beyond[0],
-            allowed=f"1 to {arm.n}",
-            remedy="name joints of this robot",
-        )
     tolerance = ToleranceSettings()
     hayati = arm.hayati.astype(float)
     departures = Departures(
@@ -139,15 +132,59 @@ def _drawn_robot(
         theta_rad=rng.normal(0.0, tolerance.theta_rad, arm.n),
         beta_rad=rng.normal(0.0, tolerance.beta_rad, arm.n) * hayati,
     )
+    return departures, draw_springs(arm, flexible_joints, rng)
+
+
+def draw_springs(arm: Arm, flexible_joints: tuple[int, ...], rng: np.random.Generator) -> Springs:
+    """Draw springs from the rated torques of an arm.
+
+    Args:
+        arm: gives the rated torques.
+        flexible_joints: joints that yield, from 1; the others are rigid.
+        rng: draws stiffness and hardening.
+
+    Raises:
+        SimulationError: when a joint is named that does not exist, slides, or has no rated torque.
+    """
+    turning = (np.flatnonzero(~arm.prismatic) + 1).tolist()
+    unfit = [joint for joint in flexible_joints if joint not in turning]
+    if unfit:
+        raise SimulationError(
+            "a flexible joint slides" if unfit[0] <= arm.n else "a flexible joint does not exist",
+            where="flexible_joints",
+            value=unfit[0],
+            allowed=f"turning joints of {arm.name}: {', '.join(map(str, turning))}",
+            remedy="name joints of this robot",
+        )
+    refuse_unrated(arm, flexible_joints, "flexible_joints")
     spread = np.exp(rng.normal(0.0, _K_LIN_SPREAD, arm.n))
     hardening = np.exp(rng.normal(0.0, _K_LIN_SPREAD, arm.n))
     k_lin = _K_LIN_PER_RATED * arm.torque_limit_Nm * spread
     flexible = np.isin(np.arange(1, arm.n + 1), flexible_joints)
-    return departures, Springs(
+    return Springs(
         np.where(flexible, k_lin, np.inf),
         np.where(flexible, _K_CUB_PER_K_LIN * k_lin * hardening, 0.0),
         "drawn",
     )
+
+
+def refuse_unrated(arm: Arm, joints: Iterable[int], where: str) -> None:
+    """Refuse an arm some of whose joints, from 1, have no rated torque.
+
+    Args:
+        arm: gives the rated torques.
+        joints: the joints that need one.
+        where: what needs them, for the message.
+    """
+    unrated = [joint for joint in joints if np.isnan(arm.torque_limit_Nm[joint - 1])]
+    if unrated:
+        raise SimulationError(
+            "a joint has no rated torque, which the size of springs and torque noise goes by",
+            where=where,
+            value=f"joint {unrated[0]} of {arm.name}",
+            allowed="an arm description with rated torques",
+            remedy="add them to the description or ask for no springs and torques",
+        )
 
 
 def _stand(p_base_middle_m: Array, rng: np.random.Generator) -> Array:

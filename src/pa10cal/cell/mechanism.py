@@ -68,8 +68,9 @@ class Moments:
     """What weights bend the structure with, in the posture last asked for.
 
     Attributes:
-        link_Nm: (n, 3) moment that each link carries at its far end, along the axes of that end
-            (zero for the last link, whose apparatus is part of it).
+        link_Nm: (n, 3) moment that each link carries at its far end, about and along the axes of
+            the frame from which the next joint turns or slides (zero for the last link, whose
+            apparatus is part of it).
         base_Nm: (3,) overturning moment about the base's origin, along base axes.
     """
 
@@ -92,11 +93,11 @@ class Mechanism:
         com_m: Array,
         apparatus: Apparatus,
     ) -> None:
-        before, after = _row_parts(arm, departures)
+        before, after = row_parts(arm, departures)
         self.n = arm.n
-        self._placements = [before[0]]
+        self._placements = [pin.SE3(arm.T_base_row1) * before[0]]
         self._placements += [last * first for last, first in zip(after, before[1:], strict=False)]
-        self._flange = after[-1]
+        self._flange = after[-1] * pin.SE3(arm.T_row_n_ee)
         self._flange_strained = self._flange
         self._moved = np.zeros(self.n, dtype=bool)
         self._load_point_m = apparatus.load_point_m
@@ -161,9 +162,10 @@ class Mechanism:
         placements, moved, holds = self._model.jointPlacements, self._data.liMi, self._data.f
         link_Nm = np.zeros((self.n, 3))
         for joint in range(2, self.n + 1):
-            R_end_joint = placements[joint].rotation.T @ moved[joint].rotation
+            # A joint that slides takes its frame along, but not the end of the link before it.
+            T_end_joint = placements[joint].actInv(moved[joint])
             # What holds the next link up; the link itself carries the opposite.
-            link_Nm[joint - 2] = -R_end_joint @ holds[joint].angular
+            link_Nm[joint - 2] = -T_end_joint.act(holds[joint]).angular
         return Moments(link_Nm, -moved[1].act(holds[1]).angular)
 
     def T_base_ee(self, q: Array) -> Array:
@@ -188,21 +190,24 @@ class Mechanism:
         return self._data.oMi[self.n] * self._flange_strained
 
 
-def _row_parts(arm: Arm, departures: Departures) -> tuple[list[Any], list[Any]]:
-    """Return, for every row, the constant motions before and after its joint."""
+def row_parts(arm: Arm, departures: Departures) -> tuple[list[Any], list[Any]]:
+    """Return, for every row, the constant motions before and after its joint, as pinocchio.SE3.
+
+    The frames before the first row and after the last are not in them.
+    """
     before, after = [], []
     for i in range(arm.n):
         offset = _turn("z", arm.theta_rad[i] + departures.theta_rad[i])
         along_z = _slide("z", arm.d_m[i] + departures.d_m[i])
         along_x = _slide("x", arm.a_m[i] + departures.a_m[i])
         twist = _turn("x", arm.alpha_rad[i] + departures.alpha_rad[i])
-        hayati = _turn("y", departures.beta_rad[i])
+        hayati = _turn("y", arm.beta_rad[i] + departures.beta_rad[i])
         if arm.convention == "standard":
             before.append(offset)
             after.append(along_z * along_x * twist * hayati)
         else:
-            before.append(twist * along_x * offset)
-            after.append(along_z * hayati)
+            before.append(hayati * twist * along_x * offset)
+            after.append(along_z)
     return before, after
 
 

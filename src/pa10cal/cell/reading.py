@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pa10cal.arm.description import Arm
 from pa10cal.cell.built import BuiltRobot
 from pa10cal.cell.effects.kinds import (
     CarriedTorqueEffect,
@@ -36,6 +37,9 @@ TOUCH_DIRECTIONS = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1
 MOVING_NOISE = 8.0
 #: Torque is logged in 1/4096 of the rated torque.
 TORQUE_STEPS = 4096
+#: Decimals of logged positions.
+DEG_DECIMALS = 5
+MM_DECIMALS = 4
 _TEMPERATURE_NOISE_C = 0.01
 
 
@@ -139,16 +143,33 @@ def log_joints(
     sample_tau = tau_Nm + noise.torque_fraction * rated_Nm * louder * rng.standard_normal(shape)
     sample_T = temperature_C[:, None] + _TEMPERATURE_NOISE_C * rng.standard_normal(shape[:2])
     time_s = np.add.outer(schedule.start_s, np.concatenate([APPROACH_S, DWELL_S]))
-    q_deg = np.degrees(_in_steps(sample_q, noise.resolver_count_rad)).reshape(-1, n).round(5)
+    counted = _in_steps(sample_q, noise.resolver_count_rad).reshape(-1, n)
     logged_Nm = _in_steps(sample_tau, rated_Nm / TORQUE_STEPS).reshape(-1, n).round(3)
     return pd.DataFrame(
         {
             "time_s": time_s.ravel().round(2),
-            **{f"q{joint + 1}_deg": q_deg[:, joint] for joint in range(n)},
+            **position_columns(robot.arm, counted),
             **{f"tau{joint + 1}_Nm": logged_Nm[:, joint] for joint in range(n)},
             "temperature_C": sample_T.ravel().round(2),
         }
     )
+
+
+def as_written(arm: Arm, q: Array) -> Array:
+    """Return joint positions (N, n) [rad, or m of a sliding joint] as a file says them."""
+    mm, deg = (1e3 * q).round(MM_DECIMALS), np.degrees(q).round(DEG_DECIMALS)
+    written: Array = np.where(arm.prismatic, 1e-3 * mm, np.radians(deg))
+    return written
+
+
+def position_columns(arm: Arm, q: Array) -> dict[str, Array]:
+    """Return the columns of joint positions (N, n) [rad, or m of a sliding joint], as in a file."""
+    return {
+        f"q{joint}_mm" if slides else f"q{joint}_deg": (
+            (1e3 * column).round(MM_DECIMALS) if slides else np.degrees(column).round(DEG_DECIMALS)
+        )
+        for joint, (slides, column) in enumerate(zip(arm.prismatic, q.T, strict=True), start=1)
+    }
 
 
 def _as_logged(effects: Sequence[Effect], tau_Nm: Array, arrival: Array) -> Array:

@@ -23,6 +23,14 @@ COLUMN_M = 0.25
 _MOST_DRAWS = 1000  #: for each pose wanted
 
 
+def joint_bounds(arm: Arm) -> tuple[Array, Array]:
+    """Return the (n,) least and largest positions drawn [rad, or m of a sliding joint]."""
+    low, high = arm.limits_rad.T
+    unused = 0.5 * (1.0 - RANGE_USED) * (high - low)
+    largest = np.where(arm.prismatic, np.inf, LARGEST_ANGLE_RAD)
+    return np.maximum(low + unused, -largest), np.minimum(high - unused, largest)
+
+
 def draw_wide(arm: Arm, nominal: Mechanism, count: int, rng: np.random.Generator) -> Array:
     """Draw poses evenly in joint space, and keep those in which the tool is clear of the robot.
 
@@ -40,7 +48,7 @@ def draw_wide(arm: Arm, nominal: Mechanism, count: int, rng: np.random.Generator
     Raises:
         SimulationError: when hardly any posture is clear.
     """
-    low, high = _bounds(arm)
+    low, high = joint_bounds(arm)
     found: list[Array] = []
     for _ in range(_MOST_DRAWS * count):
         if len(found) == count:
@@ -71,14 +79,6 @@ def neighbours_path(q_rad: Array) -> Array:
         order.append(int(np.argmin(distance[order[-1]])))
     path: Array = q_rad[order]
     return path
-
-
-def _bounds(arm: Arm) -> tuple[Array, Array]:
-    """Return the (n,) least and largest angles drawn [rad, or m of a sliding joint]."""
-    low, high = arm.limits_rad.T
-    unused = 0.5 * (1.0 - RANGE_USED) * (high - low)
-    largest = np.where(arm.prismatic, np.inf, LARGEST_ANGLE_RAD)
-    return np.maximum(low + unused, -largest), np.minimum(high - unused, largest)
 
 
 def _is_clear(T_base_ee: Array) -> bool:

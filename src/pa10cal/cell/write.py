@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ PROVENANCE = (
     "what effects it hides, if any, is not told here"
 )
 #: How many decimals a column has in its file, by the end of its name; others are written as is.
-_DECIMALS = {"time_s": 2, "_mm": 4, "_deg": 5, "_Nm": 3, "_C": 2}
+DECIMALS = {"time_s": 2, "_mm": 4, "_deg": 5, "_Nm": 3, "_C": 2}
 
 
 def write_campaign(campaign: Campaign, folder: Path, truth: Path) -> None:
@@ -46,32 +47,11 @@ def write_campaign(campaign: Campaign, folder: Path, truth: Path) -> None:
         SimulationError: when the truth would lie inside the folder, or when the folder holds
             anything that is not a campaign's.
     """
-    if truth.resolve().is_relative_to(folder.resolve()):
-        raise SimulationError(
-            "the truth must not lie in the campaign's folder",
-            where="--truth",
-            value=str(truth),
-            allowed="a path outside the campaign's folder",
-            remedy="name another place",
-        )
-    own = {DESCRIPTION_FILE, CMM_FILE, RESOLVER_FILE}
-    foreign = sorted({entry.name for entry in folder.glob("*")} - own)
-    if foreign or folder.is_file():
-        raise SimulationError(
-            "the folder holds something that is not a campaign's",
-            where="--out",
-            value=", ".join(foreign) or str(folder),
-            allowed=f"a new folder, or one with {', '.join(sorted(own))} only",
-            remedy="name another folder or move the files away",
-        )
-    (folder / DESCRIPTION_FILE).unlink(missing_ok=True)
+    claim_folder(folder, truth, (CMM_FILE, RESOLVER_FILE))
     write_json(truth, truth_record(campaign))
-    _write_table(campaign.cmm, folder / CMM_FILE)
-    _write_table(campaign.resolver, folder / RESOLVER_FILE)
-    text = yaml.safe_dump(
-        campaign_description(campaign), sort_keys=False, default_flow_style=None, width=90
-    )
-    write_text(folder / DESCRIPTION_FILE, text)
+    write_table(campaign.cmm, folder / CMM_FILE)
+    write_table(campaign.resolver, folder / RESOLVER_FILE)
+    write_description(campaign_description(campaign), folder)
 
 
 def campaign_description(campaign: Campaign) -> dict[str, Any]:
@@ -101,24 +81,73 @@ def campaign_description(campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def _write_table(table: pd.DataFrame, path: Path) -> None:
-    """Write a gzipped CSV whose bytes depend on the table alone."""
-    columns = [_as_text(table[name]) for name in table.columns]
+def claim_folder(folder: Path, truth: Path | None, files: Sequence[str]) -> None:
+    """Make sure that a campaign may be written, and take a former description away.
+
+    Args:
+        folder: the campaign's folder.
+        truth: the file for what is hidden, if there is to be one.
+        files: names of the raw files.
+
+    Raises:
+        SimulationError: see `write_campaign`.
+    """
+    if truth is not None and truth.resolve().is_relative_to(folder.resolve()):
+        raise SimulationError(
+            "the truth must not lie in the campaign's folder",
+            where="--truth",
+            value=str(truth),
+            allowed="a path outside the campaign's folder",
+            remedy="name another place",
+        )
+    own = {DESCRIPTION_FILE, *files}
+    foreign = sorted({entry.name for entry in folder.glob("*")} - own)
+    if foreign or folder.is_file():
+        raise SimulationError(
+            "the folder holds something that is not a campaign's",
+            where="--out",
+            value=", ".join(foreign) or str(folder),
+            allowed=f"a new folder, or one with {', '.join(sorted(own))} only",
+            remedy="name another folder or move the files away",
+        )
+    (folder / DESCRIPTION_FILE).unlink(missing_ok=True)
+
+
+def write_description(content: dict[str, Any], folder: Path) -> None:
+    """Write campaign.yaml."""
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=90)
+    write_text(folder / DESCRIPTION_FILE, text)
+
+
+def write_table(table: pd.DataFrame, path: Path, decimals: Mapping[str, int] = DECIMALS) -> None:
+    """Write a CSV, gzipped if its name says so, whose bytes depend on the table alone.
+
+    Args:
+        table: what to write; nan leaves a cell empty.
+        path: where.
+        decimals: how many a column has, by the end of its name; others are written as they are.
+    """
+    columns = [_as_text(table[name], decimals) for name in table.columns]
     lines = [",".join(table.columns), *map(",".join, zip(*columns, strict=True))]
-    packed = BytesIO()
-    with gzip.GzipFile(filename="", mode="wb", fileobj=packed, compresslevel=6, mtime=0) as file:
-        file.write(("\n".join(lines) + "\n").encode())
+    content = ("\n".join(lines) + "\n").encode()
+    if path.suffix == ".gz":
+        packed = BytesIO()
+        with gzip.GzipFile(
+            filename="", mode="wb", fileobj=packed, compresslevel=6, mtime=0
+        ) as file:
+            file.write(content)
+        content = packed.getvalue()
     with whole_file(path) as beside:
-        beside.write_bytes(packed.getvalue())
+        beside.write_bytes(content)
 
 
-def _as_text(column: pd.Series[Any]) -> list[str]:
-    decimals = next(
-        (count for end, count in _DECIMALS.items() if str(column.name).endswith(end)), None
+def _as_text(column: pd.Series[Any], decimals: Mapping[str, int]) -> list[str]:
+    places = next(
+        (count for end, count in decimals.items() if str(column.name).endswith(end)), None
     )
-    if decimals is not None:
-        form = f"%.{decimals}f"
-        return [form % value for value in (column + 0.0).tolist()]  # + 0.0: no minus zero
+    if places is not None:
+        form = f"%.{places}f"  # + 0.0: no minus zero
+        return ["" if value != value else form % value for value in (column + 0.0).tolist()]
     if column.dtype.kind == "f":  # a load, whole newtons as a rule
         return [f"{value:g}" for value in column.tolist()]
     return [str(value) for value in column.tolist()]

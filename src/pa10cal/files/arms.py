@@ -1,44 +1,45 @@
-"""Arm descriptions shipped with the package, one YAML file each."""
+"""Arm descriptions, one YAML file each: those shipped with the package and those of a campaign."""
 
 from __future__ import annotations
 
+import math
 from importlib.resources import files
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import model_validator
+from numpy.typing import NDArray
+from pydantic import Field
 
+from pa10cal.arm.attitude import placed
 from pa10cal.arm.description import Arm
+from pa10cal.arm.parallel import NEARLY_PARALLEL_RAD, neighbouring_axes, with_hayati_rows
 from pa10cal.errors import ArmError
+from pa10cal.files.arm_rows import ArmRow, Triple, check_rows
 from pa10cal.settings import Section, parse_section
 
+Array = NDArray[np.float64]
 
-class _Row(Section):
-    theta_deg: float
-    d_m: float
-    a_m: float
-    alpha_deg: float
-    hayati: bool = False
-    prismatic: bool = False
+
+class _Frame(Section):
+    """A constant frame: where it stands, and its turns about fixed axes x, y, z in that order."""
+
+    xyz_m: Triple = (0.0, 0.0, 0.0)
+    rpy_deg: Triple = (0.0, 0.0, 0.0)
+
+    @property
+    def pose(self) -> Array:
+        return placed(np.array(self.xyz_m), np.radians(self.rpy_deg))
 
 
 class _ArmFile(Section):
     name: str
-    title: str
-    convention: Literal["standard", "modified"]
-    rows: tuple[_Row, ...]
-    limits_deg: tuple[tuple[float, float], ...]
-    gear_ratio: tuple[float, ...]
-    torque_limit_Nm: tuple[float, ...]
-    mass_kg: tuple[float, ...] | None = None
-    com_m: tuple[tuple[float, float, float], ...] | None = None
-
-    @model_validator(mode="after")
-    def _has_rows(self) -> _ArmFile:
-        if not self.rows:
-            raise ValueError("at least one row")
-        return self
+    title: str | None = None
+    convention: Literal["standard", "modified"] = "standard"
+    rows: tuple[Any, ...] = Field(min_length=1)
+    base: _Frame = _Frame()
+    tool: _Frame = _Frame()
 
 
 def arm_names() -> list[str]:
@@ -51,41 +52,131 @@ def arm_names() -> list[str]:
     )
 
 
-def load_arm(name: str) -> Arm:
-    """Load a shipped arm.
+def load_arm(name: str, folder: Path | None = None) -> Arm:
+    """Load an arm: `<name>.yaml` of a campaign's folder where it is there, else a shipped one.
+
+    Args:
+        name: name of the arm, as `campaign.yaml` gives it under `robot`.
+        folder: the campaign's folder.
 
     Raises:
-        ArmError: when no arm of that name is shipped.
+        ArmError: when there is no arm of that name, or its file cannot be used.
+        SettingsError: when a key of its file is unknown, missing or of the wrong kind.
     """
+    own = None if folder is None else folder / f"{name}.yaml"
+    if own is not None and own.is_file():
+        return read_arm(own)
     if name not in arm_names():
         raise ArmError(
             "unknown robot",
             where="robot",
             value=name,
-            allowed=", ".join(arm_names()),
-            remedy="correct the name or add a description",
+            allowed=", ".join(arm_names()) + ("" if own is None else f", or a file {own}"),
+            remedy="correct the name, or describe the arm in such a file",
         )
     text = files("pa10cal.files").joinpath("arms", f"{name}.yaml").read_text(encoding="utf-8")
     return parse_arm(yaml.safe_load(text), where=f"{name}.yaml")
 
 
+def read_arm(path: Path) -> Arm:
+    """Read an arm from its file.
+
+    Raises:
+        ArmError: when it cannot be read, is not named after the arm, or cannot be meant.
+        SettingsError: when a key is unknown, missing or of the wrong kind.
+    """
+    try:
+        raw = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise ArmError(
+            "the arm description cannot be read",
+            where=str(path),
+            value=" ".join(str(error).split()),
+            allowed="a YAML file, UTF-8",
+            remedy="correct its syntax",
+        ) from None
+    arm = parse_arm(raw, where=str(path))
+    if arm.name != path.stem:
+        raise ArmError(
+            "the arm is not named after its file",
+            where=str(path),
+            value=arm.name,
+            allowed=path.stem,
+            remedy=f"set name: {path.stem}, or rename the file",
+        )
+    return arm
+
+
 def parse_arm(raw: Any, *, where: str) -> Arm:
-    """Build an arm from the content of its YAML file."""
+    """Build an arm from the content of its YAML file; docs/arms.md explains the keys.
+
+    Raises:
+        ArmError: naming file, row and key, when figures cannot be meant as they stand.
+        SettingsError: when a key is unknown, missing or of the wrong kind.
+    """
     content = parse_section(_ArmFile, raw, where=where)
-    rows = content.rows
-    return Arm(
+    rows = [_row(row, f"{where}: row {number}") for number, row in enumerate(content.rows, start=1)]
+    check_rows(rows, where)
+    arm = Arm(
         name=content.name,
-        title=content.title,
+        title=content.title or content.name,
         convention=content.convention,
         theta_rad=np.radians([row.theta_deg for row in rows]),
         d_m=np.array([row.d_m for row in rows]),
         a_m=np.array([row.a_m for row in rows]),
         alpha_rad=np.radians([row.alpha_deg for row in rows]),
-        hayati=np.array([row.hayati for row in rows]),
+        hayati=np.zeros(len(rows), dtype=bool),
         prismatic=np.array([row.prismatic for row in rows]),
-        limits_rad=np.radians(content.limits_deg),
-        gear_ratio=np.array(content.gear_ratio),
-        torque_limit_Nm=np.array(content.torque_limit_Nm),
-        mass_kg=None if content.mass_kg is None else np.array(content.mass_kg),
-        com_m=None if content.com_m is None else np.array(content.com_m),
+        limits_rad=np.array([row.limits for row in rows]),
+        gear_ratio=np.array([row.gear_ratio or math.nan for row in rows]),
+        torque_limit_Nm=np.array([row.rated for row in rows]),
+        mass_kg=_all_or_none([row.mass_kg for row in rows]),
+        com_m=_all_or_none([row.com_m for row in rows]),
+        beta_rad=np.radians([row.beta_deg for row in rows]),
+        T_base_row1=content.base.pose,
+        T_row_n_ee=content.tool.pose,
     )
+    arm = with_hayati_rows(arm)
+    _check_hayati(arm, [row.hayati for row in rows], where)
+    return arm
+
+
+def _row(raw: Any, where: str) -> ArmRow:
+    if not isinstance(raw, dict) or not all(isinstance(key, str) for key in raw):
+        raise ArmError(
+            "a row is made of keys and values",
+            where=where,
+            value=raw,
+            allowed="{a_m: 0.45, alpha_deg: -90, ...}",
+            remedy="correct it; numbers have decimal points, not commas",
+        )
+    return parse_section(ArmRow, raw, where=where)
+
+
+def _all_or_none(values: list[Any]) -> Array | None:
+    return None if None in values else np.array(values)
+
+
+def _check_hayati(arm: Arm, stated: list[bool | None], where: str) -> None:
+    """Refuse a row that states Hayati's parameter against what its axes ask for."""
+    axes_of = {axes.row: axes for axes in neighbouring_axes(arm)}
+    for row, (said, found) in enumerate(zip(stated, arm.hayati, strict=True), start=1):
+        if said is None or said == found:
+            continue
+        limit = f"{np.degrees(NEARLY_PARALLEL_RAD):g} deg"
+        if row not in axes_of:
+            why = "no two joint axes meet in this row"
+        else:
+            axes = axes_of[row]
+            why = (
+                f"the axes of joints {axes.joints[0]} and {axes.joints[1]} are "
+                f"{np.degrees(axes.angle_rad):.3g} deg from parallel"
+            )
+        raise ArmError(
+            f"hayati: {str(said).lower()} does not suit the row: {why}",
+            where=f"{where}: row {row}",
+            allowed=f"beta in place of d where neighbouring axes are within {limit} of parallel, "
+            "and only there: elsewhere it says what theta says already, and without it a small "
+            "tilt of parallel axes makes links of hundreds of metres",
+            remedy="leave hayati out",
+        )

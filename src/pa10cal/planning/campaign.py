@@ -13,6 +13,9 @@ import yaml
 
 from pa10cal.errors import SettingsError
 
+#: The instrument whose campaigns the paper's model is for.
+TOUCHED = "touch_trigger_cmm"
+
 
 def raw_files(folder: Path) -> list[Path]:
     """Return the files that `campaign.yaml` names under `files` and that are there."""
@@ -38,6 +41,28 @@ def missing_campaign(raw_dir: str, campaign: str) -> SettingsError:
 def robot_name(folder: Path) -> str:
     """Return the robot that `campaign.yaml` names, or an empty text."""
     return str(_description(folder).get("robot", ""))
+
+
+def arm_files(folder: Path) -> list[Path]:
+    """Return the campaign's own description of its robot, where it is there."""
+    path = folder / f"{robot_name(folder)}.yaml"
+    return [path] if path.is_file() else []
+
+
+def instrument_kind(folder: Path) -> str:
+    """Return the kind of instrument that `campaign.yaml` names, or an empty text."""
+    instrument = _description(folder).get("instrument")
+    return str(instrument.get("kind", "")) if isinstance(instrument, dict) else ""
+
+
+def takes_complete_model(model: str, instrument: str) -> bool:
+    """Tell whether a campaign's load cases are worked out with the complete model.
+
+    Args:
+        model: `calibration.model` of the settings.
+        instrument: kind of the instrument.
+    """
+    return model == "complete" or (model == "auto" and instrument != TOUCHED)
 
 
 def campaign_name(folder: Path) -> str:

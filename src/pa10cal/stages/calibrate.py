@@ -1,4 +1,4 @@
-"""Stage: two-level calibration of one load case, or of all together."""
+"""Stage: calibration of one load case, or of all together."""
 
 from __future__ import annotations
 
@@ -6,9 +6,19 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pa10cal.stages.command import limit_threads, run_stage
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from pa10cal.arm.description import Arm
+    from pa10cal.campaign.description import Campaign
+    from pa10cal.settings import CalibrationSettings
+
+#: Load case of the complete model beside the paper's: all loads together.
+COMPLETE = "complete"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -20,34 +30,29 @@ def _describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--campaign-dir", type=Path, required=True)
     parser.add_argument("--poses", type=Path, required=True, help="table of poses (parquet)")
     parser.add_argument("--base-frame", type=Path, required=True, help="seed of the base frame")
-    parser.add_argument("--load", required=True, help="a load such as 44N, or combined")
+    parser.add_argument("--load", required=True, help="a load such as 44N, combined, or complete")
     parser.add_argument("--settings", default="{}", help="calibration section, JSON or YAML file")
     parser.add_argument("--out", type=Path, required=True)
 
 
 def _run(arguments: argparse.Namespace) -> None:
-    from pa10cal.calibration.load_case import work_out
     from pa10cal.campaign.description import read_campaign
-    from pa10cal.campaign.table import observations, read_pose_table
+    from pa10cal.campaign.table import read_pose_table
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
-    from pa10cal.files.schemas import BASE_FRAME, CALIBRATION
+    from pa10cal.files.schemas import CALIBRATION
+    from pa10cal.planning.campaign import takes_complete_model
     from pa10cal.settings import CalibrationSettings, read_settings_argument
-    from pa10cal.stages.calibration_record import load_case_record, study_of
-    from pa10cal.stages.records import read_pose_matrix, read_record
 
     settings = read_settings_argument(CalibrationSettings, arguments.settings)
     campaign = read_campaign(arguments.campaign_dir)
-    seed = read_record(arguments.base_frame, BASE_FRAME, ("T_cmm_base",), campaign.name)
-    case = work_out(
-        load_arm(campaign.robot),
-        observations(read_pose_table(arguments.poses, campaign.name), kind="grid", average=False),
-        read_pose_matrix(seed, "T_cmm_base", arguments.base_frame),
-        arguments.load,
-        1e-3 * settings.apparatus_uncertainty_mm,
-        study_of(settings),
+    arm = load_arm(campaign.robot, arguments.campaign_dir)
+    table = read_pose_table(arguments.poses, campaign.name)
+    complete = arguments.load == COMPLETE or takes_complete_model(
+        settings.model, campaign.instrument.kind
     )
-    record = load_case_record(case)
+    work = _by_complete_model if complete else _by_papers_model
+    record = work(arguments, settings, campaign, arm, table)
     header = {
         "schema": CALIBRATION,
         "campaign": campaign.name,
@@ -56,6 +61,76 @@ def _run(arguments: argparse.Namespace) -> None:
     }
     write_json(arguments.out, {**header, **record, "settings": settings.model_dump(mode="json")})
     _say(f"{campaign.name} {arguments.load}", record)
+
+
+def _by_papers_model(
+    arguments: argparse.Namespace,
+    settings: CalibrationSettings,
+    campaign: Campaign,
+    arm: Arm,
+    table: pd.DataFrame,
+) -> dict[str, Any]:
+    """Work out a load case on two levels, with the paper's unknowns."""
+    from pa10cal.calibration.load_case import work_out
+    from pa10cal.campaign.table import observations
+    from pa10cal.errors import CalibrationError
+    from pa10cal.files.schemas import BASE_FRAME
+    from pa10cal.stages.calibration_record import load_case_record, study_of
+    from pa10cal.stages.records import read_pose_matrix, read_record
+
+    if campaign.instrument.kind not in ("touch_trigger_cmm", "pose"):
+        raise CalibrationError(
+            "the paper's model needs positions and attitudes of the end-effector",
+            where="calibration.model",
+            value=settings.model,
+            allowed=f"auto or complete for an instrument of kind {campaign.instrument.kind}",
+            remedy="set calibration.model to auto",
+        )
+    seed = read_record(arguments.base_frame, BASE_FRAME, ("T_cmm_base",), campaign.name)
+    held_out = observations(table, kind="holdout")
+    case = work_out(
+        arm,
+        observations(table, kind="grid", average=False),
+        held_out if len(held_out) else None,
+        read_pose_matrix(seed, "T_cmm_base", arguments.base_frame),
+        arguments.load,
+        1e-3 * settings.apparatus_uncertainty_mm,
+        study_of(settings),
+    )
+    return load_case_record(case)
+
+
+def _by_complete_model(
+    arguments: argparse.Namespace,
+    settings: CalibrationSettings,
+    campaign: Campaign,
+    arm: Arm,
+    table: pd.DataFrame,
+) -> dict[str, Any]:
+    """Work out a load case with every parameter that arm and instrument can tell."""
+    from pa10cal.calibration.complete.case import work_out_complete
+    from pa10cal.calibration.load_case import COMBINED, rows_of_load
+    from pa10cal.campaign.sightings import sightings
+    from pa10cal.files.schemas import BASE_FRAME
+    from pa10cal.stages.complete_record import complete_options, complete_record, read_start
+    from pa10cal.stages.discovery_setting import burden_of
+    from pa10cal.stages.records import read_record
+
+    seed = read_record(arguments.base_frame, BASE_FRAME, ("T_cmm_base",), campaign.name)
+    grid = sightings(table, campaign, "grid")
+    held_out = sightings(table, campaign, "holdout")
+    load = COMBINED if arguments.load == COMPLETE else arguments.load
+    case = work_out_complete(
+        arm,
+        grid,
+        held_out if len(held_out) else None,
+        rows_of_load(grid.states.load_N, load),
+        read_start(seed, grid.seen, arguments.base_frame),
+        arguments.load,
+        burden_of(campaign, arm),
+        complete_options(settings),
+    )
+    return complete_record(case)
 
 
 def _say(title: str, record: dict[str, Any]) -> None:
@@ -67,7 +142,8 @@ def _say(title: str, record: dict[str, Any]) -> None:
         f"{title}: {record['status']}, rank {record['rank']} of {record['unknowns']}, "
         f"mean/peak after: {after}"
     )
-    for warning in record["warnings"]:
+    print(f"{title}: {record['health']['verdict']}: {record['health']['line']}")
+    for warning in (text for text in record["warnings"] if text != record["health"]["line"]):
         print(f"{title}: note: {warning}", file=sys.stderr)
 
 

@@ -23,6 +23,8 @@ from pa10cal.calibration.load_case import LoadCase, Study, model_deviations
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import RecordError
 from pa10cal.settings import CalibrationSettings, parse_section
+from pa10cal.stages.complete_record import read_complete
+from pa10cal.stages.health_record import health_record
 from pa10cal.stages.records import read_pose_matrix
 from pa10cal.terms.baseline import baseline, solved_parameters
 from pa10cal.terms.model import Model
@@ -66,6 +68,7 @@ def load_case_record(case: LoadCase) -> dict[str, Any]:
     from_seed = accuracy_records(case.before_seed_frame)
     return {
         "load": case.load,
+        "model": "paper",
         "loads_fitted": sorted({float(load) for load in cubic.level.observations.states.load_N}),
         **fit,
         "rank": cubic.identifiability.rank,
@@ -108,6 +111,7 @@ def load_case_record(case: LoadCase) -> dict[str, Any]:
         "linear": fit_record(case.linear, case.grid),
         "l_curve": [asdict(point) for point in case.l_curve],
         "residuals": _residual_records(case),
+        "health": health_record(case.health, cubic.level.observations.pose),
         "warnings": _warnings(case),
         "seconds": case.seconds,
     }
@@ -180,11 +184,14 @@ def read_fit(
         record: content of `calibration/<load>.json`.
         arm: the nominal arm.
         path: where it was read from, for the message.
-        cubic: the fit with cubic springs, else the linear one.
+        cubic: the fit with cubic springs, else the linear one; the complete model has one.
 
     Raises:
         RecordError: when it lacks a parameter or was written with other settings.
     """
+    if record.get("model") == "complete":
+        found = read_complete(record, arm, path)
+        return found.model, found.x, found.T_cmm_base
     settings = parse_section(CalibrationSettings, record.get("settings"), where=str(path))
     fit = record if cubic else record["linear"]
     model = baseline(arm, settings.flexible_joints, _tolerances(settings), cubic=cubic)

@@ -58,7 +58,7 @@ def _run(arguments: argparse.Namespace) -> None:
     began = time.perf_counter()
     settings = read_settings_argument(DiscoverySettings, arguments.settings)
     campaign = read_campaign(arguments.campaign_dir)
-    arm = load_arm(campaign.robot)
+    arm = load_arm(campaign.robot, arguments.campaign_dir)
     table = read_pose_table(arguments.poses, campaign.name)
     record = read_record(
         arguments.calibration, CALIBRATION, ("parameters", "settings"), campaign.name

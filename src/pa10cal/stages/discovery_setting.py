@@ -19,16 +19,8 @@ def setting_of(
     campaign: Campaign, arm: Arm, calibration: CalibrationSettings, discovery: DiscoverySettings
 ) -> Setting:
     """Return what the search needs to know besides the poses."""
-    burden = None
-    if arm.mass_kg is not None:
-        burden = Burden(
-            mass_kg=campaign.tool.mass_kg,
-            com_m=MM * np.array(campaign.tool.com_mm),
-            load_point_m=MM * np.array(campaign.tool.load_point_mm),
-            gravity_m_s2=np.array(campaign.gravity_m_s2),
-        )
     return Setting(
-        burden=burden,
+        burden=burden_of(campaign, arm),
         p_ee_targets_m=MM * campaign.p_ee_balls_mm,
         reference_temperature_C=campaign.reference_temperature_C,
         flexible_joints=calibration.flexible_joints,
@@ -49,3 +41,15 @@ def with_bends(model: Model) -> Model:
     """Return a model on a chain whose long links may bend."""
     arm = model.chain.arm
     return Model(Chain.of(arm, bends=long_links(arm)), model.terms)
+
+
+def burden_of(campaign: Campaign, arm: Arm) -> Burden | None:
+    """Return what the arm carries; None where the masses of its links are not known."""
+    if arm.mass_kg is None:
+        return None
+    return Burden(
+        mass_kg=campaign.tool.mass_kg,
+        com_m=MM * np.array(campaign.tool.com_mm),
+        load_point_m=MM * np.array(campaign.tool.load_point_mm),
+        gravity_m_s2=np.array(campaign.gravity_m_s2),
+    )

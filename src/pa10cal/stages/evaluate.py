@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 from pa10cal.stages.command import limit_threads, run_stage
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from pa10cal.campaign.description import Campaign
     from pa10cal.campaign.observations import PoseObservations
     from pa10cal.evaluation.holdout import HeldOut
@@ -45,9 +47,9 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.terms.baseline import nominal
 
     campaign = read_campaign(arguments.campaign_dir)
-    arm = load_arm(campaign.robot)
+    arm = load_arm(campaign.robot, arguments.campaign_dir)
     table = read_pose_table(arguments.poses, campaign.name)
-    needs = ("parameters", "linear", *(() if arguments.extended is None else ("settings",)))
+    needs = ("parameters", *(() if arguments.extended is None else ("settings",)))
     record = read_record(arguments.calibration, CALIBRATION, needs, campaign.name)
     header = {
         "schema": HOLDOUT,
@@ -61,6 +63,9 @@ def _run(arguments: argparse.Namespace) -> None:
             {**header, "configurations": 0, "models": {}, "note": "no held-out rows measured"},
         )
         print(f"{campaign.name}: no held-out rows to evaluate")
+        return
+    if record.get("model") == "complete":
+        _judge_complete(arguments, header, record, campaign, table)
         return
     held_out = observations(table, kind="holdout")
     rigid = nominal(arm)
@@ -79,28 +84,52 @@ def _run(arguments: argparse.Namespace) -> None:
     }
     if arguments.extended is not None:
         judged["extended"] = _extended(arguments, record, campaign, held_out)
-    write_json(
-        arguments.out,
-        {
-            **header,
-            "configurations": len(held_out),
-            "models": {
-                name: {
-                    **asdict(found.overall),
-                    "per_load": accuracy_records(found.by_load),
-                    "per_point": {key: asdict(value) for key, value in found.by_point.items()},
-                    "tool_twist": _twist_record(found),
-                    "rows": _row_records(found, held_out),
-                }
-                for name, found in judged.items()
-            },
-        },
-    )
-    summary = ", ".join(
-        f"{name} {found.overall.mean_mm:.3f}/{found.overall.peak_mm:.3f} mm"
+    models = {
+        name: {
+            **asdict(found.overall),
+            "per_load": accuracy_records(found.by_load),
+            "per_point": {key: asdict(value) for key, value in found.by_point.items()},
+            "tool_twist": _twist_record(found),
+            "rows": _row_records(found, held_out),
+        }
         for name, found in judged.items()
+    }
+    write_json(arguments.out, {**header, "configurations": len(held_out), "models": models})
+    _say(campaign.name, models, len(held_out))
+
+
+def _judge_complete(
+    arguments: argparse.Namespace,
+    header: dict[str, Any],
+    record: dict[str, Any],
+    campaign: Campaign,
+    table: pd.DataFrame,
+) -> None:
+    """Judge the models of a complete calibration on what the instrument saw."""
+    from pa10cal.files.arms import load_arm
+    from pa10cal.files.output import write_json
+    from pa10cal.stages.complete_evaluation import (
+        complete_models,
+        held_out_with_torques,
+        judged_record,
     )
-    print(f"{campaign.name} held out ({len(held_out)}): mean/peak {summary}")
+
+    arm = load_arm(campaign.robot, arguments.campaign_dir)
+    held_out = held_out_with_torques(table, campaign, arm)
+    models = {
+        name: judged_record(model, held_out)
+        for name, model in complete_models(record, arm, arguments.calibration).items()
+    }
+    write_json(arguments.out, {**header, "configurations": len(held_out), "models": models})
+    _say(campaign.name, models, len(held_out))
+
+
+def _say(name: str, models: dict[str, dict[str, Any]], configurations: int) -> None:
+    summary = ", ".join(
+        f"{model} {found['mean_mm']:.3f}/{found['peak_mm']:.3f} mm"
+        for model, found in models.items()
+    )
+    print(f"{name} held out ({configurations}): mean/peak {summary}")
 
 
 def _extended(
@@ -121,7 +150,7 @@ def _extended(
     from pa10cal.stages.extended_record import read_extended
     from pa10cal.stages.records import read_record, read_vector
 
-    arm = load_arm(campaign.robot)
+    arm = load_arm(campaign.robot, arguments.campaign_dir)
     calibration = parse_section(
         CalibrationSettings, record["settings"], where=str(arguments.calibration)
     )

@@ -16,6 +16,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _describe(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--campaign-dir", type=Path, help="where the arm may be described")
     parser.add_argument("--calibration", type=Path, required=True, help="calibration to export")
     parser.add_argument("--extended", type=Path, help="model with the effects that were missing")
     parser.add_argument("--model", type=Path, required=True, help="model.yaml to write")
@@ -44,7 +45,7 @@ def _run(arguments: argparse.Namespace) -> None:
             allowed="converged",
             remedy="raise calibration.max_iterations, or look at its warnings",
         )
-    arm = load_arm(record["robot"])
+    arm = load_arm(record["robot"], arguments.campaign_dir)
     model, x, T_cmm_base = read_fit(record, arm, arguments.calibration, cubic=True)
     parameters, effects, warnings = record["parameters"], [], record["warnings"]
     if arguments.extended is not None:

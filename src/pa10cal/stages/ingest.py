@@ -6,8 +6,12 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pa10cal.stages.command import limit_threads, run_stage
+
+if TYPE_CHECKING:
+    from pa10cal.campaign.measured import MeasuredPoses
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -34,7 +38,7 @@ def _run(arguments: argparse.Namespace) -> None:
     settings = read_settings_argument(IngestSettings, arguments.settings)
     folder: Path = arguments.campaign_dir
     campaign = read_campaign(folder)
-    ingested = ingest_campaign(campaign, load_arm(campaign.robot), folder, settings)
+    ingested = ingest_campaign(campaign, load_arm(campaign.robot, folder), folder, settings)
     poses = ingested.poses
     with whole_files(arguments.out, arguments.quarantine) as (table, listing):
         write_pose_table(table, poses, campaign.name)
@@ -44,12 +48,25 @@ def _run(arguments: argparse.Namespace) -> None:
     )
     parts = [
         f"{len(poses)} configurations",
-        f"{poses.ball_touches.size} balls",
+        *_targets(poses),
         f"{len(ingested.left_out)} rows left out",
         f"repeatability {repeatability or 'unknown'}",
         *ingested.notes,
     ]
     print(f"{campaign.name}: {'; '.join(parts)}")
+
+
+def _targets(poses: MeasuredPoses) -> list[str]:
+    """Say how many balls were located, or other targets seen."""
+    import numpy as np
+
+    if not poses.ball_names:
+        return []
+    count = poses.ball_touches.size
+    if poses.ball_touches.any():
+        return [f"{count} balls"]
+    seen = int(np.isfinite(poses.p_cmm_balls_mm[..., 0]).sum())
+    return [f"targets {', '.join(poses.ball_names)} seen {seen} times of {count}"]
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--campaign", required=True, help="name, written into the result")
+    parser.add_argument("--campaign-dir", type=Path, help="where the arm may be described")
     parser.add_argument("--robot", required=True, help="name of an arm description")
     parser.add_argument(
         "--plane-mm", type=int, required=True, help="height of the flange above the base [mm]"
@@ -58,7 +59,7 @@ def _run(arguments: argparse.Namespace) -> None:
         map_spacing_m=1e-3 * settings.map_spacing_mm,
     )
     progress = _Progress(f"montecarlo z = {task.plane_mm} mm", task.cycles)
-    errors = study_plane(load_arm(arguments.robot), task, progress)
+    errors = study_plane(load_arm(arguments.robot, arguments.campaign_dir), task, progress)
     record = _record(errors, settings)
     header = {
         "schema": MONTECARLO,

@@ -1,4 +1,7 @@
-"""Stage seed: the base frame in the instrument's frame, from the straight-line moves."""
+"""Stage seed: the base frame in the instrument's frame, from straight moves or the nominal model.
+
+Of an instrument whose targets may be anywhere on the end-effector, their places too.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pa10cal.stages.command import limit_threads, run_stage
+from pa10cal.stages.seed_record import summary
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from pa10cal.arm.chain import Chain
+    from pa10cal.campaign.description import Campaign
     from pa10cal.campaign.observations import PoseObservations
-    from pa10cal.frame.nominal_fit import NominalSeed
-    from pa10cal.frame.straight_lines import LineSeed, StraightLine
+    from pa10cal.campaign.seen import Sightings
+    from pa10cal.settings import BaseFrameSettings
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -29,26 +37,48 @@ def _describe(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> None:
-    import numpy as np
-
     from pa10cal.arm.chain import Chain
     from pa10cal.campaign.description import read_campaign
-    from pa10cal.campaign.table import observations, read_pose_table
+    from pa10cal.campaign.sightings import sightings
+    from pa10cal.campaign.table import read_pose_table
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
     from pa10cal.files.schemas import BASE_FRAME
-    from pa10cal.frame.nominal_fit import seed_from_nominal
-    from pa10cal.frame.straight_lines import LineLimits, seed_from_lines
     from pa10cal.settings import BaseFrameSettings, read_settings_argument
 
     settings = read_settings_argument(BaseFrameSettings, arguments.settings)
     campaign = read_campaign(arguments.campaign_dir)
     table = read_pose_table(arguments.poses, campaign.name)
-    chain = Chain.of(load_arm(campaign.robot))
+    chain = Chain.of(load_arm(campaign.robot, arguments.campaign_dir))
+    kind = campaign.instrument.kind
+    moved = bool(table["kind"].isin(["line_x", "line_y"]).any())
+    if kind == "touch_trigger_cmm" or (kind == "pose" and moved):
+        record = _by_end_effector(table, chain, settings, arguments.poses, tracked=kind == "pose")
+    else:
+        grid = sightings(table, campaign)
+        unloaded = grid.take(grid.states.load_N == grid.states.load_N.min())
+        record = _by_targets(unloaded, chain, campaign)
+    header = {"schema": BASE_FRAME, "campaign": campaign.name, "provenance": campaign.provenance}
+    write_json(arguments.out, header | record)
+    print(f"{campaign.name}: {summary(record)}")
+
+
+def _by_end_effector(
+    table: DataFrame, chain: Chain, settings: BaseFrameSettings, where: Path, *, tracked: bool
+) -> dict[str, Any]:
+    """Find the base frame where straight moves show it, or of an end-effector that was touched."""
+    import numpy as np
+
+    from pa10cal.campaign.table import observations
+    from pa10cal.frame.hand_eye import target_on_base
+    from pa10cal.frame.nominal_fit import seed_from_nominal
+    from pa10cal.frame.straight_lines import LineLimits, seed_from_lines
+    from pa10cal.stages.seed_record import line_record, nominal_record
+
     grid = observations(table, "grid")
     unloaded = grid.take(grid.states.load_N == grid.states.load_N.min())
     line_x, line_y = (observations(table, kind) for kind in ("line_x", "line_y"))
-    _refuse_one_move(len(line_x), len(line_y), arguments.poses)
+    _refuse_one_move(len(line_x), len(line_y), where)
 
     def positions(*kinds: PoseObservations) -> tuple[Any, Any]:
         """Measured and nominal positions of the end-effector."""
@@ -56,25 +86,42 @@ def _run(arguments: argparse.Namespace) -> None:
         nominal = np.vstack([chain.forward(poses.states.q_rad)[:, :3, 3] for poses in kinds])
         return measured, nominal
 
-    if len(line_x) or len(line_y):
-        limits = LineLimits(
-            min_length_m=1e-3 * settings.min_length_mm,
-            max_bend_m=1e-3 * settings.max_bend_mm,
-            min_angle_rad=np.radians(settings.min_angle_deg),
-        )
-        from_lines = seed_from_lines(
-            positions(line_x), positions(line_y), positions(line_x, line_y, unloaded), limits
-        )
-        record = _line_record(from_lines)
-    else:
-        record = _nominal_record(seed_from_nominal(*positions(unloaded)))
-    header = {"schema": BASE_FRAME, "campaign": campaign.name, "provenance": campaign.provenance}
-    write_json(arguments.out, header | record)
-    print(
-        f"{campaign.name}: base frame by {record['method']}, directions known to "
-        f"{1e3 * record['x_direction_u_rad']:.3f} and {1e3 * record['y_direction_u_rad']:.3f} "
-        f"mrad, origins scatter by {record['origin_scatter_mm']:.3f} mm"
+    if not len(line_x):
+        return nominal_record(seed_from_nominal(*positions(unloaded)))
+    limits = LineLimits(
+        min_length_m=1e-3 * settings.min_length_mm,
+        max_bend_m=1e-3 * settings.max_bend_mm,
+        min_angle_rad=np.radians(settings.min_angle_deg),
     )
+    seed = seed_from_lines(
+        positions(line_x), positions(line_y), positions(line_x, line_y, unloaded), limits
+    )
+    record = line_record(seed)
+    if tracked:
+        T_base_ee = chain.forward(unloaded.states.q_rad)
+        found = target_on_base(seed.T_cmm_base, T_base_ee, unloaded.T_cmm_ee)
+        record["T_ee_target"] = found.tolist()
+    return record
+
+
+def _by_targets(unloaded: Sightings, chain: Chain, campaign: Campaign) -> dict[str, Any]:
+    """Find base frame and targets of an instrument whose targets may be anywhere."""
+    from pa10cal.campaign.seen import SeenPoints, SeenPoses
+    from pa10cal.campaign.sightings import stated_places_m
+    from pa10cal.frame.hand_eye import hand_eye_from_points, hand_eye_from_poses
+    from pa10cal.frame.ranging import range_from_distances
+    from pa10cal.stages.seed_record import points_record, poses_record, ranging_record
+
+    seen, T_base_ee = unloaded.seen, chain.forward(unloaded.states.q_rad)
+    if isinstance(seen, SeenPoses):
+        return poses_record(hand_eye_from_poses(T_base_ee, seen.T_cmm_target), len(unloaded))
+    if isinstance(seen, SeenPoints):
+        found = hand_eye_from_points(T_base_ee, seen.p_cmm_m, seen.p_ee_stated_m, names=seen.names)
+        return points_record(found, seen.names, len(unloaded))
+    names = campaign.ball_names if len(campaign.ball_names) == 1 else ("target",)
+    stated_m = stated_places_m(campaign, names)
+    ranged = range_from_distances(T_base_ee, seen.d_m, None if stated_m is None else stated_m[0])
+    return ranging_record(ranged, names[0], len(unloaded))
 
 
 def _refuse_one_move(points_x: int, points_y: int, poses: Path) -> None:
@@ -91,52 +138,6 @@ def _refuse_one_move(points_x: int, points_y: int, poses: Path) -> None:
         remedy=f"add the {absent} rows to the campaign, or remove its {there} rows too: the base "
         "frame is then fitted to the nominal model",
     )
-
-
-def _line_record(seed: LineSeed) -> dict[str, Any]:
-    import numpy as np
-
-    def line(found: StraightLine) -> dict[str, Any]:
-        return {
-            "direction_cmm": found.direction_cmm.tolist(),
-            "direction_u_rad": found.direction_u_rad,
-            "length_mm": 1e3 * found.length_m,
-            "bend_rms_mm": 1e3 * found.bend_rms_m,
-            "points": found.points,
-        }
-
-    return {
-        "method": "straight_lines",
-        **_frame(seed.T_cmm_base),
-        "x_direction_u_rad": seed.line_x.direction_u_rad,
-        "y_direction_u_rad": seed.line_y.direction_u_rad,
-        "line_x": line(seed.line_x),
-        "line_y": line(seed.line_y),
-        "angle_between_lines_deg": float(np.degrees(seed.angle_rad)),
-        "origin_scatter_mm": 1e3 * seed.origin_scatter_m,
-        "origin_poses": seed.origin_poses,
-        "origin_from": "line moves and grid poses at the lowest load",
-    }
-
-
-def _nominal_record(seed: NominalSeed) -> dict[str, Any]:
-    return {
-        "method": "rigid_fit_nominal",
-        **_frame(seed.T_cmm_base),
-        "x_direction_u_rad": float(seed.axis_u_rad[0]),
-        "y_direction_u_rad": float(seed.axis_u_rad[1]),
-        "origin_scatter_mm": 1e3 * seed.residual_rms_m,
-        "origin_poses": seed.poses,
-        "origin_from": "grid poses at the lowest load",
-    }
-
-
-def _frame(T_cmm_base: Any) -> dict[str, Any]:
-    return {
-        "R_cmm_base": T_cmm_base[:3, :3].tolist(),
-        "origin_cmm_m": T_cmm_base[:3, 3].tolist(),
-        "T_cmm_base": T_cmm_base.tolist(),
-    }
 
 
 if __name__ == "__main__":

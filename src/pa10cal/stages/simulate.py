@@ -31,13 +31,18 @@ def _describe(parser: argparse.ArgumentParser) -> None:
 
 def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.cell.campaign import simulate_campaign
+    from pa10cal.cell.sighted import measure_sighted
+    from pa10cal.cell.sighted_write import write_sighted
     from pa10cal.cell.write import write_campaign
     from pa10cal.files.arms import load_arm
 
     settings = read_settings_argument(SimulateSettings, arguments.settings)
-    campaign = simulate_campaign(
-        arguments.name, load_arm(settings.robot), settings, arguments.kcub_reading
-    )
+    arm = load_arm(settings.robot)
+    if settings.without_touches is not None:
+        sighted = measure_sighted(arm, settings.without_touches, settings.random_seed)
+        write_sighted(sighted, arguments.out, arguments.name, arguments.truth)
+        return
+    campaign = simulate_campaign(arguments.name, arm, settings, arguments.kcub_reading)
     write_campaign(campaign, arguments.out, arguments.truth)
 
 

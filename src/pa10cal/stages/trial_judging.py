@@ -88,7 +88,7 @@ def calibrated(raw: Path, settings: JudgingSettings) -> CalibratedCampaign:
     """
     began = time.perf_counter()
     campaign = read_campaign(raw)
-    arm = load_arm(campaign.robot)
+    arm = load_arm(campaign.robot, raw)
     ingested = ingest_campaign(campaign, arm, raw, settings.ingest)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "poses.parquet"

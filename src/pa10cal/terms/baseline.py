@@ -14,6 +14,9 @@ from pa10cal.terms.offsets import Tolerances, link_departures
 
 Array = NDArray[np.float64]
 
+#: Torque at which springs are stated of joints whose rated torque is not known.
+_UNRATED_NM = 100.0
+
 
 def baseline(
     arm: Arm,
@@ -31,21 +34,23 @@ def baseline(
         tolerances: manufacturing tolerances of the link parameters.
         cubic: whether the springs have a cubic coefficient.
         tau_ref_Nm: (n,) torques at which the springs' solved parameters are stated, best the
-            largest in the data; the rated torques where None. The model is the same.
+            largest in the data; the rated torques where None, or a
+            common size where those are not known. The model is the same.
 
     Raises:
-        CalibrationError: when a flexible joint is not one of the arm's.
+        CalibrationError: when a flexible joint is not one of the arm's that turn.
     """
     for joint in flexible_joints:
-        if not 1 <= joint <= arm.n:
+        there = 1 <= joint <= arm.n
+        if not there or arm.prismatic[joint - 1]:
             raise CalibrationError(
-                "no such joint",
+                "the joint slides, and springs turn" if there else "no such joint",
                 where="calibration.flexible_joints",
                 value=joint,
-                allowed=f"1 to {arm.n}",
+                allowed=f"1 to {arm.n}, and a joint that turns",
                 remedy="correct the list",
             )
-    tau_Nm = arm.torque_limit_Nm if tau_ref_Nm is None else tau_ref_Nm
+    tau_Nm = arm.rated_Nm(np.full(arm.n, _UNRATED_NM)) if tau_ref_Nm is None else tau_ref_Nm
     springs = tuple(
         JointSpring(joint, float(tau_Nm[joint - 1]), cubic)
         for joint in sorted(set(flexible_joints))

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from pa10cal.cell.effects import joint
 from pa10cal.cell.effects.kinds import Motion
+from pa10cal.errors import SimulationError
 
 RNG = np.random.default_rng(3)
 Q = RNG.uniform(-3.0, 3.0, (40, 6))
@@ -39,6 +40,14 @@ def test_transmission_error_repeats_twice_a_turn_of_the_wave_generator(q, turns)
     later = q + turns * np.pi / GEARS[0]
     both = Motion(np.array([[q] * 6, [later] * 6]), S[:2], GEARS)
     assert effect.turn_rad(both)[0, 0] == pytest.approx(effect.turn_rad(both)[1, 0], abs=1e-12)
+
+
+def test_a_transmission_error_needs_the_gear_ratio():
+    motion = Motion(Q, S, np.where(np.arange(6) == 1, np.nan, GEARS))
+    effect = joint.TransmissionError(A=A, phi=PHI)
+    assert np.isfinite(effect.at("joint 1").turn_rad(motion)).all()
+    with pytest.raises(SimulationError, match=r"transmission_error of joint 2: the gear ratio"):
+        effect.at("joint 2").turn_rad(motion)
 
 
 def test_wrist_coupling_turns_the_last_joint_with_the_one_before():

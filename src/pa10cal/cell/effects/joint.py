@@ -17,6 +17,7 @@ from pa10cal.cell.effects.kinds import (
     TorqueLogEffect,
     WindupEffect,
 )
+from pa10cal.errors import SimulationError
 
 
 class _Harmonic(DriveEffect):
@@ -37,8 +38,20 @@ class TransmissionError(_Harmonic):
     id: ClassVar[str] = "transmission_error"
 
     def turn_rad(self, motion: Motion) -> Array:
-        """Return A sin(2 N_j q_j + phi), N_j the gear ratio."""
-        return self._sine(motion, 2.0 * float(motion.gear_ratio[self.joint]))
+        """Return A sin(2 N_j q_j + phi), N_j the gear ratio.
+
+        Raises:
+            SimulationError: when the gear ratio is not known.
+        """
+        ratio = float(motion.gear_ratio[self.joint])
+        if np.isnan(ratio):
+            raise SimulationError(
+                "the gear ratio is not known",
+                where=f"{self.id} of joint {self.joint + 1}",
+                allowed="an arm description with gear_ratio in the joint's row",
+                remedy="add it, or hide another effect",
+            )
+        return self._sine(motion, 2.0 * ratio)
 
 
 class EncoderEccentricity(_Harmonic):

@@ -1,0 +1,219 @@
+"""Everything that is worked out with the complete model for one load case."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import BASE, Chain, end_pose
+from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import Burden
+from pa10cal.calibration.accuracy import Accuracy
+from pa10cal.calibration.complete.complete import (
+    Complete,
+    CompleteOptions,
+    calibrate_complete,
+    with_torques,
+)
+from pa10cal.calibration.complete.deviation import (
+    SeenDeviations,
+    accuracy_by_load,
+    accuracy_seen,
+    deviations_seen,
+)
+from pa10cal.calibration.complete.doubted import Doubted, doubted
+from pa10cal.calibration.complete.instrument import kinds
+from pa10cal.calibration.complete.start import Start, turned
+from pa10cal.calibration.health import Ended, Health, health
+from pa10cal.calibration.identifiability import Direction, open_directions, open_parameters
+from pa10cal.campaign.seen import Sightings
+from pa10cal.terms.model import Model
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A complete model with its parameters, ready to predict what the instrument sees.
+
+    Attributes:
+        model: chain and terms: links, springs, tool; the base frame is apart.
+        x: (k,) its parameters.
+        T_cmm_base: (4, 4) base frame.
+        R_ee_target: (3, 3) by which measured attitudes are turned.
+        places_m: (t,) places of the targets in the end-effector frame.
+    """
+
+    model: Model
+    x: Array
+    T_cmm_base: Array
+    R_ee_target: Array
+    places_m: Array
+
+    def deviations(self, sightings: Sightings) -> SeenDeviations:
+        """Compare predictions with sightings whose torques are known where springs need them."""
+        start = Start(self.T_cmm_base, np.zeros(3), self.R_ee_target, self.places_m)
+        seen = turned(sightings, start).seen
+        T_base_ee = self.model.predict(sightings.states, self.x)
+        return deviations_seen(T_base_ee, self.T_cmm_base, self.places_m, seen)
+
+
+@dataclass(frozen=True)
+class CompleteCase:
+    """One load case, worked out with the complete model.
+
+    Attributes:
+        load: `combined`, `complete`, or a load such as `44N`.
+        full: links, springs, frames.
+        geometry: the same without springs; `full` itself where it has none.
+        nominal: frames and targets alone.
+        grid: poses of every load, with torques.
+        residuals: of the full model on `grid`.
+        before, after: nominal and full model on `grid`, for every load.
+        geometry_after: geometry alone on `grid`, for every load.
+        open_directions, open_parameters: what the poses leave open.
+        doubted: poses far outside the scatter of the others.
+        health: whether it is good.
+        seconds: time taken.
+    """
+
+    load: str
+    full: Complete
+    geometry: Complete
+    nominal: Complete
+    grid: Sightings
+    residuals: SeenDeviations
+    before: dict[float, Accuracy]
+    after: dict[float, Accuracy]
+    geometry_after: dict[float, Accuracy]
+    open_directions: tuple[Direction, ...]
+    open_parameters: frozenset[str]
+    doubted: tuple[Doubted, ...]
+    health: Health
+    seconds: float
+
+
+def work_out_complete(
+    arm: Arm,
+    grid: Sightings,
+    held_out: Sightings | None,
+    rows: NDArray[np.bool_],
+    start: Start,
+    load: str,
+    burden: Burden | None,
+    options: CompleteOptions,
+) -> CompleteCase:
+    """Work out one load case.
+
+    Args:
+        arm: the nominal arm.
+        grid: grid poses of every load.
+        held_out: poses held out, only judged; None where there are none.
+        rows: (P,) those of the grid poses to fit.
+        start: about where frames and targets are.
+        load: name of the load case.
+        burden: what the arm carries, None where it is not known.
+        options: how to calibrate.
+
+    Raises:
+        CalibrationError: when there are too few poses, or a spring lacks torques.
+    """
+    began = time.perf_counter()
+    used = grid.take(rows)
+    full = calibrate_complete(arm, used, start, burden, options)
+    geometry = full
+    if full.springs:
+        geometry = calibrate_complete(arm, used, start, burden, replace(options, springs=()))
+    nominal = calibrate_complete(
+        arm, used, start, burden, replace(options, links=False, springs=())
+    )
+    grid = replace(grid, states=with_torques(arm, grid.states, burden)[0])
+    load_N = grid.states.load_N
+    found = fitted(full).deviations(grid)
+    left_mm = accuracy_seen(found.take(rows)).rms_mm
+    off_mm = None
+    if held_out is not None and len(held_out):
+        held_out = replace(held_out, states=with_torques(arm, held_out.states, burden)[0])
+        off_mm = accuracy_seen(fitted(full).deviations(held_out)).rms_mm
+    parameters = full.problem.parameters
+    names = {parameter.name for parameter in parameters}
+    openly = open_parameters(full.fit.identifiability, parameters) & names
+    doubts = doubted(full.problem, full.fit)
+    return CompleteCase(
+        load=load,
+        full=full,
+        geometry=geometry,
+        nominal=nominal,
+        grid=grid,
+        residuals=found,
+        before=accuracy_by_load(fitted(nominal).deviations(grid), load_N),
+        after=accuracy_by_load(found, load_N),
+        geometry_after=accuracy_by_load(fitted(geometry).deviations(grid), load_N),
+        open_directions=open_directions(full.fit.identifiability, parameters),
+        open_parameters=openly,
+        doubted=doubts,
+        health=health(_ended(full, openly), left_mm, off_mm, _noise_mm(full), len(doubts)),
+        seconds=time.perf_counter() - began,
+    )
+
+
+def fitted(complete: Complete) -> FittedModel:
+    """Return a calibrated model with its base motions taken into the base frame."""
+    problem, x = complete.problem, complete.fit.x
+    model = Model(problem.model.chain, problem.model.terms[:-1])
+    of_model = problem.of_model(x)
+    count = len(model.parameters)
+    return FittedModel(
+        model=model,
+        x=of_model[:count],
+        T_cmm_base=problem.T_cmm_base @ base_motion(problem.model, of_model[count:]),
+        R_ee_target=complete.start.R_ee_target,
+        places_m=problem.places_at(x),
+    )
+
+
+def base_motion(model: Model, x_base: Array) -> Array:
+    """Return the pose (4, 4) that the base's small motions come to."""
+    values = dict(zip(model.terms[-1].coordinates, x_base, strict=True))
+    bare = np.zeros((1, len(BASE)))
+    bare[0] = [values.get(name, 0.0) for name in BASE]
+    chain = Chain.of(model.chain.arm)
+    at = np.tile(chain.nominal, (2, 1))
+    at[1, chain.columns(BASE)] += bare[0]
+    still, moved = end_pose(chain, at)
+    motion: Array = moved @ np.linalg.inv(still)
+    return motion
+
+
+def _ended(complete: Complete, openly: frozenset[str]) -> Ended:
+    fit, parameters = complete.fit, complete.problem.parameters
+    columns = kinds(complete.problem.seen)[0][1]
+    root = np.sqrt(fit.weights)[:, None, None]
+    return Ended(
+        converged=fit.converged,
+        reason=fit.reason,
+        iterations=fit.iterations,
+        at_bound=tuple(
+            parameter.name for parameter, held in zip(parameters, fit.at_bound, strict=True) if held
+        ),
+        parameters=parameters,
+        covariance=fit.covariance,
+        identifiability=fit.identifiability,
+        white=(root * fit.whitener) @ fit.jacobian,
+        position=fit.jacobian[:, columns],
+        open_parameters=openly,
+    )
+
+
+def _noise_mm(complete: Complete) -> float:
+    """Return what the stated noise explains of the root mean square error."""
+    problem = complete.problem
+    columns = kinds(problem.seen)[0][1]
+    variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns]
+    seen = problem.components_seen[:, columns]
+    targets = np.maximum(1, seen.sum(axis=1) // 3)
+    per_pose = np.where(seen, variances, 0.0).sum(axis=1) / targets
+    return float(1e3 * np.sqrt(per_pose.mean()))

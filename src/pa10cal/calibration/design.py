@@ -1,0 +1,99 @@
+"""How many poses a calibration wants: D-optimal order, and expected uncertainty by their number.
+
+A pose adds its information J^T J, whatever was read there. Taken in the order in which the
+determinant grows fastest, the measured poses show with how few of them the model would have been
+known nearly as well (D-optimality; Sun and Hollerbach, 2008, compare such criteria).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: Poses to choose from and poses chosen at most: more would change no curve that one can see.
+_POOL = 1000
+_MOST = 200
+#: Expected size of a parameter in its scale, which makes information definite before it is full.
+_POSSIBLE_SCALES = 30.0
+
+
+@dataclass(frozen=True)
+class PoseDesign:
+    """What poses of this kind can tell of the model, by their number.
+
+    Attributes:
+        order: poses in D-optimal order, as rows, the first the most telling.
+        numbers: (m,) numbers of poses.
+        u_optimal_m: (m,) expected standard uncertainty of a predicted position, root mean square
+            over all poses, with the first of `order`; inf where they are too few.
+        u_measured_m: (m,) the same with the first of the poses in the order measured.
+        u_all_m: with all of them.
+    """
+
+    order: Index
+    numbers: Index
+    u_optimal_m: Array
+    u_measured_m: Array
+    u_all_m: float
+
+
+def pose_design(white: Array, position: Array, scale: Array, unknowns: int) -> PoseDesign:
+    """Order poses by what they tell.
+
+    Args:
+        white: (P, b, k) rows of every pose, of unit variance.
+        position: (P, c, k) derivative of the predicted position [m].
+        scale: (k,) typical size of each parameter.
+        unknowns: parameters that all poses together tell.
+    """
+    count = len(white)
+    white, position = white * scale, position * scale
+    pool = np.unique(np.linspace(0, count - 1, min(count, _POOL)).round().astype(np.intp))
+    information = np.eye(len(scale)) / _POSSIBLE_SCALES**2
+    order = pool[_greedy(white[pool], information, min(len(pool), _MOST))]
+    spread = np.einsum("pck,pcl->kl", position, position, optimize=True) / count
+    numbers = np.unique(np.geomspace(1, len(order), 40).round().astype(np.intp))
+    measured = np.arange(count)
+    enough = -(-unknowns // white.shape[1])
+
+    def expected(rows: Index) -> float:
+        if len(rows) < enough:
+            return float("inf")
+        flat = white[rows].reshape(-1, len(scale))
+        covariance = np.linalg.inv(information + flat.T @ flat)
+        return float(np.sqrt(np.sum(covariance * spread)))
+
+    return PoseDesign(
+        order=order,
+        numbers=numbers,
+        u_optimal_m=np.array([expected(order[:n]) for n in numbers]),
+        u_measured_m=np.array([expected(measured[:n]) for n in numbers]),
+        u_all_m=expected(measured),
+    )
+
+
+def poses_wanted(design: PoseDesign, u_wanted_m: float) -> int | None:
+    """Return the least number of well-chosen poses with that uncertainty; None where more."""
+    enough = np.flatnonzero(design.u_optimal_m <= u_wanted_m)
+    return int(design.numbers[enough[0]]) if len(enough) else None
+
+
+def _greedy(white: Array, information: Array, most: int) -> Index:
+    """Return rows in the order in which the determinant of the information grows fastest."""
+    covariance = np.linalg.inv(information)
+    left = np.ones(len(white), dtype=bool)
+    order = np.empty(most, dtype=np.intp)
+    unit = np.eye(white.shape[1])
+    for n in range(most):
+        spread = white @ covariance
+        gain = np.linalg.slogdet(unit + spread @ white.transpose(0, 2, 1))[1]
+        best = int(np.argmax(np.where(left, gain, -np.inf)))
+        order[n], left[best] = best, False
+        row, own = white[best], spread[best]
+        covariance = covariance - own.T @ np.linalg.solve(unit + own @ row.T, own)
+    return order

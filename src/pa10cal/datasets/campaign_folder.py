@@ -1,0 +1,148 @@
+"""Imported campaigns as folders under the raw-data contract: whole or not at all."""
+
+from __future__ import annotations
+
+import gzip
+import os
+import shutil
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import yaml
+
+from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, read_campaign
+from pa10cal.campaign.quarantine import quarantine_csv
+from pa10cal.datasets.dataset import ImportedCampaign
+from pa10cal.errors import OutputError
+
+POSES_FILE = "poses.csv.gz"
+LEFT_OUT_FILE = "left_out.csv"
+OWN_FILES = frozenset({DESCRIPTION_FILE, POSES_FILE, LEFT_OUT_FILE})
+#: Gravity in the base frame of an arm that stands upright.
+UPRIGHT_GRAVITY_M_S2 = (0.0, 0.0, -9.81)
+#: How a column's numbers are written, by how its name begins or ends; the first that fits.
+_STARTS = {"u_": "%.6g", "time_s": "%.1f"}
+_ENDS = {"_deg": "%.8f", "_mm": "%.6f", "_C": "%.3f", "_N": "%g"}
+_QUATERNION = "%.10f"
+
+
+def write_campaigns(campaigns: Sequence[ImportedCampaign], folder: Path) -> list[Path]:
+    """Write each campaign into a folder of its name, whole or not at all.
+
+    A campaign's folder that is there already is replaced, once all campaigns are written beside
+    their places. The same campaigns give the same bytes.
+
+    Args:
+        campaigns: what to write.
+        folder: the folder of campaigns.
+
+    Returns:
+        The campaigns' folders.
+
+    Raises:
+        OutputError: when a place holds anything but a campaign, or cannot be written to.
+        RawDataError: when a description is not one that the contract's own reader accepts.
+    """
+    places = [folder / campaign.name for campaign in campaigns]
+    for place in places:
+        _refuse_foreign(place)
+    with ExitStack() as stack:
+        besides = [place.with_name(f".{os.getpid()}.partial.{place.name}") for place in places]
+        for beside in besides:
+            stack.callback(shutil.rmtree, beside, ignore_errors=True)
+        try:
+            for campaign, beside in zip(campaigns, besides, strict=True):
+                beside.mkdir(parents=True)
+                _write(campaign, beside)
+            for place, beside in zip(places, besides, strict=True):
+                _replace(beside, place)
+        except OSError as error:
+            raise OutputError(
+                "the campaign cannot be written",
+                where=str(folder),
+                value=error.strerror,
+                allowed="a folder that may be written to",
+                remedy="give another folder, or remove what is in the way",
+            ) from None
+    return places
+
+
+def description(campaign: ImportedCampaign) -> dict[str, Any]:
+    """Return the content of campaign.yaml, as in the raw-data contract."""
+    return {
+        "schema": SCHEMA,
+        "name": campaign.name,
+        "provenance": campaign.provenance,
+        "robot": campaign.robot,
+        "instrument": {
+            "kind": campaign.instrument,
+            "uncertainty_mm": campaign.uncertainty_mm,
+        },
+        "tool": {"mass_kg": 0.0, "com_mm": [0.0, 0.0, 0.0], "load_point_mm": [0.0, 0.0, 0.0]},
+        "gravity_m_s2": list(UPRIGHT_GRAVITY_M_S2),
+        "reference_temperature_C": campaign.reference_temperature_C,
+        "files": {"poses": POSES_FILE},
+        "holdout": {"last_fraction": campaign.held_out_fraction},
+    }
+
+
+def table_bytes(table: pd.DataFrame) -> bytes:
+    """Return a gzipped CSV whose bytes depend on the table alone; nan is an empty field."""
+    columns = [_as_text(table[name]) for name in table.columns]
+    lines = [",".join(table.columns), *map(",".join, zip(*columns, strict=True))]
+    return gzip.compress(("\n".join(lines) + "\n").encode(), compresslevel=6, mtime=0)
+
+
+def _as_text(column: pd.Series[Any]) -> list[str]:
+    if column.dtype.kind != "f":
+        return [str(value) for value in column.tolist()]
+    name = str(column.name)
+    starts = [form for start, form in _STARTS.items() if name.startswith(start)]
+    ends = [form for end, form in _ENDS.items() if name.endswith(end)]
+    form = [*starts, *ends, _QUATERNION][0]
+    values = (column + 0.0).tolist()  # + 0.0: no minus zero
+    return ["" if value != value else form % value for value in values]
+
+
+def _refuse_foreign(place: Path) -> None:
+    foreign = sorted({entry.name for entry in place.glob("*")} - OWN_FILES)
+    if foreign or place.is_file():
+        raise OutputError(
+            "the place of the campaign holds something else",
+            where=str(place),
+            value=", ".join(foreign) or place.name,
+            allowed=f"a new folder, or one with {', '.join(sorted(OWN_FILES))} only",
+            remedy="give another folder, or move the files away",
+        )
+
+
+def _write(campaign: ImportedCampaign, folder: Path) -> None:
+    (folder / POSES_FILE).write_bytes(table_bytes(campaign.poses))
+    listing = quarantine_csv(campaign.left_out)
+    (folder / LEFT_OUT_FILE).write_text(listing, encoding="utf-8", newline="\n")
+    text = yaml.safe_dump(
+        description(campaign),
+        sort_keys=False,
+        default_flow_style=None,
+        width=90,
+        allow_unicode=True,
+    )
+    (folder / DESCRIPTION_FILE).write_text(text, encoding="utf-8", newline="\n")
+    read_campaign(folder)
+
+
+def _replace(beside: Path, place: Path) -> None:
+    """Put the new folder in the place of a former one, which stays until that is done."""
+    former = beside.with_name(beside.name + ".former")
+    if place.is_dir():
+        place.rename(former)
+    try:
+        beside.rename(place)
+    except OSError:
+        if former.is_dir():
+            former.rename(place)
+        raise
+    shutil.rmtree(former, ignore_errors=True)

@@ -1,0 +1,78 @@
+"""What a reader of a data set says of it, and what it gives: campaigns not yet written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import pandas as pd
+
+from pa10cal.campaign.quarantine import LeftOut
+
+
+@dataclass(frozen=True)
+class Published:
+    """Where the files of a data set are published, and what they are.
+
+    Attributes:
+        version: the version meant, such as a commit.
+        address: what stands in front of a file's path.
+        sha256: checksum of every file that is fetched, by its path.
+    """
+
+    version: str
+    address: str
+    sha256: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class ImportedCampaign:
+    """One campaign of a data set, as the raw-data contract wants it.
+
+    Attributes:
+        name: name of the campaign and of its folder.
+        robot: name of the arm description.
+        provenance: whose measurements these are, and what was done with them.
+        instrument: kind of the instrument.
+        uncertainty_mm: standard uncertainty of one measured place, per axis.
+        reference_temperature_C: temperature at which lengths are nominal.
+        held_out_fraction: part of the poses, the last in time, that is held out.
+        poses: columns of `files.poses`, rows in order of time.
+        files: paths of the files read, inside the data set's folder.
+        left_out: rows left out.
+        notes: what the reader should know, one clause each.
+    """
+
+    name: str
+    robot: str
+    provenance: str
+    instrument: Literal["pose", "points", "distance"]
+    uncertainty_mm: float
+    reference_temperature_C: float
+    held_out_fraction: float
+    poses: pd.DataFrame
+    files: tuple[str, ...]
+    left_out: tuple[LeftOut, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """A data set that can be imported.
+
+    Attributes:
+        name: what it is called on the command line.
+        title: one line for the reader.
+        files: paths inside its folder that are read.
+        read: reads that folder, in which all `files` are; leaves out at most the given part of a
+            file's rows, or raises RawDataError.
+        published: where it is published; None for a layout without one place.
+    """
+
+    name: str
+    title: str
+    files: tuple[str, ...]
+    read: Callable[[Path, float], tuple[ImportedCampaign, ...]]
+    published: Published | None = None

@@ -1,0 +1,119 @@
+"""Damped least squares for the small geometric fits of this package, and what they leave open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr
+
+Array = NDArray[np.float64]
+S = TypeVar("S")
+
+MAX_ITERATIONS = 100
+#: The descent ends when no unknown moves further than this (metres and radians), when the cost
+#: would fall by less than this part of it, or when the damping that takes is out of bounds.
+STEP_TOLERANCE = 1e-13
+COST_TOLERANCE = 1e-15
+FIRST_DAMPING, LARGEST_DAMPING = 1e-6, 1e6
+#: Unknowns of which the others can mimic all but this part are open: with geometry that is wrong
+#: by millimetres the data would place them metres off.
+OPEN = 1e-3
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """A least-squares problem at one point.
+
+    Attributes:
+        by_step: (m, k) derivative of the prediction by the step.
+        residual: (m,) measured less predicted.
+    """
+
+    by_step: Array
+    residual: Array
+
+    @property
+    def cost(self) -> float:
+        """Return the sum of squares."""
+        return float(self.residual @ self.residual)
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """Unknowns split into what data tell and what they leave open.
+
+    Attributes:
+        free: (k, r) columns span what is to be solved for.
+        open: (k, k - r) columns of unit length span what cannot be told.
+    """
+
+    free: Array
+    open: Array
+
+
+def descend(
+    start: S, linearise: Callable[[S], Linearised], moved: Callable[[S, Array], S]
+) -> tuple[S, Linearised]:
+    """Go down from a start by Gauss-Newton steps, damped where they would go up.
+
+    Args:
+        start: where to begin.
+        linearise: the problem at a point.
+        moved: a point and a step (k,) to the next point.
+
+    Returns:
+        The lowest point reached, and the problem there.
+    """
+    at, here, damping = start, linearise(start), 0.0
+    for _ in range(MAX_ITERATIONS):
+        normal = here.by_step.T @ here.by_step
+        normal += damping * np.diag(np.diag(normal))
+        slope = here.by_step.T @ here.residual
+        step = np.asarray(np.linalg.lstsq(normal, slope, rcond=1e-14)[0], dtype=np.float64)
+        still = np.abs(step).max(initial=0.0) <= STEP_TOLERANCE
+        if still or step @ slope <= COST_TOLERANCE * here.cost or damping > LARGEST_DAMPING:
+            break
+        tried = moved(at, step)
+        there = linearise(tried)
+        if there.cost < here.cost:
+            at, here = tried, there
+            damping = damping / 10.0 if damping > FIRST_DAMPING else 0.0
+        else:
+            damping = max(FIRST_DAMPING, 10.0 * damping)
+    return at, here
+
+
+def freedom(by_these: Array, by_others: Array) -> Freedom:
+    """Split unknowns into what the data tell of them and what other unknowns can mimic.
+
+    Args:
+        by_these: (m, k) derivative of the prediction by the unknowns to split.
+        by_others: (m, l) derivative by the others.
+    """
+    size = np.maximum(np.sqrt((by_these**2).sum(axis=0)), np.finfo(float).tiny)
+    unit = by_these / size
+    basis = np.asarray(np.linalg.qr(by_others)[0], dtype=float)
+    left = unit - basis @ (basis.T @ unit)
+    told, directions = np.linalg.eigh(left.T @ left)
+    steps = np.asarray(directions / size[:, None], dtype=float)
+    known = told > OPEN**2
+    return Freedom(steps[:, known], _plain(steps[:, ~known]))
+
+
+def axis_text(vector: Array) -> str:
+    """Return a direction for messages, its largest component positive."""
+    unit = vector / np.linalg.norm(vector) * np.sign(vector[np.argmax(np.abs(vector))])
+    return "(" + ", ".join(f"{value:.2f}" for value in unit.round(2) + 0.0) + ")"
+
+
+def _plain(directions: Array) -> Array:
+    """Return columns that span the same as those given, along single unknowns where they can."""
+    if not directions.size:
+        return directions
+    pivots = qr(directions.T, pivoting=True, mode="economic")[2][: directions.shape[1]]
+    plain = directions @ np.linalg.inv(directions[pivots])
+    return np.asarray(plain / np.linalg.norm(plain, axis=0))

@@ -1,0 +1,214 @@
+"""A fixed point and a target on the end-effector from the distances between them.
+
+With the nominal model's T_base_ee of every pose, d = |T_base_ee p_ee - p_base|: three unknowns for
+the target, three for the point. The base frame itself does not show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.errors import CalibrationError
+from pa10cal.frame.descent import OPEN, Freedom, Linearised, axis_text, descend, freedom
+
+Array = NDArray[np.float64]
+
+LEAST_POSES = 4
+#: Unknowns of the equation that is linear in products of target and point.
+PRODUCTS = 16
+#: Starts put the target this far from its stated place, either way along each axis.
+ASIDE_M = 0.2
+#: Poses that choose between starts.
+MOST_POSES = 300
+#: What is open depends a little on the solution, so it is found again there.
+PASSES = 2
+
+
+@dataclass(frozen=True)
+class Ranging:
+    """The fixed point and the target.
+
+    Attributes:
+        p_base_point_m: (3,) fixed point in the base frame.
+        p_ee_target_m: (3,) target in the end-effector frame.
+        residuals_m: (P,) measured less modelled distances.
+        rms_m: their root mean square.
+        held: directions of the target that the poses leave open, held as stated.
+    """
+
+    p_base_point_m: Array
+    p_ee_target_m: Array
+    residuals_m: Array
+    rms_m: float
+    held: tuple[str, ...]
+
+    def distances(self, T_base_ee: Array) -> Array:
+        """Return the distances (P,) of the target from the fixed point [m]."""
+        place = T_base_ee[:, :3, :3] @ self.p_ee_target_m + T_base_ee[:, :3, 3]
+        return np.asarray(np.sqrt(((place - self.p_base_point_m) ** 2).sum(axis=1)))
+
+
+def range_from_distances(
+    T_base_ee: Array,
+    d_m: Array,
+    p_ee_stated_m: Array | None = None,
+    weights: Array | None = None,
+) -> Ranging:
+    """Solve d = |T_base_ee p_ee - p_base| for the target p_ee and the fixed point p_base.
+
+    Squared, the equation is linear in target, point, their products and squares, which gives a
+    start from anywhere where there are poses enough. For targets at and about the stated place a
+    linearised sphere gives the point, and its mirror image in the plane that the poses are nearest
+    to. All starts are refined by Gauss-Newton steps, and the best is returned.
+
+    Args:
+        T_base_ee: (P, 4, 4) modelled end-effector [m].
+        d_m: (P,) measured distances [m].
+        p_ee_stated_m: (3,) what is held where the poses leave the target open; None for the origin
+            of the end-effector.
+        weights: (P,) weights of the squared residuals; None for equal ones.
+
+    Raises:
+        CalibrationError: with fewer than four poses, or when these leave the fixed point open.
+    """
+    if len(d_m) < LEAST_POSES:
+        raise CalibrationError(
+            "too few distances to find the fixed point",
+            where="poses for the fixed point",
+            value=len(d_m),
+            allowed=f"at least {LEAST_POSES}",
+            remedy="measure more poses",
+        )
+    stated_m = np.zeros(3) if p_ee_stated_m is None else p_ee_stated_m
+    root = np.sqrt(np.ones(len(d_m)) if weights is None else weights)
+    problem = _Problem(T_base_ee[:, :3, 3], T_base_ee[:, :3, :3], d_m, root, stated_m)
+    few = problem.thinned()
+    best = min((_refined(few, *start) for start in _starts(few)), key=lambda each: each.cost)
+    found = _refined(problem, best.p_base_m, best.p_ee_m)
+    _refuse_open(problem, found)
+    residuals_m = d_m - np.linalg.norm(problem.from_point(found.p_base_m, found.p_ee_m), axis=1)
+    return Ranging(
+        p_base_point_m=found.p_base_m,
+        p_ee_target_m=found.p_ee_m,
+        residuals_m=residuals_m,
+        rms_m=float(np.sqrt(np.average(residuals_m**2, weights=root**2))),
+        held=tuple(f"the target along {axis_text(direction)}" for direction in found.split.open.T),
+    )
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Distances (P,) seen, with the square roots of their weights, and the modelled poses."""
+
+    p_base_ee_m: Array
+    R_base: Array
+    d_m: Array
+    root: Array
+    p_ee_stated_m: Array
+
+    def thinned(self) -> _Problem:
+        """Return the problem of few poses, drawn at random, always the same."""
+        drawn = np.sort(np.random.default_rng(0).permutation(len(self.d_m))[:MOST_POSES])
+        return _Problem(
+            self.p_base_ee_m[drawn],
+            self.R_base[drawn],
+            self.d_m[drawn],
+            self.root[drawn],
+            self.p_ee_stated_m,
+        )
+
+    def from_point(self, p_base_m: Array, p_ee_m: Array) -> Array:
+        """Return the way (P, 3) from the fixed point to the target, along base axes."""
+        return np.asarray(self.p_base_ee_m + self.R_base @ p_ee_m - p_base_m)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Where a descent ended."""
+
+    p_base_m: Array
+    p_ee_m: Array
+    cost: float
+    split: Freedom
+
+
+def _starts(problem: _Problem) -> list[tuple[Array, Array]]:
+    """Return fixed points and targets to start from."""
+    aside = ASIDE_M * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+    starts = []
+    for p_ee_m in problem.p_ee_stated_m + aside:
+        place = problem.p_base_ee_m + problem.R_base @ p_ee_m
+        mean = place.mean(axis=0)
+        off = place - mean
+        # |off|^2 - d^2 = 2 off c + (a constant), c from the mean.
+        sphere = np.hstack([2.0 * off, np.ones((len(off), 1))])
+        square = (off**2).sum(axis=1) - problem.d_m**2
+        c = _solved(problem.root[:, None] * sphere, problem.root * square)[:3]
+        across = np.linalg.svd(off)[2][2]
+        starts += [(mean + c, p_ee_m), (mean + c - 2.0 * (c @ across) * across, p_ee_m)]
+    if len(problem.d_m) >= PRODUCTS:
+        starts.append(_by_products(problem))
+    return starts
+
+
+def _by_products(problem: _Problem) -> tuple[Array, Array]:
+    """Solve d^2 - |x|^2 = 2 x.R u - 2 x.c - 2 c.R u + (|u|^2 + |c|^2) for target u and point c."""
+    x, R = problem.p_base_ee_m, problem.R_base
+    turned = np.einsum("pji,pj->pi", R, x)
+    ones = np.ones((len(x), 1))
+    columns = np.hstack([2.0 * turned, -2.0 * x, -2.0 * R.reshape(-1, 9), ones])
+    square = problem.d_m**2 - (x**2).sum(axis=1)
+    solved = _solved(problem.root[:, None] * columns, problem.root * square)
+    return solved[3:6], solved[:3]
+
+
+def _refined(problem: _Problem, p_base_m: Array, p_ee_m: Array) -> _Found:
+    """Refine a start; what of the target the fixed point can mimic is held as stated."""
+    at = (p_base_m, p_ee_m)
+    for _ in range(PASSES):
+        whole = _linearise(problem, at, np.eye(3)).by_step
+        split = freedom(whole[:, 3:], whole[:, :3])
+        told = split.free @ np.linalg.pinv(split.free)
+        at = (at[0], problem.p_ee_stated_m + told @ (at[1] - problem.p_ee_stated_m))
+        at, here = descend(at, _linearising(problem, split.free), _moving(split.free))
+    return _Found(*at, here.cost, split)
+
+
+def _linearising(problem: _Problem, free: Array) -> Callable[[tuple[Array, Array]], Linearised]:
+    return lambda at: _linearise(problem, at, free)
+
+
+def _moving(free: Array) -> Callable[[tuple[Array, Array], Array], tuple[Array, Array]]:
+    return lambda at, step: (at[0] + step[:3], at[1] + free @ step[3:])
+
+
+def _linearise(problem: _Problem, at: tuple[Array, Array], free: Array) -> Linearised:
+    way = problem.from_point(*at)
+    length = np.maximum(np.linalg.norm(way, axis=1), np.finfo(float).tiny)
+    unit = way / length[:, None]
+    by_target = np.einsum("pi,pij->pj", unit, problem.R_base) @ free
+    by_step = problem.root[:, None] * np.hstack([-unit, by_target])
+    return Linearised(by_step, problem.root * (problem.d_m - length))
+
+
+def _refuse_open(problem: _Problem, found: _Found) -> None:
+    """Refuse poses from which the fixed point is seen in directions of a plane or a line."""
+    by_point = _linearise(problem, (found.p_base_m, found.p_ee_m), np.eye(3)).by_step[:, :3]
+    _, size, directions = np.linalg.svd(by_point, full_matrices=False)
+    if size[2] > OPEN * size[0]:
+        return
+    raise CalibrationError(
+        "the distances leave the fixed point open",
+        where="poses for the fixed point",
+        value=f"along {axis_text(directions[2])} of the base",
+        allowed="poses that surround the fixed point's direction on all sides",
+        remedy="measure poses further apart along that direction",
+    )
+
+
+def _solved(columns: Array, values: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(columns, values, rcond=1e-9)[0], dtype=np.float64)

@@ -1,0 +1,197 @@
+"""Settings of the virtual cell."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, FiniteFloat, NonNegativeInt, ValidationInfo, field_validator
+
+from pa10cal.settings_section import NonNegative, Positive, Section
+
+
+class HiddenEffectSettings(Section):
+    """One effect for the virtual cell to hide, in the vocabulary of effects."""
+
+    id: str
+    of: str = Field(description="where it sits: `joint 2`, `forearm`, `base`, ...")
+    parameters: dict[str, Any] = Field(default_factory=dict)
+
+
+class CellPosesSettings(Section):
+    """Where the virtual cell measures: calibration and held-out poses, two straight moves."""
+
+    layout: Literal["grid", "wide"] = Field(
+        "grid",
+        description="grid: 3 x 3 x 3 calibration poses, held-out points around them; wide: both "
+        "drawn over large sweeps of all joints",
+    )
+    wide_poses: Annotated[int, Field(ge=1)] = Field(
+        60, description="calibration poses of the wide layout"
+    )
+    centre_deg: tuple[float, ...] = Field(
+        (0.0, 15.0, 90.0, 0.0, 45.0, -90.0),
+        description="joint angles in the middle of the grid; they set its place, the attitude "
+        "that all others vary, and the branch of the inverse kinematics",
+    )
+    spacing_m: tuple[Positive, Positive, Positive] = Field(
+        (0.125, 0.125, 0.125), description="spacing of the grid along the robot's base axes"
+    )
+    tilt_rad: tuple[NonNegative, NonNegative, NonNegative] = Field(
+        (0.5, 0.1, 0.1),
+        description="the tool turns by up to this about its x, y and z axes, pose by pose",
+    )
+    outside_m: Positive = Field(
+        0.1, description="held-out points lie outside the grid's volume by up to this"
+    )
+    line_length_m: Positive = Field(0.2, description="length of the straight moves")
+    extra_deg: tuple[tuple[FiniteFloat, ...], ...] = Field(
+        (),
+        description="further calibration poses, joint angles each, measured after those of the "
+        "layout in every repeat",
+    )
+    tilt_seed: int = Field(1, description="draws attitudes, held-out points and wide poses")
+
+
+class CellNoiseSettings(Section):
+    """Standard deviations of what differs from reading to reading; 0 switches one off."""
+
+    touch_mm: NonNegative = Field(0.004, description="one touch, each coordinate")
+    apparatus_mm: NonNegative = Field(
+        0.005, description="the separate measurement of the balls' places, each coordinate"
+    )
+    servo_rad: NonNegative = Field(
+        1.5e-5, description="motor angle about its command; the resolver sees it"
+    )
+    unseen_rad: NonNegative = Field(
+        6e-6, description="link against motor from repeat to repeat; the resolver does not see it"
+    )
+    resolver_rad: NonNegative = Field(4e-6, description="one resolver sample")
+    resolver_count_rad: NonNegative = Field(7.67e-6, description="one count at the joint")
+    torque_fraction: NonNegative = Field(
+        1.7e-3, description="one torque sample, as a fraction of the joint's rated torque"
+    )
+
+
+class SightedPlan(Section):
+    """A simulated campaign of any arm under an instrument that sees it without touching.
+
+    The arm is an individual drawn from tolerances. Spreads are standard deviations.
+    """
+
+    instrument: Literal["pose", "points", "distance"] = Field(
+        "pose",
+        description="pose: place and attitude of one target; points: places of several; distance: "
+        "of one target from a fixed point",
+    )
+    poses: Annotated[int, Field(ge=1)] = Field(
+        60, description="configurations, at random within the joint limits"
+    )
+    holdout_share: Annotated[FiniteFloat, Field(ge=0, lt=1)] = Field(
+        0.25, description="share of them held out, the last ones"
+    )
+    repeat_every: NonNegativeInt = Field(
+        0, description="one in so many calibration poses is measured once more; 0: none"
+    )
+    loads_N: Annotated[tuple[NonNegative, ...], Field(min_length=1)] = Field(
+        (0.0,), description="external loads, pose by pose in turn"
+    )
+    axis_m: NonNegative = Field(
+        0.25e-3,
+        description="displacement of each joint's axis and of the flange, along x, y and z; that "
+        "of a sliding joint's zero too",
+    )
+    axis_rad: NonNegative = Field(1e-3, description="turn of each joint's axis about x and y")
+    zero_rad: NonNegative = Field(5e-4, description="joint zeros")
+    flexible_joints: tuple[Annotated[int, Field(ge=1)], ...] = Field(
+        (), description="turning joints with a spring, of an arm with masses; the others are rigid"
+    )
+    hardening: bool = Field(True, description="whether springs are cubic; else linear")
+    tool_mass_kg: NonNegative = Field(1.0, description="mass of the tool")
+    targets: Annotated[int, Field(ge=1)] = Field(3, description="targets of the instrument points")
+    states_targets: bool = Field(
+        True, description="whether the campaign says where points and distance have their targets"
+    )
+    target_m: NonNegative = Field(
+        1e-3, description="places of the targets about those stated, each coordinate"
+    )
+    target_rad: NonNegative = Field(
+        5e-3, description="attitude of the target of pose about the end-effector's, each axis"
+    )
+    unseen_share: Annotated[FiniteFloat, Field(ge=0, lt=1)] = Field(
+        0.1, description="share of the targets of points not seen, at least one a pose is"
+    )
+    position_mm: Annotated[FiniteFloat, Field(ge=1e-5)] = Field(
+        0.05, description="noise of one coordinate or one distance, stated as it is"
+    )
+    attitude_rad: Annotated[FiniteFloat, Field(ge=1e-8)] = Field(
+        2e-4, description="noise of an attitude about each axis, stated as it is"
+    )
+    resolver_rad: NonNegative = Field(0.0, description="noise of a logged angle")
+    resolver_mm: NonNegative = Field(0.0, description="noise of a sliding joint's logged position")
+    logs_torques: bool = Field(False, description="whether torques are logged; needs masses")
+    torque_fraction: NonNegative = Field(
+        1.7e-3, description="noise of a logged torque, as a fraction of the joint's rated torque"
+    )
+
+
+class SimulateSettings(Section):
+    """The virtual cell: what campaign `pa10cal simulate` writes."""
+
+    random_seed: Annotated[int, Field(ge=0)] = 2008
+    hidden_effects: tuple[HiddenEffectSettings, ...] = Field(
+        (),
+        description="entries {id, of, parameters} in the vocabulary of effects, or outside of it",
+    )
+    robot: str = Field("pa10_6ce", description="an arm description with masses")
+    built: Literal["table_1", "drawn"] = Field(
+        "table_1",
+        description="table_1: departures and springs of the paper (its robot only); drawn: from "
+        "the manufacturing tolerances and the rated torques",
+    )
+    flexible_joints: tuple[Annotated[int, Field(ge=1)], ...] = Field(
+        (2, 3, 5), description="joints with a cubic spring"
+    )
+    loads_N: Annotated[tuple[NonNegative, ...], Field(min_length=1)] = (0.0, 22.0, 44.0)
+    repeats: Annotated[int, Field(ge=1)] = 10
+    holdout_points: Annotated[int, Field(ge=0)] = 10
+    holdout_loads_N: tuple[NonNegative, ...] = (22.0, 44.0, 66.0, 90.0)
+    holdout_repeats: Annotated[int, Field(ge=1)] = 3
+    path: Literal["same", "alternating"] = Field(
+        "same",
+        description="same: every repeat runs along one path, so a joint always arrives in a pose "
+        "from the same side; alternating: every other repeat runs it backwards",
+    )
+    temperature_drift_C: NonNegative = Field(
+        0.0, description="amplitude of the hall's slow drift about the reference temperature"
+    )
+    mass_factor: tuple[Positive, ...] = Field(
+        (), description="true masses of the links over those of the description; empty: all 1"
+    )
+    stated_uncertainty_mm: Positive | None = Field(
+        None,
+        description="what the campaign states of its instrument, right or wrong; the touches "
+        "scatter by `noise` whatever it says; none: the paper's figure",
+    )
+    poses: CellPosesSettings = CellPosesSettings()
+    noise: CellNoiseSettings = CellNoiseSettings()
+    without_touches: SightedPlan | None = Field(
+        None,
+        description="a campaign of any arm under another instrument; of the other keys "
+        "only random_seed and robot then have a meaning",
+    )
+
+    @field_validator("without_touches")
+    @classmethod
+    def _not_with_touches(
+        cls, plan: SightedPlan | None, info: ValidationInfo
+    ) -> SightedPlan | None:
+        touching = [
+            name
+            for name, value in info.data.items()
+            if name not in ("random_seed", "robot") and value != cls.model_fields[name].default
+        ]
+        if plan is not None and touching:
+            raise ValueError(
+                f"random_seed and robot beside it and no other key; {touching[0]} is for touches"
+            )
+        return plan

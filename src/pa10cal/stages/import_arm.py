@@ -1,0 +1,73 @@
+"""Stage: an arm's description from a URDF, checked against its forward kinematics."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from pa10cal.stages.command import limit_threads, run_stage
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the stage and return its exit code."""
+    return run_stage("import_arm", _describe, _run, argv)
+
+
+def _describe(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("urdf", type=Path, help="the URDF, xacro macros expanded")
+    parser.add_argument("--base", help="link that is the arm's base; else the root")
+    parser.add_argument("--tip", help="link that is the end-effector; else the only tip")
+    parser.add_argument(
+        "--out", type=Path, required=True, help="description to write; its stem names the arm"
+    )
+
+
+def _run(arguments: argparse.Namespace) -> None:
+    import numpy as np
+    import yaml
+
+    from pa10cal.arm.parallel import neighbouring_axes
+    from pa10cal.errors import ArmError
+    from pa10cal.files.arm_text import arm_text
+    from pa10cal.files.arms import parse_arm
+    from pa10cal.files.output import write_text
+    from pa10cal.files.urdf import arm_from_urdf
+
+    out: Path = arguments.out
+    if out.suffix != ".yaml":
+        raise ArmError(
+            "the description is a YAML file",
+            where="--out",
+            value=str(out),
+            allowed="a name that ends in .yaml",
+            remedy="rename it",
+        )
+    imported = arm_from_urdf(arguments.urdf, arguments.base, arguments.tip, name=out.stem)
+    arm = imported.arm
+    parallel = [axes for axes in neighbouring_axes(arm) if axes.parallel]
+    lines = [
+        f"From {imported.base} to {imported.tip}, joints 1 to {arm.n}: "
+        f"{', '.join(imported.joints)}.",
+        *(
+            f"Joints {axes.joints[0]} and {axes.joints[1]} are {np.degrees(axes.angle_rad):.2g} "
+            f"degrees from parallel: row {axes.row} takes beta in place of d."
+            for axes in parallel
+        ),
+        *(f"{note[0].upper()}{note[1:]}." for note in imported.notes),
+    ]
+    text = arm_text(arm, [f"Imported from {arguments.urdf.name}.", *lines])
+    parse_arm(yaml.safe_load(text), where=str(out))  # what would not be read is not written
+    write_text(out, text)
+    print(
+        "\n".join(lines) + "\n"
+        f"{out}: forward kinematics differs from that of the URDF by "
+        f"{imported.forward_kinematics_difference_m:.1e} m and "
+        f"{imported.forward_kinematics_difference_rad:.1e} rad at most"
+    )
+
+
+if __name__ == "__main__":
+    limit_threads()
+    sys.exit(main())

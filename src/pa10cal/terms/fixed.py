@@ -1,0 +1,51 @@
+"""A term whose parameters are settled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.term import Parameter, Report, Term
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Fixed:
+    """What a term adds at known parameters; nothing of it is unknown any more.
+
+    Attributes:
+        term: the term, whose effect on chain coordinates is kept; one that shows in logged torques
+            keeps no part of that.
+        x_term: (k,) its parameters.
+    """
+
+    term: Term
+    x_term: Array
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return none."""
+        return ()
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the chain coordinates it adds to."""
+        return self.term.coordinates
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        """Return what the term adds, (P, m) or (1, m)."""
+        del x
+        return self.term.shift(states, self.x_term)
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return no column, (1, m, 0)."""
+        del states, x
+        return np.zeros((1, len(self.coordinates), 0))
+
+    def report(self, x: Array) -> Report:
+        """Return nothing."""
+        return Report((), x, np.zeros((0, 0)))

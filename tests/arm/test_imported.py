@@ -1,0 +1,281 @@
+"""Arms from URDF files: the same forward kinematics, limits and masses, or one clear refusal."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from pa10cal.arm.chain import Chain, frames
+from pa10cal.arm.imported import arm_from_urdf_text
+from pa10cal.arm.parallel import neighbouring_axes
+from pa10cal.arm.statics import Burden, statics
+from pa10cal.arm.urdf import urdf_text
+from pa10cal.errors import ArmError
+from pa10cal.files.arms import arm_names, load_arm
+
+QUARTERS = st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi, 1.5708, 1.57, 1e-7, 0.4])
+PLACES = st.sampled_from([0.0, 0.0, 0.1, -0.35, 1e-9])
+AXES = st.sampled_from(
+    [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, -1, 0), (0, 3, 0), (0.6, 0, 0.8), (1, 1e-5, 0)]
+)
+KINDS = st.sampled_from(["revolute", "revolute", "continuous", "prismatic", "fixed"])
+JOINTS = st.tuples(
+    KINDS, st.tuples(PLACES, PLACES, PLACES), st.tuples(QUARTERS, QUARTERS, QUARTERS), AXES
+)
+
+
+def robot(joints, masses=None):
+    """Return a URDF of a serial path of joints (kind, xyz, rpy, axis) from l0 on."""
+    parts = []
+    for k in range(len(joints) + 1):
+        inertial = ""
+        if masses is not None:
+            mass_kg, com_m = masses[k]
+            inertial = (
+                f'<inertial><origin xyz="{words(com_m)}"/><mass value="{mass_kg}"/></inertial>'
+            )
+        parts.append(f'<link name="l{k}">{inertial}</link>')
+    for k, (kind, xyz, rpy, axis) in enumerate(joints):
+        parts.append(
+            f'<joint name="j{k}" type="{kind}"><origin xyz="{words(xyz)}" rpy="{words(rpy)}"/>'
+            f'<parent link="l{k}"/><child link="l{k + 1}"/><axis xyz="{words(axis)}"/>'
+            '<limit lower="-1.5" upper="2" effort="7" velocity="1"/></joint>'
+        )
+    return f'<robot name="made_up">{"".join(parts)}</robot>'
+
+
+def words(values):
+    return " ".join(repr(float(value)) for value in values)
+
+
+def imported(text, **options):
+    return arm_from_urdf_text(text, "made_up", where="robot.urdf", **options)
+
+
+def fixed(xyz, rpy):
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
+    T[:3, 3] = xyz
+    return T
+
+
+def frames_of_links(joints, q):
+    """Return the pose of every link at positions of the moving joints, straight from the file."""
+    T, positions, found = np.eye(4), iter(q), [np.eye(4)]
+    for kind, xyz, rpy, axis in joints:
+        T = T @ fixed(xyz, rpy)
+        if kind != "fixed":
+            step, axis = next(positions), np.array(axis) / np.linalg.norm(axis)
+            moved = np.eye(4)
+            if kind == "prismatic":
+                moved[:3, 3] = step * axis
+            else:
+                moved[:3, :3] = Rotation.from_rotvec(step * axis).as_matrix()
+            T = T @ moved
+        found.append(T)
+    return np.array(found)
+
+
+@settings(deadline=None, max_examples=80)
+@given(joints=st.lists(JOINTS, min_size=1, max_size=9), seed=st.integers(0, 1000))
+def test_forward_kinematics_is_that_of_the_file(joints, seed):
+    if all(kind == "fixed" for kind, *_ in joints):
+        joints = [*joints, ("revolute", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0), (0, 1, 0))]
+    found = imported(robot(joints), tip=f"l{len(joints)}")
+    arm = found.arm
+    q = np.random.default_rng(seed).uniform(-1.5, 2, (5, arm.n))
+    wanted = np.array([frames_of_links(joints, positions)[-1] for positions in q])
+    np.testing.assert_allclose(Chain.of(arm).forward(q), wanted, atol=1e-9)
+    assert found.forward_kinematics_difference_m < 1e-9
+    assert found.forward_kinematics_difference_rad < 1e-9
+    assert arm.prismatic.tolist() == [kind == "prismatic" for kind, *_ in joints if kind != "fixed"]
+    near = {axes.row for axes in neighbouring_axes(arm) if axes.parallel}
+    assert set(np.flatnonzero(arm.hayati) + 1) == near
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 10_000), convention=st.sampled_from(["standard", "modified"]))
+def test_an_exported_arm_comes_back_the_same(random_arm, seed, convention):
+    arm = random_arm(seed, 5, convention)
+    chain = Chain.of(arm)
+    back = imported(urdf_text(chain, chain.nominal, "made_up")).arm
+    q = np.random.default_rng(seed).uniform(-3, 3, (5, 5))
+    np.testing.assert_allclose(Chain.of(back).forward(q), chain.forward(q), atol=1e-12)
+    np.testing.assert_array_equal(back.limits_rad, arm.limits_rad)
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_a_shipped_arm_comes_back_row_by_row(name):
+    arm = load_arm(name)
+    chain = Chain.of(arm)
+    back = imported(urdf_text(chain, chain.nominal, name)).arm
+    for rows in ("theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad"):
+        np.testing.assert_allclose(
+            np.cos(getattr(back, rows)), np.cos(getattr(arm, rows)), atol=1e-12, err_msg=rows
+        )
+    np.testing.assert_array_equal(back.hayati, arm.hayati)
+    np.testing.assert_array_equal(back.torque_limit_Nm, arm.torque_limit_Nm)
+    q = np.random.default_rng(1).uniform(*arm.limits_rad.T, (5, arm.n))
+    np.testing.assert_allclose(Chain.of(back).forward(q), chain.forward(q), atol=1e-12)
+
+
+def test_masses_of_fixed_links_count_to_the_link_that_carries_them():
+    rng = np.random.default_rng(3)
+    kinds = ["fixed", "revolute", "fixed", "prismatic", "revolute", "fixed"]
+    joints = [
+        (kind, rng.uniform(-0.3, 0.3, 3), rng.uniform(-3, 3, 3), rng.normal(size=3))
+        for kind in kinds
+    ]
+    masses = [(round(rng.uniform(1, 5), 3), rng.uniform(-0.2, 0.2, 3)) for _ in range(7)]
+    arm = imported(robot(joints, masses)).arm
+    carrier = np.cumsum([0, *(kind != "fixed" for kind in kinds)])
+    mass_kg = np.array([mass for mass, _ in masses])
+    np.testing.assert_allclose(arm.mass_kg, [mass_kg[carrier == k].sum() for k in (1, 2, 3)])
+    # The weights act on the joints as those of the links in the file.
+    g = np.array([1.0, -2.0, -9.0])
+    burden = Burden(0.0, np.zeros(3), np.zeros(3), g)
+    chain, q = Chain.of(arm), np.array([[0.3, 0.2, -0.7]])
+
+    def energy_J(q):
+        Ts = frames_of_links(joints, q)
+        return -sum(
+            m * g @ (T @ np.append(c, 1.0))[:3] for T, (m, c) in zip(Ts, masses, strict=True)
+        )
+
+    slopes = [(energy_J(q[0] + step) - energy_J(q[0] - step)) / 2e-5 for step in 1e-5 * np.eye(3)]
+    found = statics(chain, chain.coordinates(q), np.zeros(1), burden).torque_Nm[0]
+    np.testing.assert_allclose(found, slopes, atol=1e-6)
+
+
+def test_a_base_and_a_tip_in_the_middle_are_kept():
+    rng = np.random.default_rng(4)
+    joints = [
+        ("revolute", rng.uniform(-0.3, 0.3, 3), rng.uniform(-3, 3, 3), rng.normal(size=3))
+        for _ in range(6)
+    ]
+    found = imported(robot(joints), base="l2", tip="l5")
+    assert (found.base, found.tip, found.joints) == ("l2", "l5", ("j2", "j3", "j4"))
+    assert "off the path, and held at zero: j0, j1, j5" in found.notes
+    q = np.array([0.3, -0.4, 0.5])
+    wanted = frames_of_links(joints[2:5], q)[-1]
+    np.testing.assert_allclose(Chain.of(found.arm).forward(q[None])[0], wanted, atol=1e-12)
+
+
+def test_a_base_beside_the_arm_is_kept():
+    found = imported(BRANCHED, base="plate", tip="l2").arm
+    q = np.array([[0.3, -0.4]])
+    wanted = np.linalg.inv(fixed((0.2, 0, 0), (0, 0, np.pi))) @ Chain.of(
+        imported(PLAIN).arm
+    ).forward(q)
+    np.testing.assert_allclose(Chain.of(found).forward(q), wanted, atol=1e-15)
+
+
+def test_what_the_file_leaves_open_is_told():
+    plain = (0, 0, 0.1), (0, 0, 0), (0, 0, 1)
+    turn = robot([("continuous", *plain), ("revolute", *plain), ("prismatic", *plain)])
+    text = turn.replace(
+        '<limit lower="-1.5" upper="2" effort="7" velocity="1"/>', '<limit effort="0"/>', 2
+    )
+    found = imported(text)
+    assert any("joint j0 turns without limit" in note for note in found.notes)
+    assert any("joint j1 states no limits" in note for note in found.notes)
+    assert any("no link has a mass" in note for note in found.notes)
+    assert any("no rated torque (effort) of joints 1, 2" in note for note in found.notes)
+    assert np.degrees(found.arm.limits_rad[:2]).tolist() == [[-360, 360], [-360, 360]]
+    assert found.arm.limits_rad[2].tolist() == [-1.5, 2.0]
+    assert np.isnan(found.arm.torque_limit_Nm).tolist() == [True, True, False]
+    assert np.isnan(found.arm.gear_ratio).all()
+
+
+def test_axes_that_are_parallel_but_for_rounding_make_no_long_links():
+    # 1.5708 for a right angle: the axes of joints 2 and 3 are 7 microradians from parallel.
+    turned = (1.5708, 0.0, 0.0), (-1.57079, 0.0, 0.0)
+    joints = [
+        ("revolute", (0, 0, 0.1), (0, 0, 0), (0, 0, 1)),
+        ("revolute", (0, 0, 0), turned[0], (0, 0, 1)),
+        ("fixed", (0.4, 0, 0), turned[1], (0, 0, 1)),
+        ("revolute", (0, 0, 0), turned[0], (0, 0, 1)),
+    ]
+    arm = imported(robot(joints)).arm
+    assert arm.hayati.tolist() == [False, True, False]
+    assert max(np.abs(arm.a_m).max(), np.abs(arm.d_m).max()) < 0.5
+    found = frames(Chain.of(arm), Chain.of(arm).nominal[None])
+    assert np.linalg.norm(found.T_base_rows[:, 0, :3, 3], axis=1).max() < 0.6
+
+
+PLAIN = robot([("revolute", (0, 0, 0.1), (0, 0, 0), (0, 0, 1))] * 2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (PLAIN, "", r"it is not XML.*no element found"),
+        ("<robot", "<robot <", r"it is not XML.*line 1"),
+        (PLAIN, "<sdf/>", r"it is not a URDF.*sdf"),
+        (PLAIN, "<robot/>", r"no single tree.*there are no links"),
+        ('<link name="l0">', '<xacro:x xmlns:xacro="ros/xacro"/><link name="l0">', "run xacro"),
+        ("0.1", "${h}", "run xacro"),
+        ('type="revolute"', 'type="revolut"', r"joint j0: unknown type.*did you mean 'revolute'"),
+        ('type="revolute"', 'type="floating"', r"joint j0: a joint of this type.*--base"),
+        ('type="revolute"', 'type="planar"', r"joint j0: a joint of this type.*planar"),
+        ("<axis", '<mimic joint="j7"/><axis', r"joint j0: the joint follows joint j7"),
+        ('<parent link="l0"/>', "", r"joint j0: the joint has no parent"),
+        ('<child link="l1"/>', '<child link="l9"/>', r"joint j0: .*not there.*l9.*l0, l1, l2"),
+        ('<child link="l2"/>', '<child link="l1"/>', r"two joints carry one link.*l1"),
+        ('<parent link="l0"/>', '<parent link="l2"/>', r"run in a circle.*l1, l2"),
+        ('<link name="l0">', '<link name="l1">', r"two links have one name.*l1"),
+        ('<joint name="j1"', '<joint name="j0"', r"two joints have one name.*j0"),
+        ("0.0 0.0 0.1", "0,0 0,0 0,1", r"joint j0: origin: xyz cannot be read.*decimal points"),
+        ("0.0 0.0 0.1", "0 0", r"joint j0: origin: xyz cannot be read.*3 numbers"),
+        ("0.0 0.0 0.1", "0 0 nan", r"joint j0: origin: xyz cannot be read"),
+        ('axis xyz="0.0 0.0 1.0"', 'axis xyz="0 0 0"', r"joint j0: the axis has no direction"),
+        ('lower="-1.5" upper="2"', 'lower="2" upper="-1.5"', r"joint j0: the limits leave"),
+        ("0.0 0.0 0.1", "0 0 100", r"joint j0: .*further than 10 m.*divide by 1000"),
+        ('type="revolute"', 'type="fixed"', r"no joint moves between base and tip"),
+        (
+            '<link name="l2"></link>',
+            '<link name="l2"/><link name="l3"/>',
+            r"no single tree.*l0, l3",
+        ),
+    ],
+)
+def test_bad_files_are_refused_with_their_place(old, new, message):
+    with pytest.raises(ArmError, match=f"robot.urdf.*{message}"):
+        imported(PLAIN.replace(old, new, 2 if "fixed" in new else 1))
+
+
+def test_a_sliding_joint_without_limits_is_refused():
+    text = robot([("prismatic", (0, 0, 0), (0, 0, 0), (0, 0, 1))])
+    with pytest.raises(ArmError, match=r"joint j0: a joint that slides has no limits.*metres"):
+        imported(text.replace('lower="-1.5" upper="2"', ""))
+
+
+BRANCHED = PLAIN.replace(
+    "</robot>",
+    '<link name="camera"/><joint name="c" type="fixed"><parent link="l1"/><child link="camera"/>'
+    '</joint><link name="plate"/><joint name="p" type="fixed"><parent link="l0"/>'
+    f'<child link="plate"/><origin xyz="0.2 0 0" rpy="0 0 {np.pi}"/></joint></robot>',
+)
+
+
+def test_branches_need_a_named_tip():
+    with pytest.raises(ArmError, match=r"branches.*allowed: l2, camera;.*--tip"):
+        imported(BRANCHED)
+    assert imported(BRANCHED, tip="camera").joints == ("j0",)
+    assert imported(BRANCHED, tip="l2").joints == ("j0", "j1")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tip": "camra"}, r"--tip names no link.*camra.*did you mean 'camera'"),
+        ({"base": "floor"}, r"--base names no link.*l0, l1, l2, camera, plate"),
+        ({"base": "l1", "tip": "plate"}, r"not beyond the base.*plate.*l2, camera"),
+        ({"tip": "plate"}, r"no joint moves.*l0 to plate"),
+        ({"base": "l2"}, r"no joint moves.*l2 to l2"),
+    ],
+)
+def test_ends_that_are_no_ends_are_refused(options, message):
+    with pytest.raises(ArmError, match=message):
+        imported(BRANCHED, **options)

@@ -1,0 +1,382 @@
+"""Campaigns of instruments that give positions of targets, or distances, and any arm."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from made_up_sightings import UNCERTAINTY_MM, sighted
+from pa10cal.arm.chain import Chain
+from pa10cal.campaign.ingest import repeatability_mm
+from pa10cal.errors import Pa10calError
+from pa10cal.files.arms import load_arm
+from spoiling import ingest, replace
+
+NO_TORQUES = "no torques logged: springs cannot be identified"
+KINDS = ["pose", "points", "distance"]
+ROBOTS = ["ur10", "gx4_351s", "iiwa14"]
+
+
+def scale(raw, factor, chosen):
+    """Write the chosen columns in another unit."""
+    columns = [k for k, name in enumerate(raw.poses[0].split(",")) if chosen(name)]
+    for index, line in enumerate(raw.poses[1:], start=1):
+        words = line.split(",")
+        for k in columns:
+            words[k] = repr(factor * float(words[k])) if words[k] else ""
+        raw.poses[index] = ",".join(words)
+
+
+def with_columns(raw, columns):
+    """Append columns of one value each."""
+    values = ",".join(str(value) for value in columns.values())
+    raw.poses[:] = [
+        ",".join([raw.poses[0], *columns]),
+        *(f"{line},{values}" for line in raw.poses[1:]),
+    ]
+
+
+def add(raw, index, column, value):
+    word = raw.poses[index].split(",")[raw.column(column)]
+    replace(raw.poses, index, column, repr(float(word) + value))
+
+
+def seen_row(raw, column, first=1):
+    """Return the first row from `first` on with a number in a column."""
+    k = raw.column(column)
+    return next(i for i in range(first, len(raw.poses)) if raw.poses[i].split(",")[k])
+
+
+def listed(ingested):
+    return [(row.line, row.reason) for row in ingested.left_out]
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_points_come_out_as_they_went_in(tmp_path, robot):
+    raw = sighted(tmp_path, "points", robot=robot)
+    ingested = ingest(raw)
+    poses = ingested.poses
+    assert ingested.left_out == ()
+    assert ingested.notes == (NO_TORQUES,)
+    assert poses.ball_names == ("T1", "T2", "T3")
+    np.testing.assert_allclose(poses.p_cmm_balls_mm, 1e3 * raw.p_cmm_m, atol=1e-8)
+    np.testing.assert_allclose(poses.q_rad, raw.q, atol=1e-9)
+    seen = np.isfinite(raw.p_cmm_m)
+    variances = poses.cov_balls_mm2[..., range(3), range(3)]
+    np.testing.assert_allclose(variances[seen], UNCERTAINTY_MM**2)
+    assert np.isnan(variances[~seen]).all()
+    assert poses.T_cmm_ee_mm is None
+    assert not poses.ball_touches.any()
+    assert np.isnan(poses.tau_Nm).all()
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_distances_come_out_as_they_went_in(tmp_path, robot):
+    raw = sighted(tmp_path, "distance", robot=robot)
+    ingested = ingest(raw)
+    poses = ingested.poses
+    assert ingested.left_out == ()
+    assert ingested.notes == (NO_TORQUES,)
+    np.testing.assert_allclose(poses.d_mm, 1e3 * raw.d_m, atol=1e-8)
+    np.testing.assert_allclose(poses.d_u_mm, UNCERTAINTY_MM)
+    np.testing.assert_allclose(poses.q_rad, raw.q, atol=1e-9)
+    assert poses.ball_names == ()
+
+
+def test_what_is_stated_beside_the_values_is_taken(tmp_path):
+    raw = sighted(tmp_path, "points", robot="gx4_351s", targets=1)
+    torques = {f"tau{j}_Nm": 1.5 * j for j in range(1, 5)}
+    stated = {"u_T1_y_mm": 0.05, "u_q3_mm": 0.02, "u_q4_deg": 0.01, "temperature_C": 22.5}
+    with_columns(raw, {**torques, **stated})
+    ingested = ingest(raw)
+    assert ingested.notes == ()
+    poses = ingested.poses
+    variances = np.diagonal(poses.cov_balls_mm2[0, 0])
+    np.testing.assert_allclose(variances, [UNCERTAINTY_MM**2, 0.05**2, UNCERTAINTY_MM**2])
+    np.testing.assert_allclose(poses.q_u_rad[0, 2:], [2e-5, np.radians(0.01)])
+    assert np.isnan(poses.q_u_rad[0, :2]).all()
+    np.testing.assert_allclose(poses.tau_Nm[3], [1.5, 3.0, 4.5, 6.0])
+    assert (poses.temperature_C == 22.5).all()
+
+
+def test_rows_without_any_target_or_with_part_of_one_are_listed(tmp_path):
+    raw = sighted(tmp_path, "points")
+    row = seen_row(raw, "T2_x_mm", 5)
+    replace(raw.poses, row, "T2_y_mm", "")
+    for b in (1, 2, 3):
+        for axis in "xyz":
+            replace(raw.poses, 12, f"T{b}_{axis}_mm", "")
+    ingested = ingest(raw)
+    assert listed(ingested) == [
+        (row + 1, "a target with some of its coordinates only"),
+        (13, "no target was seen"),
+    ]
+    assert ingested.left_out[0].value == "T2_x_mm, T2_y_mm, T2_z_mm"
+    assert len(ingested.poses) == 38
+
+
+@pytest.mark.parametrize(
+    ("kind", "column", "text", "reason"),
+    [
+        ("points", "T1_x_mm", "nan", "not a finite number"),
+        ("points", "T1_x_mm", "off", "not a finite number"),
+        ("points", "T1_x_mm", "2e7", "a coordinate beyond any measuring volume"),
+        ("points", "u_T1_x_mm", "0", "the stated uncertainty is not above zero"),
+        ("points", "q2_deg", "", "not a finite number"),
+        ("points", "tau2_Nm", "", "not a finite number"),
+        ("points", "pose", "", "the pose has no label"),
+        ("points", "kind", "test", "kind is none of line_x, line_y, grid, holdout"),
+        ("distance", "d_mm", "", "not a finite number"),
+        ("distance", "d_mm", "inf", "not a finite number"),
+        ("distance", "d_mm", "-900", "the distance is not above zero"),
+        ("distance", "d_mm", "0", "the distance is not above zero"),
+        ("distance", "load_N", "-22", "negative load"),
+        ("distance", "repeat", "1.5", "not a whole number"),
+    ],
+)
+def test_a_row_that_cannot_be_used_is_listed(tmp_path, kind, column, text, reason):
+    raw = sighted(tmp_path, kind, targets=1)
+    extra = {f"tau{j}_Nm": 1.5 for j in range(1, 7)}
+    with_columns(raw, {**extra, "u_d_mm" if kind == "distance" else "u_T1_x_mm": 0.02})
+    replace(raw.poses, 12, column, text)
+    ingested = ingest(raw)
+    assert listed(ingested) == [(13, reason)]
+    assert len(ingested.poses) == 39
+
+
+@pytest.mark.parametrize("kind", ["points", "distance"])
+def test_what_files_do_is_survived(tmp_path, kind):
+    raw = sighted(tmp_path, kind)
+    raw.poses[20], raw.poses[10] = raw.poses[10], raw.poses[20]
+    raw.poses.append(raw.poses[7])
+    again = raw.poses[8].split(",")
+    raw.poses.append(",".join(["5000", *again[1:]]))
+    raw.line_end = "\r\n"
+    raw.write()
+    content = (raw.folder / "poses.csv").read_bytes()
+    last = raw.poses[9].replace("P008", "P200").rsplit(",", 2)[0]
+    raw.extra["poses.csv"] = b"\xef\xbb\xbf" + content + last.encode()
+    ingested = ingest(raw)
+    assert sorted(listed(ingested)) == [
+        (42, "repeats an earlier row"),
+        (43, "this configuration was read before"),
+        (44, "the last line is cut short"),
+    ]
+    assert "rows of poses.csv out of order: 10" in ingested.notes
+    np.testing.assert_allclose(ingested.poses.q_rad, raw.q, atol=1e-9)
+
+
+def test_a_compressed_file_is_read(tmp_path):
+    raw = sighted(tmp_path, "distance")
+    raw.description["files"]["poses"] = "poses.csv.gz"
+    assert len(ingest(raw).poses) == 40
+
+
+def emptied(lines):
+    return []
+
+
+def header_alone(lines):
+    return lines[:1]
+
+
+def with_decimal_commas(lines):
+    return [lines[0], *(line.replace(".", ",") for line in lines[1:])]
+
+
+def with_semicolons(lines):
+    return [line.replace(",", ";") for line in lines]
+
+
+def without_a_unit(lines):
+    return [lines[0].replace("q3_deg", "q3"), *lines[1:]]
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "message"),
+    [
+        (emptied, r"poses.csv:1: the file is empty"),
+        (header_alone, r"poses.csv:1: there is no row"),
+        (with_decimal_commas, r"poses.csv:2: .*decimal commas.*decimal points"),
+        (with_semicolons, r"poses.csv:1: .*separated by semicolons"),
+        (without_a_unit, r"poses.csv:1: missing column q3_deg .*is it 'q3'"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["points", "distance"])
+def test_a_file_that_cannot_be_used_is_refused(tmp_path, kind, spoilt, message):
+    raw = sighted(tmp_path, kind)
+    raw.poses = spoilt(raw.poses)
+    with pytest.raises(Pa10calError, match=message):
+        ingest(raw)
+
+
+def test_missing_columns_of_what_was_measured_are_named(tmp_path):
+    raw = sighted(tmp_path, "points")
+    raw.poses[0] = raw.poses[0].replace("T2_z_mm", "T2_z")
+    with pytest.raises(Pa10calError, match=r"poses.csv:1: missing column T2_z_mm .*is it 'T2_z'"):
+        ingest(raw)
+    raw.description["instrument"]["kind"] = "distance"
+    with pytest.raises(Pa10calError, match=r"missing column d_mm"):
+        ingest(raw)
+    of_distance = sighted(tmp_path, "distance")
+    of_distance.description["instrument"]["kind"] = "points"
+    with pytest.raises(Pa10calError, match=r"missing columns T1_x_mm, T1_y_mm, T1_z_mm"):
+        ingest(of_distance)
+
+
+def test_the_stroke_of_a_joint_that_slides_has_its_own_column(tmp_path):
+    raw = sighted(tmp_path, "points", robot="gx4_351s")
+    raw.poses[0] = raw.poses[0].replace("q3_mm", "q3_deg")
+    with pytest.raises(Pa10calError, match=r"missing column q3_mm .*is it 'q3_deg'"):
+        ingest(raw)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_radians_are_noticed(tmp_path, kind, robot):
+    raw = sighted(tmp_path, kind, robot=robot, noise_mm=0.5)
+    scale(raw, np.pi / 180, lambda name: name.startswith("q") and name.endswith("_deg"))
+    with pytest.raises(Pa10calError, match=r"q1_deg … q\d_deg: the joint angles look like radians"):
+        ingest(raw)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_stroke_in_metres_is_noticed(tmp_path, kind):
+    raw = sighted(tmp_path, kind, robot="gx4_351s", noise_mm=0.5)
+    scale(raw, 1e-3, lambda name: name == "q3_mm")
+    with pytest.raises(Pa10calError, match=r"the joint strokes look like metres .*millimetres"):
+        ingest(raw)
+
+
+def test_small_turns_in_degrees_are_not_taken_for_radians(tmp_path):
+    raw = sighted(tmp_path, "points", noise_mm=0.5)
+    rng = np.random.default_rng(3)
+    q_deg = rng.uniform(-5, 5, (40, 6)).round(6)
+    p_m = Chain.of(load_arm("ur10")).forward(np.radians(q_deg))[:, :3, 3]
+    for k, line in enumerate(raw.poses[1:]):
+        words = line.split(",")
+        words[5:11] = [f"{value:.6f}" for value in q_deg[k]]
+        words[11:] = [f"{1e3 * value:.6f}" for value in p_m[k]] + [""] * 6
+        raw.poses[k + 1] = ",".join(words)
+    assert len(ingest(raw).poses) == 40
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e-3, "metres"), (0.1, "centimetres")])
+@pytest.mark.parametrize("robot", ["ur10", "gx4_351s"])
+@pytest.mark.parametrize(("kind", "what"), [("points", "positions"), ("distance", "distances")])
+def test_lengths_in_another_unit_are_noticed(tmp_path, kind, what, robot, factor, unit):
+    raw = sighted(tmp_path, kind, robot=robot, noise_mm=0.5)
+    scale(raw, factor, lambda name: name[0] in "Td" and name.endswith("_mm"))
+    with pytest.raises(Pa10calError, match=rf"poses.csv: \w+_mm.*: the {what} look like {unit}"):
+        ingest(raw)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize(
+    ("kind", "column"), [("pose", "y_mm"), ("points", "T2_y_mm"), ("distance", "d_mm")]
+)
+def test_a_reading_far_from_the_model_is_listed_wherever_the_target_is(
+    tmp_path, kind, column, robot
+):
+    raw = sighted(tmp_path, kind, robot=robot, noise_mm=0.5)
+    row = seen_row(raw, column, 17)
+    add(raw, row, column, 250.0)
+    ingested = ingest(raw)
+    reason = "far from where the joint angles put the end-effector"
+    assert listed(ingested) == [(row + 1, reason)]
+    assert column in ingested.left_out[0].value.split(" = ")[0]
+    assert len(ingested.poses) == 39
+
+
+def test_an_attitude_far_from_the_model_is_listed(tmp_path):
+    raw = sighted(tmp_path, "pose", noise_mm=0.5)
+    words = raw.poses[9].split(",")
+    words[-4:] = [words[-3], words[-4], words[-1], words[-2]]
+    raw.poses[9] = ",".join(words)
+    ingested = ingest(raw)
+    assert listed(ingested) == [(10, "far from where the joint angles put the end-effector")]
+
+
+@pytest.mark.parametrize(("kind", "column"), [("points", "T1_x_mm"), ("distance", "d_mm")])
+def test_a_repeat_far_from_the_others_is_listed(tmp_path, kind, column):
+    raw = sighted(tmp_path, kind, poses=15, repeats=3, targets=1, noise_mm=0.05)
+    add(raw, 20, column, 30.0)
+    ingested = ingest(raw)
+    assert listed(ingested) == [(21, "far from the other readings of this pose and load")]
+
+
+def test_a_reading_out_of_reach_is_listed(tmp_path):
+    raw = sighted(tmp_path, "distance")
+    add(raw, 4, "d_mm", 20_000.0)
+    reason = "further from the other positions than the arm reaches"
+    assert listed(ingest(raw)) == [(5, reason)]
+
+
+def test_a_label_of_another_command_is_listed(tmp_path):
+    raw = sighted(tmp_path, "points", robot="gx4_351s", repeats=3)
+    add(raw, 44, "q3_mm", 8.0)
+    ingested = ingest(raw)
+    assert [row.line for row in ingested.left_out] == [45]
+    assert ingested.left_out[0].reason.startswith("the joint angles are not those of this pose's")
+
+
+@pytest.mark.parametrize(
+    ("kind", "right", "wrong", "off"),
+    [
+        ("pose", "qw,qx,qy,qz", "qx,qy,qz,qw", "deg"),
+        ("points", "q1_deg,q2_deg", "q2_deg,q1_deg", "mm"),
+    ],
+)
+def test_a_model_that_fits_nowhere_is_noted(tmp_path, kind, right, wrong, off):
+    raw = sighted(tmp_path, kind)
+    raw.poses[0] = raw.poses[0].replace(right, wrong)
+    note = next(note for note in ingest(raw).notes if "in the median" in note)
+    assert f" {off} " in note
+    assert "signs and zeros of the joints" in note
+
+
+def test_places_stated_for_other_targets_are_noted(tmp_path):
+    raw = sighted(tmp_path, "points", targets=2)
+    raw.description["tool"]["balls_mm"] = {"T1": [0, 0, 90], "C": [1, 2, 3]}
+    notes = ingest(raw).notes
+    assert "no columns of C, which tool.balls_mm places" in notes
+    assert "tool.balls_mm does not place T2: all targets count as unplaced" in notes
+
+
+def test_unknown_columns_are_noted(tmp_path):
+    raw = sighted(tmp_path, "points", targets=1)
+    with_columns(raw, {"operator": "ab", "u_x_mm": 0.1})
+    notes = ingest(raw).notes
+    assert "column operator of poses.csv is not used" in notes
+    assert "column u_x_mm of poses.csv is not used" in notes
+
+
+@pytest.mark.parametrize(("rule", "count"), [({"last_fraction": 0.3}, 12), ({"every": 5}, 8)])
+def test_poses_are_held_out_where_the_rows_do_not_say_it(tmp_path, rule, count):
+    raw = sighted(tmp_path, "distance")
+    raw.description["holdout"] = rule
+    raw.poses[:] = [line.replace(",holdout,", ",grid,") for line in raw.poses]
+    poses = ingest(raw).poses
+    held = poses.kind == "holdout"
+    assert held.sum() == count
+    if "last_fraction" in rule:
+        assert poses.time_s[held].min() > poses.time_s[~held].max()
+
+
+@pytest.mark.parametrize("kind", ["points", "distance"])
+def test_repeatability_is_that_of_what_was_measured(tmp_path, kind):
+    raw = sighted(tmp_path, kind, poses=60, repeats=4, noise_mm=0.1)
+    found = repeatability_mm(ingest(raw).poses)
+    # The mean of a standard deviation of four readings is a little below sigma.
+    expected = 0.1 * (np.sqrt(3) * 0.97 if kind == "points" else 0.92)
+    assert found == {0.0: pytest.approx(expected, rel=0.12)}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_long_campaign_takes_seconds(tmp_path, kind):
+    raw = sighted(tmp_path, kind, poses=12_000, noise_mm=0.05)
+    begin = time.process_time()
+    assert len(ingest(raw).poses) == 12_000
+    assert time.process_time() - begin < 6.0

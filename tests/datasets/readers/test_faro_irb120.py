@@ -1,0 +1,93 @@
+"""The layout of joints and three reflectors as text tables, on a made-up folder."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from made_up_datasets import ROWS, edit, write_irb120
+from pa10cal.campaign.description import read_campaign
+from pa10cal.campaign.ingest import ingest_campaign
+from pa10cal.datasets.campaign_folder import write_campaigns
+from pa10cal.datasets.readers.faro_irb120 import FILES, read
+from pa10cal.errors import RawDataError
+from pa10cal.files.arms import load_arm
+from pa10cal.settings import IngestSettings
+
+PLACES = [f"T{k}_{axis}_mm" for k in (1, 2, 3) for axis in "xyz"]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return write_irb120(tmp_path / "irb")
+
+
+def test_rows_of_the_four_tables_come_together(folder):
+    (campaign,) = read(folder, 0.2)
+    q_deg = np.loadtxt(folder / "joints.txt")
+    np.testing.assert_allclose(campaign.poses[[f"q{j}_deg" for j in range(1, 7)]], q_deg)
+    p_mm = np.hstack([np.genfromtxt(folder / name) for name in FILES[1:]])
+    np.testing.assert_array_equal(campaign.poses[PLACES], p_mm)
+    assert np.isnan(p_mm[3:5, 3:6]).all()
+    assert campaign.poses[PLACES].isna().sum(axis=None) == 6
+    assert campaign.notes == ("10 configurations, 2 places not seen",)
+    assert campaign.left_out == ()
+    assert (campaign.robot, campaign.instrument) == ("irb120", "points")
+    assert "assumed" in campaign.provenance
+
+
+def test_the_contracts_reader_takes_it(folder, tmp_path):
+    (place,) = write_campaigns(read(folder, 0.2), tmp_path / "raw")
+    described = read_campaign(place)
+    assert described.instrument.kind == "points"
+    assert described.ball_names == ()
+    found = ingest_campaign(described, load_arm("irb120"), place, IngestSettings())
+    assert found.left_out == ()
+    assert Counter(found.poses.kind.tolist()) == {"grid": 7, "holdout": 3}
+
+
+def test_a_reflector_seen_in_part_is_not_seen(folder):
+    edit(folder / "reflector_1.txt", 2, 1, "-", separator=None)
+    (campaign,) = read(folder, 0.2)
+    assert campaign.poses.loc[1, ["T1_x_mm", "T1_y_mm", "T1_z_mm"]].isna().all()
+    assert campaign.notes == ("10 configurations, 3 places not seen",)
+
+
+def test_rows_that_cannot_be_used_are_listed(folder):
+    edit(folder / "joints.txt", 7, 0, "?", separator=None)
+    for k in (1, 3):
+        for column in range(3):
+            edit(folder / f"reflector_{k}.txt", 4, column, "nan", separator=None)
+    (campaign,) = read(folder, 0.2)
+    assert [(row.file, row.line, row.reason) for row in campaign.left_out] == [
+        ("joints.txt", 7, "not a finite number"),
+        ("reflector_1.txt", 4, "no reflector was seen"),
+    ]
+    assert len(campaign.poses) == ROWS - 2
+    assert 3.0 not in set(campaign.poses["time_s"])
+    q_deg = np.genfromtxt(folder / "joints.txt")
+    kept = [k for k in range(ROWS) if k not in (3, 6)]
+    np.testing.assert_allclose(campaign.poses["q2_deg"], q_deg[kept, 1])
+
+
+def test_tables_of_different_lengths_are_refused(folder):
+    path = folder / "reflector_3.txt"
+    path.write_text("\n".join(path.read_text().splitlines()[:-1]))
+    with pytest.raises(RawDataError, match=r"different numbers of rows .*reflector_3\.txt 9"):
+        read(folder, 0.2)
+
+
+def test_too_many_unreadable_rows_are_refused(folder):
+    for line in (2, 3, 4):
+        edit(folder / "joints.txt", line, 2, "x", separator=None)
+    with pytest.raises(RawDataError, match=r"joints\.txt:2: 3 of 10 rows would be left out"):
+        read(folder, 0.2)
+
+
+def test_decimal_commas_are_refused(folder):
+    path = folder / "joints.txt"
+    path.write_text(path.read_text().replace(".", ","))
+    with pytest.raises(RawDataError, match=r"joints\.txt:1: decimal commas where decimal points"):
+        read(folder, 0.2)

@@ -1,0 +1,74 @@
+"""The rules that make campaigns of public data sets."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pa10cal.datasets.catalogue import dataset_named
+
+ROOT = Path(__file__).parents[1]
+ENDS = ["campaign.yaml", "left_out.csv", "poses.csv.gz"]
+
+
+@pytest.fixture
+def snakemake(tmp_path):
+    """Run the project's workflow with a folder of campaigns and results of its own."""
+
+    def run(*words, sources):
+        pairs = [f"raw_dir={tmp_path / 'raw'}", f"results_dir={tmp_path / 'out'}", "campaigns=[x]"]
+        pairs += [f"dataset_sources={json.dumps(sources)}"]
+        (tmp_path / "raw/x").mkdir(parents=True, exist_ok=True)
+        (tmp_path / "raw/x/campaign.yaml").write_text("name: x\n")
+        command = [sys.executable, "-m", "snakemake", "--cores", "1", "--nocolor"]
+        done = subprocess.run(
+            [*command, "-s", str(ROOT / "Snakefile"), *map(str, words), "--config", *pairs],
+            cwd=tmp_path,
+            env=os.environ,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=300,
+        )
+        return done.returncode, done.stdout
+
+    return run
+
+
+def test_the_rules_name_every_published_file():
+    text = (ROOT / "workflow/rules/datasets.smk").read_text(encoding="utf-8")
+    outputs = re.findall(r'f"\{FETCHED\}/(\S+)"', text)
+    assert sorted(outputs) == sorted(dataset_named("ipa-robot-accuracy").published.sha256)
+
+
+def test_a_campaign_of_a_data_set_is_fetched_and_imported_first(snakemake, tmp_path):
+    target = tmp_path / "out/ur10-a/ingest/poses.parquet"
+    code, text = snakemake("-n", target, sources={})
+    assert code == 0, text
+    jobs = re.search(r"^Job stats:\n.*\n-.*\n((?:\S+ +\d+\n)+)", text, re.MULTILINE)[1].split()
+    assert jobs[::2] == ["fetch_ipa_robot_accuracy", "import_ipa_robot_accuracy", "ingest", "total"]
+
+
+def test_an_unknown_data_set_is_refused_in_one_line(snakemake):
+    code, text = snakemake("-n", sources={"ipa-robot": "."})
+    assert code != 0
+    (line,) = [line for line in text.splitlines() if line.startswith("pa10cal:")]
+    assert "'ipa-robot'; allowed: faro-irb120, ipa-robot-accuracy" in line
+    assert "Traceback" not in text
+
+
+def test_imports_from_a_folder_once(snakemake, ipa_data, tmp_path):
+    sources = {"ipa-robot-accuracy": str(ipa_data)}
+    target = tmp_path / "raw/ur10-c/campaign.yaml"
+    code, text = snakemake(target, sources=sources)
+    assert code == 0, text
+    for name in ("ur10-a", "ur10-c"):
+        assert sorted(path.name for path in (tmp_path / "raw" / name).iterdir()) == ENDS
+    _, text = snakemake(target, sources=sources)
+    assert "Nothing to be done" in text
