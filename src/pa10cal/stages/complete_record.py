@@ -253,6 +253,16 @@ def _parameters(complete: Complete, model: FittedModel) -> dict[str, dict[str, A
             "identifiable": name not in openly,
             "at_bound": False,
         }
+    for settled in complete.settled:
+        records[settled.parameter.name] = {
+            "value": 0.0,
+            "std": settled.std,
+            "unit": "rad",
+            "tolerance": settled.parameter.tolerance,
+            "identifiable": True,
+            "at_bound": False,
+            "settled": True,
+        }
     for record in records.values():
         if not record["identifiable"]:
             record["std"] = record["tolerance"]

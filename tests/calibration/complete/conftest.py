@@ -32,13 +32,24 @@ def random_joints(arm: Arm, count: int, generator: np.random.Generator) -> Array
 
 
 def see(
-    robot: str, kind: str, count: int = 60, seed: int = 1, noise_m: float = 0.0, size: float = 1.0
+    robot: str,
+    kind: str,
+    count: int = 60,
+    seed: int = 1,
+    noise_m: float = 0.0,
+    size: float = 1.0,
+    tilted: bool = True,
 ) -> Sightings:
-    """Let an instrument see random poses of an arm with random departures."""
+    """Let an instrument see random poses of an arm with random departures.
+
+    Where not `tilted`, axes that were designed parallel are.
+    """
     arm, generator = load_arm(robot), np.random.default_rng(seed)
     chain, links = Chain.of(arm), link_departures(arm, Tolerances())
     departures = size * np.array([p.scale for p in links.parameters])
     departures *= np.random.default_rng(seed).standard_normal(len(departures))
+    if not tilted:
+        departures[[name.startswith("beta") for name in links.coordinates]] = 0.0
     q_rad = random_joints(arm, count, np.random.default_rng([seed, count]))
     coordinates = chain.coordinates(q_rad)
     coordinates[:, chain.columns(links.coordinates)] += departures

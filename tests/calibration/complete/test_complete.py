@@ -176,3 +176,16 @@ def test_nothing_seen_gives_no_row(see):
     found = compare(np.tile(np.eye(4), (60, 1, 1)), np.zeros(9), sightings.seen)
     assert np.all(found.residual[::7, 3:6] == 0.0)
     assert np.all(found.by_end[::7, 3:6] == 0.0)
+
+
+def test_axes_as_parallel_as_designed_are_left_so(see):
+    arm = load_arm("ur10")
+    tilted = see("ur10", "point", count=100, noise_m=5e-5)
+    straight = see("ur10", "point", count=100, noise_m=5e-5, tilted=False)
+    found = calibrate_complete(arm, tilted, find_start(arm, tilted))
+    assert found.settled == ()
+    assert len(found.fit.x) == 27
+    found = calibrate_complete(arm, straight, find_start(arm, straight))
+    assert [each.parameter.name for each in found.settled] == ["delta_beta_2", "delta_beta_3"]
+    assert all(1e-6 < each.std < 1e-4 for each in found.settled)
+    assert len(found.fit.x) == found.fit.identifiability.rank == 25

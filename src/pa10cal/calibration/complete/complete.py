@@ -16,6 +16,7 @@ from pa10cal.arm.statics import Burden, statics
 from pa10cal.calibration.complete.fit import Fit, fit
 from pa10cal.calibration.complete.problem import Problem
 from pa10cal.calibration.complete.start import Start, turned
+from pa10cal.calibration.complete.tilts import Settled, tilts_not_shown
 from pa10cal.calibration.complete.unknowns import Unknowns, choose_unknowns
 from pa10cal.campaign.seen import Sightings
 from pa10cal.errors import CalibrationError
@@ -59,6 +60,7 @@ class Complete:
         arm: the nominal arm.
         start: where frames and targets were thought to be, and how the attitude is turned.
         unknowns: geometric parameters chosen, and what was left out.
+        settled: tilts of parallel axes left at zero, as the readings do not show them.
         springs: joints with a spring.
         torques_from: `logged`, `masses`, or `none`.
         problem: what was solved.
@@ -69,6 +71,7 @@ class Complete:
     arm: Arm
     start: Start
     unknowns: Unknowns
+    settled: tuple[Settled, ...]
     springs: tuple[int, ...]
     torques_from: TorqueSource
     problem: Problem
@@ -115,9 +118,34 @@ def calibrate_complete(
     _check_enough(problem)
     x_start = problem.start(_model_start(problem.model, start))
     found = fit(problem, x_start, robust=options.robust, max_iterations=options.max_iterations)
-    return Complete(
-        arm, start, unknowns, springs, source, problem, found, time.perf_counter() - began
-    )
+    settled = tilts_not_shown(problem, found)
+    if settled:
+        problem, x_start = _without(problem, found, {each.parameter.name for each in settled})
+        unknowns = replace(unknowns, links=_links_of(problem))
+        found = fit(problem, x_start, robust=options.robust, max_iterations=options.max_iterations)
+    seconds = time.perf_counter() - began
+    return Complete(arm, start, unknowns, settled, springs, source, problem, found, seconds)
+
+
+def _without(problem: Problem, found: Fit, names: set[str]) -> tuple[Problem, Array]:
+    """Return the problem with some departures of links left at zero, and where to set out."""
+    links = _links_of(problem)
+    pairs = [
+        (parameter, coordinate)
+        for parameter, coordinate in zip(links.parameters, links.coordinates, strict=True)
+        if parameter.name not in names
+    ]
+    fewer = Offsets(tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs))
+    kept = np.array([parameter.name not in names for parameter in problem.parameters])
+    model = Model(problem.model.chain, (fewer, *problem.model.terms[1:]))
+    return replace(problem, model=model), found.x[kept]
+
+
+def _links_of(problem: Problem) -> Offsets:
+    """Return the departures of links, the first term of the model."""
+    links = problem.model.terms[0]
+    assert isinstance(links, Offsets)
+    return links
 
 
 def with_torques(

@@ -31,6 +31,8 @@ _ARRIVED = 1e-6
 _SAME_SCATTER = 1e-3
 #: Share of undisturbed poses that weigh less than fully.
 _TAIL = 1e-3
+#: The scatter is far too wide when it is this many times the typical square.
+_TOO_WIDE = 2.0
 _HALVINGS = 12
 #: Reach of an unknown in its scale, where it has no physical range that bounds it.
 _REACH = 30.0
@@ -225,7 +227,7 @@ def _weigh(problem: Problem, rows: Rows, scatter: dict[str, float], robust: bool
     distance = np.sqrt(np.sum(white**2, axis=1))
     weights: Array = np.ones(len(distance))
     if robust:
-        limit = _limit(problem)
+        limit = _limit(problem, distance)
         weights = (limit / np.maximum(distance, limit)) ** 2
     root = np.sqrt(weights)
     weighed = (root[:, None, None] * whitener) @ rows.jacobian
@@ -233,11 +235,17 @@ def _weigh(problem: Problem, rows: Rows, scatter: dict[str, float], robust: bool
     return _Weighed(root[:, None] * white, weighed, flat.T @ flat, weights, distance, whitener)
 
 
-def _limit(problem: Problem) -> Array:
-    """Return the distance (P,) beyond which a pose weighs less, by its components seen."""
+def _limit(problem: Problem, distance: Array) -> Array:
+    """Return the distance (P,) beyond which a pose weighs less, by its components seen.
+
+    While the scatter is far too wide for most poses, which wrong ones can make it, the limit is
+    closer.
+    """
     seen = np.maximum(problem.components_seen.sum(axis=1), 1)
-    limits = np.sqrt(chdtri(np.arange(1, seen.max() + 1), _TAIL))
-    return np.asarray(limits[seen - 1], dtype=np.float64)
+    numbers = np.arange(1, seen.max() + 1)
+    limits, medians = np.sqrt(chdtri(numbers, _TAIL)), chdtri(numbers, 0.5)
+    typical = float(np.median(distance**2 / medians[seen - 1]))
+    return np.asarray(limits[seen - 1] * np.sqrt(min(1.0, _TOO_WIDE * typical)), dtype=np.float64)
 
 
 def _whitener(problem: Problem, scatter: dict[str, float]) -> Array:
