@@ -1,8 +1,8 @@
-# Targets for a newcomer: reproduce, test. The rest: setup, figures, report, check, bench, clean,
+# Targets for a newcomer: reproduce, test. The rest: setup, figures, report, check, bench, peers, clean,
 # and for maintainers: lock, schema.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup reproduce figures report test check bench clean lock schema
+.PHONY: help setup reproduce figures report test check bench peers clean lock schema
 
 PYTHON ?= python3
 CORES ?= 2
@@ -17,6 +17,7 @@ help:
 	@echo "make report      results/report.html alone"
 	@echo "make check       lint, format, types, workflow lint"
 	@echo "make bench       measure, and write benchmarks/results.md"
+	@echo "make peers       other packages on the same data: benchmarks/peers.md (PA10CAL_IPA_DATA=folder: real too)"
 	@echo "make clean       remove results/ (make setup builds .venv; make lock, make schema: maintainers)"
 
 setup: .venv/.complete
@@ -56,6 +57,10 @@ check: setup
 
 bench: setup
 	$(BIN)/python -m benchmarks
+
+# Each peer in an environment of its own under build/peers; a quarter of an hour.
+peers: setup
+	$(BIN)/python -m benchmarks.peers
 
 clean:
 	rm -rf results

@@ -21,10 +21,12 @@ include: "workflow/rules/montecarlo.smk"
 include: "workflow/rules/discovery.smk"
 include: "workflow/rules/evaluation.smk"
 include: "workflow/rules/export.smk"
+include: "workflow/rules/pictures.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/simulate.smk"
 include: "workflow/rules/coverage.smk"
 include: "workflow/rules/blind_trials.smk"
+include: "workflow/rules/ur10.smk"
 
 
 rule all:
@@ -32,8 +34,9 @@ rule all:
     default_target: True
     input:
         every(calibrations_of),
-        every(planes_of),
-        expand(rules.discover.output.verdict, campaign=SETTINGS.campaigns),
+        every(lambda campaign: planes_of(campaign) if by_papers_model(campaign) else []),
+        every(verdict_of),
         expand(rules.export.output.model, campaign=SETTINGS.campaigns),
+        expand(rules.evaluate.output, campaign=SETTINGS.campaigns),
         rules.figures.input,
         rules.blind_trials_reduced.input,

@@ -12,9 +12,9 @@ from pa10cal.stages.command import limit_threads
 def main() -> None:
     """Run all benchmarks, one BLAS thread, and write the table."""
     limit_threads()
-    from benchmarks import calibration, montecarlo
+    from benchmarks import calibration, curve, montecarlo
 
-    rows = [*montecarlo.rows(), *calibration.rows()]
+    rows = [*montecarlo.rows(), *calibration.rows(), *curve.rows()]
     lines = [
         "# What was measured",
         "",

@@ -24,8 +24,13 @@ ROOT = Path(__file__).parents[1]
 SETTINGS = BlindTrialsSettings()
 PICTURES = {*FIGURES, *TABLES}
 TRIAL_PICTURES = {*TRIAL_FIGURES, *TRIAL_TABLES}
+OF_COMPLETE_MODEL = {"held_out_errors", "error_by_joint", "accuracy_complete"}
+OF_BLOCKS = {"joint_error_maps"}
+OF_DISCOVERY = {"where_breakdown", "where_joints", "gap_by_step", "parameter_shifts", "verdict"}
+ALWAYS = {"health", "health_summary", "parameters_complete", "doubted_poses", "residual_field"}
 
-#: Stage, the options it is called with, and what the stand-in writes. Several values follow a +.
+#: Stage, the options it is called with, and what the stand-in writes. Several values follow a +;
+#: one with a ? may be left out.
 STAND_INS = {
     "ingest": (
         ["--campaign-dir", "--settings", "--out", "--quarantine"],
@@ -33,7 +38,9 @@ STAND_INS = {
         import pyarrow, pyarrow.parquet
         if "refuse" in (Path(a.campaign_dir) / "campaign.yaml").read_text():
             raise RawDataError("broken", where="cmm.csv:7", allowed="sense", remedy="mend it")
-        rows = {"kind": ["grid", "grid", "holdout"], "load_N": [22.5, 0.0, 90.0]}
+        again = "P1" if "touch" in (Path(a.campaign_dir) / "campaign.yaml").read_text() else "P2"
+        rows = {"kind": ["grid", "grid", "grid", "holdout"], "pose": ["P1", "P1", again, "H1"]}
+        rows["load_N"] = [22.5, 0.0, 0.0, 90.0]
         pyarrow.parquet.write_table(pyarrow.table(rows), a.out)
         write_text(Path(a.quarantine), "file,line,reason")
         """,
@@ -63,7 +70,7 @@ STAND_INS = {
             write_text(Path(path), a.calibration)
         """,
     ),
-    "evaluate": (["--campaign-dir", "--poses", "--calibration", "--extended", "--out"], ""),
+    "evaluate": (["--campaign-dir", "--poses", "--calibration", "--extended?", "--out"], ""),
     "export": (
         ["--campaign-dir", "--calibration", "--extended", "--model", "--urdf"],
         """
@@ -71,7 +78,7 @@ STAND_INS = {
             write_text(Path(path), a.calibration)
         """,
     ),
-    "coverage": (["--campaigns", "--settings", "--out"], ""),
+    "coverage": (["--campaigns", "--first-seed", "--settings", "--out"], ""),
     "figures": (
         ["--figure", "--campaign-dir", "--results-dir", "--settings", "--out-dir"],
         """
@@ -128,8 +135,8 @@ from pa10cal.stages.command import run_stage
 
 def describe(parser):
     for option in {options}:
-        several = "+" if option.endswith("+") else None
-        parser.add_argument(option.rstrip("+"), required=True, nargs=several)
+        name, needed = option.rstrip("+?"), not option.endswith("?")
+        parser.add_argument(name, required=needed, nargs="+" if option.endswith("+") else None)
 
 def run(a):
     print("{stage} at work", file=sys.stderr)
@@ -200,6 +207,7 @@ def checkout(tmp_path):
     content = {
         "name": "first",
         "robot": "pa10_6ce",
+        "instrument": {"kind": "touch_trigger_cmm"},
         "files": {"cmm": "cmm.csv", "resolver": "gone.csv"},
     }
     (campaign / "campaign.yaml").write_text(yaml.safe_dump(content))
@@ -270,10 +278,10 @@ def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
     assert code == 0, text
     results = checkout.place / "results/c1"
     calibrations = {path.stem for path in (results / "calibration").iterdir()}
-    assert calibrations == {"0N", "22.5N", "combined"}
+    assert calibrations == {"0N", "22.5N", "combined", "complete"}
     assert {path.stem for path in (results / "montecarlo").iterdir()} == {"z300", "z500"}
     drawn = {path.stem for path in results.glob("[ft][ia][gb]*/*.*")}
-    assert drawn == PICTURES
+    assert drawn == PICTURES - OF_COMPLETE_MODEL - OF_BLOCKS
     assert "seed at work" in text
     assert (results / "logs/base_frame.log").read_text() == "seed at work\n"
     passed = json.loads((results / "montecarlo/z300.json").read_text())
@@ -285,14 +293,14 @@ def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
 
     other_starts = ["calibration={'starts': 2}"]
     jobs = planned(checkout("-n", config=other_starts)[1])
-    assert jobs["calibrate"] == 3
+    assert jobs["calibrate"] == 4
     assert jobs["evaluate"] == jobs["l_curve"] == 1
     assert not {"ingest", "base_frame", "montecarlo"} & set(jobs)
 
     probe = checkout.place / "src/pa10cal/calibration/probe.py"
     probe.write_text("ANSWER = 2\n")
     jobs = planned(checkout("-n")[1])
-    assert jobs["calibrate"] == 3
+    assert jobs["calibrate"] == 4
     assert not {"ingest", "base_frame", "montecarlo", "montecarlo_map"} & set(jobs)
     probe.write_text("ANSWER = 1\n")
 
@@ -302,6 +310,27 @@ def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
     # The campaign's own description of its robot is an input once it is there.
     (checkout.place / "data/raw/c1/pa10_6ce.yaml").write_text("name: pa10_6ce\n")
     assert {"ingest", "base_frame", "montecarlo"} <= set(planned(checkout("-n")[1]))
+
+
+@pytest.mark.parametrize(
+    ("kind", "besides"),
+    [
+        ("pose", OF_COMPLETE_MODEL | OF_DISCOVERY | OF_BLOCKS),
+        ("points", OF_COMPLETE_MODEL),
+        ("distance", OF_COMPLETE_MODEL - {"error_by_joint"}),
+    ],
+)
+def test_pictures_of_a_campaign_follow_from_what_it_is(checkout, kind, besides):
+    description = checkout.place / "data/raw/c1/campaign.yaml"
+    content = yaml.safe_load(description.read_text()) | {"instrument": {"kind": kind}}
+    description.write_text(yaml.safe_dump(content))
+    code, text = checkout("figures")
+    assert code == 0, text
+    results = checkout.place / "results/c1"
+    drawn = {path.stem for path in results.glob("[ft][ia][gb]*/*.*")}
+    assert drawn == ALWAYS | besides
+    assert [path.stem for path in (results / "calibration").iterdir()] == ["combined"]
+    assert not (results / "montecarlo").exists()
 
 
 def test_the_default_target_runs_a_few_blind_trials_and_their_own_target_all(plan):

@@ -15,17 +15,21 @@ STAGES = {
     "import_arm": "an arm's description from a URDF",
     "simulate": "write a campaign with the virtual cell",
     "ingest": "raw logs to a table of poses",
-    "seed": "base frame from the straight-line moves",
-    "calibrate": "two-level calibration of one load case",
+    "seed": "base frame, and targets, from straight-line moves or the nominal arm",
+    "calibrate": "calibration of one load case, by the paper's model or the complete one",
     "montecarlo": "position error from resolver uncertainty in one plane",
     "discover": "which effect is missing from the model, and the gap with it closed",
     "evaluate": "held-out points and loads",
+    "transfer": "a model of one campaign judged in another, only base and tool fitted there",
     "export": "the calibrated model as model.yaml and robot.urdf",
     "figures": "draw one figure or table",
     "blind_trials": "hide effects in campaigns of the virtual cell and judge them blindly",
     "score_trials": "hold verdicts on blind trials against what was hidden",
     "trial_figures": "draw one figure or table of blind trials",
+    "curve": "a curve as links, their joint angles, and how they move",
+    "draw_curve": "draw what the stage curve found, or show it moving",
     "coverage": "count how often intervals hold the truth of simulated campaigns",
+    "coverage_complete": "the same with the complete model, arm by arm, instrument by instrument",
 }
 
 #: Stages whose module cannot have their name, as it is a word of Python.

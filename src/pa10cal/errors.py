@@ -62,3 +62,7 @@ class RecordError(Pa10calError):
 
 class DiscoveryError(Pa10calError):
     """The data do not allow a search for missing effects."""
+
+
+class CurveError(Pa10calError):
+    """A curve cannot be made into links, or no roll keeps their joints within limits."""

@@ -159,6 +159,14 @@ class TestTestable:
             assert entry.why == "what it depends on was not logged"
             assert not entry.by_these_poses
 
+    def test_a_transmission_error_is_not_where_the_gear_ratio_is_not_known(self, null):
+        unknown = replace(null.effect("transmission_error", "joint 2"), order=np.nan)
+        problem, start = null.problem, null.start
+        shown, (entry,) = candidates.testable(problem, start, (unknown,))
+        assert not shown
+        assert entry.why == "the gear ratio of the joint is not known"
+        assert not entry.by_these_poses
+
     def test_what_was_logged_after_all_is_testable(self, null):
         readings = null.problem.readings
         warm = 21.0 + 4.0 * np.sin(readings.states.time_s / 2000.0)

@@ -262,6 +262,12 @@ class TestPeriodogram:
         assert found.marked_rad[at] == pytest.approx(error.std(), rel=1e-6)
         assert found.orders[np.argmax(found.explained_rad)] == pytest.approx(order, abs=0.5)
 
+    def test_without_a_gear_ratio_orders_go_as_high_and_none_of_its_own_is_marked(self):
+        error = np.sin(90.0 * self.q_rad)
+        found = periodogram(self.q_rad, error, np.ones(60), np.nan)
+        assert found.marked == (1.0, 2.0)
+        assert found.orders[np.argmax(found.explained_rad)] == pytest.approx(90.0, abs=0.5)
+
     def test_cells_without_weight_do_not_count(self):
         error = np.sin(50.0 * self.q_rad)
         error[:10] += 30.0

@@ -19,3 +19,13 @@ def test_scores_of_one_campaign_count_as_one():
     assert alone.inside_high - alone.inside_low == pytest.approx(
         copied.inside_high - copied.inside_low
     )
+
+
+def test_a_score_that_is_not_there_counts_neither_way():
+    scores = np.random.default_rng(2).standard_normal((60, 4))
+    scores[::3, 1] = np.nan
+    found = coverage(scores)
+    there = np.delete(scores[:, 1], np.arange(0, 60, 3))
+    assert found.by_parameter[1] == pytest.approx(np.mean(np.abs(there) < 1.96))
+    assert found.rms_by_parameter[1] == pytest.approx(np.sqrt(np.mean(there**2)))
+    assert np.isfinite([found.inside, found.inside_low, found.inside_high, found.rms]).all()

@@ -88,6 +88,17 @@ class TestBreakdown:
         assert errorbars(named) == 4
         assert errorbars(changed("discovery/analysis.json", unlogged)) == 2
 
+    def test_a_campaign_without_repeats_and_directions_says_so(self, changed):
+        def once(record):
+            for fit in ("before", "after"):
+                record[fit]["pose"]["shared"] = None
+                for joint in record[fit]["by_joint"]:
+                    joint["arrivals"] = []
+
+        texts = texts_of(where_breakdown.draw(changed("discovery/analysis.json", once)))
+        assert "no direction was logged" in texts
+        assert any(text.startswith("No pose was repeated") for text in texts)
+
 
 class TestJoints:
     def test_the_marked_order_of_the_joint_stands_out(self, named):
@@ -116,6 +127,15 @@ class TestJoints:
 
         texts = texts_of(where_joints.draw(changed("discovery/analysis.json", still)))
         assert texts.count("hardly\nturned") == 1
+
+    def test_an_arm_of_which_no_joint_turned_is_drawn(self, changed):
+        def still(record):
+            for fit in ("before", "after"):
+                for joint in record[fit]["by_joint"]:
+                    joint["periodogram"] = None
+
+        texts = texts_of(where_joints.draw(changed("discovery/analysis.json", still)))
+        assert texts.count("hardly\nturned") == 6
 
 
 class TestTorque:
@@ -185,6 +205,26 @@ class TestResidualField:
         # The frame from straight lines is a degree or so away from the calibrated one.
         np.testing.assert_allclose(rows["P01", 0.0], p_base_mm, atol=30.0)
 
+    def test_held_out_poses_that_extrapolate_are_apart(self, changed):
+        def beyond(record):
+            for k, row in enumerate(record["gap"]["holdout"]):
+                row["extrapolated"] = k < 5
+
+        source = changed("discovery/analysis.json", beyond)
+        figure = residual_field.draw(source)
+        said = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert [text.partition(",")[0] for text in said] == [
+            "poses fitted",
+            "held-out poses",
+            "held out",
+        ]
+        rows = source.analysis().gap.holdout[:5]
+        arrows = figure.axes[0].findobj(Quiver)
+        np.testing.assert_allclose(arrows[2].X, [row.place_mm[0] for row in rows])
+        error = np.linalg.norm([row.after_mm for row in rows], axis=1)
+        said = f"{np.sqrt(np.mean(error**2)):.3f} mm in 5 of {len(source.analysis().gap.holdout)}"
+        assert any(said in text for text in texts_of(gap_by_step.draw(source)))
+
 
 class TestParameterShifts:
     def test_links_in_tolerances_and_springs_in_percent(self, named):
@@ -201,6 +241,17 @@ class TestParameterShifts:
         larger = max(shift.before, shift.after)
         percent = 100.0 * (shift.after - shift.before) / larger
         assert springs.patches[1].get_width() == pytest.approx(percent)
+
+    def test_what_was_nothing_before_and_after_is_left_out(self, changed):
+        def linear(record):
+            for shift in record["parameter_shifts"]:
+                if shift["name"].startswith("K_cub"):
+                    shift.update(before=0.0, after=0.0, std=0.0)
+
+        _, springs = parameter_shifts.draw(changed("discovery/analysis.json", linear)).axes
+        assert [t.get_text() for t in springs.get_yticklabels()] == [
+            f"K_lin, joint {j}" for j in (2, 3, 5)
+        ]
 
     def test_only_the_weighing_moves_parameters_where_nothing_was_named(self, results):
         figure = parameter_shifts.draw(results)
@@ -242,6 +293,23 @@ class TestVerdictTable:
         page = (tmp_path / "verdict.html").read_text("utf-8")
         assert "Synthetic data." in page
         assert "Named: every effect found stands alone." in page
+
+    def test_a_map_is_summed_up_and_whole_in_the_csv(self, learnt, tmp_path):
+        rows = self.rows(learnt, tmp_path)
+        knots = [row for row in rows if row["of"] == "joint 3" and row["kind"] == "effect"]
+        assert [row["quantity"] for row in knots] == [f"knot_{k:02d}" for k in range(24)]
+        (beyond,) = (
+            row
+            for row in rows
+            if (row["of"], row["quantity"], row["remark"])
+            == ("held out", "after_rms_mm", "extrapolated")
+        )
+        assert float(beyond["value"]) == 0.077
+        text = (tmp_path / "verdict.md").read_text("utf-8")
+        assert "blocks of poses that were left out" in text
+        assert "| held out, extrapolated | all |" in text
+        assert "| joint_error_map | joint 3 | 24 knots a turn, rms 0.000212 rad | none |" in text
+        assert "0.300 mm without, 0.100 mm with it; better in 9 of 10 blocks, z 8.0" in text
 
     def test_says_when_nothing_was_named(self, results, tmp_path):
         rows = self.rows(results, tmp_path)

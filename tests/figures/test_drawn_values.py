@@ -17,6 +17,7 @@ from pa10cal.figures import (
     montecarlo_convergence,
     montecarlo_map,
     montecarlo_planes,
+    paper_against_ours,
     parameter_uncertainty,
     residual_vectors,
 )
@@ -77,6 +78,43 @@ def test_before_and_after_are_written_as_recorded(results):
     assert {"0.58 / 1.22", "1.80 / 2.45", "0.33 / 0.71", "0.014"} <= set(texts)
 
 
+def without_attitude(record):
+    for errors in record["errors"].values():
+        for found in errors.values():
+            found["orientation_deg"] = None
+
+
+def test_an_attitude_that_was_not_seen_has_no_panel(results, tmp_path):
+    folder = tmp_path / "positions"
+    shutil.copytree(results.folder, folder)
+    for path in (folder / "calibration").glob("*.json"):
+        record = json.loads(path.read_text("utf-8"))
+        without_attitude(record)
+        path.write_text(json.dumps(record), encoding="utf-8")
+    source = replace(results, folder=folder)
+    figure = fig5_before_after.draw(source)
+    assert [axes.get_ylabel() for axes in figure.axes] == ["position error [mm]"]
+    assert figure.axes[0].get_xlabel() == "external load"
+    rows = paper_against_ours.tabulate(source).data.rows
+    said = {row[5] for row in rows if row[0].startswith("mean orientation error before")}
+    assert said == {"not measured"}
+
+
+def test_held_out_errors_without_attitude(changed):
+    def unseen(record):
+        for model in record["models"].values():
+            model.update(orientation_deg=None, tool_twist=None)
+            for row in model["rows"]:
+                row["rotation_deg"] = None
+
+    source = changed("evaluation/holdout.json", unseen)
+    texts = texts_of(fig6_holdout.draw(source))
+    assert not any("orientation" in text and "paper" not in text for text in texts)
+    rows = paper_against_ours.tabulate(source).data.rows
+    held_out = [row for row in rows if row[0] == "mean orientation error, held out"]
+    assert {(row[5], row[7]) for row in held_out} == {("not measured", "")}
+
+
 def test_the_papers_figures_stand_beside_its_own_arm_only(results):
     other = replace(results, robot="other")
     for module in (fig5_before_after, montecarlo_planes, parameter_uncertainty):
@@ -97,6 +135,17 @@ def test_held_out_errors_are_drawn_load_by_load(results):
         assert drawn.mean() == pytest.approx(model.mean_mm)
         at_90_N = [r.position_mm for r in model.rows if r.load_N == 90]
         assert sorted(drawn[30:]) == pytest.approx(sorted(np.linalg.norm(at_90_N, axis=1)))
+
+
+def test_what_is_extrapolated_is_hollow(changed):
+    def beyond(record):
+        for k, row in enumerate(record["models"]["cubic"]["rows"]):
+            row["extrapolated"] = k < 3
+
+    figure = fig6_holdout.draw(changed("evaluation/holdout.json", beyond))
+    (hollow,) = (line for line in figure.axes[0].lines if line.get_label() == "extrapolated")
+    assert len(hollow.get_ydata()) == 3
+    assert hollow.get_markerfacecolor() == "white"
 
 
 def test_a_campaign_without_held_out_points_says_so(changed):

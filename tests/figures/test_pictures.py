@@ -15,9 +15,23 @@ from matplotlib.text import Text
 from pa10cal.figures.catalogue import FIGURES
 from pa10cal.figures.style import WIDTH_MM, looks, write_figure
 
+#: Pictures of the complete model alone, and those drawn of every instrument.
+COMPLETE = ("held_out_errors", "error_by_joint")
+BLOCKS = ("joint_error_maps",)
+EVERYWHERE = ("health", "held_out_errors", "residual_field")
+PAPER = [name for name in FIGURES if name not in (*COMPLETE, *BLOCKS)]
 #: Pictures of discovery are drawn where it named something as well.
-DISCOVERY = FIGURES[FIGURES.index("where_breakdown") :]
-CASES = [*(("nothing", name) for name in FIGURES), *(("named", name) for name in DISCOVERY)]
+DISCOVERY = PAPER[PAPER.index("where_breakdown") :]
+CASES = [
+    *(("nothing", name) for name in PAPER),
+    *(("named", name) for name in DISCOVERY),
+    ("pose", "health"),
+    *(("learnt", name) for name in (*COMPLETE, *BLOCKS)),
+    *(("points", name) for name in (*EVERYWHERE, "error_by_joint")),
+    *(("distance", name) for name in EVERYWHERE),
+]
+#: One of every kind of drawing: in space, with an image, with arrows, with thousands of points.
+KINDS = ("fig4_test_path", "montecarlo_map", "residual_field", "where_joints", "health")
 DPI = 80
 LEAST_POINTS = 8.0
 
@@ -35,11 +49,11 @@ for name in sys.argv[4:]:
 
 
 @pytest.fixture(scope="module")
-def drawn(results, named, tmp_path_factory):
+def drawn(results, named, sighted, learnt, tmp_path_factory):
     """Write every figure; return the folder, and each one's texts with the boxes they fill."""
     place = tmp_path_factory.mktemp("drawn")
     texts = {case: {} for case in CASES}
-    sources = {"nothing": results, "named": named}
+    sources = {"nothing": results, "named": named, "learnt": learnt, **sighted}
     draw_text = Text.draw
     with pytest.MonkeyPatch.context() as patch:
         for case in CASES:
@@ -53,7 +67,7 @@ def drawn(results, named, tmp_path_factory):
             patch.setattr(Text, "draw", draw)
             with looks():
                 figure = import_module(f"pa10cal.figures.{name}").draw(sources[source])
-                write_figure(figure, results.footer, place / source, name, DPI)
+                write_figure(figure, sources[source].footer, place / source, name, DPI)
     return place, texts
 
 
@@ -89,16 +103,22 @@ def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(drawn
 @pytest.mark.parametrize("case", CASES, ids="-".join)
 def test_says_what_it_was_drawn_from(drawn, case):
     texts = [text.get_text() for text in drawn[1][case]]
-    assert (
-        "Campaign cell-null. Synthetic data. Provenance: virtual cell, independent of this project."
-    ) in texts
-    assert any(re.search(r"\[(mm|%|µrad|N m)\]|tolerance", text) for text in texts)
+    if case[0] in ("nothing", "named"):
+        campaign, provenance = "cell-null", "virtual cell, independent of this project."
+    else:
+        campaign = "pose" if case[0] == "learnt" else case[0]
+        provenance = "synthetic: written by this project's own"
+    begin = f"Campaign {campaign}. Synthetic data. Provenance: {provenance}"
+    assert any(text.startswith(begin) for text in texts)
+    assert any(re.search(r"\[(mm|%|µrad|mrad|mrad; mm|N m)\]|tolerance", text) for text in texts)
 
 
 def test_another_process_writes_the_same_bytes(drawn, results, tmp_path):
     place, _ = drawn
-    words = [pickle.dumps(results).hex(), str(tmp_path), str(DPI), *FIGURES]
+    words = [pickle.dumps(results).hex(), str(tmp_path), str(DPI), *KINDS]
     env = {**os.environ, "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo", "SOURCE_DATE_EPOCH": "1"}
     subprocess.run([sys.executable, "-c", DRAW_ALL, *words], check=True, env=env, timeout=120)
-    for path in (place / "nothing").iterdir():
-        assert (tmp_path / path.name).read_bytes() == path.read_bytes(), path.name
+    written = sorted(tmp_path.iterdir())
+    assert len(written) == 3 * len(KINDS)
+    for path in written:
+        assert (place / "nothing" / path.name).read_bytes() == path.read_bytes(), path.name

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pa10cal.figures.poses import Poses
 from pa10cal.figures.repeats import Scatter, incompleteness, scatter_by_load
-from pa10cal.figures.results import Poses
 
 
 def poses(p_mm, loads, kind="grid"):

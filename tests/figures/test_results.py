@@ -4,11 +4,12 @@ import json
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, RecordError
 
 
 @pytest.fixture
@@ -30,6 +31,26 @@ def test_loads_are_those_that_the_combined_calibration_was_fitted_to(spoiled):
     assert cases["22"].load == "22N"
 
 
+def test_the_complete_model_stands_beside_the_papers_or_alone(results, sighted):
+    assert [case.model for case in results.calibrations()] == ["paper", "complete"]
+    assert results.complete().load == "complete"
+    assert [case.model for case in sighted["pose"].calibrations()] == ["complete"]
+    assert sighted["pose"].complete().load == "combined"
+
+
+def test_joint_positions_are_the_mean_over_repeats(results):
+    joints = results.joints()
+    assert joints.q.shape == (952, 6)
+    assert not joints.slides.any()
+    rows = (joints.pose == "P05") & (joints.load_N == 22.0)
+    assert rows.sum() == 10
+    found = joints.of([("P05", 22.0), ("H01", 44.0), ("P05", 22.0)])
+    np.testing.assert_allclose(found[0], joints.q[rows].mean(axis=0))
+    np.testing.assert_array_equal(found[0], found[2])
+    with pytest.raises(RecordError, match=r"got 'P05 at 66 N'.*run the calibrate"):
+        joints.of([("P05", 22.0), ("P05", 66.0)])
+
+
 def test_planes_are_those_of_the_settings(results):
     assert [plane.plane_mm for plane in results.planes()] == [300, 500, 700]
 
@@ -44,6 +65,7 @@ def test_poses_come_in_order_of_time(results):
     ("name", "read", "stage"),
     [
         ("calibration/combined.json", lambda r: r.calibration(), "calibrate"),
+        ("calibration/complete.json", lambda r: r.complete(), "calibrate"),
         ("calibration/22N.json", lambda r: r.load_cases(), "calibrate"),
         ("evaluation/holdout.json", lambda r: r.held_out(), "evaluate"),
         ("seed/base_frame.json", lambda r: r.base_frame(), "seed"),
@@ -51,6 +73,7 @@ def test_poses_come_in_order_of_time(results):
         ("discovery/analysis.json", lambda r: r.analysis(), "discover"),
         ("discovery/verdict.json", lambda r: r.verdict(), "discover"),
         ("ingest/poses.parquet", lambda r: r.poses(), "ingest"),
+        ("ingest/poses.parquet", lambda r: r.joints(), "ingest"),
     ],
 )
 class TestRefuses:
@@ -119,6 +142,14 @@ def test_a_table_of_something_else_is_no_table_of_poses(spoiled):
 )
 def test_footer_gives_the_provenance_and_says_when_data_are_synthetic(results, provenance, footer):
     assert replace(results, provenance=provenance).footer == f"Campaign cell-null. {footer}"
+
+
+def test_a_long_provenance_is_cut_after_a_sentence(results):
+    first = f"Measured by C. Lang et al. in {'a hall, ' * 30}2021."
+    second = f"Angles are {'the commanded ones, ' * 8}not read back."
+    footer = replace(results, provenance=f"{first} {second} {second}").footer
+    assert footer == f"Campaign cell-null. Provenance: {first} More in its campaign.yaml."
+    assert replace(results, provenance=f"{first} Short.").footer.endswith(f"{first} Short.")
 
 
 def test_parameters_of_another_arm_are_not_compared_with_the_papers(results):

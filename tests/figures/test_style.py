@@ -7,10 +7,12 @@ from matplotlib.figure import Figure
 
 from pa10cal.figures.style import (
     WIDTH_MM,
+    evenly,
     looks,
     new_figure,
     panel,
     plain_log,
+    points,
     power_of_ten,
     write_figure,
 )
@@ -86,6 +88,23 @@ def test_a_logarithmic_axis_always_has_plain_numbers(low, high, project_looks):
     inside = [t for t in axes.get_yticklabels() if low <= t.get_position()[1] <= high]
     assert inside
     assert all(float(t.get_text()) == pytest.approx(t.get_position()[1]) for t in inside)
+
+
+@pytest.mark.parametrize(("count", "image"), [(300, False), (301, True)])
+def test_many_points_are_drawn_as_an_image(count, image, project_looks):
+    axes = panel(new_figure(60.0, ""), 20.0, 20.0, 100.0, 30.0)
+    points(axes, np.arange(count), np.zeros(count), marker=".", color="k")
+    (line,) = axes.lines
+    assert bool(line.get_rasterized()) is image
+    assert line.get_linestyle() == "None"
+
+
+@pytest.mark.parametrize("count", [1, 9, 10, 11, 5000])
+def test_rows_are_spread_evenly_and_no_more_than_asked_for(count):
+    rows = evenly(count, 10)
+    assert len(rows) == min(count, 10)
+    assert (rows[0], rows[-1]) == (0, count - 1)
+    assert np.ptp(np.diff(rows)) <= 1 if count > 1 else True
 
 
 def test_powers_of_ten():

@@ -154,6 +154,29 @@ def by_papers_model(campaign):
     return not by_complete_model(campaign)
 
 
+def seeks_effects(campaign):
+    """Whether missing effects are sought: positions and attitudes are needed for it."""
+    if campaign in IMPORTED:
+        return True
+    return instrument_kind(Path(SETTINGS.raw_dir, campaign)) in ("touch_trigger_cmm", "pose")
+
+
+def verdict_of(campaign):
+    """The verdict on a campaign in which missing effects are sought."""
+    return expand(result("discovery/verdict.json"), campaign=campaign) * seeks_effects(campaign)
+
+
+def extended_model(wildcards):
+    """The model with the effects that were missing, where they are sought."""
+    campaign = wildcards.campaign
+    return expand(result("discovery/extended.json"), campaign=campaign) * seeks_effects(campaign)
+
+
+def extended_option(wildcards, input):
+    """What a stage is told of that model."""
+    return f"--extended {shlex.quote(str(input.extended))}" if input.extended else ""
+
+
 def every(results_of):
     """The results that a function of the campaign names, for every campaign."""
     return lambda wildcards: [

@@ -1,13 +1,45 @@
+def coverage_result(name):
+    """A result of the coverage study."""
+    return os.path.join(_literal(SETTINGS.results_dir), name)
+
+
 rule coverage:
     """Long test: do 95 % intervals hold the truth of simulated campaigns in 95 % of cases?"""
     input:
+        coverage_result("coverage.json"),
+        coverage_result("coverage_complete.json"),
+
+
+rule coverage_papers_model:
+    """The paper's robot, touched, calibrated with the paper's model."""
+    input:
         code=code_of("stages.coverage"),
     output:
-        os.path.join(_literal(SETTINGS.results_dir), "coverage.json"),
+        coverage_result("coverage.json"),
     log:
-        os.path.join(_literal(SETTINGS.results_dir), "logs", "coverage.log"),
+        coverage_result("logs/coverage.log"),
     params:
+        campaigns=SETTINGS.coverage.campaigns,
+        seed=SETTINGS.coverage.random_seed,
         settings=settings_of("calibration"),
     shell:
-        "python -m pa10cal coverage --campaigns 50 --settings {params.settings:q} --out {output:q}"
+        "python -m pa10cal coverage --campaigns {params.campaigns} --first-seed {params.seed}"
+        " --settings {params.settings:q} --out {output:q} 2>&1 | tee {log:q} >&2"
+
+
+rule coverage_complete_model:
+    """Other arms under other instruments, calibrated with the complete model."""
+    input:
+        code=code_of("stages.coverage_complete"),
+    output:
+        record=coverage_result("coverage_complete.json"),
+        table=coverage_result("coverage_complete.csv"),
+    log:
+        coverage_result("logs/coverage_complete.log"),
+    params:
+        settings=settings_of("coverage", without=("campaigns",)),
+        calibration=settings_of("calibration"),
+    shell:
+        "python -m pa10cal coverage_complete --settings {params.settings:q}"
+        " --calibration {params.calibration:q} --out {output.record:q} --table {output.table:q}"
         " 2>&1 | tee {log:q} >&2"

@@ -5,7 +5,7 @@ rule evaluate:
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
-        extended=result("discovery/extended.json"),
+        extended=extended_model,
         code=code_of("stages.evaluate"),
     output:
         result("evaluation/holdout.json"),
@@ -13,7 +13,8 @@ rule evaluate:
         result("logs/evaluate.log"),
     params:
         folder=campaign_folder,
+        extended=extended_option,
     shell:
         "python -m pa10cal evaluate --campaign-dir {params.folder:q} --poses {input.poses:q}"
-        " --calibration {input.calibration:q} --extended {input.extended:q} --out {output:q}"
+        " --calibration {input.calibration:q} {params.extended} --out {output:q}"
         " 2>&1 | tee {log:q} >&2"

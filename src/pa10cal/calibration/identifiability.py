@@ -64,18 +64,15 @@ class ObservabilityIndices:
     O5: float
 
 
-def identify(jacobian: Array, scale: Array, least: float = 0.0) -> Identifiability:
-    """Find what a Jacobian (rows, k) tells of parameters of given scale (k,).
-
-    Singular values up to `least` count as none.
-    """
+def identify(jacobian: Array, scale: Array) -> Identifiability:
+    """Find what a Jacobian (rows, k) tells of parameters of given scale (k,)."""
     scaled = jacobian * scale
     # The Gram matrix would square the condition number; QR first keeps the cost linear in rows.
     triangle = np.linalg.qr(scaled, mode="r")
     _, values, right = np.linalg.svd(triangle)
     full = np.zeros(len(scale))
     full[: len(values)] = values
-    rank = int(np.count_nonzero(full > max(least, NULL_RATIO * full[0])))
+    rank = int(np.count_nonzero(full > NULL_RATIO * full[0]))
     return Identifiability(full, rank, right[rank:].T, float(full[0] / full[rank - 1]))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.cells import shared_error
 from pa10cal.discovery.channel import Channel
 from pa10cal.discovery.fit import Fit
-from pa10cal.discovery.problem import Problem, common_torques, complete
+from pa10cal.discovery.problem import Baseline, Problem, Setting, common_torques, complete
 from pa10cal.discovery.repeatability import same_circumstances
 from pa10cal.errors import DiscoveryError
 
@@ -24,6 +25,22 @@ Array = NDArray[np.float64]
 
 _DRAWN_AT_ONCE = 20_000
 _MOST_DRAWS = 15
+
+
+class Measured(Protocol):
+    """What is known of a campaign whose surroundings are asked for."""
+
+    @property
+    def baseline(self) -> Baseline:
+        """Return the calibrated model."""
+
+    @property
+    def setting(self) -> Setting:
+        """Return what is known besides the poses."""
+
+    @property
+    def cells(self) -> PoseObservations:
+        """Return the measured poses."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +64,7 @@ class Room:
     clearance_m: float = 0.15
 
 
-def draw_admissible(problem: Problem, count: int, room: Room, rng: np.random.Generator) -> Array:
+def draw_admissible(problem: Measured, count: int, room: Room, rng: np.random.Generator) -> Array:
     """Draw configurations evenly in joint space, and keep those within the room.
 
     Whether links, rods and instrument collide otherwise is not looked at.
@@ -83,7 +100,7 @@ def draw_admissible(problem: Problem, count: int, room: Room, rng: np.random.Gen
     return np.concatenate(found)[:count]
 
 
-def _is_admissible(problem: Problem, q_rad: Array, room: Room) -> NDArray[np.bool_]:
+def _is_admissible(problem: Measured, q_rad: Array, room: Room) -> NDArray[np.bool_]:
     """Tell which configurations (P, n) keep within the room, (P,), by the nominal chain."""
     chain = problem.baseline.model.chain
     at = frames(chain, chain.coordinates(q_rad))
@@ -105,7 +122,7 @@ def _is_admissible(problem: Problem, q_rad: Array, room: Room) -> NDArray[np.boo
     return within
 
 
-def _box(problem: Problem, room: Room) -> tuple[Array, Array]:
+def _box(problem: Measured, room: Room) -> tuple[Array, Array]:
     """Return the corners (3,), (3,) of where the end may be, in the instrument's frame."""
     measured = problem.cells.T_cmm_ee[:, :3, 3]
     low, high = measured.min(axis=0), measured.max(axis=0)

@@ -25,7 +25,7 @@ LEAST_SHARE = 0.02
 #: Effects whose directions are closer than this look the same.
 ALIKE = 0.999
 #: An effect of its largest plausible size must come to this many standard deviations in all.
-_LEAST_SIGNAL = 4.0
+LEAST_SIGNAL = 4.0
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def testable(
             refused.append(
                 NotTestable(effect, f"{100 * share:.1f} % left after the model's own parameters")
             )
-        elif signal * 10.0 < _LEAST_SIGNAL:
+        elif signal * 10.0 < LEAST_SIGNAL:
             refused.append(
                 NotTestable(effect, "ten times its plausible size would not rise above the noise")
             )

@@ -20,10 +20,12 @@ Array = NDArray[np.float64]
 
 #: Joint error thought possible, a standard deviation: where a pose cannot tell joints apart (at a
 #: singular wrist, or with more joints than six) it decides, and the error found is that uncertain.
-_POSSIBLE_RAD = 1e-3
+POSSIBLE_RAD = 1e-3
 _LEAST_ORDER = 0.5
 #: Highest order of the periodogram, in gear ratios of the joint.
 _MOST_RATIOS = 2.5
+#: Gear ratio by which that is counted where the arm's own is not known.
+_USUAL_RATIO = 100.0
 #: Steps of the periodogram within the width of a peak, one over the turns that the joint made.
 _STEPS_A_PEAK = 5
 _LARGEST_STEP = 0.25
@@ -81,7 +83,7 @@ def joint_errors(problem: Problem, found: Fit, left: Array) -> JointErrors:
     screws = np.concatenate([R @ end.screws[:, :3, at], R @ end.screws[:, 3:, at]], axis=1)
     rows = problem.pose.whitener @ screws
     across = rows.transpose(0, 2, 1)
-    covariance = np.linalg.inv(across @ rows + np.eye(len(at)) / _POSSIBLE_RAD**2)
+    covariance = np.linalg.inv(across @ rows + np.eye(len(at)) / POSSIBLE_RAD**2)
     return JointErrors(
         error_rad=(covariance @ (across @ left[:, :, None]))[:, :, 0],
         std_rad=np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
@@ -97,16 +99,17 @@ def periodogram(
         q_rad: (C,) joint angle of every cell.
         error_rad: (C,) joint angle error.
         weight: (C,) by which cells are weighted.
-        gear_ratio: motor turns a joint turn.
+        gear_ratio: motor turns a joint turn; nan where not known.
     """
     turns = float(np.ptp(q_rad)) / (2.0 * np.pi)
-    highest = _MOST_RATIOS * max(gear_ratio, 1.0)
+    known = (gear_ratio, 2.0 * gear_ratio) if np.isfinite(gear_ratio) else ()
+    highest = _MOST_RATIOS * max(gear_ratio if known else _USUAL_RATIO, 1.0)
     # An arc that is a small part of the finest cycle tells nothing of any cycle.
     if turns * highest < 1.0:
         return None
     step = min(_LARGEST_STEP, 1.0 / (_STEPS_A_PEAK * turns))
     orders = np.arange(_LEAST_ORDER, highest + step, step)
-    marked = tuple(sorted({1.0, 2.0, float(gear_ratio), 2.0 * float(gear_ratio)}))
+    marked = tuple(sorted({1.0, 2.0, *map(float, known)}))
     share = weight / weight.sum()
     centred = error_rad - share @ error_rad
     variance = float(share @ centred**2)

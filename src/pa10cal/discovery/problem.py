@@ -155,7 +155,7 @@ def prepare(
         pose,
         torque,
         left,
-        _surroundings(cells, baseline, setting),
+        surroundings_of(cells, baseline, setting),
     )
 
 
@@ -232,7 +232,8 @@ def common_torques(
         _statics(cells.states, baseline, moved).torque_Nm - weights.torque_Nm
         for moved in _misplaced(burden, uncertainties)
     ]
-    zero = np.tile(np.diag(uncertainties.torque_zero * arm.torque_limit_Nm), (len(cells), 1, 1))
+    rated_Nm = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0))
+    zero = np.tile(np.diag(uncertainties.torque_zero * rated_Nm), (len(cells), 1, 1))
     return np.concatenate(
         [
             weights.torque_by_mass * by_link,
@@ -261,7 +262,8 @@ def _misplaced(burden: Burden, uncertainties: Uncertainties) -> list[Burden]:
     ]
 
 
-def _surroundings(cells: PoseObservations, baseline: Baseline, setting: Setting) -> Surroundings:
+def surroundings_of(cells: PoseObservations, baseline: Baseline, setting: Setting) -> Surroundings:
+    """Return what decides where effects may sit; the poses are complete."""
     states = cells.states
     assert states.seen is not None
     return Surroundings(

@@ -22,6 +22,9 @@ Index = NDArray[np.intp]
 
 #: Successive differences below which nothing can be said of the noise.
 LEAST_DIFFERENCES = 20
+#: Part of the readings that must be such repeats, where there are so many poses that blocks of them
+#: can be left out instead.
+LEAST_REPEATED = 0.25
 _REWEIGHTED = 2
 
 
@@ -101,6 +104,11 @@ def repeatability(readings: PoseObservations, deviation: Array, screws: Array) -
         torque_Nm=np.sqrt(np.mean(torque_difference**2, axis=0)),
         differences=len(pairs),
     )
+
+
+def repeated(readings: PoseObservations) -> int:
+    """Return how many readings repeat one of the same pose, load and direction of arrival."""
+    return len(_successive(readings)[1])
 
 
 def _successive(readings: PoseObservations) -> tuple[Index, Index]:

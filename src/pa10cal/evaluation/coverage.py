@@ -35,9 +35,13 @@ class Coverage:
 
 
 def coverage(scores: Array) -> Coverage:
-    """Summarise scores (campaigns, parameters): (estimate - truth) / standard uncertainty."""
-    held = np.abs(scores) <= norm.ppf(0.5 + LEVEL / 2.0)
-    shares = held.mean(axis=1)
+    """Summarise scores (campaigns, parameters): (estimate - truth) / standard uncertainty.
+
+    A parameter without an interval in some campaign has nan there.
+    """
+    there = np.isfinite(scores)
+    held = np.where(there, np.abs(scores) <= norm.ppf(0.5 + LEVEL / 2.0), np.nan)
+    shares = np.nanmean(held, axis=1)
     count = len(shares)
     half = (
         float(t.ppf(0.975, count - 1) * shares.std(ddof=1) / np.sqrt(count)) if count > 1 else 1.0
@@ -47,7 +51,7 @@ def coverage(scores: Array) -> Coverage:
         inside=inside,
         inside_low=max(0.0, inside - half),
         inside_high=min(1.0, inside + half),
-        rms=float(np.sqrt(np.mean(scores**2))),
-        by_parameter=held.mean(axis=0),
-        rms_by_parameter=np.sqrt(np.mean(scores**2, axis=0)),
+        rms=float(np.sqrt(np.nanmean(scores**2))),
+        by_parameter=np.nanmean(held, axis=0),
+        rms_by_parameter=np.sqrt(np.nanmean(scores**2, axis=0)),
     )

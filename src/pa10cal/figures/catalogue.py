@@ -4,6 +4,7 @@ from __future__ import annotations
 
 #: Modules with `draw(results) -> Figure`.
 FIGURES = (
+    "health",
     "fig4_test_path",
     "fig5_before_after",
     "fig6_holdout",
@@ -13,15 +14,26 @@ FIGURES = (
     "montecarlo_planes",
     "montecarlo_convergence",
     "montecarlo_map",
+    "held_out_errors",
+    "error_by_joint",
     "where_breakdown",
     "where_joints",
     "where_torque",
+    "joint_error_maps",
     "gap_by_step",
     "residual_field",
     "parameter_shifts",
 )
 #: Modules with `tabulate(results) -> Table`.
-TABLES = ("table1_parameters", "paper_against_ours", "verdict")
+TABLES = (
+    "health_summary",
+    "table1_parameters",
+    "paper_against_ours",
+    "parameters_complete",
+    "doubted_poses",
+    "accuracy_complete",
+    "verdict",
+)
 #: Modules with `draw(scores) -> Figure`, of a study of blind trials.
 TRIAL_FIGURES = ("trials_confusion", "trials_power", "trials_false_names", "trials_intervals")
 #: Modules with `tabulate(scores) -> Table`, of a study of blind trials.

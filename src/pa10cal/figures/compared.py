@@ -111,6 +111,11 @@ def find(results: Results) -> Found:
     )
 
 
+def measured(value: float | None) -> str:
+    """Return a number with three significant figures, or that it was not measured."""
+    return NOT_MEASURED if value is None else three_figures(value)
+
+
 def three_figures(value: float) -> str:
     """Return a number with three significant figures."""
     return f"{value:#.3g}".rstrip(".")

@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pa10cal.figures import published
-from pa10cal.figures.compared import NOT_MEASURED, Compared, Found, three_figures, with_uncertainty
+from pa10cal.figures.compared import (
+    NOT_MEASURED,
+    Compared,
+    Found,
+    measured,
+    three_figures,
+    with_uncertainty,
+)
 from pa10cal.figures.published import PublishedError
 from pa10cal.figures.records import Accuracy
 
@@ -43,7 +50,7 @@ def error_rows(found: Found) -> list[Compared]:
     ]
 
 
-_FIGURES: tuple[tuple[str, str, str, Callable[[Errors], float]], ...] = (
+_FIGURES: tuple[tuple[str, str, str, Callable[[Errors], float | None]], ...] = (
     ("mean position error", "mm", ".2f", lambda errors: errors.mean_mm),
     ("peak position error", "mm", ".2f", lambda errors: errors.peak_mm),
     ("mean orientation error", "deg", "g", lambda errors: errors.orientation_deg),
@@ -162,5 +169,5 @@ def apparatus_rows(found: Found) -> list[Compared]:
     ]
 
 
-def _or_not_measured(errors: Accuracy | None, figure_of: Callable[[Errors], float]) -> str:
-    return NOT_MEASURED if errors is None else three_figures(figure_of(errors))
+def _or_not_measured(errors: Accuracy | None, figure_of: Callable[[Errors], float | None]) -> str:
+    return measured(None if errors is None else figure_of(errors))

@@ -5,12 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pa10cal.figures import published
-from pa10cal.figures.compared import NOT_COMPUTED, NOT_MEASURED, Compared, Found, three_figures
+from pa10cal.figures.compared import (
+    NOT_COMPUTED,
+    NOT_MEASURED,
+    Compared,
+    Found,
+    measured,
+    three_figures,
+)
 from pa10cal.figures.published import PublishedError, reduction_percent
 from pa10cal.figures.records import HeldOutModel, Plane
 
 _CALIBRATED = ("linear", "cubic")
-_FIGURES: tuple[tuple[str, str, Callable[[HeldOutModel | PublishedError], float]], ...] = (
+_FIGURES: tuple[tuple[str, str, Callable[[HeldOutModel | PublishedError], float | None]], ...] = (
     ("mean position error, held out", "mm", lambda errors: errors.mean_mm),
     ("peak position error, held out", "mm", lambda errors: errors.peak_mm),
     ("mean orientation error, held out", "deg", lambda errors: errors.orientation_deg),
@@ -30,7 +37,7 @@ def held_out_rows(found: Found) -> list[Compared]:
                     condition=name,
                     unit=unit,
                     paper=f"{figure_of(stated):g}",
-                    ours=NOT_MEASURED if model is None else three_figures(figure_of(model)),
+                    ours=measured(None if model is None else figure_of(model)),
                     source=published.SOURCES["held_out"],
                     remark=_twist_remark(found, model) if model and is_orientation else "",
                 )
@@ -41,16 +48,20 @@ def held_out_rows(found: Found) -> list[Compared]:
 def _twist_remark(found: Found, model: HeldOutModel) -> str:
     """Say how much of an orientation error one constant twist of the tool explains."""
     twist = model.tool_twist
+    if twist is None:
+        return ""
     share = reduction_percent(twist.before_deg, twist.after_deg)
     evaluated = found.evaluated
-    calibrated = [
+    left_deg = [
         evaluated.errors[f"{load:g}"].after.orientation_deg for load in evaluated.loads_fitted
     ]
+    calibrated = [angle for angle in left_deg if angle is not None]
+    mean_deg = sum(calibrated) / len(calibrated) if calibrated else None
     return (
         f"a constant tool twist of {three_figures(twist.angle_deg)} deg would leave "
         f"{three_figures(twist.after_deg)} deg and so explains {share:.0f} % of it; "
         f"the evaluated calibration ({found.held_out.calibration}) leaves "
-        f"{three_figures(sum(calibrated) / len(calibrated))} deg on its poses"
+        f"{measured(mean_deg)} deg on its poses"
     )
 
 

@@ -126,11 +126,13 @@ class LackOfFit(Record):
 
 
 class Errors(Record):
-    """Position errors over some configurations."""
+    """Errors over some configurations; of some steps of the search the position's alone."""
 
     mean_mm: float
     peak_mm: float
     rms_mm: float
+    orientation_deg: float | None = None
+    configurations: int | None = None
 
 
 class Naming(Record):
@@ -142,13 +144,17 @@ class Naming(Record):
 
 
 class Configuration(Record):
-    """Predicted minus measured position at one configuration, along the base axes."""
+    """Predicted minus measured position at one configuration, along the base axes.
+
+    `extrapolated` says that a joint leaves the angles that the poses fitted have seen.
+    """
 
     pose: str
     load_N: float
     place_mm: Vector
     before_mm: Vector
     after_mm: Vector
+    extrapolated: bool = False
 
 
 class Field(Record):
@@ -229,18 +235,25 @@ class Paired(Record):
     poses: int
 
 
-class LoadGap(Record):
-    """The gap before and after."""
+class PartGap(Record):
+    """The gap over some poses, before and after."""
 
     before: Errors
     after: Errors
+
+
+class LoadGap(PartGap):
+    """The gap at a load, with how sure it is that it closes."""
+
     reduction: Paired
 
 
 class SetGap(LoadGap):
-    """The gap over all loads, and load by load."""
+    """The gap over all loads, load by load, and inside the angles seen in the fit and beyond."""
 
     per_load: dict[str, LoadGap]
+    inside: PartGap | None = None
+    extrapolated: PartGap | None = None
 
 
 class Gaps(Record):
@@ -251,10 +264,21 @@ class Gaps(Record):
     holdout: SetGap | None
 
 
+class AnglesSeen(Record):
+    """Stretches of a joint's angle that the poses fitted have seen [rad; m of one that slides]."""
+
+    turns: bool
+    stretches: tuple[tuple[float, float], ...]
+
+
 class Verdict(Record):
-    """`discovery/verdict.json`."""
+    """`discovery/verdict.json`.
+
+    `angles_seen` is a joint's each; None where effects were judged by repeats of a pose.
+    """
 
     verdict: str
+    angles_seen: tuple[AnglesSeen, ...] | None = None
     effects: tuple[FoundEffect, ...]
     unexplained: AllUnexplained | None
     not_testable: tuple[NotTestable, ...]

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
-from pa10cal.figures.results import Poses, Results
+from pa10cal.figures.poses import Poses
+from pa10cal.figures.results import Results
 from pa10cal.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, new_figure, panel
 
 Array = NDArray[np.float64]

@@ -19,6 +19,7 @@ from pa10cal.figures.style import (
     BEFORE,
     BLACK,
     SEPARATOR,
+    height_of,
     new_figure,
     panel,
     plain_log,
@@ -28,7 +29,11 @@ _TITLE = "Error before and after calibration, at each load (compare Fig. 5)"
 #: Where a load's columns stand about its middle.
 _SLOTS = {"before": -0.28, "after": -0.01, "combined": 0.10, "repeats": 0.38}
 _PAPER_ASIDE = -0.11
+#: What the panel of orientations adds to the height.
+_ORIENTATION_MM = 42.0
 _COLOURS = {"before": BEFORE, "after": AFTER, "combined": AFTER_COMBINED, "repeats": BLACK}
+
+Errors = Accuracy | published.PublishedError
 
 
 @dataclass(frozen=True)
@@ -50,21 +55,24 @@ def draw(results: Results) -> Figure:
     """Draw mean and peak position error, and mean orientation error, on logarithmic axes."""
     combined, cases = results.calibration(), results.load_cases()
     scatter = scatter_by_load(results.poses())
-    figure = new_figure(150.0, _TITLE)
-    position = panel(figure, 23.0, 68.0, 145.0, 73.0)
+    angles = _columns(results, combined, cases, lambda e: (e.orientation_deg, None))
+    seen = any(not column.is_paper for column in angles)
+    raised = _ORIENTATION_MM if seen else 0.0
+    figure = new_figure(108.0 + raised, _TITLE)
+    lowest = position = panel(figure, 23.0, 26.0 + raised, 145.0, 73.0)
     columns = _columns(results, combined, cases, lambda e: (e.mean_mm, e.peak_mm))
     columns += _scatter_columns(results, list(cases), scatter)
     _draw_columns(position, columns, list(cases), room=(3.0, 3.0))
     position.set_ylabel("position error [mm]")
-    orientation = panel(figure, 23.0, 26.0, 145.0, 32.0)
-    columns = _columns(results, combined, cases, lambda e: (e.orientation_deg, None))
-    _draw_columns(orientation, columns, list(cases), room=(2.5, 6.0))
-    orientation.set_ylabel("orientation\nerror [deg]")
-    orientation.set_xlabel("external load")
+    if seen:
+        lowest = panel(figure, 23.0, 26.0, 145.0, 32.0)
+        _draw_columns(lowest, angles, list(cases), room=(2.5, 6.0))
+        lowest.set_ylabel("orientation\nerror [deg]")
+    lowest.set_xlabel("external load")
     figure.legend(
         handles=_legend(results.is_paper_arm),
         loc="lower left",
-        bbox_to_anchor=(0.012, 0.045),
+        bbox_to_anchor=(0.012, 6.75 / height_of(figure)),
         ncols=3,
         columnspacing=1.2,
     )
@@ -75,20 +83,23 @@ def _columns(
     results: Results,
     combined: Calibration,
     cases: dict[str, Calibration],
-    figures_of: Callable[[Accuracy | published.PublishedError], tuple[float, float | None]],
+    figures_of: Callable[[Errors], tuple[float | None, float | None]],
 ) -> list[_Column]:
-    found = []
+    """Return a column a load and model, without those whose figure was not measured."""
+    found: list[tuple[int, str, Errors, bool]] = []
     for k, (load, case) in enumerate(cases.items()):
-        found.append(_Column(k, "before", *figures_of(case.errors[load].before), is_paper=False))
-        found.append(_Column(k, "after", *figures_of(case.errors[load].after), is_paper=False))
-        found.append(
-            _Column(k, "combined", *figures_of(combined.errors[load].after), is_paper=False)
-        )
+        found.append((k, "before", case.errors[load].before, False))
+        found.append((k, "after", case.errors[load].after, False))
+        found.append((k, "combined", combined.errors[load].after, False))
         for slot, stated in (("before", published.BEFORE), ("after", published.AFTER)):
             if results.is_paper_arm and float(load) in stated:
-                figures = figures_of(stated[int(load)])
-                found.append(_Column(k, slot, *figures, is_paper=True))
-    return found
+                found.append((k, slot, stated[int(load)], True))
+    return [
+        _Column(k, slot, mean, peak, is_paper)
+        for k, slot, errors, is_paper in found
+        for mean, peak in (figures_of(errors),)
+        if mean is not None
+    ]
 
 
 def _scatter_columns(

@@ -38,6 +38,7 @@ _MOST_NAMES = 45
 def draw(results: Results) -> Figure:
     """Draw every configuration by load, and mean and peak of each model beside the paper's."""
     held_out = results.held_out()
+    results.calibration(held_out.calibration)  # refuses another model than the paper's
     if not held_out.models:
         return say_nothing_measured(_TITLE, "No held-out configuration was measured.")
     figure = new_figure(146.0, _TITLE)
@@ -68,7 +69,12 @@ def _draw_configurations(axes: Axes, held_out: HeldOut) -> None:
         for name, found in rows.items()
     }
     for shift, (name, errors) in zip(aside, errors_mm.items(), strict=True):
-        axes.plot(np.arange(len(errors)) + shift, errors, label=_NAMES[name], **_dots(name))
+        at = np.arange(len(errors)) + shift
+        axes.plot(at, errors, label=_NAMES[name], **_dots(name))
+        beyond = np.array([bool(row.extrapolated) for row in rows[name]])
+        if beyond.any():
+            hollow = _dots(name) | {"markerfacecolor": "white"}
+            axes.plot(at[beyond], errors[beyond], label="extrapolated", **hollow)
     lowest = min(errors.min() for errors in errors_mm.values())
     highest = max(errors.max() for errors in errors_mm.values())
     plain_log(axes, "y", lowest / 1.5, highest * 1.5)
@@ -137,7 +143,7 @@ def _dots(name: str) -> dict[str, Any]:
 
 
 def _text(errors: HeldOutModel | published.PublishedError, digits: str) -> str:
-    return (
-        f"{errors.mean_mm:{digits}} / {errors.peak_mm:{digits}} mm, "
-        f"orientation {errors.orientation_deg:{digits}}°"
-    )
+    position = f"{errors.mean_mm:{digits}} / {errors.peak_mm:{digits}} mm"
+    if errors.orientation_deg is None:
+        return position
+    return f"{position}, orientation {errors.orientation_deg:{digits}}°"

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from pa10cal.figures.discovery_records import Errors, Naming
+from pa10cal.figures.discovery_records import Analysis, Errors, Naming
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
     BLACK,
@@ -56,7 +57,24 @@ def draw(results: Results) -> Figure:
     axes.set_xlabel("position error [mm]: mean, rms (bar) and peak (end)")
     write_text_at(figure, 133.0, _BELOW_MM + rows + 2.0, "mean / rms / peak [mm]")
     _draw_legend(figure, steps)
+    write_text_at(figure, 10.0, 6.5, _beyond(found), color=GREY)
     return figure
+
+
+def _beyond(found: Analysis) -> str:
+    """Say what becomes of held-out poses that leave the angles which the fit has seen."""
+    if len(found.naming) == 1:
+        return "No effect was named: there is one step."
+    held_out = found.gap.holdout or ()
+    error_mm = np.array([np.linalg.norm(row.after_mm) for row in held_out])
+    beyond = np.array([row.extrapolated for row in held_out], dtype=bool)
+    if not beyond.any():
+        return ""
+    inside, outside = (np.sqrt(np.mean(error_mm[rows] ** 2)) for rows in (~beyond, beyond))
+    return (
+        f"Held out, at last: rms {inside:.3f} mm inside the angles seen, {outside:.3f} mm in "
+        f"{beyond.sum()} of {len(beyond)} poses that extrapolate."
+    )
 
 
 def _name(step: Naming) -> str:
@@ -90,5 +108,3 @@ def _draw_legend(figure: Figure, steps: tuple[Naming, ...]) -> None:
     figure.legend(
         handles=handles, loc="lower left", bbox_to_anchor=(10.0 / WIDTH_MM, 11.0 / height), ncols=3
     )
-    if len(steps) == 1:
-        write_text_at(figure, 10.0, 6.5, "No effect was named: there is one step.", color=GREY)

@@ -45,6 +45,9 @@ LINKS = (
 )
 K_LIN = Kind("K_lin", "K_lin,", "linear stiffness", "kN m/rad", 1e-3, ".2f")
 K_CUB = Kind("K_cub", "K_cub,", "cubic stiffness", "MN m/rad³", 1e-6, ".1f")
+#: The base frame: the instrument's origin in it, and the turns to the instrument's axes.
+_FRAME = {f"base_p_cmm_{axis}": f"p_{axis}" for axis in "xyz"}
+_FRAME |= {f"gamma_{axis}": f"γ_{axis}" for axis in "xyz"}
 KINDS = (*LINKS, K_LIN, K_CUB)
 
 
@@ -52,3 +55,14 @@ def joints_of(kind: Kind, names: list[str]) -> list[int]:
     """Return the joints that have a parameter of a kind, in order."""
     begin = f"{kind.key}_"
     return sorted(int(name.removeprefix(begin)) for name in names if name.startswith(begin))
+
+
+def written(name: str) -> str:
+    """Return a parameter's name as readers see it: `δa₂`, `K_lin, joint 2`, `tool x`."""
+    for kind in KINDS:
+        if name.startswith(f"{kind.key}_") and name.removeprefix(f"{kind.key}_").isdigit():
+            joint = int(name.removeprefix(f"{kind.key}_"))
+            if kind in LINKS:
+                return kind.written(joint)
+            return f"{kind.symbol} joint {joint}"
+    return _FRAME.get(name, name.replace("_", " "))

@@ -25,7 +25,11 @@ _FOUND: dict[str, Any] = {"color": AFTER, "marker": "o", "linestyle": "none"}
 def draw(results: Results) -> Figure:
     """Draw how far each parameter moved when the effects joined: links left, springs right."""
     found = results.analysis()
-    shifts = {shift.name: shift for shift in found.parameter_shifts if shift.identifiable}
+    shifts = {
+        shift.name: shift
+        for shift in found.parameter_shifts
+        if shift.identifiable and (shift.before or shift.after or shift.std)
+    }  # a linear spring's cubic stiffness is nothing, before and after
     links = [(kind, joint) for kind in LINKS for joint in joints_of(kind, list(shifts))]
     springs = [(kind, joint) for kind in (K_LIN, K_CUB) for joint in joints_of(kind, list(shifts))]
     rows = _ROW_MM * max(len(links), 8)

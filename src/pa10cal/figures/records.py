@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 Vector = tuple[float, float, float]
 Row4 = tuple[float, float, float, float]
+
+
+def _without_unit(errors: Any) -> Any:
+    if not isinstance(errors, dict):
+        return errors
+    return {str(load).removesuffix("N"): found for load, found in errors.items()}
+
+
+#: Keys a mapping by the load alone, `22` for `22N`.
+BY_NEWTON = BeforeValidator(_without_unit)
 
 
 class Record(BaseModel):
@@ -17,11 +27,12 @@ class Record(BaseModel):
 
 
 class Accuracy(Record):
-    """Errors over a set of configurations."""
+    """Errors over a set of configurations; the angle is None where no attitude was seen."""
 
     mean_mm: float
     peak_mm: float
-    orientation_deg: float
+    rms_mm: float
+    orientation_deg: float | None
     configurations: int
 
 
@@ -66,6 +77,52 @@ class Residual(Record):
     load_N: float
     place_mm: Vector
     position_mm: Vector
+    rotation_deg: Vector | None
+
+
+class CorrelatedPair(Record):
+    """Two parameters that the poses can hardly tell apart."""
+
+    parameters: tuple[str, str]
+    correlation: float
+
+
+class Expected(Record):
+    """Uncertainty of a prediction to be expected with so many poses."""
+
+    poses: int
+    u_optimal_mm: float
+    u_measured_mm: float | None
+
+
+class PosesWanted(Record):
+    """How many poses there are, and how many the uncertainty wants."""
+
+    measured: int
+    wanted: int | None
+    u_wanted_mm: float
+    u_model_mm: float | None
+    d_optimal_order: tuple[str, ...]
+    expected: tuple[Expected, ...]
+
+
+class Health(Record):
+    """Whether a calibration is good."""
+
+    verdict: str
+    line: str
+    reason: str
+    iterations: int
+    at_bounds: tuple[str, ...]
+    rank: int
+    unknowns: int
+    condition: float
+    open_parameters: tuple[str, ...]
+    correlated_pairs: tuple[CorrelatedPair, ...]
+    train_rms_mm: float
+    held_out_rms_mm: float | None
+    noise_mm: float | None
+    poses: PosesWanted
 
 
 class CalibrationSettingsUsed(Record):
@@ -77,29 +134,47 @@ class CalibrationSettingsUsed(Record):
     inner_poses: int | str
 
 
-class Calibration(Record):
-    """`calibration/<load>.json`."""
+class Fit(Record):
+    """How one of the fits of a calibration ended."""
+
+    status: str
+    reason: str
+
+
+class AnyCalibration(Fit):
+    """What `calibration/<load>.json` holds whatever the model."""
 
     robot: str
     load: str
+    model: str
     loads_fitted: tuple[float, ...]
+    residuals: tuple[Residual, ...]
+    health: Health
+
+    @property
+    def fits(self) -> dict[str, Fit]:
+        """Return every fit that the file holds, by its key; the calibration itself has none."""
+        return {"": self}
+
+
+class Calibration(AnyCalibration):
+    """`calibration/<load>.json` of the paper's model."""
+
+    model: Literal["paper"]
     parameters: dict[str, Parameter]
     rank: int
     unknowns: int
     null_directions: tuple[dict[str, float], ...]
-    errors: dict[str, LoadErrors]
+    errors: Annotated[dict[str, LoadErrors], BY_NEWTON]
     inner_dependence: InnerDependence
     l_curve: tuple[LCurvePoint, ...]
-    residuals: tuple[Residual, ...]
+    linear: Fit
     settings: CalibrationSettingsUsed
 
-    @field_validator("errors", mode="before")
-    @classmethod
-    def _by_newton(cls, errors: Any) -> Any:
-        """Key errors by the load alone, `22` for `22N`."""
-        if not isinstance(errors, dict):
-            return errors
-        return {str(load).removesuffix("N"): found for load, found in errors.items()}
+    @property
+    def fits(self) -> dict[str, Fit]:
+        """Return the fit with cubic springs, and that with linear ones."""
+        return {"": self, "linear": self.linear}
 
 
 class ToolTwist(Record):
@@ -111,17 +186,26 @@ class ToolTwist(Record):
 
 
 class HeldOutRow(Record):
-    """Predicted minus measured at one held-out configuration."""
+    """Predicted minus measured at one held-out configuration.
+
+    `error_mm` is the length of `position_mm` where it is not stated. `extrapolated` is None where
+    the model has learnt nothing that stops at the angles seen.
+    """
 
     pose: str
     load_N: float
     position_mm: Vector
+    rotation_deg: Vector | None
+    error_mm: float | None = None
+    extrapolated: bool | None = None
 
 
 class HeldOutModel(Accuracy):
-    """One model on the held-out configurations."""
+    """One model on the held-out configurations, inside the angles it was trained on and beyond."""
 
-    tool_twist: ToolTwist
+    tool_twist: ToolTwist | None
+    inside: Accuracy | None = None
+    extrapolated: Accuracy | None = None
     rows: tuple[HeldOutRow, ...]
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pa10cal.figures.poses import Poses
 from pa10cal.figures.records import Calibration
-from pa10cal.figures.results import Poses
 
 #: A mean error up to so many times the scatter of averaged repeats may be scatter alone.
 _COMPLETE_WITHIN = 3.0

@@ -1,4 +1,4 @@
-"""Residual vectors in space before and after the effects joined the model."""
+"""Residual vectors in space, before and after effects joined the model where they were sought."""
 
 from __future__ import annotations
 
@@ -14,58 +14,95 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pa10cal.figures.discovery_records import Configuration
+from pa10cal.figures.instruments import seen_by
+from pa10cal.figures.records import Residual
 from pa10cal.figures.results import Results
-from pa10cal.figures.style import BLACK, BLUE, ORANGE, WIDTH_MM, height_of, new_figure, panel
+from pa10cal.figures.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    ORANGE,
+    WIDTH_MM,
+    evenly,
+    height_of,
+    new_figure,
+    panel,
+    write_text_at,
+)
 
 Array = NDArray[np.float64]
 
-_LONGEST_ARROW_MM = 220.0
+#: The longest arrow, at least, and as a part of what the places span.
+_LONGEST_ARROW_MM, _LONGEST_PART = 220.0, 0.15
+#: Of more poses only about so many are drawn, evenly over the record, and some of every set.
+_MOST_ARROWS, _LEAST_ARROWS = 240, 40
 _MARGIN_MM = 20.0
-_PANEL_MM = 70.0
-_BELOW_MM, _BETWEEN_MM, _ABOVE_MM = 26.0, 10.0, 18.0
+_PANEL_MM, _APART_MM = 70.0, 78.0
+_BELOW_MM, _BETWEEN_MM, _ABOVE_MM = 30.0, 10.0, 18.0
 _VIEWS = (("seen from above", (0, 1)), ("seen from the side", (0, 2)))
 _TRAIN: dict[str, Any] = {"color": BLUE, "marker": "o"}
 _HELD_OUT: dict[str, Any] = {"color": ORANGE, "marker": "^"}
+_BEYOND: dict[str, Any] = {"color": GREY, "marker": "s"}
 
 
 @dataclass(frozen=True)
 class _Arrows:
-    """Arrows from (N, 3) places [mm] by (N, 3) vectors [mm], and how they look."""
+    """Arrows from (N, 3) places [mm].
 
+    Attributes:
+        name: what the poses are.
+        place_mm: where each begins.
+        vector_mm: (N, 3) arrows [mm] by what the model is: `before`, `after`.
+        look: how they look.
+    """
+
+    name: str
     place_mm: Array
-    before_mm: Array
-    after_mm: Array
+    vector_mm: dict[str, Array]
     look: dict[str, Any]
+
+    def drawn(self, share: float) -> _Arrows:
+        """Return a share of them."""
+        most = max(round(share * len(self.place_mm)), _LEAST_ARROWS)
+        rows = evenly(len(self.place_mm), most)
+        vectors = {when: vector_mm[rows] for when, vector_mm in self.vector_mm.items()}
+        return _Arrows(self.name, self.place_mm[rows], vectors, self.look)
 
 
 def draw(results: Results) -> Figure:
     """Draw arrows from predicted to measured positions: before left, after right."""
-    found = results.analysis().gap
-    sets = [_arrows(found.train, _TRAIN)]
-    if found.holdout:
-        sets.append(_arrows(found.holdout, _HELD_OUT))
-    vectors = np.vstack([v for arrows in sets for v in (arrows.before_mm, arrows.after_mm)])
+    every = _sets(results)
+    share = min(_MOST_ARROWS / sum(len(arrows.place_mm) for arrows in every), 1.0)
+    sets = [arrows.drawn(share) for arrows in every]
+    columns = list(sets[0].vector_mm)
+    vectors = np.vstack([v for arrows in sets for v in arrows.vector_mm.values()])
+    places = np.vstack([arrows.place_mm for arrows in sets for _ in columns])
     longest = float(np.linalg.norm(vectors, axis=1).max())
-    scale = _round_down(_LONGEST_ARROW_MM / longest)
-    places = np.vstack([arrows.place_mm for arrows in sets for _ in range(2)])
+    reach_mm = max(_LONGEST_ARROW_MM, _LONGEST_PART * float(np.ptp(places, axis=0).max()))
+    scale = _round_down(reach_mm / longest)
     ends = np.vstack([places, places + scale * vectors])
     low, high = ends.min(axis=0) - _MARGIN_MM, ends.max(axis=0) + _MARGIN_MM
     tall_mm = _PANEL_MM / (high[0] - low[0]) * (high - low)
-    top = _BELOW_MM + tall_mm[2] + _BETWEEN_MM
+    alone = len(columns) == 1  # then the views stand side by side, else one below the other
+    top = _BELOW_MM + (0.0 if alone else tall_mm[2] + _BETWEEN_MM)
     figure = new_figure(
-        top + tall_mm[1] + _ABOVE_MM,
+        top + (tall_mm[1:].max() if alone else tall_mm[1]) + _ABOVE_MM,
         "Position error in space: from the predicted to the measured place",
     )
-    for column, when in enumerate(("before", "after")):
-        for (title, shown), bottom in zip(_VIEWS, (top, _BELOW_MM), strict=True):
+    for k, when in enumerate(columns):
+        for row, (title, shown) in enumerate(_VIEWS):
+            column, bottom = (row, top) if alone else (k, _BELOW_MM if row else top)
             up = shown[1]
-            axes = panel(figure, 16.0 + 78.0 * column, bottom, _PANEL_MM, tall_mm[up])
+            axes = panel(
+                figure, 18.0 + (_APART_MM + 2.0 * alone) * column, bottom, _PANEL_MM, tall_mm[up]
+            )
             arrows = _draw_view(axes, sets, when, shown, scale)
             axes.set(xlim=(low[0], high[0]), ylim=(low[up], high[up]))
             axes.set_title(f"{when}, {title}")
-            axes.set_ylabel("" if column else f"{'xyz'[up]} [mm]")
-            axes.tick_params(labelleft=not column, labelbottom=bottom == _BELOW_MM)
-        axes.set_xlabel("x [mm]")
+            axes.set_ylabel(f"{'xyz'[up]} [mm]" if alone or not column else "")
+            axes.tick_params(labelleft=alone or not column, labelbottom=bottom == _BELOW_MM)
+            if bottom == _BELOW_MM:
+                axes.set_xlabel("x [mm]")
     key_mm = _round_down(longest)
     axes.quiverkey(
         arrows,
@@ -77,17 +114,45 @@ def draw(results: Results) -> Figure:
         coordinates="figure",
         color=BLACK,
     )
-    _draw_legend(figure, sets)
+    _draw_legend(figure, every, sets)
+    if not results.seeks_effects:
+        write_text_at(figure, 2.0, 6.0, seen_by(results.instrument).arrows, color=GREY)
     return figure
 
 
-def _arrows(rows: tuple[Configuration, ...], look: dict[str, Any]) -> _Arrows:
+def _sets(results: Results) -> list[_Arrows]:
+    """Return the arrows of the poses fitted and held out; before alone where none is after."""
+    if not results.seeks_effects:
+        return [_calibrated(results.complete().residuals)]
+    found = results.analysis().gap
+    held_out = found.holdout or ()
+    parts = (
+        ("poses fitted", found.train, _TRAIN),
+        ("held-out poses", tuple(row for row in held_out if not row.extrapolated), _HELD_OUT),
+        ("held out, extrapolated", tuple(row for row in held_out if row.extrapolated), _BEYOND),
+    )
+    return [_before_and_after(name, rows, look) for name, rows, look in parts if rows]
+
+
+def _before_and_after(name: str, rows: tuple[Configuration, ...], look: dict[str, Any]) -> _Arrows:
     """Return the arrows of configurations; they are the opposite of the residuals."""
     return _Arrows(
+        name,
         np.array([row.place_mm for row in rows]),
-        -np.array([row.before_mm for row in rows]),
-        -np.array([row.after_mm for row in rows]),
+        {
+            "before": -np.array([row.before_mm for row in rows]),
+            "after": -np.array([row.after_mm for row in rows]),
+        },
         look,
+    )
+
+
+def _calibrated(rows: tuple[Residual, ...]) -> _Arrows:
+    return _Arrows(
+        "poses fitted",
+        np.array([row.place_mm for row in rows]),
+        {"calibrated": -np.array([row.position_mm for row in rows])},
+        _TRAIN,
     )
 
 
@@ -96,12 +161,11 @@ def _draw_view(
 ) -> Quiver:
     columns = list(shown)
     for arrows in sets:
-        vector_mm = arrows.before_mm if when == "before" else arrows.after_mm
         place = arrows.place_mm[:, columns].T
         axes.plot(*place, markersize=2.0, linestyle="none", **arrows.look)
         drawn = axes.quiver(
             *place,
-            *(scale * vector_mm[:, columns].T),
+            *(scale * arrows.vector_mm[when][:, columns].T),
             color=arrows.look["color"],
             angles="xy",
             scale_units="xy",
@@ -113,20 +177,26 @@ def _draw_view(
     return drawn
 
 
-def _draw_legend(figure: Figure, sets: list[_Arrows]) -> None:
-    names = ("poses fitted, every load", "held-out poses, every load")
+def _draw_legend(figure: Figure, every: list[_Arrows], sets: list[_Arrows]) -> None:
     handles = [
-        Line2D([], [], linestyle="none", label=_label(name, arrows), **arrows.look)
-        for name, arrows in zip(names, sets, strict=False)
+        Line2D([], [], linestyle="none", label=_label(arrows, shown), **arrows.look)
+        for arrows, shown in zip(every, sets, strict=True)
     ]
     figure.legend(
-        handles=handles, loc="lower left", bbox_to_anchor=(16.0 / WIDTH_MM, 6.0 / height_of(figure))
+        handles=handles,
+        loc="lower left",
+        bbox_to_anchor=(16.0 / WIDTH_MM, (6.0 if len(sets) > 1 else 10.0) / height_of(figure)),
     )
 
 
-def _label(name: str, arrows: _Arrows) -> str:
-    mean = [np.linalg.norm(v, axis=1).mean() for v in (arrows.before_mm, arrows.after_mm)]
-    return f"{name}: mean {mean[0]:.3f} mm before, {mean[1]:.3f} mm after"
+def _label(arrows: _Arrows, shown: _Arrows) -> str:
+    means = [
+        f"{np.linalg.norm(vector_mm, axis=1).mean():.3f} mm {when}"
+        for when, vector_mm in arrows.vector_mm.items()
+    ]
+    text = f"{arrows.name}, every load: mean {', '.join(means)}"
+    total, some = len(arrows.place_mm), len(shown.place_mm)
+    return text if some == total else f"{text}; {some} of {total} drawn"
 
 
 def _round_down(value: float) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,21 +9,29 @@ from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
-from pa10cal.errors import RawDataError
+from pa10cal.arm.chain import Chain
+from pa10cal.errors import RecordError
 from pa10cal.figures import published
+from pa10cal.figures.complete_records import CompleteCalibration
 from pa10cal.figures.discovery_records import Analysis, Verdict
+from pa10cal.figures.poses import JointPositions, Poses, read_joints, read_poses
+from pa10cal.figures.record_files import as_record, check_converged, read_content
 from pa10cal.figures.records import BaseFrame, Calibration, HeldOut, Plane, Record
 from pa10cal.files import schemas
-from pa10cal.settings import FigureSettings, MonteCarloSettings, Section
+from pa10cal.files.arms import load_arm
+from pa10cal.settings import EvaluationSettings, FigureSettings, MonteCarloSettings, Section
 
 Array = NDArray[np.float64]
 
 _R = TypeVar("_R", bound=Record)
 
 COMBINED = "combined"
-_POSES_SCHEMA = "pa10cal-poses/1"
+#: The complete model beside the paper's.
+COMPLETE = "complete"
+#: Longer provenances are cut after a sentence; a single letter ends none.
+_MOST_LETTERS = 400
+_SENTENCE_END = re.compile(r"(?<=[\w)]{3}\.)\s+(?=[A-Z])")
 #: How a provenance begins that tells of no measurement.
 _SYNTHETIC = re.compile(r"(synthetic|simulated|virtual cell)\b", re.IGNORECASE)
 
@@ -35,24 +42,7 @@ class PictureSettings(Section):
     figures: FigureSettings = FigureSettings()
     kcub_reading: Literal["text_e7", "table_e8"] = "text_e7"
     montecarlo: MonteCarloSettings = MonteCarloSettings()
-
-
-@dataclass(frozen=True)
-class Poses:
-    """Measured configurations in order of time.
-
-    Attributes:
-        kind, pose: (N,) kind and label.
-        load_N: (N,) external load.
-        repeat: (N,) number of the repeat.
-        p_cmm_mm: (N, 3) end-effector in the instrument's frame.
-    """
-
-    kind: NDArray[np.str_]
-    pose: NDArray[np.str_]
-    load_N: Array
-    repeat: NDArray[np.int64]
-    p_cmm_mm: Array
+    evaluation: EvaluationSettings = EvaluationSettings()
 
 
 @dataclass(frozen=True)
@@ -61,31 +51,40 @@ class Results:
 
     Attributes:
         folder: `<results_dir>/<campaign>`.
+        raw: folder of its raw files, which may describe its arm.
         campaign: name of the campaign.
         provenance: where its data come from, in its own words.
         robot: the arm it measured.
+        instrument: kind of the instrument that measured it.
         instrument_uncertainty_mm: standard uncertainty of a measured centre, as it states.
         settings: what the pictures read of the settings.
     """
 
     folder: Path
+    raw: Path
     campaign: str
     provenance: str
     robot: str
+    instrument: str
     instrument_uncertainty_mm: float
     settings: PictureSettings
 
     @property
     def footer(self) -> str:
-        """What a picture was drawn from: the provenance in its own words."""
+        """What a picture was drawn from: the provenance in its own words, the first of many."""
         said = self.provenance.strip()
         kind = " Synthetic data." if _SYNTHETIC.match(said) else ""
-        return f"Campaign {self.campaign}.{kind} Provenance: {said.removesuffix('.')}."
+        return f"Campaign {self.campaign}.{kind} Provenance: {_first_sentences(said)}"
 
     @property
     def is_paper_arm(self) -> bool:
         """Whether the arm is the paper's, so that parameters may stand beside its Table I."""
         return self.robot == published.ROBOT
+
+    @property
+    def seeks_effects(self) -> bool:
+        """Whether effects can be sought: the instrument saw poses, not points or distances."""
+        return self.instrument in ("touch_trigger_cmm", "pose")
 
     def published(self, parameter: str) -> float | None:
         """Return the paper's value of a parameter [SI], None where there is none to compare."""
@@ -94,9 +93,68 @@ class Results:
         return published.parameter(parameter, self.settings.kcub_reading)
 
     def calibration(self, load: str = COMBINED) -> Calibration:
-        """Read `calibration/<load>.json`."""
-        path = self.folder / "calibration" / f"{load}.json"
-        return self._read(path, Calibration, schemas.CALIBRATION, "calibrate")
+        """Read `calibration/<load>.json` of the paper's model.
+
+        Raises:
+            RecordError: when it did not converge, or is of the complete model.
+        """
+        found = self.any_calibration(load)
+        if isinstance(found, Calibration):
+            return found
+        raise RecordError(
+            "the picture is of the paper's model",
+            where=str(self._calibration_path(load)),
+            value=f"a calibration with the {found.model} model",
+            allowed="a campaign calibrated with the paper's model",
+            remedy="draw the pictures of the complete model, or calibrate with "
+            "calibration.model: paper",
+        )
+
+    def complete(self) -> CompleteCalibration:
+        """Read the calibration of all loads with the complete model.
+
+        It is `calibration/combined.json`, or stands beside that of the paper's model.
+
+        Raises:
+            RecordError: when it did not converge, or is not of the complete model.
+        """
+        found = self.any_calibration()
+        if not isinstance(found, CompleteCalibration):
+            found = self.any_calibration(COMPLETE)
+        if isinstance(found, CompleteCalibration):
+            return found
+        raise RecordError(
+            "the picture is of the complete model",
+            where=str(self._calibration_path(COMPLETE)),
+            value=f"a calibration with the {found.model}'s model",
+            allowed="a calibration with the complete model",
+            remedy="run the calibrate stage with --load complete",
+        )
+
+    def chain(self) -> Chain:
+        """Return the chain of the nominal arm."""
+        return Chain.of(load_arm(self.robot, self.raw))
+
+    def any_calibration(self, load: str = COMBINED) -> Calibration | CompleteCalibration:
+        """Read `calibration/<load>.json`, whatever the model.
+
+        Raises:
+            RecordError: when one of its fits did not converge.
+        """
+        path, schema, stage = self._calibration_path(load), schemas.CALIBRATION, "calibrate"
+        content = read_content(path, schema, stage, self.campaign)
+        found: Calibration | CompleteCalibration
+        if content.get("model") == "complete":
+            found = as_record(content, CompleteCalibration, path, schema, stage)
+        else:
+            found = as_record(content, Calibration, path, schema, stage)
+        check_converged(path, found)
+        return found
+
+    def calibrations(self) -> tuple[Calibration | CompleteCalibration, ...]:
+        """Read the calibrations of all loads: one, or the paper's and the complete one beside."""
+        combined = self.any_calibration()
+        return (combined, self.complete()) if isinstance(combined, Calibration) else (combined,)
 
     def load_cases(self) -> dict[str, Calibration]:
         """Read the calibration of each single load, by its key in `errors`: `0`, `22`, ...."""
@@ -104,19 +162,31 @@ class Results:
         return {load: self.calibration(f"{load}N") for load in loads}
 
     def held_out(self) -> HeldOut:
-        """Read `evaluation/holdout.json`."""
+        """Read `evaluation/holdout.json`.
+
+        Raises:
+            RecordError: when what was evaluated did not converge.
+        """
         path = self.folder / "evaluation" / "holdout.json"
-        return self._read(path, HeldOut, schemas.HOLDOUT, "evaluate")
+        found = self._read(path, HeldOut, schemas.HOLDOUT, "evaluate")
+        self.any_calibration(found.calibration)
+        return found
 
     def analysis(self) -> Analysis:
-        """Read `discovery/analysis.json`."""
-        path = self.folder / "discovery" / "analysis.json"
-        return self._read(path, Analysis, schemas.ANALYSIS, "discover")
+        """Read `discovery/analysis.json`.
+
+        Raises:
+            RecordError: when the calibration it began with did not converge.
+        """
+        return self._discovered("analysis", Analysis, schemas.ANALYSIS)
 
     def verdict(self) -> Verdict:
-        """Read `discovery/verdict.json`."""
-        path = self.folder / "discovery" / "verdict.json"
-        return self._read(path, Verdict, schemas.VERDICT, "discover")
+        """Read `discovery/verdict.json`.
+
+        Raises:
+            RecordError: when the calibration it began with did not converge.
+        """
+        return self._discovered("verdict", Verdict, schemas.VERDICT)
 
     def base_frame(self) -> Array:
         """Read T_cmm_base (4, 4) of `seed/base_frame.json` [m]."""
@@ -136,79 +206,38 @@ class Results:
         ]
 
     def poses(self) -> Poses:
-        """Read `ingest/poses.parquet`, in order of time."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+        """Read the end-effector's places of `ingest/poses.parquet`, in order of time."""
+        return read_poses(self._poses_path, self.campaign)
 
-        path = self.folder / "ingest" / "poses.parquet"
-        place = ["ee_x_mm", "ee_y_mm", "ee_z_mm"]
-        columns = ["kind", "pose", "load_N", "repeat", "time_s", *place]
-        if not path.is_file():
-            raise _missing(path, "ingest")
-        try:
-            table = pq.read_table(path, columns=columns)
-        except (OSError, pa.ArrowException) as error:
-            raise _foreign(path, " ".join(str(error).split()), _POSES_SCHEMA, "ingest") from None
-        header = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}
-        self._check_header(path, header, _POSES_SCHEMA, "ingest")
-        if absent := set(columns) - set(table.column_names):
-            raise _foreign(path, f"no column {sorted(absent)[0]}", _POSES_SCHEMA, "ingest")
-        rows = table.sort_by("time_s").to_pydict()
-        return Poses(
-            kind=np.array(rows["kind"], dtype=np.str_),
-            pose=np.array(rows["pose"], dtype=np.str_),
-            load_N=np.array(rows["load_N"], dtype=np.float64),
-            repeat=np.array(rows["repeat"], dtype=np.int64),
-            p_cmm_mm=np.column_stack([np.array(rows[name], dtype=np.float64) for name in place]),
-        )
+    def joints(self) -> JointPositions:
+        """Read the joint positions of `ingest/poses.parquet`, in order of time."""
+        return read_joints(self._poses_path, self.campaign)
+
+    @property
+    def _poses_path(self) -> Path:
+        return self.folder / "ingest" / "poses.parquet"
+
+    def _calibration_path(self, load: str) -> Path:
+        return self.folder / "calibration" / f"{load}.json"
+
+    def _discovered(self, name: str, kind: type[_R], schema: str) -> _R:
+        found = self._read(self.folder / "discovery" / f"{name}.json", kind, schema, "discover")
+        self.any_calibration(self.settings.evaluation.calibration)
+        return found
 
     def _read(self, path: Path, kind: type[_R], schema: str, stage: str) -> _R:
-        """Read a JSON result of this campaign.
-
-        Raises:
-            RawDataError: when it is missing, is no such result, or is another campaign's.
-        """
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise _missing(path, stage) from None
-        except (OSError, ValueError) as error:
-            raise _foreign(path, str(error), schema, stage) from None
-        self._check_header(path, content if isinstance(content, dict) else {}, schema, stage)
-        try:
-            return kind.model_validate(content)
-        except ValidationError as error:
-            first = error.errors()[0]
-            key = ".".join(str(part) for part in first["loc"])
-            raise _foreign(path, f"{key}: {first['msg']}", schema, stage) from None
-
-    def _check_header(self, path: Path, header: dict[str, object], schema: str, stage: str) -> None:
-        if header.get("schema") != schema:
-            raise _foreign(path, header.get("schema", "no schema"), schema, stage)
-        if header.get("campaign") != self.campaign:
-            raise RawDataError(
-                "the result is another campaign's",
-                where=str(path),
-                value=header.get("campaign"),
-                allowed=self.campaign,
-                remedy="give the campaign's own --results-dir, or run its stages again",
-            )
+        return as_record(
+            read_content(path, schema, stage, self.campaign), kind, path, schema, stage
+        )
 
 
-def _missing(path: Path, stage: str) -> RawDataError:
-    return RawDataError(
-        "a result that the picture is drawn from is missing",
-        where=str(path),
-        allowed=f"a file that the {stage} stage wrote",
-        remedy=f"run the {stage} stage first",
-    )
-
-
-def _foreign(path: Path, value: object, schema: str, stage: str) -> RawDataError:
-    return RawDataError(
-        "the result cannot be read",
-        where=str(path),
-        value=value,
-        allowed=f"a file of schema {schema} that the {stage} stage wrote",
-        remedy=f"run the {stage} stage again",
-    )
+def _first_sentences(said: str) -> str:
+    """Return a text that ends with a full stop, cut after a sentence where it is long."""
+    if len(said) <= _MOST_LETTERS:
+        return f"{said.removesuffix('.')}."
+    first, *others = _SENTENCE_END.split(said)
+    for sentence in others:
+        if len(first) + len(sentence) > _MOST_LETTERS:
+            return f"{first.removesuffix('.')}. More in its campaign.yaml."
+        first = f"{first} {sentence}"
+    return f"{first.removesuffix('.')}."

@@ -9,19 +9,23 @@ from textwrap import wrap
 from typing import Any, Literal
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import Bbox
+from numpy.typing import ArrayLike, NDArray
 
 from pa10cal.files.output import whole_file
 
 WIDTH_MM = 170.0
 _MM_PER_INCH = 25.4
 _FOOTER_MM = 1.5
-_FOOTER_LETTERS = 112
+_FOOTER_LETTERS = 108
 _LINE_MM = 3.5
 _TWO_DECADES = 100.0
+#: More points than this are drawn as an image inside SVG and PDF, which stay small.
+_MOST_POINTS = 300
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 # Okabe and Ito's colours, told apart by colour-blind readers.
@@ -43,7 +47,13 @@ PAPER: dict[str, Any] = {
     "markerfacecolor": "white",
 }
 #: Models, in the order in which they improve.
-MODELS = {"uncalibrated": VERMILLION, "linear": GREEN, "cubic": BLUE, "extended": PURPLE}
+MODELS = {
+    "uncalibrated": VERMILLION,
+    "geometry": ORANGE,
+    "linear": GREEN,
+    "cubic": BLUE,
+    "extended": PURPLE,
+}
 BEFORE, AFTER, AFTER_COMBINED = VERMILLION, BLUE, SKY
 #: One after the other for loads, planes and whatever else comes in a row.
 SERIES = (SKY, ORANGE, PURPLE, GREEN, VERMILLION, BLUE, GREY, BLACK)
@@ -114,15 +124,35 @@ def panel(
     return figure.add_axes(box, **options)
 
 
-def plain_log(axes: Axes, along: Literal["x", "y"], low: float, high: float) -> None:
-    """Make an axis logarithmic from low to high, with plain numbers and always some of them."""
+def plain_log(
+    axes: Axes, along: Literal["x", "y"], low: float, high: float, few: bool = False
+) -> None:
+    """Make an axis logarithmic from low to high, with plain numbers and always some of them.
+
+    Args:
+        axes: to change.
+        along: which axis.
+        low, high: its ends.
+        few: whether it is short, with room for two or three numbers.
+    """
     (axes.set_xscale if along == "x" else axes.set_yscale)("log")
     (axes.set_xlim if along == "x" else axes.set_ylim)(low, high)
     axis = axes.xaxis if along == "x" else axes.yaxis
-    subs = (1.0,) if high / low > _TWO_DECADES else (1.0, 2.0, 5.0)
+    subs = (1.0,) if high / low > _TWO_DECADES else (1.0, 3.0) if few else (1.0, 2.0, 5.0)
     axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
+
+
+def points(axes: Axes, x: ArrayLike, y: ArrayLike, **look: Any) -> None:
+    """Draw points, as an image where there are thousands, so that files stay light."""
+    drawn: dict[str, Any] = {"linestyle": "none", "rasterized": np.size(x) > _MOST_POINTS}
+    axes.plot(x, y, **(drawn | look))
+
+
+def evenly(count: int, most: int) -> NDArray[np.intp]:
+    """Return so many rows of a count, at most, spread evenly over it."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
 
 
 def power_of_ten(power: int) -> str:

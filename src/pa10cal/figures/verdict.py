@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
-from pa10cal.figures.discovery_records import EffectName, FoundEffect, LoadGap, SetGap, Verdict
+from pa10cal.figures.discovery_records import (
+    EffectName,
+    FoundEffect,
+    LoadGap,
+    PartGap,
+    SetGap,
+    Verdict,
+)
 from pa10cal.figures.results import Results
 from pa10cal.figures.table import Grid, Row, Table
 
@@ -21,6 +29,17 @@ _GAP_HEADER: Row = (
     "peak before",
     "after",
     "mean less by, 95 % interval",
+)
+_PARTS = {"inside": "angles seen in the fit", "extrapolated": "extrapolated"}
+_BY_REPEATS = (
+    "Evidence: what the data would be less likely by without the effect (natural logarithm, "
+    "nats); the chance that sign flips over poses give any candidate as much (max T); and what "
+    "it explains of the error of poses and loads left out."
+)
+_BY_BLOCKS = (
+    "Evidence: how blocks of poses that were left out are predicted without the effect and with "
+    "it, in how many of them better, and the gain over its standard error (z). A map's knots are "
+    "all in the CSV. Extrapolated: poses with a joint at an angle not seen in the fit."
 )
 _MEANINGS = {
     "none": "None: model and measurement agree within the measured repeatability.",
@@ -67,12 +86,35 @@ def _grids(found: Verdict) -> Iterator[Grid]:
 
 
 def _effect_row(effect: FoundEffect) -> Row:
-    parameters = "; ".join(
+    parameters = _knots(effect) or "; ".join(
         f"{name} = {parameter.value:.5g} ± {_HALF_WIDTH_95 * parameter.std:.2g} {parameter.unit}"
         for name, parameter in effect.parameters.items()
     )
-    evidence = "; ".join(f"{name} {value:.3g}" for name, value in _statistics(effect.evidence))
+    evidence = _blocks(effect) or "; ".join(
+        f"{name} {value:.3g}" for name, value in _statistics(effect.evidence)
+    )
     return (effect.id, effect.of, parameters, _together(effect.alternatives) or "none", evidence)
+
+
+def _blocks(effect: FoundEffect) -> str:
+    """Say how blocks left out are predicted; empty where effects were judged by repeats."""
+    found = effect.evidence.get("blocks_left_out")
+    if not found:
+        return ""
+    return (
+        f"rms of blocks left out {found['rms_without_mm']:.3f} mm without, "
+        f"{found['rms_with_mm']:.3f} mm with it; better in {found['improved']} of "
+        f"{found['blocks']} blocks, z {found['z']:.1f}"
+    )
+
+
+def _knots(effect: FoundEffect) -> str:
+    """Sum up an effect of many knots; empty for others."""
+    knots = [entry for name, entry in effect.parameters.items() if name.startswith("knot_")]
+    if not knots:
+        return ""
+    rms = math.sqrt(sum(knot.value**2 for knot in knots) / len(knots))
+    return f"{len(knots)} knots a turn, rms {rms:.3g} {knots[0].unit}"
 
 
 def _statistics(evidence: dict[str, Any], of: str = "") -> Iterator[tuple[str, float]]:
@@ -100,16 +142,30 @@ def _gap_rows(found: Verdict) -> Iterator[Row]:
         yield _gap_row(poses, "all", gap)
         for load, at_load in gap.per_load.items():
             yield _gap_row(poses, load, at_load)
+        for part, within in _parts(gap):
+            yield (f"{poses}, {_PARTS[part]}", "all", *_errors(within), "")
 
 
 def _gap_row(poses: str, load: str, gap: LoadGap) -> Row:
-    errors = [
+    low, high = gap.reduction.interval95_mm
+    said = f"{low:.4f} to {high:.4f} ({gap.reduction.poses} poses)"
+    return (poses, load, *_errors(gap), said)
+
+
+def _errors(gap: PartGap) -> list[str]:
+    """Return mean, root mean square and peak, each before and after."""
+    return [
         f"{getattr(errors, name):.4f}"
         for name in ("mean_mm", "rms_mm", "peak_mm")
         for errors in (gap.before, gap.after)
     ]
-    low, high = gap.reduction.interval95_mm
-    return (poses, load, *errors, f"{low:.4f} to {high:.4f} ({gap.reduction.poses} poses)")
+
+
+def _parts(gap: SetGap) -> list[tuple[str, PartGap]]:
+    """Return the gap inside the angles seen in the fit, and beyond them, where they differ."""
+    if gap.inside is None or gap.extrapolated is None:
+        return []
+    return [("inside", gap.inside), ("extrapolated", gap.extrapolated)]
 
 
 def _data_rows(found: Verdict) -> Iterator[Row]:
@@ -127,7 +183,8 @@ def _data_rows(found: Verdict) -> Iterator[Row]:
     for entry in found.not_testable:
         yield ("not_testable", entry.id, entry.of, "", "", "", "", entry.why)
     for poses, gap in _sets(found):
-        for load, at_load in {"all": gap, **gap.per_load}.items():
+        parts: dict[str, PartGap] = {"all": gap, **gap.per_load, **dict(_parts(gap))}
+        for load, at_load in parts.items():
             for when, errors in (("before", at_load.before), ("after", at_load.after)):
                 for name in ("mean_mm", "rms_mm", "peak_mm"):
                     value = f"{getattr(errors, name):.6g}"
@@ -142,9 +199,7 @@ def _notes(found: Verdict) -> tuple[str, ...]:
         "Before is the calibrated model, after the same with the effects found, recalibrated, and "
         "with the places of the targets on the apparatus as that fit leaves them; with no effect "
         "the whole difference is theirs. Held-out poses are used for nothing else.",
-        "Evidence: what the data would be less likely by without the effect (natural logarithm, "
-        "nats); the chance that sign flips over poses give any candidate as much (max T); and what "
-        "it explains of the error of poses and loads left out.",
+        _BY_REPEATS if found.angles_seen is None else _BY_BLOCKS,
         "The interval of the reduction is over poses: the loads and repeats of a pose share its "
         "errors and count once.",
     )

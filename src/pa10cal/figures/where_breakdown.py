@@ -107,6 +107,10 @@ def _draw_parts(axes: Axes, names: list[str], rms: list[list[float]], floor: lis
 def _draw_directions(axes: Axes, found: Analysis) -> None:
     """Draw, for each joint, the mean error at cells where it came from either side."""
     ticks, labels = [], []
+    if not any(part.arrivals for part in found.before.by_joint):
+        axes.text(0.5, 0.55, "no direction was logged", transform=axes.transAxes, ha="center")
+        axes.set(xticks=[], yticks=[])
+        return
     for fit, look, aside in (
         (found.before, _BEFORE, -_ASIDE / 1.6),
         (found.after, _AFTER, _ASIDE / 1.6),
@@ -168,6 +172,8 @@ def _slopes(fit: LackOfFit) -> tuple[list[Estimate | None], list[Estimate | None
 def _against_pure_error(found: Analysis) -> str:
     """Say how what poses share compares with pure error, before and after."""
     tests = [("before", found.before.pose.shared), ("after", found.after.pose.shared)]
+    if not any(test for _, test in tests):
+        return "No pose was repeated: repeatability is that of poses nearly alike, or as stated."
     said = ", ".join(
         f"{_number(test.F)} {when} (p {_probability(test.p_value)})" for when, test in tests if test
     )

@@ -18,6 +18,7 @@ from pa10cal.figures.style import (
     GREY,
     WIDTH_MM,
     new_figure,
+    points,
 )
 
 _HEIGHT_MM = 128.0
@@ -38,10 +39,13 @@ def draw(results: Results) -> Figure:
     fits = ((found.before, BEFORE, _BROAD), (found.after, AFTER, 1.0))
     limit = max(_limit(joint) for fit, _, _ in fits for joint in fit.cells.joints)
     highest = max(
-        (max((*part.periodogram.explained_rad, *part.periodogram.marked_rad)) * 1e6)
-        for fit, _, _ in fits
-        for part in fit.by_joint
-        if part.periodogram is not None
+        (
+            max((*part.periodogram.explained_rad, *part.periodogram.marked_rad)) * 1e6
+            for fit, _, _ in fits
+            for part in fit.by_joint
+            if part.periodogram is not None
+        ),
+        default=1.0,
     )
     points = joint_panels(figure, len(joints), 73.0, 43.0, "angle error [µrad]")
     orders = joint_panels(figure, len(joints), 26.0, 30.0, "explained, rms [µrad]")
@@ -79,13 +83,13 @@ def _limit(joint: CellJoint) -> float:
 def _draw_points(axes: Axes, fits: _Fits, k: int) -> None:
     for fit, colour, broad in fits:
         joint = fit.cells.joints[k]
-        axes.plot(
+        points(
+            axes,
             np.degrees(joint.q_rad),
             1e6 * np.array(joint.error_rad),
             color=colour,
             marker=".",
             markersize=2.2 * broad,
-            linestyle="none",
         )
     over_angle(axes, np.degrees(joint.q_rad))
 

@@ -6,10 +6,16 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pa10cal.stages.command import limit_threads, run_stage
+
+if TYPE_CHECKING:
+    from pa10cal.campaign.observations import PoseObservations
+    from pa10cal.discovery.problem import Baseline, Setting
+    from pa10cal.settings import DiscoverySettings
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -29,11 +35,10 @@ def _describe(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> None:
+    from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import observations, read_pose_table
-    from pa10cal.discovery.discover import discover, unresolved
     from pa10cal.discovery.problem import Baseline
-    from pa10cal.discovery.suggest import plan
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import whole_files, write_json, write_text
     from pa10cal.files.schemas import ANALYSIS, CALIBRATION, EXTENDED, VERDICT
@@ -43,23 +48,15 @@ def _run(arguments: argparse.Namespace) -> None:
         parse_section,
         read_settings_argument,
     )
-    from pa10cal.stages.analysis_record import analysis_record
     from pa10cal.stages.calibration_record import read_fit
     from pa10cal.stages.discovery_setting import setting_of, with_bends
-    from pa10cal.stages.extended_record import extended_record
     from pa10cal.stages.records import read_record
-    from pa10cal.stages.suggestion_record import (
-        separation_records,
-        suggestion_records,
-        suggestion_table,
-    )
-    from pa10cal.stages.verdict_record import verdict_record
 
     began = time.perf_counter()
     settings = read_settings_argument(DiscoverySettings, arguments.settings)
     campaign = read_campaign(arguments.campaign_dir)
     arm = load_arm(campaign.robot, arguments.campaign_dir)
-    table = read_pose_table(arguments.poses, campaign.name)
+    table, from_order = read_pose_table(arguments.poses, campaign.name), False
     record = read_record(
         arguments.calibration, CALIBRATION, ("parameters", "settings"), campaign.name
     )
@@ -67,12 +64,96 @@ def _run(arguments: argparse.Namespace) -> None:
         CalibrationSettings, record["settings"], where=str(arguments.calibration)
     )
     model, x, T_cmm_base = read_fit(record, arm, arguments.calibration, cubic=True)
+    setting = setting_of(campaign, arm, calibration, settings)
+    grid = observations(table, kind="grid", average=False, covariance="instrument")
+    judge = _by_blocks if _left_out(grid) else _by_repeats
+    if judge is _by_blocks:
+        table, from_order = with_arrivals(table)
+        grid = observations(table, kind="grid", average=False, covariance="instrument")
     held_out = observations(table, kind="holdout")
+    if record.get("model") == "complete":
+        from pa10cal.stages.complete_record import as_modelled, read_complete
+
+        fitted = read_complete(record, arm, arguments.calibration)
+        grid, held_out = (as_modelled(poses, fitted, setting.burden) for poses in (grid, held_out))
+    outcome = judge(
+        grid, held_out, Baseline(with_bends(model), x, T_cmm_base), setting, settings, record
+    )
+    header = {"campaign": campaign.name, "provenance": campaign.provenance}
+    verdict = {
+        "schema": VERDICT,
+        **header,
+        **outcome.verdict,
+        "arrival_from_order": from_order,
+        "seconds": time.perf_counter() - began,
+    }
+    extended = {
+        "schema": EXTENDED,
+        **header,
+        "robot": campaign.robot,
+        "calibration": record["load"],
+        "verdict": verdict["verdict"],
+        "arrival_from_order": from_order,
+        "named": [
+            {key: effect[key] for key in ("id", "of", "parameters", "alternatives")}
+            for effect in verdict["effects"]
+        ],
+        "warnings": _warnings(verdict),
+        **outcome.extended,
+    }
+    outputs = (arguments.suggested, arguments.extended, arguments.analysis, arguments.verdict)
+    with whole_files(*outputs) as (table_beside, extended_beside, analysis_beside, verdict_beside):
+        write_text(table_beside, outcome.suggested)
+        write_json(extended_beside, extended)
+        write_json(analysis_beside, {"schema": ANALYSIS, **header, **outcome.analysis})
+        write_json(verdict_beside, verdict)
+    _say(campaign.name, verdict)
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """What a search comes to, ready to be written."""
+
+    verdict: dict[str, Any]
+    extended: dict[str, Any]
+    analysis: dict[str, Any]
+    suggested: str
+
+
+def _left_out(grid: PoseObservations) -> bool:
+    """Tell whether effects are judged by blocks of poses left out, and not by repeats."""
+    from pa10cal.discovery.left_out.survey import enough
+    from pa10cal.discovery.repeatability import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
+
+    repeats = repeated(grid)
+    return enough(len(grid)) and repeats < max(LEAST_DIFFERENCES, LEAST_REPEATED * len(grid))
+
+
+def _by_repeats(
+    grid: PoseObservations,
+    held_out: PoseObservations,
+    baseline: Baseline,
+    setting: Setting,
+    settings: DiscoverySettings,
+    record: dict[str, Any],
+) -> _Outcome:
+    """Judge effects against the scatter of repeats."""
+    from pa10cal.discovery.discover import discover, unresolved
+    from pa10cal.discovery.suggest import plan
+    from pa10cal.stages.analysis_record import analysis_record
+    from pa10cal.stages.extended_record import extended_record
+    from pa10cal.stages.suggestion_record import (
+        separation_records,
+        suggestion_records,
+        suggestion_table,
+    )
+    from pa10cal.stages.verdict_record import verdict_record
+
     found = discover(
-        observations(table, kind="grid", average=False, covariance="instrument"),
+        grid,
         held_out if len(held_out) else None,
-        Baseline(with_bends(model), x, T_cmm_base),
-        setting_of(campaign, arm, calibration, settings),
+        baseline,
+        replace(setting, flexible_joints=tuple(record.get("springs", setting.flexible_joints))),
         settings.error_rate,
     )
     ahead = plan(
@@ -82,35 +163,57 @@ def _run(arguments: argparse.Namespace) -> None:
         settings.suggestions,
         settings.random_seed,
     )
-    header = {"campaign": campaign.name, "provenance": campaign.provenance}
     verdict = {
-        "schema": VERDICT,
-        **header,
         **verdict_record(found, settings.error_rate),
         "suggested_poses": suggestion_records(ahead.suggestions),
         "separations": separation_records(ahead.separations),
-        "seconds": time.perf_counter() - began,
     }
-    extended = {
-        "schema": EXTENDED,
-        **header,
-        "robot": campaign.robot,
-        "calibration": record["load"],
-        "verdict": verdict["verdict"],
-        "named": [
-            {key: effect[key] for key in ("id", "of", "parameters", "alternatives")}
-            for effect in verdict["effects"]
-        ],
-        "warnings": _warnings(verdict),
-        **extended_record(found),
+    joints = baseline.model.chain.arm.n
+    return _Outcome(
+        verdict,
+        extended_record(found),
+        analysis_record(found),
+        suggestion_table(ahead.suggestions, joints),
+    )
+
+
+def _by_blocks(
+    grid: PoseObservations,
+    held_out: PoseObservations,
+    baseline: Baseline,
+    setting: Setting,
+    settings: DiscoverySettings,
+    record: dict[str, Any],
+) -> _Outcome:
+    """Judge effects by how well blocks of poses are predicted that were left out."""
+    import numpy as np
+
+    from pa10cal.discovery.left_out.discover import discover_left_out
+    from pa10cal.discovery.left_out.fill import fill
+    from pa10cal.stages.left_out_analysis import left_out_analysis
+    from pa10cal.stages.left_out_record import left_out_extended, left_out_verdict
+    from pa10cal.stages.suggestion_record import filling_records, filling_table
+
+    found = discover_left_out(
+        grid,
+        held_out,
+        baseline,
+        setting,
+        settings.error_rate,
+        torques_logged=record.get("torques_from", "logged") == "logged"
+        and bool(np.isfinite(grid.states.tau_Nm).all()),
+    )
+    ahead = fill(found.survey, found.seen, settings.suggestions, settings.random_seed)
+    verdict = {
+        **left_out_verdict(found, settings.error_rate),
+        "suggested_poses": filling_records(ahead),
     }
-    outputs = (arguments.suggested, arguments.extended, arguments.analysis, arguments.verdict)
-    with whole_files(*outputs) as (table_beside, extended_beside, analysis_beside, verdict_beside):
-        write_text(table_beside, suggestion_table(ahead.suggestions, arm.n))
-        write_json(extended_beside, extended)
-        write_json(analysis_beside, {"schema": ANALYSIS, **header, **analysis_record(found)})
-        write_json(verdict_beside, verdict)
-    _say(campaign.name, verdict)
+    return _Outcome(
+        verdict,
+        left_out_extended(found),
+        left_out_analysis(found),
+        filling_table(ahead, baseline.model.chain.arm.n),
+    )
 
 
 def _warnings(verdict: dict[str, Any]) -> list[str]:
@@ -137,10 +240,13 @@ def _warnings(verdict: dict[str, Any]) -> list[str]:
 def _say(name: str, verdict: dict[str, Any]) -> None:
     print(f"{name}: {verdict['verdict']}")
     for effect in verdict["effects"]:
-        values = ", ".join(
-            f"{key} = {entry['value']:.4g} ± {2.0 * entry['std']:.1g} {entry['unit']}"
-            for key, entry in effect["parameters"].items()
-            if not key.startswith("knot")
+        values = (
+            ", ".join(
+                f"{key} = {entry['value']:.4g} ± {2.0 * entry['std']:.1g} {entry['unit']}"
+                for key, entry in effect["parameters"].items()
+                if not key.startswith("knot")
+            )
+            or f"{len(effect['parameters'])} knots a turn"
         )
         rivals = " or ".join(f"{rival['id']} of {rival['of']}" for rival in effect["alternatives"])
         print(
@@ -158,6 +264,13 @@ def _say(name: str, verdict: dict[str, Any]) -> None:
                 f"{gap['after']['mean_mm']:.4f} mm, less by {low:.4f} to {high:.4f} mm (95 %); "
                 f"repeatability alone {gap['noise_floor_mm']:.4f} mm"
             )
+            for part in ("inside", "extrapolated"):
+                if gap.get(part):
+                    print(
+                        f"{name}:   {part}: {gap[part]['after']['configurations']} poses, rms "
+                        f"{gap[part]['before']['rms_mm']:.4f} -> "
+                        f"{gap[part]['after']['rms_mm']:.4f} mm"
+                    )
     for warning in _warnings(verdict):
         print(f"{name}: note: {warning}", file=sys.stderr)
 

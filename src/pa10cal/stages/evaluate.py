@@ -83,7 +83,7 @@ def _run(arguments: argparse.Namespace) -> None:
         for name, (model, x, T_cmm_base) in fits.items()
     }
     if arguments.extended is not None:
-        judged["extended"] = _extended(arguments, record, campaign, held_out)
+        judged["extended"] = _extended(arguments, record, campaign, table)
     models = {
         name: {
             **asdict(found.overall),
@@ -106,13 +106,17 @@ def _judge_complete(
     table: pd.DataFrame,
 ) -> None:
     """Judge the models of a complete calibration on what the instrument saw."""
+    from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
+    from pa10cal.settings import CalibrationSettings, DiscoverySettings, parse_section
     from pa10cal.stages.complete_evaluation import (
         complete_models,
         held_out_with_torques,
         judged_record,
     )
+    from pa10cal.stages.discovery_setting import setting_of
+    from pa10cal.stages.left_out_model import extended_model
 
     arm = load_arm(campaign.robot, arguments.campaign_dir)
     held_out = held_out_with_torques(table, campaign, arm)
@@ -120,6 +124,18 @@ def _judge_complete(
         name: judged_record(model, held_out)
         for name, model in complete_models(record, arm, arguments.calibration).items()
     }
+    if arguments.extended is not None:
+        extended = extended_model(arguments.extended, record, arm, arguments.calibration)
+        if extended.arrival_from_order:
+            held_out = held_out_with_torques(with_arrivals(table)[0], campaign, arm)
+        calibration = parse_section(
+            CalibrationSettings, record["settings"], where=str(arguments.calibration)
+        )
+        setting = setting_of(campaign, arm, calibration, DiscoverySettings())
+        held_out = extended.completed(held_out, setting)
+        models["extended"] = judged_record(
+            extended.fitted, held_out, extended.extrapolated(held_out.states)
+        )
     write_json(arguments.out, {**header, "configurations": len(held_out), "models": models})
     _say(campaign.name, models, len(held_out))
 
@@ -136,9 +152,11 @@ def _extended(
     arguments: argparse.Namespace,
     record: dict[str, Any],
     campaign: Campaign,
-    held_out: PoseObservations,
+    table: pd.DataFrame,
 ) -> HeldOut:
     """Judge the model with the effects that discovery named."""
+    from pa10cal.campaign.arrival_order import with_arrivals
+    from pa10cal.campaign.table import observations
     from pa10cal.discovery.fit import as_read
     from pa10cal.discovery.problem import Baseline, complete_about
     from pa10cal.evaluation.holdout import judge
@@ -159,8 +177,10 @@ def _extended(
         arguments.extended, EXTENDED, ("effects", "x", "targets_off_m"), campaign.name
     )
     baseline, model, x, T_cmm_base = read_extended(extended, with_bends(model), arguments.extended)
+    if extended.get("arrival_from_order"):
+        table, _ = with_arrivals(table)
     poses = complete_about(
-        held_out,
+        observations(table, kind="holdout"),
         baseline,
         Baseline(model, x, T_cmm_base),
         setting_of(campaign, arm, calibration, DiscoverySettings()),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,9 @@ from pa10cal.discovery.fit import Fit, apparatus_m, covariance_of, possible_size
 from pa10cal.discovery.problem import Baseline
 from pa10cal.errors import RecordError
 from pa10cal.stages.records import read_pose_matrix, read_vector
-from pa10cal.terms.effects.effect import Surroundings
+from pa10cal.terms.effects.effect import Effect, Surroundings
 from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report
 
@@ -44,11 +45,7 @@ def extended_record(found: Discovery) -> dict[str, Any]:
             "x": found.problem.baseline.x.tolist(),
             "T_cmm_base": found.problem.baseline.T_cmm_base.tolist(),
         },
-        "surroundings": {
-            field.name: _plain(getattr(found.problem.surroundings, field.name))
-            for field in fields(Surroundings)
-            if field.name != "arm"
-        },
+        "surroundings": surroundings_record(found.problem.surroundings),
     }
 
 
@@ -69,7 +66,7 @@ def read_extended(
     try:
         around = _surroundings(record["surroundings"], arm)
         known = {(effect.id, effect.of): effect for effect in candidates(around)}
-        effects = [known[entry["id"], entry["of"]] for entry in record["effects"]]
+        effects = [_in_form(known[e["id"], e["of"]], e.get("form")) for e in record["effects"]]
         amounts = [
             read_vector(entry, "x", len(effect.parameters), path)
             for effect, entry in zip(effects, record["effects"], strict=True)
@@ -92,6 +89,20 @@ def read_extended(
     return baseline, model, x, read_pose_matrix(record, "T_cmm_base", path)
 
 
+def form_record(effect: Effect) -> dict[str, Any] | None:
+    """Return spacing and smoothness of a map that has its own; None for every other effect."""
+    if not isinstance(effect, JointErrorMap) or effect.fading is None:
+        return None
+    return {"knots": effect.knots, "fading": asdict(effect.fading)}
+
+
+def _in_form(effect: Effect, form: dict[str, Any] | None) -> Effect:
+    """Return an effect in the form that `form_record` wrote."""
+    if form is None or not isinstance(effect, JointErrorMap):
+        return effect
+    return replace(effect, knots=int(form["knots"]), fading=Fading(**form["fading"]))
+
+
 def base_of(found: Fit) -> Array:
     """Return T_cmm_base (4, 4) with the fit's own small motions of the base."""
     moved = np.eye(4)
@@ -109,16 +120,17 @@ def parameter_records(found: Discovery, extended: Fit) -> dict[str, dict[str, An
     report = model.report(extended.x[own])
     told = np.sqrt(np.diag(covariance))[own] < _TOLD * possible_sizes(model)
     touched = report.jacobian != 0.0
-    records = _records(report, covariance[np.ix_(own, own)])
+    records = records_of(report, covariance[np.ix_(own, own)])
     for name, row in zip(records, touched, strict=True):
         records[name]["identifiable"] = bool(np.all(told[row]))
-    base = _records(report_base(base_of(extended)), covariance[-6:, -6:])
+    base = records_of(report_base(base_of(extended)), covariance[-6:, -6:])
     for record in base.values():
         record["identifiable"] = True
     return records | base
 
 
-def _records(report: Report, covariance: Array) -> dict[str, dict[str, Any]]:
+def records_of(report: Report, covariance: Array) -> dict[str, dict[str, Any]]:
+    """Return reported parameters with the uncertainty that a covariance of those solved gives."""
     std = np.sqrt(np.diag(report.jacobian @ covariance @ report.jacobian.T))
     return {
         parameter.name: {
@@ -128,6 +140,15 @@ def _records(report: Report, covariance: Array) -> dict[str, dict[str, Any]]:
             "tolerance": parameter.tolerance,
         }
         for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)
+    }
+
+
+def surroundings_record(surroundings: Surroundings) -> dict[str, Any]:
+    """Return what decides where effects may sit, but for the arm."""
+    return {
+        field.name: _plain(getattr(surroundings, field.name))
+        for field in fields(Surroundings)
+        if field.name != "arm"
     }
 
 

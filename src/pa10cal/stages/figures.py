@@ -23,7 +23,7 @@ def _describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--settings",
         default="{}",
-        help="sections figures, kcub_reading and montecarlo: JSON or YAML file",
+        help="sections figures, kcub_reading, montecarlo and evaluation: JSON or YAML file",
     )
     parser.add_argument("--out-dir", type=Path, required=True)
 
@@ -48,9 +48,11 @@ def _run(arguments: argparse.Namespace) -> None:
     campaign = read_campaign(arguments.campaign_dir)
     results = Results(
         folder=arguments.results_dir,
+        raw=arguments.campaign_dir,
         campaign=campaign.name,
         provenance=campaign.provenance,
         robot=campaign.robot,
+        instrument=campaign.instrument.kind,
         instrument_uncertainty_mm=campaign.instrument.uncertainty_mm,
         settings=settings,
     )

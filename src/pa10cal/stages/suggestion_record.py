@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pa10cal.discovery.left_out.fill import FillingPose
 from pa10cal.discovery.suggest import Separation, Suggestion
 
 
@@ -68,4 +69,33 @@ def suggestion_table(suggestions: Sequence[Suggestion], joints: int) -> str:
                 "; ".join(record["for"]),
             ]
         )
+    return text.getvalue()
+
+
+def filling_records(poses: Sequence[FillingPose]) -> list[dict[str, Any]]:
+    """Return one record a configuration that shows joint angles not seen so far."""
+    return [
+        {
+            "q_deg": np.degrees(pose.q_rad).tolist(),
+            "q_rad": pose.q_rad.tolist(),
+            "load_N": pose.load_N,
+            "for": [f"angle of joint {joint} not seen" for joint in pose.joints],
+        }
+        for pose in poses
+    ]
+
+
+def filling_table(poses: Sequence[FillingPose], joints: int) -> str:
+    """Return these configurations as the text of a CSV file; only the header where there are none.
+
+    Args:
+        poses: the configurations.
+        joints: n, joints of the arm.
+    """
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["order", *(f"q{j}_deg" for j in range(1, joints + 1)), "load_N", "for"])
+    for order, record in enumerate(filling_records(poses), start=1):
+        angles = (f"{angle:.4f}" for angle in record["q_deg"])
+        rows.writerow([order, *angles, f"{record['load_N']:g}", "; ".join(record["for"])])
     return text.getvalue()

@@ -32,8 +32,8 @@ def verdict_record(found: Discovery, error_rate: float) -> dict[str, Any]:
         "not_told_apart": [[name_of(effect) for effect in group] for group in found.alike],
         "gap": {
             "noise_floor_mm": found.noise_floor_mm,
-            "train": _gap(found.train),
-            "holdout": None if found.holdout is None else _gap(found.holdout),
+            "train": gap_record(found.train),
+            "holdout": None if found.holdout is None else gap_record(found.holdout),
         },
         "search": {
             "candidates": len(found.family),
@@ -106,7 +106,8 @@ def _place(entry: Unexplained) -> dict[str, Any]:
     }
 
 
-def _gap(found: Gap) -> dict[str, Any]:
+def gap_record(found: Gap) -> dict[str, Any]:
+    """Return the gap before and after, over all loads and load by load."""
     return {
         "before": _accuracy(found.before),
         "after": _accuracy(found.after),

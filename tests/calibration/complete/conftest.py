@@ -32,25 +32,29 @@ def random_joints(arm: Arm, count: int, generator: np.random.Generator) -> Array
 
 
 def see(
-    robot: str,
+    robot: str | Arm,
     kind: str,
     count: int = 60,
     seed: int = 1,
     noise_m: float = 0.0,
     size: float = 1.0,
     tilted: bool = True,
+    posed: Callable[[Array], Array] = lambda q_rad: q_rad,
+    targets_m: Array = P_EE_TARGETS_M,
 ) -> Sightings:
     """Let an instrument see random poses of an arm with random departures.
 
-    Where not `tilted`, axes that were designed parallel are.
+    Where not `tilted`, axes that were designed parallel are. `posed` makes of the joint positions
+    drawn those that are measured.
     """
-    arm, generator = load_arm(robot), np.random.default_rng(seed)
+    arm = load_arm(robot) if isinstance(robot, str) else robot
+    generator = np.random.default_rng(seed)
     chain, links = Chain.of(arm), link_departures(arm, Tolerances())
     departures = size * np.array([p.scale for p in links.parameters])
     departures *= np.random.default_rng(seed).standard_normal(len(departures))
     if not tilted:
         departures[[name.startswith("beta") for name in links.coordinates]] = 0.0
-    q_rad = random_joints(arm, count, np.random.default_rng([seed, count]))
+    q_rad = posed(random_joints(arm, count, np.random.default_rng([seed, count])))
     coordinates = chain.coordinates(q_rad)
     coordinates[:, chain.columns(links.coordinates)] += departures
     T_cmm_base = np.eye(4)
@@ -65,9 +69,7 @@ def see(
         np.full(count, 20.0),
         np.arange(count, dtype=float),
     )
-    p_cmm_m = T_cmm_ee[:, None, :3, 3] + np.einsum(
-        "pij,bj->pbi", T_cmm_ee[:, :3, :3], P_EE_TARGETS_M
-    )
+    p_cmm_m = T_cmm_ee[:, None, :3, 3] + np.einsum("pij,bj->pbi", T_cmm_ee[:, :3, :3], targets_m)
     u_m = max(noise_m, 1e-5)
     unit = u_m**2 * np.eye(3)
     if kind == "pose":

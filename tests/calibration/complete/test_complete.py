@@ -156,6 +156,15 @@ def test_springs_without_torques_are_refused(see):
         calibrate_complete(arm, sightings, start, None, CompleteOptions(springs=(2,)))
 
 
+def test_a_spring_that_nothing_loads_is_refused(see):
+    arm, sightings = load_arm("ur10"), see("ur10", "pose")
+    burden = Burden(0.0, np.zeros(3), np.zeros(3), np.array([0.0, 0.0, -9.81]))
+    with pytest.raises(CalibrationError, match="joint 1 carries no torque"):
+        calibrate_complete(
+            arm, sightings, find_start(arm, sightings), burden, CompleteOptions(springs=(1, 2))
+        )
+
+
 def test_torques_of_the_masses_stand_for_logged_ones(see):
     arm, sightings = load_arm("ur10"), see("ur10", "pose")
     burden = Burden(0.0, np.zeros(3), np.zeros(3), np.array([0.0, 0.0, -9.81]))

@@ -29,6 +29,8 @@ TorqueSource = Literal["logged", "masses", "none"]
 
 #: Part of the largest torque that a joint's torque must vary by for its spring to be looked for.
 _LEAST_TORQUE_SHARE = 0.02
+#: Less than this is none.
+_NO_TORQUE_NM = 1e-9
 #: A usual stiffness, from which springs start [N m/rad].
 _USUAL_STIFFNESS = 5e4
 
@@ -120,15 +122,19 @@ def calibrate_complete(
     found = fit(problem, x_start, robust=options.robust, max_iterations=options.max_iterations)
     settled = tilts_not_shown(problem, found)
     if settled:
-        problem, x_start = _without(problem, found, {each.parameter.name for each in settled})
+        names = {each.parameter.name for each in settled}
+        kept = np.array([parameter.name not in names for parameter in problem.parameters])
+        problem, x_start = _without(problem, names), found.x[kept]
         unknowns = replace(unknowns, links=_links_of(problem))
-        found = fit(problem, x_start, robust=options.robust, max_iterations=options.max_iterations)
+        fewer = fit(problem, x_start, robust=options.robust, max_iterations=options.max_iterations)
+        # That they are zero is not known: what the others are known to is what it was with them.
+        found = replace(fewer, covariance=found.covariance[np.ix_(kept, kept)])
     seconds = time.perf_counter() - began
     return Complete(arm, start, unknowns, settled, springs, source, problem, found, seconds)
 
 
-def _without(problem: Problem, found: Fit, names: set[str]) -> tuple[Problem, Array]:
-    """Return the problem with some departures of links left at zero, and where to set out."""
+def _without(problem: Problem, names: set[str]) -> Problem:
+    """Return the problem with some departures of links left at zero."""
     links = _links_of(problem)
     pairs = [
         (parameter, coordinate)
@@ -136,9 +142,7 @@ def _without(problem: Problem, found: Fit, names: set[str]) -> tuple[Problem, Ar
         if parameter.name not in names
     ]
     fewer = Offsets(tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs))
-    kept = np.array([parameter.name not in names for parameter in problem.parameters])
-    model = Model(problem.model.chain, (fewer, *problem.model.terms[1:]))
-    return replace(problem, model=model), found.x[kept]
+    return replace(problem, model=Model(problem.model.chain, (fewer, *problem.model.terms[1:])))
 
 
 def _links_of(problem: Problem) -> Offsets:
@@ -191,11 +195,21 @@ def _springs(
                     allowed=f"turning joints of 1 to {arm.n}",
                     remedy="correct the list",
                 )
+            if not np.any(np.abs(sightings.states.tau_Nm[:, joint - 1]) > _NO_TORQUE_NM):
+                raise CalibrationError(
+                    f"joint {joint} carries no torque in any pose, so its spring shows nowhere",
+                    where="complete.springs",
+                    value=joint,
+                    allowed="joints that weights load",
+                    remedy="leave the joint out, or measure with a load that it carries",
+                )
         return tuple(sorted(set(wanted)))
     span = np.ptp(sightings.states.tau_Nm, axis=0)
     turning = ~arm.prismatic
     least = _LEAST_TORQUE_SHARE * float(np.max(span[turning], initial=0.0))
-    return tuple(int(joint) + 1 for joint in np.flatnonzero(turning & (span > max(least, 1e-9))))
+    return tuple(
+        int(joint) + 1 for joint in np.flatnonzero(turning & (span > max(least, _NO_TORQUE_NM)))
+    )
 
 
 def _model_start(model: Model, start: Start) -> Array:

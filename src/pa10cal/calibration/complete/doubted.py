@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 #: Probability that a pose is doubted in a campaign without a wrong one.
 _ERROR_RATE = 0.01
+#: A pose with less weight than this is doubted in any case: none counts for little unsaid.
+_LITTLE_WEIGHT = 0.5
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ def doubted(problem: Problem, fit: Fit) -> tuple[Doubted, ...]:
     count = len(fit.distance)
     seen = problem.components_seen.sum(axis=1)
     limit = np.sqrt(chdtri(np.maximum(seen, 1), _ERROR_RATE / count))
-    rows = np.flatnonzero(fit.distance > limit)
+    rows = np.flatnonzero((fit.distance > limit) | (fit.weights < _LITTLE_WEIGHT))
     rows = rows[np.argsort(-fit.distance[rows])]
     sizes = {
         kind: np.sqrt(

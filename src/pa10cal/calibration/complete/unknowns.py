@@ -2,9 +2,12 @@
 minimal, since none repeats what others say.
 
 Candidates are taken one after the other, frames first, then targets, then the links from the base
-outward; one whose effect is a combination of those before it is left out. That is a matter of arm
-and instrument alone, so it is settled at random joint positions within the limits, before any
-reading; what the measured poses then leave open is another question, answered by the rank.
+outward; one whose effect is a combination of those before it is left out. One that could be said
+only by large motions of others takes the place of the last of these: along axes that are all but
+parallel, the height of tool or target says the same as the links only by being metres off. That is
+a matter of arm and instrument alone, so it is settled at random joint positions within the limits,
+before any reading; what the measured poses then leave open is another question, answered by the
+rank.
 """
 
 from __future__ import annotations
@@ -30,6 +33,8 @@ _CONFIGURATIONS = 60
 _RANDOM_SEED = 1
 #: Part of a column that the columns before it must leave: exact redundancy leaves 1e-13.
 _LEAST_LEFT = 1e-8
+#: A parameter is not said by another that has to move the target so many times further.
+_MOST_TIMES = 5.0
 #: Joints without a stated limit are taken through so much.
 _WIDEST_RAD = np.pi
 
@@ -99,7 +104,9 @@ def choose_unknowns(
     parameters = (*model.parameters[:at], *place_parameters(seen), *model.parameters[at:])
     columns = np.concatenate([by_model[..., :at], found.by_place, by_model[..., at:]], axis=2)
     columns = columns.reshape(-1, len(parameters)) * [p.scale for p in parameters]
-    kept, redundant = _independent(columns, parameters)
+    base_first = len(base.parameters)
+    kept = _well_said(columns, _independent(columns), base_first)
+    redundant = _redundant(columns, kept, parameters)
     names = {parameters[k].name for k in kept}
     first_place = at
     places = [k - first_place for k in kept if first_place <= k < first_place + len(places_m)]
@@ -119,13 +126,10 @@ def _along_instrument(jacobian: Array, T_cmm_base: Array) -> Array:
     return turned
 
 
-def _independent(
-    columns: Array, parameters: tuple[Parameter, ...]
-) -> tuple[list[int], tuple[Redundant, ...]]:
-    """Return the columns kept, in order, and what the others repeat."""
+def _independent(columns: Array) -> list[int]:
+    """Return the columns, in order, that are no combinations of those before them."""
     basis = np.zeros((len(columns), 0))
     kept: list[int] = []
-    redundant = []
     for k, column in enumerate(columns.T):
         size = np.linalg.norm(column)
         left = column - basis @ (basis.T @ column)
@@ -134,18 +138,43 @@ def _independent(
         if size > 0.0 and length > _LEAST_LEFT * size:
             basis = np.column_stack([basis, left / length])
             kept.append(k)
-            continue
-        said_by = {}
-        if size > 0.0:
-            parts = np.linalg.lstsq(columns[:, kept], column, rcond=1e-12)[0]
-            scale = parameters[k].scale
-            said_by = {
-                parameters[other].name: float(part * parameters[other].scale / scale)
-                for other, part in zip(kept, parts, strict=True)
-                if abs(part) > 1e-6
-            }
-        redundant.append(Redundant(parameters[k].name, said_by))
-    return kept, tuple(redundant)
+    return kept
+
+
+def _well_said(columns: Array, kept: list[int], first: int) -> list[int]:
+    """Exchange columns kept, none before `first`, for those that they say only by large motions.
+
+    Every exchange makes the volume that unit columns span larger by the motion's size (Gu and
+    Eisenstat, 1996), so that they come to an end.
+    """
+    size = np.linalg.norm(columns, axis=0)
+    unit = columns / np.where(size > 0.0, size, 1.0)
+    while True:
+        others = [k for k in np.flatnonzero(size) if k not in kept]
+        parts = np.abs(np.linalg.lstsq(unit[:, kept], unit[:, others], rcond=1e-12)[0])
+        parts[np.array(kept) < first] = 0.0
+        if not parts.size or parts.max() <= _MOST_TIMES:
+            return kept
+        worst = int(np.argmax(parts.max(axis=0)))
+        last = int(np.flatnonzero(parts[:, worst] > _MOST_TIMES)[-1])
+        kept = sorted([*kept[:last], *kept[last + 1 :], int(others[worst])])
+
+
+def _redundant(
+    columns: Array, kept: list[int], parameters: tuple[Parameter, ...]
+) -> tuple[Redundant, ...]:
+    """Return the parameters left out, and what those kept say of them."""
+    others = [k for k in range(len(parameters)) if k not in kept]
+    scale = np.array([parameter.scale for parameter in parameters])
+    parts = np.linalg.lstsq(columns[:, kept], columns[:, others], rcond=1e-12)[0]
+    parts = np.where(np.abs(parts) > 1e-6, parts, 0.0) * scale[kept][:, None] / scale[others]
+    return tuple(
+        Redundant(
+            parameters[k].name,
+            {parameters[kept[j]].name: float(part[j]) for j in np.flatnonzero(part)},
+        )
+        for k, part in zip(others, parts.T, strict=True)
+    )
 
 
 def _only(offsets: Offsets, names: set[str]) -> Offsets:

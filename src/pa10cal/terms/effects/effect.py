@@ -41,6 +41,15 @@ class Surroundings:
     q_span_rad: Array
     time_span_s: tuple[float, float]
 
+    @property
+    def rated_Nm(self) -> Array:
+        """Return the rated torque of every joint, (n,); of unrated ones what they carried.
+
+        One that is unrated and carried nothing counts as rated at 1 N m: there is no size to go by.
+        """
+        rated_Nm = self.arm.rated_Nm(self.tau_span_Nm)
+        return np.where(rated_Nm == 0.0, 1.0, rated_Nm)
+
 
 @dataclass(frozen=True)
 class Effect(ABC):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects.effect import Effect, Surroundings, joint_of, turning_joints
 from pa10cal.terms.term import Parameter, Report
 
@@ -80,8 +81,23 @@ class TransmissionError(JointHarmonic):
 
     @classmethod
     def order_of(cls, surroundings: Surroundings, joint: int) -> float:
-        """Return twice the gear ratio."""
+        """Return twice the gear ratio; nan where that is not known."""
         return 2.0 * float(surroundings.arm.gear_ratio[joint - 1])
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return sine and cosine of order q_j, (P, 1, 2).
+
+        Raises:
+            CalibrationError: when the gear ratio is not known.
+        """
+        if np.isnan(self.order):
+            raise CalibrationError(
+                "the gear ratio of the joint is not known",
+                where=f"{self.id} of {self.of}",
+                allowed="an arm description with gear_ratio",
+                remedy="add it to the joint's row",
+            )
+        return super().derivative(states, x)
 
 
 @dataclass(frozen=True)

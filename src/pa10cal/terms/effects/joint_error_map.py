@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BSpline, CubicSpline
+from scipy.sparse import csr_array
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.terms.effects.effect import JointEffect
@@ -22,50 +23,133 @@ _PLAUSIBLE_RAD = 3e-4
 _SMOOTH_OVER_RAD = 0.7
 #: Share of the variance that no neighbour foretells; keeps the covariance well conditioned.
 _JITTER = 1e-6
+#: Size of a map's mean over the turn, in that of its first harmonic: a constant is no error that
+#: depends on the angle, and belongs to the joint's offset.
+_CONSTANT = 1e-3
+_DEGREE = 3
+
+
+@dataclass(frozen=True)
+class Fading:
+    """Sizes expected of a map's harmonics: the finer, the less.
+
+    Sine and cosine part of m cycles a turn have the standard deviation
+    size / (1 + (m / half_order)²), each for itself.
+
+    Attributes:
+        size_rad: of the coarsest.
+        half_order: cycles a turn of which half as much is expected.
+    """
+
+    size_rad: float
+    half_order: float
+
+    def sizes_rad(self, orders: Array) -> Array:
+        """Return the standard deviation of sine and cosine part of orders (M,)."""
+        sizes: Array = self.size_rad / (1.0 + (orders / self.half_order) ** 2)
+        return sizes
 
 
 @dataclass(frozen=True)
 class JointErrorMap(JointEffect):
-    """A smooth periodic error of a joint's angle: a cubic spline through 12 knots a turn.
+    """A smooth periodic error of a turning joint's angle: a cubic spline through knots.
 
-    Solved in the error at each knot [rad]; knot k stands at 30° k. Two knots at a distance d are
-    expected to go together as exp(-2 sin²(d/2) / l²), l = 0.7 rad: the lower an order of the
-    joint, the more of it is expected; harmonics of the motor are out of reach.
+    Solved in the error at each knot [rad]; knot k of K stands at 2 pi k / K. A sliding joint has
+    no turn after which its error would come again, and gets none.
+
+    Attributes:
+        knots: K, knots a turn.
+        fading: sizes expected of the harmonics. Where None, knots at a distance d are expected to
+            go together as exp(-2 sin²(d/2) / l²), l = 0.7 rad: what 12 knots can follow and little
+            more.
     """
 
+    knots: int = KNOTS
+    fading: Fading | None = None
     id: ClassVar[str] = "joint_error_map"
 
     @property
     def known(self) -> tuple[Parameter, ...]:
         """Return the error at each knot."""
-        return tuple(
-            Parameter(f"knot_{k:02d}", "rad", 1e-5, plausible=_PLAUSIBLE_RAD) for k in range(KNOTS)
-        )
+        width = max(2, len(str(self.knots - 1)))
+        plausible = _PLAUSIBLE_RAD
+        if self.fading is not None:
+            plausible = float(np.linalg.norm(self.prior_factor[0]))
+        parameter = Parameter("", "rad", 1e-5, plausible=plausible)
+        return tuple(replace(parameter, name=f"knot_{k:0{width}d}") for k in range(self.knots))
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        """Return the spline through the knots at q_j, (P, 1)."""
+        q_rad = states.q_rad[:, self.joint - 1]
+        spline = CubicSpline(_knots_rad(self.knots), np.append(x, x[0]), bc_type="periodic")
+        return np.asarray(spline(q_rad), dtype=np.float64)[:, None]
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return what each knot contributes at q_j, (P, 1, 12)."""
+        """Return what each knot contributes at q_j, (P, 1, K)."""
         del x
-        q_rad = states.q_rad[:, self.joint - 1]
-        contributions = _spline_of_knots()(q_rad)
+        contributions = _spline_of_knots(self.knots)(states.q_rad[:, self.joint - 1])
         return np.asarray(contributions, dtype=np.float64)[:, None, :]
 
     @property
     def prior_factor(self) -> Array:
-        """Return L (12, 12) of smooth knots: neighbours go together."""
-        knots_rad = _knots_rad()[:-1]
+        """Return L (K, K) of smooth knots: neighbours go together.
+
+        With a `fading`, column by column: the constant, then sine and cosine of each harmonic.
+        """
+        if self.fading is not None:
+            sizes = self.fading.sizes_rad(harmonic_orders(self.knots))
+            sizes[0] *= _CONSTANT
+            return harmonics_at_knots(self.knots) * sizes
+        knots_rad = _knots_rad(self.knots)[:-1]
         half_distance = 0.5 * (knots_rad[:, None] - knots_rad)
         correlation = np.exp(-2.0 * (np.sin(half_distance) / _SMOOTH_OVER_RAD) ** 2)
-        factor = np.linalg.cholesky(correlation + _JITTER * np.eye(KNOTS))
+        factor = np.linalg.cholesky(correlation + _JITTER * np.eye(self.knots))
         return np.asarray(_PLAUSIBLE_RAD * factor, dtype=np.float64)
 
 
-def _knots_rad() -> Array:
-    """Return the knots of a whole turn, the first one again at its end, (13,)."""
-    return np.linspace(0.0, 2.0 * np.pi, KNOTS + 1)
+def harmonic_orders(knots: int) -> Array:
+    """Return the cycles a turn, (K,), of the columns of `harmonics_at_knots`: 0, 1, 1, 2, 2, …"""
+    return np.asarray((np.arange(knots) + 1) // 2, dtype=np.float64)
+
+
+def harmonics_at_knots(knots: int) -> Array:
+    """Return constant, then sine and cosine of every order that K knots can tell, (K, K).
+
+    Of the highest order of an even K only the cosine is there.
+    """
+    orders = harmonic_orders(knots)
+    phase = _knots_rad(knots)[:-1, None] * orders
+    cosine = np.arange(knots) % 2 == 0
+    if knots % 2 == 0:
+        cosine[-1] = True
+    return np.asarray(np.where(cosine, np.cos(phase), np.sin(phase)), dtype=np.float64)
+
+
+def b_splines(knots: int, q_rad: Array) -> csr_array:
+    """Return the K periodic cubic B-splines at angles (P,), four of them not zero: (P, K) sparse.
+
+    B-spline k is centred on knot k. They span the same functions as the spline through the knots.
+    """
+    stops = 2.0 * np.pi * np.arange(-_DEGREE, knots + _DEGREE + 1) / knots
+    inside = np.minimum(np.mod(q_rad, 2.0 * np.pi), stops[knots + _DEGREE])
+    unwrapped = BSpline.design_matrix(inside, stops, _DEGREE)
+    columns = (unwrapped.indices - 1) % knots
+    return csr_array((unwrapped.data, columns, unwrapped.indptr), shape=(len(q_rad), knots))
+
+
+def b_splines_by_knots(knots: int) -> Array:
+    """Return C (K, K) by which coefficients of B-splines follow from the errors at the knots."""
+    at_knots = b_splines(knots, _knots_rad(knots)[:-1]).toarray()
+    return np.asarray(np.linalg.inv(at_knots), dtype=np.float64)
+
+
+def _knots_rad(knots: int) -> Array:
+    """Return the knots of a whole turn, the first one again at its end, (K + 1,)."""
+    return np.linspace(0.0, 2.0 * np.pi, knots + 1)
 
 
 @cache
-def _spline_of_knots() -> CubicSpline[np.float64]:
+def _spline_of_knots(knots: int) -> CubicSpline[np.float64]:
     """Return the periodic spline of every knot alone, all in one."""
-    alone = np.eye(KNOTS)
-    return CubicSpline(_knots_rad(), np.vstack([alone, alone[:1]]), bc_type="periodic")
+    alone = np.eye(knots)
+    return CubicSpline(_knots_rad(knots), np.vstack([alone, alone[:1]]), bc_type="periodic")

@@ -60,7 +60,7 @@ class FrictionTorque(FalseTorque):
     @classmethod
     def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
         """Return it at every joint that turns."""
-        rated_Nm = surroundings.arm.torque_limit_Nm
+        rated_Nm = surroundings.rated_Nm
         return tuple(
             cls(f"joint {joint}", float(rated_Nm[joint - 1]))
             for joint in turning_joints(surroundings)

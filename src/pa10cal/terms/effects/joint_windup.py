@@ -36,7 +36,7 @@ class JointCompliance(JointEffect):
     @classmethod
     def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
         """Return it at every joint that turns and has no spring."""
-        rated_Nm = surroundings.arm.torque_limit_Nm
+        rated_Nm = surroundings.rated_Nm
         return tuple(
             cls(f"joint {joint}", float(rated_Nm[joint - 1]))
             for joint in turning_joints(surroundings)
@@ -95,7 +95,7 @@ class SoftWindup(JointEffect):
     @classmethod
     def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
         """Return it at every joint that turns and carried torque."""
-        rated_Nm, span_Nm = surroundings.arm.torque_limit_Nm, surroundings.tau_span_Nm
+        rated_Nm, span_Nm = surroundings.rated_Nm, surroundings.tau_span_Nm
         return tuple(
             cls(f"joint {joint}", float(rated_Nm[joint - 1]), float(span_Nm[joint - 1]))
             for joint in loaded_joints(surroundings)
@@ -144,5 +144,5 @@ class SoftWindup(JointEffect):
 
 def loaded_joints(surroundings: Surroundings) -> tuple[int, ...]:
     """Return the joints, from 1, that turn and carried torque worth the name."""
-    loaded = surroundings.tau_span_Nm > _LOADED_SHARE * surroundings.arm.torque_limit_Nm
+    loaded = surroundings.tau_span_Nm > _LOADED_SHARE * surroundings.rated_Nm
     return tuple(joint for joint in turning_joints(surroundings) if loaded[joint - 1])

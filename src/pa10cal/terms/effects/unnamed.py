@@ -95,7 +95,7 @@ class TorqueMap(JointEffect):
     @classmethod
     def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
         """Return it at every joint that turns and was moved."""
-        spans_rad, rated_Nm = surroundings.q_span_rad, surroundings.arm.torque_limit_Nm
+        spans_rad, rated_Nm = surroundings.q_span_rad, surroundings.rated_Nm
         return tuple(
             cls(f"joint {joint}", (float(low), float(high)), float(rated_Nm[joint - 1]))
             for joint in turning_joints(surroundings)

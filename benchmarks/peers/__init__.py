@@ -1,0 +1,1 @@
+"""Other calibration packages and ours, side by side on the same data."""

@@ -1,0 +1,63 @@
+"""This package on the same problems, in its own environment: the complete model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.peers.adapter import Fitted, main
+from benchmarks.peers.problem import Array, Problem
+from pa10cal.arm.state import PoseStates
+from pa10cal.calibration.complete.case import fitted
+from pa10cal.calibration.complete.complete import CompleteOptions, calibrate_complete
+from pa10cal.calibration.complete.start import find_start
+from pa10cal.campaign.seen import SeenPoints, Sightings
+from pa10cal.files.arms import load_arm
+from pa10cal.stages.command import limit_threads
+from pa10cal.terms.offsets import Tolerances
+
+
+class Ours:
+    """Parameters chosen for arm and instrument by the package itself, and its own start."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.arm = load_arm("ur10")
+        self.sightings = _sightings(problem)
+        length, angle = problem.tolerance_m, problem.tolerance_rad
+        self.options = CompleteOptions(
+            tolerances=Tolerances(
+                a_m=length, alpha_rad=angle, d_m=length, beta_rad=angle, theta_rad=angle
+            )
+        )
+
+    def solve(self) -> Fitted:
+        """Find about where base and target are, choose the parameters, fit them."""
+        start = find_start(self.arm, self.sightings)
+        self.found = calibrate_complete(self.arm, self.sightings, start, None, self.options)
+        return Fitted(len(self.found.fit.x), self.found.fit.converged)
+
+    def predict_m(self, q_rad: Array) -> Array:
+        """Return positions of the target."""
+        model = fitted(self.found)
+        T = model.T_cmm_base @ model.model.predict(_states(q_rad), model.x)
+        predicted: Array = T[:, :3, :3] @ model.places_m + T[:, :3, 3]
+        return predicted
+
+
+def _states(q_rad: Array) -> PoseStates:
+    """Return states of which nothing but the joint angles is known."""
+    unknown, one = np.full_like(q_rad, np.nan), np.zeros(len(q_rad))
+    return PoseStates(q_rad, unknown, np.zeros_like(q_rad), one, np.full_like(one, np.nan), one)
+
+
+def _sightings(problem: Problem) -> Sightings:
+    """Return the readings as what an instrument saw of one target whose place nobody stated."""
+    count = len(problem.q_train_rad)
+    covariance = np.broadcast_to(problem.noise_m**2 * np.eye(3), (count, 1, 3, 3))
+    seen = SeenPoints(("target",), problem.p_train_m[:, None], covariance, None)
+    labels = np.array([f"P{k:05d}" for k in range(count)])
+    return Sightings(labels, _states(problem.q_train_rad), seen, np.ones(count, dtype=np.int64))
+
+
+if __name__ == "__main__":
+    limit_threads()
+    main({"pa10cal": Ours})

@@ -1,0 +1,180 @@
+"""Joint angles between links, and back: two turns about axes that are square to each other.
+
+A link's frame has x along the link. From one to the next it turns about z by a and about the new y
+by b (`zy`), F_i = F_{i-1} R_z(a) R_y(b), or the other way round (`yz`), by R_y(b) R_z(a). With the
+next direction d in the frame before it, `zy` has a = atan2(d_y, d_x), b = atan2(-d_z, hypot(d_x,
+d_y)), so that |b| <= 90 degrees; `yz` has b = atan2(-d_z, d_x), a = atan2(d_y, hypot(d_x, d_z)).
+The axis of the second turn is then square to the directions before and after the first: it is all
+of the frame that has to be carried along the chain, and the roll of the first link about itself is
+all that is free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.errors import CurveError
+
+Array = NDArray[np.float64]
+Order = Literal["zy", "yz"]
+
+#: A second turn nearer to 90 degrees leaves the first one open, but for rounding.
+_OPEN = 1e-14
+#: The first bend larger than this says where roll zero is.
+_BENT = 1e-6
+
+
+@dataclass(frozen=True)
+class JointAngles:
+    """Angles of the joints between n links.
+
+    Attributes:
+        order: which turn comes first.
+        a_rad: (n - 1,) turns about z.
+        b_rad: (n - 1,) turns about y.
+        open: (n - 1,) where the second turn is a right angle, so that the first could be any; it is
+            that of the joint before.
+        axes: (n, 3, 3) frames of the links, x, y, z as columns.
+    """
+
+    order: Order
+    a_rad: Array
+    b_rad: Array
+    open: NDArray[np.bool_]
+    axes: Array
+
+
+def first_axes(directions: Array, roll_rad: float, z_at_zero: Array | None = None) -> Array:
+    """Return the frame (3, 3) of the first link at a roll about itself.
+
+    At roll zero z is square to the first bend, so that a chain in a plane turns about z alone.
+
+    Args:
+        directions: (n, 3) unit vectors along the links.
+        roll_rad: turn about the link's own direction.
+        z_at_zero: (3,) what z is nearest to at roll zero, instead.
+
+    Raises:
+        CurveError: when there is no link.
+    """
+    if not len(directions):
+        raise CurveError(
+            "there is no link to turn",
+            where="links",
+            value=0,
+            allowed="one or more",
+            remedy="take shorter links",
+        )
+    x = directions[0]
+    z = _square_to(x, _normal_of_first_bend(directions) if z_at_zero is None else z_at_zero)
+    y = np.cross(z, x)
+    cos, sin = np.cos(roll_rad), np.sin(roll_rad)
+    return np.stack([x, cos * y + sin * z, cos * z - sin * y], axis=1)
+
+
+def joint_angles(directions: Array, axes_first: Array, order: Order = "zy") -> JointAngles:
+    """Work out the joint angles that lay links along directions.
+
+    Args:
+        directions: (n, 3) unit vectors along the links.
+        axes_first: (3, 3) frame of the first link, its x the first direction.
+        order: which turn comes first.
+    """
+    along, turns = _carry(directions, axes_first[:, 1 if order == "zy" else 2])
+    cos, sin, length = turns.T
+    is_open = length <= _OPEN
+    other = np.cross(directions, along)  # z of `zy`; of `yz` -y
+    off = np.einsum("ki,ki->k", other[:-1], directions[1:])
+    turned, lifted = np.arctan2(sin, cos), np.arctan2(off, length)
+    if order == "zy":
+        axes = np.stack([directions, along, other], axis=2)
+        return JointAngles(order, turned, -lifted, is_open, axes)
+    axes = np.stack([directions, -other, along], axis=2)
+    return JointAngles(order, -lifted, -turned, is_open, axes)
+
+
+def chain_points(
+    a_rad: Array, b_rad: Array, order: Order, axes_first: Array, p_first_m: Array, link_m: float
+) -> Array:
+    """Return where links join (n + 1, 3) by forward kinematics of their joint angles.
+
+    Args:
+        a_rad: (n - 1,) turns about z.
+        b_rad: (n - 1,) turns about y.
+        order: which turn comes first.
+        axes_first: (3, 3) frame of the first link.
+        p_first_m: (3,) where it begins [m].
+        link_m: length of a link.
+    """
+    turns = _about(2, a_rad) @ _about(1, b_rad)
+    if order == "yz":
+        turns = _about(1, b_rad) @ _about(2, a_rad)
+    axes = axes_first
+    directions = [axes[:, 0]]
+    for turn in turns:
+        axes = axes @ turn
+        directions.append(axes[:, 0])
+    steps = np.vstack([p_first_m, link_m * np.array(directions)])
+    return np.asarray(np.cumsum(steps, axis=0))
+
+
+def _carry(directions: Array, along_first: Array) -> tuple[Array, Array]:
+    """Carry the axis of the second turn along the chain.
+
+    A loop of plain numbers, as each depends on the one before: with x the last direction, u the
+    next one and w the axis, the next axis is (u.x) w - (u.w) x, made a unit vector. The turns are
+    taken from the same numbers, so that near a right angle of the second one, where they are mostly
+    rounding, they still lead to the axis that is carried on.
+
+    Returns:
+        The axes (n, 3), and for every joint cosine and sine of its first turn and the length of
+        the next direction across the axis of that turn, (n - 1, 3).
+    """
+    x0, x1, x2 = directions[0].tolist()
+    w0, w1, w2 = along_first.tolist()
+    cos, sin = 1.0, 0.0
+    carried: list[float] = []  # flat: lists within lists keep the garbage collector busy
+    for u0, u1, u2 in zip(*directions[1:].T.tolist(), strict=True):
+        on_x = u0 * x0 + u1 * x1 + u2 * x2
+        on_w = u0 * w0 + u1 * w1 + u2 * w2
+        length = (on_x * on_x + on_w * on_w) ** 0.5
+        if length > _OPEN:  # else the turn before is kept
+            cos, sin = on_x / length, on_w / length
+        w0, w1, w2 = cos * w0 - sin * x0, cos * w1 - sin * x1, cos * w2 - sin * x2
+        x0, x1, x2 = u0, u1, u2
+        carried += (w0, w1, w2, cos, sin, length)
+    table = np.array(carried).reshape(-1, 6)
+    return np.vstack([along_first, table[:, :3]]), table[:, 3:]
+
+
+def _normal_of_first_bend(directions: Array) -> Array:
+    """Return the normal of the plane of the first bend, any axis where there is none."""
+    normals = np.cross(directions[:-1], directions[1:])
+    bent = np.flatnonzero(np.linalg.norm(normals, axis=1) > _BENT)
+    return normals[bent[0]] if len(bent) else np.array([0.0, 0.0, 1.0])
+
+
+def _square_to(x: Array, wanted: Array) -> Array:
+    """Return the unit vector square to x that is nearest to the wanted one."""
+    off = wanted - (wanted @ x) * x
+    if np.linalg.norm(off) < _BENT * max(1e-300, float(np.linalg.norm(wanted))):
+        off = np.eye(3)[np.argmin(np.abs(x))]
+        off = off - (off @ x) * x
+    off = off / np.linalg.norm(off)
+    off = off - (off @ x) * x  # once more, against rounding
+    return np.asarray(off / np.linalg.norm(off))
+
+
+def _about(axis: int, angle_rad: Array) -> Array:
+    """Return turns about y (1) or z (2), (k, 3, 3)."""
+    turns = np.zeros((len(angle_rad), 3, 3))
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    turns[:, axis, axis] = 1.0
+    turns[:, first, first] = turns[:, second, second] = np.cos(angle_rad)
+    turns[:, second, first] = np.sin(angle_rad)
+    turns[:, first, second] = -np.sin(angle_rad)
+    return turns

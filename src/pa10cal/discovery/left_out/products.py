@@ -1,0 +1,87 @@
+"""Products of weighed rows with each other, block of poses by block.
+
+All that is asked of the data afterwards, which effects help and how well poses left out are
+predicted, needs these products and no row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Products:
+    """Products of N columns and the data in each of B blocks.
+
+    Attributes:
+        gram: (B, N, N) of columns with columns.
+        projection: (B, N) of columns with the data.
+        squares: (B,) of the data.
+        of_positions: the same of the rows of positions alone, where it was asked for.
+    """
+
+    gram: Array
+    projection: Array
+    squares: Array
+    of_positions: Products | None = None
+
+    def summed(self) -> Products:
+        """Return the sums over the blocks: (N, N), (N,) and a number without dimension."""
+        return Products(
+            self.gram.sum(axis=0), self.projection.sum(axis=0), np.asarray(self.squares.sum())
+        )
+
+
+def products(data: Array, dense: Array, maps: csr_array) -> tuple[Array, Array, float]:
+    """Return the products of some rows: gram (N, N), projection (N,) and squares.
+
+    Args:
+        data: (R,) weighed rows of the data.
+        dense: (R, d) weighed columns.
+        maps: (R, K) weighed columns of B-splines.
+
+    Returns:
+        Of N = d + K columns.
+    """
+    d, total = dense.shape[1], dense.shape[1] + maps.shape[1]
+    gram = np.empty((total, total))
+    gram[:d, :d] = dense.T @ dense
+    gram[d:, :d] = maps.T @ dense
+    gram[:d, d:] = gram[d:, :d].T
+    gram[d:, d:] = (maps.T @ maps).toarray()
+    return gram, np.concatenate([dense.T @ data, maps.T @ data]), float(data @ data)
+
+
+def in_terms_of(
+    gram: Array, projection: Array, dense: int, bases: Sequence[Array]
+) -> tuple[Array, Array]:
+    """Return products in terms of other parameters of the maps.
+
+    Args:
+        gram, projection: of d dense columns, then of B-splines, one map after the other.
+        dense: d.
+        bases: (K1, h1), (K2, h2), … coefficients of the B-splines that each map's new parameters
+            stand for.
+    """
+    old = list(pairwise(dense + np.cumsum([0, *(len(basis) for basis in bases)])))
+    new = list(pairwise(dense + np.cumsum([0, *(basis.shape[1] for basis in bases)])))
+    total = dense + sum(basis.shape[1] for basis in bases)
+    half = np.empty((total, len(gram)))
+    half[:dense] = gram[:dense]
+    turned, found = np.empty((total, total)), np.empty(total)
+    found[:dense] = projection[:dense]
+    for basis, (first, last), (own, end) in zip(bases, old, new, strict=True):
+        half[own:end] = basis.T @ gram[first:last]
+        found[own:end] = basis.T @ projection[first:last]
+    turned[:, :dense] = half[:, :dense]
+    for basis, (first, last), (own, end) in zip(bases, old, new, strict=True):
+        turned[:, own:end] = half[:, first:last] @ basis
+    return turned, found

@@ -1,0 +1,84 @@
+"""Which joint angles the poses of the fit have seen; beyond them a map only guesses.
+
+An angle counts as seen where enough poses of the fit lie close by. That is a matter of the poses
+alone, the same whatever the model: a posterior uncertainty would call an angle known because a map
+was taken for smooth, or unknown because it was allowed to be rough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Poses that must lie within so much of an angle [rad]: the finest waves expected of a map, of 25
+#: a turn, are ten times as long.
+WITHIN_RAD = float(np.radians(1.25))
+LEAST_POSES = 5
+_TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class AnglesSeen:
+    """Angles of n joints that the poses of a fit have seen.
+
+    Attributes:
+        intervals: for each joint (m, 2) first and last angle of stretches without a gap, in order
+            [rad]; between 0 and a turn for a joint that turns, one that begins before 0 or goes on
+            past the turn cut in two. Of a sliding joint the span of its positions [m].
+        turns: (n,) whether the joint turns.
+    """
+
+    intervals: tuple[Array, ...]
+    turns: tuple[bool, ...]
+
+    def inside(self, q_rad: Array) -> NDArray[np.bool_]:
+        """Tell which poses (P, n) keep to the angles seen in all joints, (P,)."""
+        return np.asarray(self.each(q_rad).all(axis=1), dtype=np.bool_)
+
+    def each(self, q_rad: Array) -> NDArray[np.bool_]:
+        """Tell which joint angles (P, n) were seen."""
+        found = np.empty(q_rad.shape, dtype=bool)
+        for j, (stretches, turns) in enumerate(zip(self.intervals, self.turns, strict=True)):
+            angle = np.mod(q_rad[:, j], _TURN) if turns else q_rad[:, j]
+            place = np.searchsorted(stretches[:, 0], angle, side="right") - 1
+            last = np.append(stretches[:, 1], -np.inf)
+            found[:, j] = (place >= 0) & (angle <= last[place])
+        return found
+
+
+def angles_seen(q_rad: Array, turns: NDArray[np.bool_]) -> AnglesSeen:
+    """Return the angles that poses (P, n) have seen.
+
+    Args:
+        q_rad: joint angles of the poses of the fit.
+        turns: (n,) whether the joint turns.
+    """
+    return AnglesSeen(
+        tuple(
+            _stretches(q) if turning else np.array([[q.min(), q.max()]])
+            for q, turning in zip(q_rad.T, turns, strict=True)
+        ),
+        tuple(bool(turning) for turning in turns),
+    )
+
+
+def _stretches(angle_rad: Array) -> Array:
+    """Return the stretches (m, 2) of a turn in which enough angles lie close by."""
+    once = np.sort(np.mod(angle_rad, _TURN))
+    around = np.concatenate([once - _TURN, once, once + _TURN])
+    more = LEAST_POSES - 1
+    first, last = around[:-more], around[more:]
+    # From `last` on back, and from `first` on ahead, all of these poses are within reach.
+    close = last - first <= 2.0 * WITHIN_RAD
+    low, high = last[close] - WITHIN_RAD, first[close] + WITHIN_RAD
+    if not len(low):
+        return np.zeros((0, 2))
+    begins = np.concatenate([[True], low[1:] > np.maximum.accumulate(high)[:-1]])
+    starts = low[begins]
+    ends = np.maximum.reduceat(high, np.flatnonzero(begins))
+    here = (ends > 0.0) & (starts < _TURN)
+    return np.column_stack([np.maximum(starts[here], 0.0), np.minimum(ends[here], _TURN)])

@@ -1,0 +1,94 @@
+"""Shapes that move: continuous, and within what was allowed."""
+
+import numpy as np
+import pytest
+
+from pa10cal.curve.angles import first_axes
+from pa10cal.curve.feasible import JointLimits
+from pa10cal.curve.gait import follow, given_rolls, rolling_helix, small_angles, travelling
+from pa10cal.curve.polynomial import spline_through
+from pa10cal.curve.roll import smallest_angle
+from pa10cal.curve.roll_map import RollMap
+from pa10cal.curve.shapes import serpenoid
+from pa10cal.errors import CurveError
+
+LINK_M, LINKS, PERIOD_S = 0.1, 10, 2.0
+
+
+def wriggling(phase):
+    t = np.linspace(0.0, 1.0, 9)
+    return spline_through(
+        np.stack([1.5 * t, 0.2 * np.sin(6 * t + phase), 0.2 * np.sin(9 * t + phase)], axis=1)
+    )
+
+
+def wriggle(frames, choose):
+    time_s = np.linspace(0.0, PERIOD_S, frames + 1)
+    curves = travelling(wriggling, time_s, PERIOD_S)
+    return follow(curves, time_s, LINK_M, LINKS, choose)
+
+
+@pytest.mark.parametrize("move_rad", [0.0, 0.2])
+def test_angles_over_time_are_continuous(move_rad):
+    """Half the time between shapes, half the moves."""
+    coarse, fine = (wriggle(frames, small_angles(move_rad * 10.0 / frames)) for frames in (20, 80))
+    assert fine.move_rad.max() < 0.35 * coarse.move_rad.max()
+    np.testing.assert_array_equal(
+        fine.move_rad,
+        np.maximum(
+            np.abs(np.diff(fine.a_rad, axis=0)).max(axis=1),
+            np.abs(np.diff(fine.b_rad, axis=0)).max(axis=1),
+        ),
+    )
+
+
+def test_the_roll_is_the_best_that_may_be_reached():
+    free, still = wriggle(30, small_angles(1.0)), wriggle(30, small_angles(0.0))
+    for shape, points in enumerate(free.points):
+        best = smallest_angle(RollMap.of(points.directions))
+        reached = max(np.abs(free.a_rad[shape]).max(), np.abs(free.b_rad[shape]).max())
+        assert reached == pytest.approx(best.level_rad, abs=1e-7)
+    assert still.move_rad.max() < free.move_rad.max()
+
+
+def test_limits_are_kept_all_along_or_refused_with_the_time():
+    limit = 0.9 * max(np.abs(g).max() for g in (wriggle(20, small_angles()).b_rad,))
+    limits = JointLimits.alike(LINKS - 1, -limit - 0.1, limit + 0.1)
+    kept = wriggle(20, small_angles(0.05, limits))
+    assert max(np.abs(kept.a_rad).max(), np.abs(kept.b_rad).max()) <= limit + 0.1 + 1e-9
+    tight = JointLimits.alike(LINKS - 1, -0.1, 0.1)
+    with pytest.raises(CurveError, match=r"^time 0 s, joint \d+: no roll keeps"):
+        wriggle(20, small_angles(0.0, tight))
+
+
+def test_a_serpenoid_stays_flat_at_the_roll_given():
+    time_s = np.linspace(0.0, PERIOD_S, 25)
+    curves = travelling(lambda phase: serpenoid(1.3, 1.5, 0.8, phase), time_s, PERIOD_S)
+    gait = follow(curves, time_s, LINK_M, LINKS, given_rolls(np.zeros(25)))
+    np.testing.assert_allclose(gait.b_rad, 0.0, atol=1e-12)
+    assert gait.move_rad.max() < 0.3  # z stays where it is when the first bend changes sides
+    np.testing.assert_allclose(gait.a_rad[0], gait.a_rad[-1], atol=1e-9)
+    np.testing.assert_allclose(gait.p_m[:, 0], 0.0, atol=1e-15)
+
+
+def test_a_rolling_helix_bends_every_joint_to_all_sides_in_turn():
+    time_s = np.linspace(0.0, 2.0 * PERIOD_S, 81)
+    gait = rolling_helix(0.2, 0.4, time_s, PERIOD_S, LINK_M, LINKS)
+    bend = RollMap.of(gait.points[0].directions).bend_rad
+    np.testing.assert_allclose(bend, bend[0], atol=1e-9)
+    assert gait.a_rad.max(axis=0) == pytest.approx(bend, rel=0.02)
+    assert gait.b_rad.min(axis=0) == pytest.approx(-bend, rel=0.02)
+    np.testing.assert_allclose(gait.a_rad[40], gait.a_rad[0], atol=1e-9)
+    np.testing.assert_allclose(gait.a_rad[20], -gait.a_rad[0], atol=1e-9)
+    np.testing.assert_allclose(np.diff(gait.roll_rad), np.pi / 20)
+    expected = first_axes(gait.points[0].directions, gait.roll_rad[7])
+    np.testing.assert_allclose(gait.joints[7].axes[0], expected, atol=1e-12)
+
+
+def test_links_that_do_not_fit_are_refused_with_the_time():
+    time_s = np.array([0.0, 1.0])
+    curves = [serpenoid(1.3, 1.5, 0.8), serpenoid(0.9, 1.5, 0.8)]
+    with pytest.raises(
+        CurveError, match=r"time 1 s, links: the links do not fit .*; allowed: 8 at"
+    ):
+        follow(curves, time_s, LINK_M, LINKS, small_angles())

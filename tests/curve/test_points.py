@@ -1,0 +1,191 @@
+"""Points along curves: a link apart, each the first, and how they end."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from made_up_curves import Counting, chord_error, gentle_spline, scan, tight_spline
+from pa10cal.curve import points as module
+from pa10cal.curve.ahead import Ahead
+from pa10cal.curve.points import Ending, equal_links, lay_points
+from pa10cal.curve.polynomial import polyline, spline_through
+from pa10cal.curve.shapes import circle, helix, line, serpenoid
+from pa10cal.errors import CurveError
+
+
+@pytest.mark.parametrize(
+    ("curve", "link_m"),
+    [
+        (line(1.0), 1e-3),
+        (circle(0.5), 3.1e-3),
+        (circle(0.5), 0.95),
+        (helix(0.1, 0.05, 10.0), 6e-3),
+        (serpenoid(2.0, 3.0, 1.4), 2e-3),
+        (gentle_spline(np.random.default_rng(1)), 1e-3),
+        (tight_spline(np.random.default_rng(2)), 0.01),
+        (polyline(np.random.default_rng(3).normal(size=(40, 3))), 0.05),
+    ],
+)
+def test_links_are_of_their_length_and_end_on_the_curve(curve, link_m):
+    points = lay_points(curve, link_m)
+    assert chord_error(points) <= 1e-12
+    np.testing.assert_allclose(points.p_m, curve.at(points.t), atol=1e-12)
+    assert (np.diff(points.t) > 0.0).all()
+
+
+@given(seed=st.integers(0, 2**32 - 1), link_m=st.floats(0.05, 1.5))
+@settings(max_examples=25, deadline=None)
+def test_every_point_is_the_first_of_a_dense_scan(seed, link_m):
+    curve = tight_spline(np.random.default_rng(seed))
+    points = lay_points(curve, link_m, most=15)
+    assert chord_error(points) <= 1e-12
+    for low, high in zip(points.t[:-1], points.t[1:], strict=True):
+        seen = scan(curve, low, link_m, 3001)
+        assert seen is None or high <= seen * (1 + 1e-14)
+
+
+@given(seed=st.integers(0, 2**32 - 1), part=st.floats(0.02, 0.5))
+@settings(max_examples=25, deadline=None)
+def test_points_found_together_are_those_found_one_by_one(seed, part):
+    curve = tight_spline(np.random.default_rng(seed))
+    link_m = part * curve.bounds.length_m[-1] / 20.0
+    together = lay_points(curve, link_m)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "points_ahead", lambda *_: Ahead(np.zeros(0), np.zeros((0, 3))))
+        singly = lay_points(curve, link_m)
+    assert together.n == singly.n
+    np.testing.assert_allclose(together.p_m, singly.p_m, atol=1e-9)
+
+
+def test_points_are_found_together_where_the_curve_bends_gently():
+    curve = Counting(gentle_spline(np.random.default_rng(4)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "first_crossing", lambda *_: None)
+        assert lay_points(curve, 1e-3).n > 900
+
+
+def test_the_cost_is_linear_in_the_number_of_links():
+    """In places of the curve asked for, besides those of any call; `make bench` measures time."""
+    curve = gentle_spline(np.random.default_rng(5))
+    counts = np.array([10.0, 100.0, 1000.0, 10_000.0, 100_000.0])
+    places = []
+    for n in counts:
+        counting = Counting(curve)
+        assert lay_points(counting, 1.0 / n).n >= n
+        places.append(counting.places)
+    growth = least_squares(
+        lambda x: np.log(x[0] ** 2 + x[1] ** 2 * counts ** x[2]) - np.log(places), [5.0, 2.0, 1.0]
+    )
+    assert 0.95 <= growth.x[2] <= 1.05
+    assert places[-1] < 6 * counts[-1]
+
+
+@given(kappa_l=st.floats(0.01, 1.95), radius_m=st.floats(0.01, 100.0))
+@settings(max_examples=40, deadline=None)
+def test_on_a_circle_every_link_turns_by_the_angle_of_its_chord(kappa_l, radius_m):
+    points = lay_points(circle(radius_m, 6.0), kappa_l * radius_m, most=40)
+    np.testing.assert_allclose(np.diff(points.t), 2.0 * np.arcsin(kappa_l / 2.0), rtol=1e-10)
+
+
+@given(seed=st.integers(0, 2**32 - 1), link_m=st.floats(0.05, 0.8))
+@settings(max_examples=25, deadline=None)
+def test_a_rigid_motion_of_the_curve_moves_the_points_with_it(seed, link_m):
+    random = np.random.default_rng(seed)
+    points_m = random.normal(size=(6, 3))
+    turn, shift_m = Rotation.random(rng=random), random.normal(size=3)
+    still = lay_points(spline_through(points_m), link_m, most=8)
+    moved = lay_points(spline_through(turn.apply(points_m) + shift_m), link_m, most=8)
+    assert still.n == moved.n
+    np.testing.assert_allclose(moved.p_m, turn.apply(still.p_m) + shift_m, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("curve", "link_m", "most", "n", "ending", "left_m", "gap_m"),
+    [
+        (line(1.0), 0.1, None, 10, Ending.EXACT, 0.0, 0.0),
+        (line(1.0), 0.3, None, 3, Ending.USED_UP, 0.1, 0.1),
+        (line(1.0), 0.3, 2, 2, Ending.COMPLETE, 0.4, 0.4),
+        (circle(1.0), 2.1, None, 0, Ending.INSIDE, 2 * np.pi, 0.0),
+        (circle(1.0), 1.0, None, 6, Ending.EXACT, 0.0, 0.0),
+        (circle(1.0), 1.9, None, 2, Ending.USED_UP, 2 * np.pi - 4 * np.arcsin(0.95), None),
+        (helix(1.0, 0.01, 20.0), 2.5, None, 0, Ending.INSIDE, 40 * np.pi, 0.2),
+    ],
+)
+def test_how_the_points_end(curve, link_m, most, n, ending, left_m, gap_m):
+    points = lay_points(curve, link_m, most)
+    assert points.n == n
+    assert points.ending is ending
+    assert points.left_m == pytest.approx(left_m, rel=1e-5, abs=1e-9)
+    if gap_m is not None:
+        assert points.gap_m == pytest.approx(gap_m, abs=1e-9)
+
+
+def test_points_of_a_polyline_are_on_it_beside_its_corners():
+    corners_m = np.array([[0.0, 0, 0], [0.35, 0, 0], [0.5, 0.1, 0.2], [0.6, 0.4, 0.3], [1, 1, 1]])
+    for link_m in 0.05 + 0.01 * np.random.default_rng(1).uniform(size=50):
+        points = lay_points(polyline(corners_m), link_m)
+        begin, along = corners_m[:-1], np.diff(corners_m, axis=0)
+        part = ((points.p_m[:, None] - begin) * along).sum(axis=2) / (along**2).sum(axis=1)
+        near = begin + part.clip(0.0, 1.0)[..., None] * along
+        off_m = np.linalg.norm(points.p_m[:, None] - near, axis=2).min(axis=1)
+        assert off_m.max() < 1e-15
+
+
+def test_a_touch_is_said_to_be_one():
+    points = lay_points(circle(1.0, 2.5 * np.pi), 2.0)
+    assert points.touches[0]
+    assert chord_error(points) <= 1e-12
+
+
+@pytest.mark.parametrize(
+    ("link_m", "most", "message"),
+    [
+        (0.0, None, r"link_m: the length of a link is not positive \(got 0.0\)"),
+        (-1.0, None, "not positive"),
+        (np.nan, None, "not positive"),
+        (1.5, None, r"link_m: the link is longer than the curve \(got 1.5\); .* 1 m"),
+        (1e-9, None, "the links are too many"),
+    ],
+)
+def test_lengths_that_give_no_links_are_refused(link_m, most, message):
+    with pytest.raises(CurveError, match=message):
+        lay_points(line(1.0), link_m, most)
+
+
+def test_so_many_links_are_laid_where_a_number_is_asked_for():
+    assert lay_points(line(1.0), 1e-9, most=5).n == 5
+
+
+@pytest.mark.parametrize(
+    ("curve", "n"),
+    [
+        (line(1.0), 1),
+        (line(1.0), 7),
+        (circle(1.0), 6),
+        (circle(1.0, 3.0), 1),
+        (helix(0.1, 0.05, 5.0), 100),
+        (serpenoid(2.0, 2.0, 1.1), 23),
+        (gentle_spline(np.random.default_rng(6)), 300),
+    ],
+)
+def test_equal_links_end_exactly_where_the_curve_ends(curve, n):
+    points = equal_links(curve, n)
+    assert points.n == n
+    assert points.ending is Ending.EXACT
+    assert chord_error(points) <= 1e-12
+    end_m = curve.at(np.array([curve.bounds.end]))[0]
+    np.testing.assert_allclose(points.p_m[-1], end_m, atol=1e-11)
+    if n == 6:
+        assert points.link_m == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("n", "message"),
+    [(0, "links: there is no link"), (1, "no 1 equal links end where the curve ends")],
+)
+def test_numbers_of_links_that_cannot_end_there_are_refused(n, message):
+    with pytest.raises(CurveError, match=message):
+        equal_links(circle(1.0, 5.0), n)

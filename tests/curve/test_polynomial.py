@@ -1,0 +1,107 @@
+"""Splines and polylines, and the bounds they state of themselves."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from made_up_curves import tight_spline
+from pa10cal.curve.points import arc_length_m
+from pa10cal.curve.polynomial import polyline, spline_through
+from pa10cal.errors import CurveError
+
+SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_no_place_of_a_spline_breaks_its_bounds(seed):
+    curve = tight_spline(np.random.default_rng(seed))
+    bounds = curve.bounds
+    t = np.linspace(bounds.start, bounds.end, 3001)[:-1]
+    cell = bounds.cells(t)
+    _, v = curve.with_velocity(t)
+    a = curve.place(t, nu=2)
+    speed, change = np.linalg.norm(v, axis=1), np.linalg.norm(a, axis=1)
+    assert (speed >= bounds.slowest[cell]).all()
+    assert (speed <= bounds.fastest[cell]).all()
+    assert (change <= bounds.acceleration[cell]).all()
+    turning = np.linalg.norm(np.cross(v, a), axis=1) / speed**2
+    assert (turning <= bounds.turning[cell] * (1 + 1e-9)).all()
+    assert (turning / speed <= bounds.curvature[cell] * (1 + 1e-9)).all()
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_length_and_turning_between_places_are_no_more_than_stated(seed):
+    random = np.random.default_rng(seed)
+    curve = tight_spline(random)
+    bounds = curve.bounds
+    t = np.sort(random.uniform(bounds.start, bounds.end, 12))
+    stated = bounds.turning_between(t)
+    for k, (low, high) in enumerate(itertools.pairwise(t)):
+        _, v = curve.with_velocity(np.linspace(low, high, 2001))
+        u = v / np.linalg.norm(v, axis=1)[:, None]
+        assert np.linalg.norm(np.diff(u, axis=0), axis=1).sum() <= stated[k] * (1 + 1e-9) + 1e-9
+    lengths = np.diff(bounds.length_to(t))
+    found = [arc_length_m(curve, low, high) for low, high in itertools.pairwise(t)]
+    assert (np.array(found) <= lengths * (1 + 1e-12)).all()
+
+
+def test_bounds_of_a_gentle_spline_are_tight():
+    t = np.linspace(0.0, 3.0, 12)
+    bounds = spline_through(np.stack([np.cos(t), np.sin(t), 0.2 * t], axis=1)).bounds
+    assert bounds.length_m[-1] < 1.01 * 3.0 * np.hypot(1.0, 0.2)
+    assert np.median(bounds.curvature) < 1.05 / 1.04
+
+
+def test_the_arc_length_is_that_of_a_quadrature():
+    curve = tight_spline(np.random.default_rng(3))
+    knots = curve.place.x
+
+    def speed(t):
+        return float(np.linalg.norm(curve.with_velocity(np.array([t]))[1]))
+
+    expected = sum(
+        quad(speed, low, high, epsabs=1e-12, limit=500)[0]
+        for low, high in itertools.pairwise(knots)
+    )
+    assert arc_length_m(curve, knots[0], knots[-1]) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_polyline_is_straight_with_kinks():
+    curve = polyline(SQUARE)
+    bounds = curve.bounds
+    assert bounds.end == pytest.approx(3.0)
+    assert bounds.length_m[-1] == pytest.approx(3.0, rel=1e-8)
+    assert not bounds.acceleration.any()
+    assert sorted(bounds.kinks_rad[bounds.kinks_rad > 1e-6]) == pytest.approx([np.pi / 2] * 2)
+    t = np.array([0.25, 0.75, 1.5, 2.5])
+    np.testing.assert_allclose(bounds.turning_between(t), [0, np.pi / 2, np.pi / 2], atol=1e-9)
+    np.testing.assert_array_equal(bounds.curvature_between(t), [0, np.inf, np.inf])
+    np.testing.assert_allclose(curve.at(np.array([1.5])), [[1.0, 0.5, 0.0]], atol=1e-15)
+
+
+def test_a_closed_spline_returns_without_a_kink():
+    curve = spline_through(SQUARE, closed=True)
+    ends, v = curve.with_velocity(np.array([curve.bounds.start, curve.bounds.end]))
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-15)
+    np.testing.assert_allclose(v[0], v[1], atol=1e-12)
+
+
+@pytest.mark.parametrize("make", [spline_through, polyline])
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (SQUARE[:1], r"points: there are too few points .*\(got \(1, 3\)\); allowed: two points"),
+        (SQUARE[:, :2], "each x, y, z"),
+        (np.vstack([SQUARE, [0, np.nan, 0]]), "point 5: a point is not finite"),
+        (np.vstack([SQUARE, SQUARE[-1:], SQUARE]), "point 5: a point repeats the one before"),
+    ],
+)
+def test_points_that_are_no_curve_are_refused(make, points, message):
+    with pytest.raises(CurveError, match=message):
+        make(points)

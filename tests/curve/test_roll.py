@@ -1,0 +1,142 @@
+"""The best roll of all, against a scan of them."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from pa10cal.curve.angles import first_axes, joint_angles
+from pa10cal.curve.feasible import JointLimits, feasible_rolls
+from pa10cal.curve.roll import (
+    most_room,
+    roll_for_last,
+    room_at,
+    smallest_angle,
+    smallest_angle_near,
+    smallest_move,
+)
+from pa10cal.curve.roll_map import RollMap
+from pa10cal.errors import CurveError
+
+ROLLS = np.linspace(0.0, 2.0 * np.pi, 2881)
+EXAMPLES = settings(max_examples=40, deadline=None)
+SEEDS = st.integers(0, 2**32 - 1)
+ORDERS = st.sampled_from(["zy", "yz"])
+BENDS = st.sampled_from([0.4, 1.5, 3.0])
+
+
+def largest(chain, rolls, a0=0.0, b0=0.0):
+    a_rad, b_rad = chain.angles(np.atleast_1d(rolls))
+    return np.maximum(np.abs(a_rad - a0), np.abs(b_rad - b0)).max(axis=1)
+
+
+def room(chain, rolls, limits):
+    a_rad, b_rad = chain.angles(np.atleast_1d(rolls))
+    sides = [a_rad - limits.a_rad[:, 0], limits.a_rad[:, 1] - a_rad]
+    sides += [b_rad - limits.b_rad[:, 0], limits.b_rad[:, 1] - b_rad]
+    return np.min(sides, axis=(0, 2))
+
+
+@given(seed=SEEDS, order=ORDERS, bend=BENDS, n=st.integers(2, 12))
+@EXAMPLES
+def test_no_roll_has_a_smaller_largest_angle(random_directions, seed, order, bend, n):
+    chain = RollMap.of(random_directions(seed, n, bend), order)
+    best = smallest_angle(chain)
+    assert best.level_rad <= largest(chain, ROLLS).min() + 1e-9
+    assert largest(chain, best.roll_rad)[0] == pytest.approx(best.level_rad, abs=1e-7)
+
+
+def test_on_an_arc_the_smallest_largest_angle_shares_the_bend_between_both_axes():
+    """One bend of 0.6: cos a cos b = cos 0.6, and a and b alike in size at their best."""
+    u = np.array([[1.0, 0, 0], [np.cos(0.6), np.sin(0.6), 0]])
+    best = smallest_angle(RollMap.of(u))
+    a_rad, b_rad = RollMap.of(u).angles(np.array([best.roll_rad]))
+    assert abs(a_rad[0, 0]) == pytest.approx(abs(b_rad[0, 0]), abs=1e-9)
+    assert np.cos(a_rad[0, 0]) * np.cos(b_rad[0, 0]) == pytest.approx(np.cos(0.6))
+
+
+@given(seed=SEEDS, order=ORDERS, bend=BENDS, n=st.integers(2, 10), aside=st.floats(-0.5, 0.5))
+@EXAMPLES
+def test_no_roll_leaves_more_room(random_directions, seed, order, bend, n, aside):
+    chain = RollMap.of(random_directions(seed, n, bend), order)
+    limits = JointLimits.alike(n - 1, aside - 3.5, aside + 3.7)
+    best = most_room(chain, limits)
+    assert best.level_rad >= room(chain, ROLLS, limits).max() - 1e-9
+    assert room(chain, best.roll_rad, limits)[0] == pytest.approx(best.level_rad, abs=1e-7)
+    assert room_at(chain, best.roll_rad, limits).level_rad == pytest.approx(
+        best.level_rad, abs=1e-7
+    )
+
+
+@given(seed=SEEDS, order=ORDERS, n=st.integers(2, 10), limit=st.floats(0.05, 0.6))
+@EXAMPLES
+def test_limits_that_no_roll_keeps_name_the_joint_and_by_how_much(
+    random_directions, seed, order, n, limit
+):
+    chain = RollMap.of(random_directions(seed, n, 1.4), order)
+    limits = JointLimits.alike(n - 1, -limit, limit)
+    beyond = largest(chain, ROLLS).min() - limit
+    assume(beyond > 1e-3)
+    with pytest.raises(CurveError, match=r"^joint \d+: no roll keeps .* degrees beyond") as caught:
+        most_room(chain, limits)
+    for choose in (smallest_angle, lambda c, k: smallest_move(c, *np.zeros((2, n - 1)), k)):
+        with pytest.raises(CurveError, match="no roll keeps"):
+            choose(chain, limits)
+    said = float(str(caught.value).split(" is ")[1].split()[0])
+    assert said == pytest.approx(np.degrees(beyond), rel=0.1, abs=0.3)
+    assert not len(feasible_rolls(chain, limits))
+
+
+def test_limits_kept_at_single_rolls_only_are_kept():
+    heading = np.array([0.0, 0.3, 0.1, 0.6])
+    u = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
+    limits = JointLimits(np.tile([-1.0, 1.0], (3, 1)), np.zeros((3, 2)))
+    best = smallest_angle(RollMap.of(u), limits)
+    assert np.sin(best.roll_rad) == pytest.approx(0.0, abs=1e-8)
+    assert best.level_rad == pytest.approx(0.5, abs=1e-8)
+
+
+def test_a_roll_given_that_does_not_keep_the_limits_is_refused():
+    u = np.array([[1.0, 0, 0], [np.cos(0.6), np.sin(0.6), 0]])
+    limits = JointLimits.alike(1, -0.5, 0.5)
+    assert room_at(RollMap.of(u), 0.8, limits).level_rad > 0.0
+    with pytest.raises(CurveError, match=r"joint 1: this roll does not keep .*: a is 5.73 degrees"):
+        room_at(RollMap.of(u), 0.0, limits)
+
+
+@given(seed=SEEDS, order=ORDERS, bend=st.sampled_from([0.4, 1.3]), n=st.integers(2, 10))
+@EXAMPLES
+def test_no_roll_moves_less_from_the_last_shape(random_directions, seed, order, bend, n):
+    random = np.random.default_rng(seed)
+    u = random_directions(seed, n, bend)
+    last = joint_angles(u, first_axes(u, random.uniform(0, 6)), order)
+    moved = u + random.normal(scale=0.05, size=u.shape)
+    chain = RollMap.of(moved / np.linalg.norm(moved, axis=1)[:, None], order)
+    best = smallest_move(chain, last.a_rad, last.b_rad)
+    moves = largest(chain, ROLLS, last.a_rad, last.b_rad)
+    assert best.level_rad <= moves.min() + 1e-9
+    far = best.level_rad + 0.2
+    near = smallest_angle_near(chain, last.a_rad, last.b_rad, far)
+    assert largest(chain, near.roll_rad, last.a_rad, last.b_rad)[0] <= far + 1e-9
+    assert near.level_rad <= largest(chain, ROLLS)[moves <= far].min(initial=9.0) + 1e-9
+    stays = smallest_angle_near(chain, last.a_rad, last.b_rad, best.level_rad / 2.0)
+    assert stays == best
+
+
+@given(seed=SEEDS, order=ORDERS, n=st.integers(1, 8))
+@EXAMPLES
+def test_the_last_link_has_the_roll_wanted(random_directions, seed, order, n):
+    u = random_directions(seed, n, 0.8)
+    wanted = np.random.default_rng(seed + 1).normal(size=3)
+    found = roll_for_last(RollMap.of(u, order), wanted)
+    z = joint_angles(u, first_axes(u, found.roll_rad), order).axes[-1, :, 2]
+    off = wanted - (wanted @ u[-1]) * u[-1]
+    np.testing.assert_allclose(z, off / np.linalg.norm(off), atol=1e-8)
+    assert np.cos(found.level_rad) == pytest.approx(z @ wanted / np.linalg.norm(wanted))
+
+
+@pytest.mark.parametrize("wanted", [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+def test_a_direction_along_the_last_link_is_none(wanted):
+    chain = RollMap.of(np.array([[0.0, 1, 0], [1, 0, 0]]))
+    with pytest.raises(CurveError, match="along the link"):
+        roll_for_last(chain, np.array(wanted))

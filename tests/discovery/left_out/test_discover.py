@@ -1,0 +1,103 @@
+"""Effects hidden in made-up surveys, and what the search by blocks left out makes of them."""
+
+import numpy as np
+import pytest
+
+from made_up_survey import LOW_RAD, Hidden, observe
+from pa10cal.errors import DiscoveryError
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
+
+
+def names(discovery):
+    return [(finding.effect.id, finding.effect.of) for finding in discovery.findings]
+
+
+def test_where_nothing_is_hidden_nothing_is_named(nothing_hidden):
+    found = nothing_hidden.discovery
+    assert found.verdict == "none"
+    assert found.findings == found.rivals == ()
+    assert found.left_over.mean_mm == pytest.approx(found.left_over.floor_mm, rel=0.1)
+    assert not found.left_over.over_floor
+    before, after = found.holdout.whole.before, found.holdout.whole.after
+    assert after.mean_mm == pytest.approx(before.mean_mm, rel=0.15)
+    assert [step.effects for step in found.named] == [()]
+
+
+def test_an_error_of_one_joint_that_has_no_name_is_the_map_of_that_joint(mapped):
+    found = mapped.discovery
+    assert names(found) == [("joint_error_map", "joint 3")]
+    assert found.verdict == "named"
+    (finding,) = found.findings
+    assert isinstance(finding.effect, JointErrorMap)
+    assert finding.effect.knots > 12
+    assert finding.evidence.improved == finding.evidence.blocks == 10
+    assert finding.evidence.z > 10.0
+    assert finding.evidence.rms_without_mm > 1.5 * finding.evidence.rms_with_mm
+    inside = found.holdout.after_inside
+    assert inside.rms_mm < 1.3 * found.left_over.rms_mm
+    assert inside.mean_mm < 0.7 * found.holdout.before_inside.mean_mm
+
+
+def test_the_map_is_the_error_hidden_within_its_uncertainty(mapped):
+    (finding,) = mapped.discovery.findings
+    knots_rad = 2.0 * np.pi * np.arange(finding.effect.knots) / finding.effect.knots
+    knots_rad = np.where(knots_rad > np.pi, knots_rad - 2.0 * np.pi, knots_rad)
+    waves = [(13, 8e-5, 0.3), (17, 6e-5, 1.0), (5, 5e-5, 2.0), (9, 5e-5, 0.0)]
+    true_rad = sum(size * np.sin(order * knots_rad + at) for order, size, at in waves)
+    seen = np.abs(knots_rad) < -LOW_RAD - 0.1
+    off = (finding.x - true_rad)[seen]
+    # Means, slopes and long waves over the angles seen are the offset's and the links' as well.
+    std = np.sqrt(np.diag(finding.covariance))[seen]
+    assert np.std(off) < 2e-5
+    assert np.mean(np.abs(off) < 2.0 * std) > 0.9
+
+
+def test_a_named_form_is_the_answer_where_it_does_as_well_as_the_map(eccentric):
+    found = eccentric.discovery
+    assert names(found) == [("encoder_eccentricity", "joint 2")]
+    assert found.verdict == "named"
+    (finding,) = found.findings
+    std = np.sqrt(np.diag(finding.covariance))
+    assert np.all(np.abs(finding.x - [1e-4, 0.7]) < 3.5 * std)
+    assert std[0] < 1e-5
+    assert found.holdout.whole.after.mean_mm < 0.7 * found.holdout.whole.before.mean_mm
+    assert [len(step.effects) for step in found.named] == [0, 1]
+
+
+def test_what_turns_the_end_and_does_not_move_it_is_no_effect_of_a_joint(twisted):
+    found = twisted.discovery
+    assert found.findings == ()
+    helping = [(entry.effect.of, entry.kinds_agree) for entry in found.remainders if entry.helps]
+    assert ("joint 5", False) in helping
+
+
+def test_noise_beyond_what_is_stated_is_unexplained_and_has_no_name():
+    found = observe(Hidden(noise=3.0), poses=150, held_out=0).discovery
+    assert found.verdict == "unexplained"
+    assert found.findings == found.rivals == ()
+    assert found.left_over.over_floor
+    assert found.holdout is None
+
+
+def test_not_testable_are_effects_of_what_was_not_logged(nothing_hidden):
+    why = {
+        (entry.effect.id, entry.effect.of): entry.why
+        for entry in nothing_hidden.discovery.not_testable
+    }
+    assert why["friction_torque", "joint 2"] == "the torques were not logged"
+    assert "joint_compliance" in {name for name, _ in why}
+    assert not {"encoder_eccentricity", "joint_error_map"} & {name for name, _ in why}
+
+
+def test_held_out_poses_beyond_the_angles_seen_are_told_apart(mapped):
+    holdout = mapped.discovery.holdout
+    counts = [
+        found.configurations for found in (holdout.after_inside, holdout.after_beyond) if found
+    ]
+    assert sum(counts) == len(mapped.held_out) == holdout.whole.after.configurations
+    assert counts[0] == holdout.inside.sum()
+
+
+def test_too_few_poses_are_refused():
+    with pytest.raises(DiscoveryError, match="too few poses to judge effects by blocks"):
+        _ = observe(poses=99).survey

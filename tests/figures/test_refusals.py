@@ -1,0 +1,97 @@
+"""Nothing is drawn of a fit that did not converge, or of another model than the picture is of."""
+
+import json
+import shutil
+from dataclasses import replace
+from importlib import import_module
+
+import pytest
+
+from pa10cal.errors import RecordError
+from pa10cal.figures.catalogue import FIGURES, TABLES
+
+#: Drawn from no calibration.
+OF_NO_FIT = {"fig4_test_path", "montecarlo_planes", "montecarlo_convergence", "montecarlo_map"}
+COMPLETE = {"held_out_errors", "error_by_joint", "accuracy_complete", "joint_error_maps"}
+DRAWN_OF_FITS = [name for name in (*FIGURES, *TABLES) if name not in OF_NO_FIT]
+REASON = "The maximum number of function evaluations is exceeded"
+REMEDY = r"allowed: a calibration whose status is converged; .*calibration\.max_iterations"
+
+
+@pytest.fixture
+def unfinished(tmp_path):
+    """Copy results in which the fits named did not converge."""
+
+    def copy(source, *keys, loads=None):
+        folder = tmp_path / "unfinished"
+        shutil.copytree(source.folder, folder)
+        for path in (folder / "calibration").glob("*.json"):
+            if loads is None or path.stem in loads:
+                record = json.loads(path.read_text("utf-8"))
+                for key in keys:
+                    fit = record[key] if key else record
+                    fit.update(status="not converged", reason=REASON)
+                path.write_text(json.dumps(record), encoding="utf-8")
+        return replace(source, folder=folder)
+
+    return copy
+
+
+def make(name, results):
+    module = import_module(f"pa10cal.figures.{name}")
+    return (module.tabulate if name in TABLES else module.draw)(results)
+
+
+@pytest.mark.parametrize("name", DRAWN_OF_FITS)
+def test_nothing_is_drawn_of_a_fit_that_did_not_converge(unfinished, results, learnt, name):
+    source = unfinished(learnt if name in COMPLETE else results, "")
+    where = r"calibration/(combined|complete)\.json: the fit did not converge"
+    with pytest.raises(RecordError, match=rf"{where}.*not converged: {REASON}.*{REMEDY}"):
+        make(name, source)
+
+
+@pytest.mark.parametrize("name", sorted(COMPLETE))
+def test_nor_of_the_models_it_is_compared_with(unfinished, learnt, name):
+    source = unfinished(learnt, "geometry")
+    with pytest.raises(RecordError, match=rf"combined\.json: geometry: the fit did.*{REMEDY}"):
+        make(name, source)
+
+
+def test_nor_of_linear_springs(unfinished, results):
+    with pytest.raises(RecordError, match=r"combined\.json: linear: the fit did not converge"):
+        make("fig6_holdout", unfinished(results, "linear", loads=["combined"]))
+
+
+@pytest.mark.parametrize("name", ["fig5_before_after", "table1_parameters", "paper_against_ours"])
+def test_nor_of_one_load_alone(unfinished, results, name):
+    source = unfinished(results, "", loads=["22N"])
+    with pytest.raises(RecordError, match=r"22N\.json: the fit did not converge"):
+        make(name, source)
+
+
+@pytest.mark.parametrize("name", sorted(OF_NO_FIT))
+def test_what_is_of_no_fit_is_drawn(unfinished, results, project_looks, name):
+    assert make(name, unfinished(results, "")).axes
+
+
+PAPER = (
+    "fig5_before_after",
+    "fig6_holdout",
+    "residual_vectors",
+    "parameter_uncertainty",
+    "l_curve",
+)
+
+
+@pytest.mark.parametrize("name", [*PAPER, "table1_parameters", "paper_against_ours"])
+def test_pictures_of_the_papers_model_are_of_no_other(sighted, name):
+    with pytest.raises(RecordError, match=r"of the paper's model.*the complete model.*pictures"):
+        make(name, sighted["pose"])
+
+
+def test_pictures_of_the_complete_model_are_of_no_other(results, tmp_path):
+    folder = tmp_path / "other"
+    shutil.copytree(results.folder, folder)
+    shutil.copy(folder / "calibration/combined.json", folder / "calibration/complete.json")
+    with pytest.raises(RecordError, match=r"complete\.json: the picture is of the complete model"):
+        make("doubted_poses", replace(results, folder=folder))

@@ -1,0 +1,122 @@
+"""From the virtual cell to the estimator: as through files, and the truth in its coordinates."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from pa10cal.calibration.complete.complete import CompleteOptions, calibrate_complete
+from pa10cal.calibration.complete.start import find_start
+from pa10cal.calibration.complete.unknowns import choose_unknowns
+from pa10cal.campaign.description import read_campaign
+from pa10cal.campaign.ingest import ingest_campaign
+from pa10cal.campaign.sightings import sightings
+from pa10cal.campaign.table import read_pose_table, write_pose_table
+from pa10cal.cell.individual_arm import draw_individual
+from pa10cal.cell.sighted import measure_individual, measure_sighted
+from pa10cal.cell.sighted_write import write_sighted
+from pa10cal.evaluation.known_truth import class_of, parameter_scores, prediction_scores
+from pa10cal.files.arms import load_arm
+from pa10cal.settings import IngestSettings, SightedPlan
+from pa10cal.stages.simulated_sightings import (
+    burden_of_individual,
+    draw_by_unknowns,
+    exact_sightings,
+    sightings_of,
+)
+
+#: Noise so small that anything but the right coordinates of the truth would show.
+SHARP = {"position_mm": 1e-5, "attitude_rad": 1e-8, "unseen_share": 0.0}
+
+
+@pytest.mark.parametrize("instrument", ["pose", "points", "distance"])
+def test_a_campaign_in_memory_is_the_one_of_its_files(tmp_path, instrument):
+    arm = load_arm("gx4_351s")
+    plan = SightedPlan(instrument=instrument, poses=12, holdout_share=0.0, targets=2)
+    made = measure_sighted(arm, plan, 5)
+    write_sighted(made, tmp_path / "raw", "made")
+    campaign = read_campaign(tmp_path / "raw")
+    ingested = ingest_campaign(campaign, arm, tmp_path / "raw", IngestSettings())
+    write_pose_table(tmp_path / "poses.parquet", ingested.poses, campaign.name)
+    read = sightings(read_pose_table(tmp_path / "poses.parquet"), campaign)
+    found = sightings_of(made)
+    assert list(found.pose) == list(read.pose)
+    assert found.states.q_rad == pytest.approx(read.states.q_rad, abs=1e-8)
+    for field in fields(read.seen):
+        ours, theirs = getattr(found.seen, field.name), getattr(read.seen, field.name)
+        if field.name == "names":
+            assert ours == theirs
+        else:
+            assert ours == pytest.approx(theirs, abs=2e-8, rel=2e-3, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("robot", "plan"),
+    [
+        ("iiwa14", {"instrument": "pose"}),
+        ("gx4_351s", {"instrument": "pose"}),
+        ("gx4_351s", {"instrument": "points", "targets": 1}),
+        ("ur10", {"instrument": "points", "targets": 1}),
+        ("ur10", {"instrument": "distance"}),
+        ("ur10", {"instrument": "pose", "flexible_joints": (2, 3), "hardening": False}),
+    ],
+)
+def test_the_truth_is_stated_in_the_coordinates_of_the_model(robot, plan):
+    arm = load_arm(robot)
+    plan = SightedPlan(
+        poses=60, holdout_share=0.0, states_targets=False, target_m=0.05, target_rad=1.0,
+        **SHARP, **plan,
+    )  # fmt: skip
+    first = sightings_of(measure_sighted(arm, plan, 3))
+    start = find_start(arm, first)
+    unknowns = choose_unknowns(
+        arm, CompleteOptions().tolerances, first.seen, start.T_cmm_base, start.places_m
+    )
+    individual, truth = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(4))
+    seen = sightings_of(measure_individual(individual, plan, 4))
+    found = calibrate_complete(
+        arm,
+        seen,
+        find_start(arm, seen),
+        burden_of_individual(individual),
+        CompleteOptions(springs=plan.flexible_joints),
+    )
+    scores = parameter_scores(found, truth)
+    assert len(scores) == len(found.problem.parameters)
+    std = dict(
+        zip([p.name for p in found.problem.parameters], np.diag(found.fit.covariance), strict=True)
+    )
+    # Springs act in the posture that they leave, which the estimator takes from the motors.
+    off = {name: score * np.sqrt(std[name]) for name, score in scores.items()}
+    allowed = 2e-5 if plan.flexible_joints else 2e-7
+    assert {name: value for name, value in off.items() if abs(value) > allowed} == {}
+    if not plan.flexible_joints:
+        assert max(map(abs, scores.values())) < 5.0
+
+
+def test_predictions_of_an_arm_off_in_any_way_are_held_to_what_it_does():
+    arm = load_arm("ur10")
+    plan = SightedPlan(instrument="points", targets=1, poses=60, holdout_share=0.0)
+    individual = draw_individual(arm, plan, np.random.default_rng(1))
+    seen = sightings_of(measure_individual(individual, plan, 1))
+    found = calibrate_complete(arm, seen, find_start(arm, seen))
+    scores = prediction_scores(found, exact_sightings(individual, plan, 50, 2))
+    assert scores.shape == (150,)
+    assert 0.4 < np.sqrt(np.mean(scores**2)) < 1.8
+    other = draw_individual(arm, plan, np.random.default_rng(2))
+    assert np.abs(prediction_scores(found, exact_sightings(other, plan, 50, 2))).mean() > 10.0
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("delta_a_2", "lengths"),
+        ("delta_alpha_2", "angles"),
+        ("delta_theta_10", "angles"),
+        ("base_rz", "base"),
+        ("target_T1_x", "targets"),
+        ("windup_3", "springs"),
+    ],
+)
+def test_parameters_have_a_class(name, kind):
+    assert class_of(name) == kind

@@ -1,0 +1,116 @@
+"""Maps of a joint's error with a stated spacing and smoothness, by laws."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.effects.joint_error_map import (
+    Fading,
+    JointErrorMap,
+    b_splines,
+    b_splines_by_knots,
+    harmonic_orders,
+    harmonics_at_knots,
+)
+
+FINE = JointErrorMap("joint 2", 36, Fading(1e-4, 4.0))
+TURN = 2.0 * np.pi
+angles = arrays(float, 7, elements=st.floats(-20.0, 20.0))
+errors = arrays(float, 36, elements=st.floats(-1e-3, 1e-3))
+
+
+def at(q_rad):
+    q_rad = np.asarray(q_rad)
+    states = np.zeros((len(q_rad), 6))
+    states[:, 1] = q_rad
+    zeros, zero = np.zeros_like(states), np.zeros(len(states))
+    return PoseStates(states, zeros, zeros, zero, zero, zero)
+
+
+@settings(deadline=None, max_examples=40)
+@given(angles, errors)
+def test_the_error_is_what_its_derivative_says(q_rad, x):
+    shift = FINE.shift(at(q_rad), x)
+    assert shift.shape == (7, 1)
+    np.testing.assert_allclose(shift, FINE.derivative(at(q_rad), x) @ x, atol=1e-15)
+
+
+@settings(deadline=None, max_examples=20)
+@given(angles, errors, st.integers(0, 35))
+def test_the_derivative_is_that_of_differences(q_rad, x, k):
+    step = np.zeros(36)
+    step[k] = 1e-4
+    difference = (FINE.shift(at(q_rad), x + step) - FINE.shift(at(q_rad), x - step)) / 2e-4
+    exact = FINE.derivative(at(q_rad), x)[:, :, k]
+    np.testing.assert_allclose(exact, difference, atol=1e-9)
+
+
+@settings(deadline=None, max_examples=40)
+@given(angles, errors, st.integers(-3, 3))
+def test_it_comes_again_after_a_turn(q_rad, x, turns):
+    there = FINE.shift(at(q_rad + turns * TURN), x)
+    np.testing.assert_allclose(there, FINE.shift(at(q_rad), x), atol=1e-15 + 1e-13)
+
+
+def test_it_goes_through_its_knots():
+    x = np.random.default_rng(1).standard_normal(36)
+    knots_rad = TURN * np.arange(36) / 36
+    np.testing.assert_allclose(FINE.shift(at(knots_rad), x)[:, 0], x, atol=1e-12)
+
+
+@pytest.mark.parametrize("knots", [12, 25, 36, 360])
+def test_b_splines_are_the_spline_through_knots(knots):
+    rng = np.random.default_rng(2)
+    q_rad = np.concatenate([rng.uniform(-9.0, 9.0, 200), [0.0, TURN, -TURN, -1e-17, 3.0 * TURN]])
+    x = rng.standard_normal(knots)
+    sparse = b_splines(knots, q_rad)
+    assert sparse.shape == (len(q_rad), knots)
+    assert sparse.nnz == 4 * len(q_rad)
+    effect = JointErrorMap("joint 2", knots)
+    np.testing.assert_allclose(
+        sparse @ (b_splines_by_knots(knots) @ x), effect.shift(at(q_rad), x)[:, 0], atol=1e-11
+    )
+
+
+@pytest.mark.parametrize("knots", [25, 36])
+def test_harmonics_are_independent_and_complete(knots):
+    waves, orders = harmonics_at_knots(knots), harmonic_orders(knots)
+    products = waves.T @ waves
+    np.testing.assert_allclose(products, np.diag(np.diag(products)), atol=1e-11)
+    assert orders[0] == 0.0
+    assert orders[-1] == knots // 2
+
+
+def test_the_finer_the_wave_the_less_of_it_is_expected():
+    expected = FINE.prior_factor @ FINE.prior_factor.T
+    np.testing.assert_allclose(expected[0], np.roll(expected[5], -5), atol=1e-20)
+    waves = harmonics_at_knots(36)
+    sizes = [np.sqrt(wave @ expected @ wave) / (wave @ wave) for wave in waves.T]
+    np.testing.assert_allclose(sizes[3], 1e-4 / (1.0 + (2 / 4.0) ** 2))
+    np.testing.assert_allclose(sizes[8], 1e-4 / 2.0)
+    assert np.all(np.diff(sizes[1:]) <= 1e-18)
+
+
+def test_a_constant_belongs_to_the_offset_of_the_joint():
+    constant = np.ones(36) / 36.0
+    expected = FINE.prior_factor @ FINE.prior_factor.T
+    assert constant @ expected @ constant < 1e-5 * expected[0, 0]
+
+
+def test_every_knot_is_reported_under_a_name_of_its_own():
+    names = [parameter.name for parameter in FINE.report(np.zeros(36)).parameters]
+    assert (names[0], names[-1], len(set(names))) == ("knot_00", "knot_35", 36)
+    assert replace(FINE, knots=216).known[7].name == "knot_007"
+    plausible = FINE.parameters[0].plausible
+    assert plausible == pytest.approx(np.sqrt((FINE.prior_factor**2).sum(axis=1)[0]))
+
+
+def test_without_a_stated_smoothness_it_is_what_twelve_knots_can_follow(surroundings):
+    (usual,) = (e for e in JointErrorMap.everywhere(surroundings) if e.of == "joint 2")
+    assert usual == JointErrorMap("joint 2")
+    assert (usual.knots, usual.fading, len(usual.parameters)) == (12, None, 12)

@@ -1,0 +1,26 @@
+"""The rules of the coverage study."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+RULES = {"coverage", "coverage_complete_model", "coverage_papers_model"}
+
+
+def test_one_target_covers_both_models_with_the_settings_given(tmp_path):
+    section = json.dumps({"campaigns": 3, "random_seed": 7, "poses": 44})
+    pairs = [f"raw_dir={ROOT / 'data/raw'}", f"results_dir={tmp_path}", f"coverage={section}"]
+    command = [sys.executable, "-m", "snakemake", "--cores", "1", "--nocolor", "-n", "-p"]
+    command += ["-s", str(ROOT / "Snakefile"), "coverage", "--config", *pairs]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    text = done.stdout + done.stderr
+    assert done.returncode == 0, text
+    jobs = re.search(r"^Job stats:\n.*\n-.*\n((?:\S+ +\d+\n)+)", text, re.MULTILINE)[1].split()
+    assert set(jobs[::2]) == {*RULES, "total"}
+    assert "coverage --campaigns 3 --first-seed 7 --settings" in text
+    assert '"poses":44' in text

@@ -1,0 +1,41 @@
+rule transfer:
+    """A model calibrated in one campaign judged in another: only base and tool are found anew."""
+    input:
+        campaign=raw("campaign.yaml"),
+        arm=arm_of_campaign,
+        poses=result("ingest/poses.parquet"),
+        calibration=lambda wildcards: expand(
+            result("calibration/combined.json"), campaign=wildcards.source
+        ),
+        extended=lambda wildcards: expand(
+            result("discovery/extended.json"), campaign=wildcards.source
+        ),
+        code=code_of("stages.transfer"),
+    output:
+        result("evaluation/transfer_{source}.json"),
+    log:
+        result("logs/transfer_{source}.log"),
+    params:
+        folder=campaign_folder,
+    shell:
+        "python -m pa10cal transfer --calibration {input.calibration:q} --extended {input.extended:q}"
+        " --campaign-dir {params.folder:q} --poses {input.poses:q} --out {output:q}"
+        " 2>&1 | tee {log:q} >&2"
+
+
+rule ur10:
+    """The UR10 that was really measured, from the public data to figures."""
+    input:
+        lambda wildcards: [
+            path
+            for campaign in IMPORTED
+            for path in (
+                *calibrations_of(campaign),
+                *verdict_of(campaign),
+                *expand(rules.export.output.model, campaign=campaign),
+                *pictures_of(campaign),
+            )
+        ],
+        expand(
+            result("evaluation/transfer_{source}.json"), campaign=IMPORTED[1], source=IMPORTED[0]
+        ),
