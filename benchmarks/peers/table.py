@@ -94,6 +94,9 @@ def page(
         lines += ["", f"## {title}", "", *_held_out(of, methods, cases, what)]
         if what == "mean_um":
             lines += ["", f"Nominal rows, base and target fitted: {shown}."]
+            lines += [
+                "(k of n): from k of n rounds, thus of other arms than the rest of its column."
+            ]
     lines += ["", "## Against the bars", ""]
     lines += _bars(runs, [method for method in methods if method != OURS], cases)
     lines += ["", "## What failed", ""]
@@ -114,8 +117,9 @@ def _held_out(
 ) -> list[str]:
     """Return a Markdown table of one quantity, methods down and cases across."""
     lines = [f"| | {' | '.join(cases)} |", "| --- |" + " --- |" * len(cases)]
+    most = {case: max(cell.runs for (_, at), cell in of.items() if at == case) for case in cases}
     for method in methods:
-        shown = [_shown(of.get((method, case)), what) for case in cases]
+        shown = [_shown(of.get((method, case)), what, most[case]) for case in cases]
         lines.append(f"| {method} | {' | '.join(shown)} |")
     return lines
 
@@ -206,21 +210,19 @@ def _cell(runs: Sequence[Run]) -> Cell:
     )
 
 
-def _shown(cell: Cell | None, what: str) -> str:
+def _shown(cell: Cell | None, what: str, most: int) -> str:
+    """Return what a cell shows, marked where it stands on fewer runs than others of its case."""
     if cell is None:
         return "–"
     if not cell.results:
         return "no result"
     if what == "parameters":
-        least, most = cell.parameters
-        return str(least) if least == most else f"{least}–{most}"
-    value = {
-        "mean_um": 1e3 * cell.mean_mm,
-        "rms_um": 1e3 * cell.rms_mm,
-        "seconds": cell.seconds,
-    }[what]
-    marks = "" if cell.results == cell.runs else f" ({cell.results} of {cell.runs})"
-    return f"{value:.3g}{marks}"
+        least, largest = cell.parameters
+        return str(least) if least == largest else f"{least}–{largest}"
+    mark = "" if cell.results == most else f" ({cell.results} of {most})"
+    if what == "seconds":
+        return f"{cell.seconds:.3g}{mark}"
+    return f"{1e3 * (cell.mean_mm if what == 'mean_um' else cell.rms_mm):.4g}{mark}"
 
 
 def _kept(kept: bool) -> str:

@@ -102,6 +102,7 @@ def test_the_page_gives_medians_and_compares_round_by_round():
     text = page(runs, ["pa10cal", "good", "once"], {"rows-0027": 1.2}, ["as told"], ["a note"])
     assert "| pa10cal | 70 |" in text
     assert "| good | 71 |" in text
+    assert "| once | 49 (1 of 5) |" in text
     # Once, in the round in which we had 50: 0.98, though its 49 stand beside our median of 70.
     assert "| rows-0027 | once | 0.980 | NO | good | 4.0 | ≥ 3: yes |" in text
     assert "- a note" in text

@@ -85,6 +85,12 @@ def test_a_polyline_is_straight_with_kinks():
     np.testing.assert_allclose(curve.at(np.array([1.5])), [[1.0, 0.5, 0.0]], atol=1e-15)
 
 
+def test_two_points_are_a_straight_spline():
+    curve = spline_through(SQUARE[:2])
+    np.testing.assert_allclose(curve.at(np.array([0.25])), [[0.25, 0.0, 0.0]], atol=1e-15)
+    assert curve.bounds.curvature.max() < 1e-12
+
+
 def test_a_closed_spline_returns_without_a_kink():
     curve = spline_through(SQUARE, closed=True)
     ends, v = curve.with_velocity(np.array([curve.bounds.start, curve.bounds.end]))

@@ -9,6 +9,13 @@ for name in SETTINGS.dataset_sources:
             f" allowed: {', '.join(dataset_names())}; correct the name"
         )
 
+
+def source_option(name):
+    """What the fetch is told of a copy of a data set to take in place of the published one."""
+    source = SETTINGS.dataset_sources.get(name)
+    return f"--source {shlex.quote(source)}" if source else ""
+
+
 FETCHED = os.path.join(_literal(SETTINGS.results_dir), "datasets", "ipa-robot-accuracy")
 
 
@@ -25,10 +32,10 @@ rule fetch_ipa_robot_accuracy:
         f"{FETCHED}.fetch.log",
     params:
         folder=lambda wildcards, output: os.path.dirname(output.licence),
-        source=SETTINGS.dataset_sources.get("ipa-robot-accuracy", ""),
+        source=lambda wildcards: source_option("ipa-robot-accuracy"),
     shell:
         "python -m pa10cal fetch ipa-robot-accuracy --out {params.folder:q}"
-        " --source {params.source:q} 2>&1 | tee {log:q} >&2"
+        " {params.source} 2>&1 | tee {log:q} >&2"
 
 
 rule import_ipa_robot_accuracy:

@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 
 #: Stretches searched at first, as a part of the link, and into how many the suspicious is cut.
 _FIRST_STRETCH, _CUTS = 0.125, 16
-#: The search looks this many links ahead, then twice as many, and so on.
-_FIRST_LOOK = 2.0
+#: The search looks this many links ahead, then twice as many, up to the most at once.
+_FIRST_LOOK, _LONGEST_LOOK = 2.0, 2048.0
 #: Where the tangent is within this of square to the link, the curve may be turning back.
 _SLANT = 1e-5
 #: Half the reach in which it is looked for where the curve turns back, as a part of the link.
@@ -71,7 +71,7 @@ def first_crossing(curve: Curve, t: float, p_m: Array, link_m: float) -> Crossin
         found = search.between(bounds.stretches(low, high, _FIRST_STRETCH * link_m))
         if found is not None:
             return found
-        low, look = high, 2.0 * look
+        low, look = high, min(2.0 * look, _LONGEST_LOOK * link_m)
     return None
 
 

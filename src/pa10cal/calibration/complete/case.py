@@ -192,6 +192,8 @@ def _ended(complete: Complete, openly: frozenset[str]) -> Ended:
     fit, parameters = complete.fit, complete.problem.parameters
     columns = kinds(complete.problem.seen)[0][1]
     root = np.sqrt(fit.weights)[:, None, None]
+    # Of several targets the uncertainty of one is meant, as the error is that of one.
+    share = np.sqrt(_targets_seen(complete))[:, None, None]
     return Ended(
         converged=fit.converged,
         reason=fit.reason,
@@ -203,7 +205,7 @@ def _ended(complete: Complete, openly: frozenset[str]) -> Ended:
         covariance=fit.covariance,
         identifiability=fit.identifiability,
         white=(root * fit.whitener) @ fit.jacobian,
-        position=fit.jacobian[:, columns],
+        position=fit.jacobian[:, columns] / share,
         open_parameters=openly,
     )
 
@@ -214,6 +216,12 @@ def _noise_mm(complete: Complete) -> float:
     columns = kinds(problem.seen)[0][1]
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns]
     seen = problem.components_seen[:, columns]
-    targets = np.maximum(1, seen.sum(axis=1) // 3)
-    per_pose = np.where(seen, variances, 0.0).sum(axis=1) / targets
+    per_pose = np.where(seen, variances, 0.0).sum(axis=1) / _targets_seen(complete)
     return float(1e3 * np.sqrt(per_pose.mean()))
+
+
+def _targets_seen(complete: Complete) -> Array:
+    """Return how many targets were seen in each pose, (P,)."""
+    problem = complete.problem
+    columns = kinds(problem.seen)[0][1]
+    return np.maximum(1.0, problem.components_seen[:, columns].sum(axis=1) // 3)
