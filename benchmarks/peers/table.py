@@ -117,7 +117,10 @@ def _held_out(
 ) -> list[str]:
     """Return a Markdown table of one quantity, methods down and cases across."""
     lines = [f"| | {' | '.join(cases)} |", "| --- |" + " --- |" * len(cases)]
-    most = {case: max(cell.runs for (_, at), cell in of.items() if at == case) for case in cases}
+    most = {
+        case: max((cell.runs for (_, at), cell in of.items() if at == case), default=0)
+        for case in cases
+    }
     for method in methods:
         shown = [_shown(of.get((method, case)), what, most[case]) for case in cases]
         lines.append(f"| {method} | {' | '.join(shown)} |")

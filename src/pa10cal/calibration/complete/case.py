@@ -224,4 +224,5 @@ def _targets_seen(complete: Complete) -> Array:
     """Return how many targets were seen in each pose, (P,)."""
     problem = complete.problem
     columns = kinds(problem.seen)[0][1]
-    return np.maximum(1.0, problem.components_seen[:, columns].sum(axis=1) // 3)
+    targets: Array = np.maximum(1.0, problem.components_seen[:, columns].sum(axis=1) // 3)
+    return targets

@@ -1,0 +1,53 @@
+"""What the pictures of a chain along a curve show."""
+
+import numpy as np
+import pytest
+
+from pa10cal.figures import curve_gait, curve_shape
+from pa10cal.figures.curve_results import CurveRecord, CurveResults
+from pa10cal.figures.style import looks
+
+
+@pytest.fixture
+def results():
+    """Three links that bend more in each of five shapes."""
+    time_s = np.linspace(0.0, 1.0, 5)
+    heading = time_s[:, None] * np.array([0.0, 0.3, 0.9])
+    steps = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=2)
+    p_m = np.concatenate([np.zeros((5, 1, 3)), np.cumsum(0.1 * steps, axis=1)], axis=1)
+    shape = {"ending_is": "exact", "roll_deg": 12.34, "largest_angle_deg": 34.38}
+    limits = {"a_deg": (-40.0, 45.0), "b_deg": (-500.0, 500.0)}
+    content = {"link_m": 0.1, "links": 3, "order": "zy", "shapes": [shape] * 5}
+    return CurveResults(
+        record=CurveRecord.model_validate({**content, "settings": {"limits": limits}}),
+        time_s=time_s,
+        p_m=p_m,
+        z_axis=np.tile([0.0, 0.0, 1.0], (5, 3, 1)),
+        curve_m=p_m,
+        a_deg=np.degrees(np.diff(heading, axis=1)),
+        b_deg=np.zeros((5, 2)),
+    )
+
+
+def test_a_shape_is_drawn_with_its_angles_and_near_limits(results):
+    with looks():
+        figure = curve_shape.draw(results)
+    space, angles = figure.axes
+    named = {line.get_label(): line for line in (*space.lines, *angles.lines)}
+    np.testing.assert_array_equal(np.array(named["links"].get_data_3d()).T, results.p_m[0])
+    ends = np.array(named["their z"].get_data_3d()).T.reshape(3, 3, 3)
+    np.testing.assert_allclose(ends[:, 1, 2] - ends[:, 0, 2], 0.045)
+    np.testing.assert_array_equal(named["a, about z"].get_ydata(), results.a_deg[0])
+    limits = {line.get_ydata()[0] for line in angles.lines if line.get_linestyle() == "--"}
+    assert limits == {-40.0, 45.0}
+    assert "12.3" in angles.get_title(loc="left")
+
+
+def test_a_gait_is_drawn_with_angles_over_time_and_moves(results):
+    with looks():
+        figure = curve_gait.draw(results)
+    images = [image for axes in figure.axes for image in axes.get_images()]
+    np.testing.assert_array_equal(images[0].get_array(), results.a_deg.T)
+    np.testing.assert_array_equal(images[1].get_array(), results.b_deg.T)
+    moves = next(axes for axes in figure.axes if "largest move" in axes.get_title(loc="left"))
+    np.testing.assert_allclose(moves.lines[0].get_ydata(), np.degrees(0.6) / 4.0)
