@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 _QUARTER_TURN = np.pi / 2.0 - 1e-6
 _HALF_TURN = np.pi - 1e-6
-_STEPS = 5
+_STEPS = 10
 #: A link this slanted to the curve is left to the search.
 _LEAST_SLOPE = 0.05
 

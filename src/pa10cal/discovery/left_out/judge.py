@@ -16,7 +16,7 @@ from pa10cal.terms.effects.effect import Effect
 Array = NDArray[np.float64]
 
 #: What is left counts as more than noise where it is so many times as large.
-_OVER_FLOOR = 1.2
+_OVER_FLOOR = 1.15
 #: Standard errors over blocks by which it has to be larger.
 _SURELY = 3.0
 
