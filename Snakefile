@@ -27,6 +27,7 @@ include: "workflow/rules/simulate.smk"
 include: "workflow/rules/coverage.smk"
 include: "workflow/rules/blind_trials.smk"
 include: "workflow/rules/ur10.smk"
+include: "workflow/rules/curve.smk"
 
 
 rule all:

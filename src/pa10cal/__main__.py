@@ -28,6 +28,8 @@ STAGES = {
     "trial_figures": "draw one figure or table of blind trials",
     "curve": "a curve as links, their joint angles, and how they move",
     "draw_curve": "draw what the stage curve found, or show it moving",
+    "curve_calibration": "calibrate a chain of links posed along curves, in the virtual cell",
+    "draw_curve_calibration": "draw one figure or table of it",
     "coverage": "count how often intervals hold the truth of simulated campaigns",
     "coverage_complete": "the same with the complete model, arm by arm, instrument by instrument",
 }

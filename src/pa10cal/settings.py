@@ -20,6 +20,7 @@ from pa10cal.errors import SettingsError
 from pa10cal.refused_settings import refusal
 from pa10cal.settings_coverage import CoverageCaseSettings as CoverageCaseSettings
 from pa10cal.settings_coverage import CoverageSettings as CoverageSettings
+from pa10cal.settings_curve import CurveStudySettings as CurveStudySettings
 from pa10cal.settings_section import NonNegative as NonNegative
 from pa10cal.settings_section import Positive as Positive
 from pa10cal.settings_section import Section as Section
@@ -237,6 +238,7 @@ class Settings(Section):
     discovery: DiscoverySettings = DiscoverySettings()
     blind_trials: BlindTrialsSettings = BlindTrialsSettings()
     coverage: CoverageSettings = CoverageSettings()
+    curve: CurveStudySettings = CurveStudySettings()
     figures: FigureSettings = FigureSettings()
     dataset_sources: dict[str, str] = Field(
         default_factory=dict,

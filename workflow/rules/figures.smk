@@ -142,13 +142,13 @@ TABLES = {
     },
     "parameters_complete": {
         "title": "Parameters of the complete model",
-        "needs": [complete_of],
+        "needs": ["calibration/combined.json", complete_of],
         "settings": [],
         "of": [],
     },
     "doubted_poses": {
         "title": "Poses doubted",
-        "needs": [complete_of],
+        "needs": ["calibration/combined.json", complete_of],
         "settings": [],
         "of": [],
     },

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.calibration.design import PoseDesign, pose_design, poses_wanted
 from pa10cal.calibration.identifiability import Identifiability
 from pa10cal.terms.term import Parameter
@@ -19,8 +20,14 @@ _CORRELATED = 0.95
 _MOST_PAIRS = 20
 #: Part of the error left that uncertainty of the model may come to: it then adds 5 % to it.
 _SMALL_SHARE = 0.3
-#: Held-out over training error above which the model follows its own poses.
+#: Held-out over expected error above which the model follows its own poses, at least; with few
+#: held-out poses so many standard deviations of their root mean square.
 _OVERFITTED = 1.3
+_BY_CHANCE = 3.0
+#: Part of the spread of the places seen that a described arm may be off by when it is calibrated.
+_FITS_NOT = 0.01
+#: Part of the unknowns that poses must tell at least.
+_LEAST_TOLD = 2.0 / 3.0
 #: Condition number in scaled parameters above which some direction is told badly.
 _ILL_CONDITIONED = 1e5
 
@@ -52,6 +59,25 @@ class Ended:
     white: Array
     position: Array
     open_parameters: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """What a calibrated model leaves.
+
+    Attributes:
+        train_rms_mm: root mean square position error of the poses fitted, those doubted aside.
+        held_out: errors of poses held out, None where there are none.
+        noise_mm: what the noise of readings explains of the former, None where not known.
+        spread_mm: root mean square distance of the places seen from their middle.
+        doubted: poses far outside the scatter of the others.
+    """
+
+    train_rms_mm: float
+    held_out: Accuracy | None
+    noise_mm: float | None
+    spread_mm: float
+    doubted: int = 0
 
 
 @dataclass(frozen=True)
@@ -95,36 +121,24 @@ class Health:
     u_wanted_mm: float
 
 
-def health(
-    ended: Ended,
-    train_rms_mm: float,
-    held_out_rms_mm: float | None,
-    noise_mm: float | None,
-    doubted: int = 0,
-) -> Health:
-    """Judge a calibration.
-
-    Args:
-        ended: how it ended.
-        train_rms_mm: root mean square position error of the poses fitted.
-        held_out_rms_mm: the same of poses held out.
-        noise_mm: the same that the noise of readings explains.
-        doubted: poses far outside the scatter of the others.
-    """
-    rank = ended.identifiability.rank
+def health(ended: Ended, errors: Errors) -> Health:
+    """Judge a calibration by how it ended and what it leaves."""
     design = pose_design(
-        ended.white, ended.position, np.array([p.scale for p in ended.parameters]), rank
+        ended.white,
+        ended.position,
+        np.array([p.scale for p in ended.parameters]),
+        ended.identifiability.rank,
     )
-    u_wanted_mm = _SMALL_SHARE * train_rms_mm
-    verdict, line = _verdict(ended, train_rms_mm, held_out_rms_mm, noise_mm, design, doubted)
+    u_wanted_mm = _SMALL_SHARE * errors.train_rms_mm
+    verdict, line = _verdict(ended, errors, design)
     return Health(
         ended=ended,
         verdict=verdict,
         line=line,
         pairs=_correlated(ended),
-        train_rms_mm=train_rms_mm,
-        held_out_rms_mm=held_out_rms_mm,
-        noise_mm=noise_mm,
+        train_rms_mm=errors.train_rms_mm,
+        held_out_rms_mm=None if errors.held_out is None else errors.held_out.rms_mm,
+        noise_mm=errors.noise_mm,
         design=design,
         poses=len(ended.white),
         poses_wanted=poses_wanted(design, 1e-3 * u_wanted_mm),
@@ -134,45 +148,78 @@ def health(
 
 
 def _verdict(
-    ended: Ended,
-    train_rms_mm: float,
-    held_out_rms_mm: float | None,
-    noise_mm: float | None,
-    design: PoseDesign,
-    doubted: int,
+    ended: Ended, errors: Errors, design: PoseDesign
 ) -> tuple[Literal["good", "usable", "not usable"], str]:
+    rank, unknowns = ended.identifiability.rank, len(ended.parameters)
     if not ended.converged:
         return "not usable", f"it did not converge: {ended.reason}"
-    error = f"error left {train_rms_mm:.3f} mm rms over the poses fitted"
-    if held_out_rms_mm is not None:
-        error += f", {held_out_rms_mm:.3f} mm over those held out"
+    error = f"error left {errors.train_rms_mm:.3f} mm rms over the poses fitted"
+    if errors.held_out is not None:
+        error += f", {errors.held_out.rms_mm:.3f} mm over those held out"
+    if errors.train_rms_mm > _FITS_NOT * errors.spread_mm:
+        return "not usable", (
+            f"{error}: the arm as described does not fit the readings; check robot, order, signs "
+            "and zeros of the joints, and units"
+        )
+    if rank < _LEAST_TOLD * unknowns:
+        return "not usable", (
+            f"{error}; but the poses tell {rank} of {unknowns} unknowns: other poses would be "
+            "predicted at random"
+        )
     if not np.isfinite(design.u_all_m):
         return "not usable", "too few poses for its unknowns"
+    but = _reservations(ended, errors, design)
+    if but:
+        return "usable", f"{error}; but {'; '.join(but)}"
+    return "good", f"{error}; all {rank} unknowns are told by the poses"
+
+
+def _reservations(ended: Ended, errors: Errors, design: PoseDesign) -> list[str]:
+    """Return what a user of the calibration should have in mind."""
     but = []
     names = sorted(ended.open_parameters)
     if names:
         but.append(
             f"these poses leave {', '.join(names[:4])}{' and others' if names[4:] else ''} open"
         )
-    if ended.at_bound:
-        but.append(f"{', '.join(ended.at_bound)} at the end of the physical range")
+    # A linear spring at its end is a joint as rigid as the readings tell, which is no fault.
+    at_end = [name for name in ended.at_bound if not name.startswith("windup")]
+    if at_end:
+        but.append(f"{', '.join(at_end)} at the end of the physical range")
     if ended.identifiability.condition > _ILL_CONDITIONED:
         but.append(f"condition number {ended.identifiability.condition:.1e}")
-    if held_out_rms_mm is not None and held_out_rms_mm > _OVERFITTED * train_rms_mm:
-        but.append("poses held out are predicted worse than those fitted: too few poses, or others")
-    if 1e3 * design.u_all_m > _SMALL_SHARE * train_rms_mm:
+    if errors.held_out is not None and errors.held_out.rms_mm > _expected_mm(
+        ended, errors, errors.held_out, design
+    ):
+        but.append(
+            "poses held out are predicted worse than the fit promises: they differ from those "
+            "fitted, or the model lacks something"
+        )
+    if 1e3 * design.u_all_m > _SMALL_SHARE * errors.train_rms_mm:
         but.append(
             f"predicted positions are uncertain by {1e3 * design.u_all_m:.3f} mm: more poses help"
         )
-    if noise_mm is not None and train_rms_mm > 3.0 * noise_mm:
+    if errors.noise_mm is not None and errors.train_rms_mm > 3.0 * errors.noise_mm:
         but.append(
-            f"the noise of the readings explains {noise_mm:.3f} mm of it: an effect is missing"
+            f"the noise of the readings explains {errors.noise_mm:.3f} mm of it: an effect is "
+            "missing"
         )
-    if doubted:
-        but.append(f"{doubted} {'pose is' if doubted == 1 else 'poses are'} doubted, see the list")
-    if but:
-        return "usable", f"{error}; but {'; '.join(but)}"
-    return "good", f"{error}; all {ended.identifiability.rank} unknowns are told by the poses"
+    if errors.doubted:
+        poses = "pose is" if errors.doubted == 1 else "poses are"
+        but.append(f"{errors.doubted} {poses} doubted and not in it, see the list")
+    return but
+
+
+def _expected_mm(ended: Ended, errors: Errors, held_out: Accuracy, design: PoseDesign) -> float:
+    """Return the largest error of held-out poses that is no surprise.
+
+    Residuals are smaller than errors by what the fit took up; predictions add its uncertainty.
+    """
+    rows = int(np.count_nonzero(np.any(ended.white != 0.0, axis=2)))
+    taken_up = min(ended.identifiability.rank / max(rows, 1), 0.9)
+    expected_mm = np.hypot(errors.train_rms_mm / np.sqrt(1.0 - taken_up), 1e3 * design.u_all_m)
+    by_chance = 1.0 + _BY_CHANCE / np.sqrt(2.0 * held_out.configurations)
+    return float(expected_mm * max(_OVERFITTED, by_chance))
 
 
 def _correlated(ended: Ended) -> tuple[CorrelatedPair, ...]:

@@ -24,7 +24,7 @@ from pa10cal.calibration.calibrate import (
     one_level,
     solve_one_level,
 )
-from pa10cal.calibration.health import Ended, Health, health
+from pa10cal.calibration.health import Ended, Errors, Health, health
 from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependence
 from pa10cal.calibration.l_curve import LCurvePoint, l_curve
 from pa10cal.calibration.solve import nominal_start, solve
@@ -266,9 +266,13 @@ def _health(
         open_parameters=cubic.open_parameters,
     )
     noise_mm = 1e3 * float(np.sqrt(np.trace(noise.cov_ee[:, :3, :3], axis1=1, axis2=2).mean()))
+    p_cmm_m = level.observations.T_cmm_ee[:, :3, 3]
     return health(
         ended,
-        summarise(model_deviations(cubic, level.observations)).rms_mm,
-        None if held_out is None else summarise(model_deviations(cubic, held_out)).rms_mm,
-        noise_mm,
+        Errors(
+            train_rms_mm=summarise(model_deviations(cubic, level.observations)).rms_mm,
+            held_out=None if held_out is None else summarise(model_deviations(cubic, held_out)),
+            noise_mm=noise_mm,
+            spread_mm=1e3 * float(np.sqrt(np.sum(np.var(p_cmm_m, axis=0)))),
+        ),
     )

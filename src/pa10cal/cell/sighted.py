@@ -129,7 +129,7 @@ def measure_sighted(arm: Arm, plan: SightedPlan, random_seed: int) -> SightedCam
 
 
 def measure_individual(
-    individual: IndividualArm, plan: SightedPlan, random_seed: int
+    individual: IndividualArm, plan: SightedPlan, random_seed: int, postures: Array | None = None
 ) -> SightedCampaign:
     """Measure an individual that is already there; see `measure_sighted`.
 
@@ -137,13 +137,18 @@ def measure_individual(
         individual: the arm, its base and its targets; `plan` is not asked for these.
         plan: instrument, poses, noise.
         random_seed: draws poses and noise.
+        postures: (P, n) positions commanded [rad, or m of a sliding joint], instead of so many
+            drawn as the plan asks for.
     """
     arm, streams = individual.arm, _Streams.of(random_seed)
-    low, high = joint_bounds(arm)
-    commands = as_written(arm, streams.poses.uniform(low, high, (plan.poses, arm.n)))
-    held_out = round(plan.holdout_share * plan.poses)
-    pose, repeat, kind, label = _order(plan.poses - held_out, held_out, plan.repeat_every)
-    load_N = np.resize(plan.loads_N, plan.poses)[pose]
+    if postures is None:
+        low, high = joint_bounds(arm)
+        postures = streams.poses.uniform(low, high, (plan.poses, arm.n))
+    commands = as_written(arm, postures)
+    count = len(commands)
+    held_out = round(plan.holdout_share * count)
+    pose, repeat, kind, label = _order(count - held_out, held_out, plan.repeat_every)
+    load_N = np.resize(plan.loads_N, count)[pose]
     q_motor = commands[pose]
     rest = individual.linkage.rest(q_motor, load_N)
     off = np.where(arm.prismatic, 1e-3 * plan.resolver_mm, plan.resolver_rad)

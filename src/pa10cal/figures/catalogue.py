@@ -38,3 +38,7 @@ TABLES = (
 TRIAL_FIGURES = ("trials_confusion", "trials_power", "trials_false_names", "trials_intervals")
 #: Modules with `tabulate(scores) -> Table`, of a study of blind trials.
 TRIAL_TABLES = ("trials_summary",)
+#: Modules of the study of a chain posed along curves: `draw(study) -> Figure` ...
+CURVE_FIGURES = ("curve_calibration",)
+#: ... and `tabulate(study) -> Table`.
+CURVE_TABLES = ("curve_calibration_summary",)

@@ -45,6 +45,15 @@ def _run(arguments: argparse.Namespace) -> None:
             allowed="converged",
             remedy="raise calibration.max_iterations, or look at its warnings",
         )
+    health = record.get("health", {})
+    if health.get("verdict") == "not usable":
+        raise CalibrationError(
+            "a calibration that is not usable is not exported",
+            where=f"{arguments.calibration}: health",
+            value=health["line"],
+            allowed="good or usable",
+            remedy="do what the line says",
+        )
     arm = load_arm(record["robot"], arguments.campaign_dir)
     model, x, T_cmm_base = read_fit(record, arm, arguments.calibration, cubic=True)
     parameters, effects, warnings = record["parameters"], [], record["warnings"]

@@ -23,16 +23,21 @@ from pa10cal.calibration.complete.deviation import (
     accuracy_by_load,
     accuracy_seen,
     deviations_seen,
+    spread_mm,
 )
 from pa10cal.calibration.complete.doubted import Doubted, doubted
 from pa10cal.calibration.complete.instrument import kinds
 from pa10cal.calibration.complete.start import Start, turned
-from pa10cal.calibration.health import Ended, Health, health
+from pa10cal.calibration.health import Ended, Errors, Health, health
 from pa10cal.calibration.identifiability import Direction, open_directions, open_parameters
 from pa10cal.campaign.seen import Sightings
+from pa10cal.errors import CalibrationError
 from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
+
+#: Part of the spread of the places seen that no calibrated arm is off by.
+_NO_FIT = 0.05
 
 
 @dataclass(frozen=True)
@@ -119,7 +124,8 @@ def work_out_complete(
         options: how to calibrate.
 
     Raises:
-        CalibrationError: when there are too few poses, or a spring lacks torques.
+        CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
+            described does not fit the readings at all.
     """
     began = time.perf_counter()
     used = grid.take(rows)
@@ -133,15 +139,23 @@ def work_out_complete(
     grid = replace(grid, states=with_torques(arm, grid.states, burden)[0])
     load_N = grid.states.load_N
     found = fitted(full).deviations(grid)
-    left_mm = accuracy_seen(found.take(rows)).rms_mm
-    off_mm = None
+    _refuse_another_arm(full, accuracy_seen(found.take(rows)).rms_mm, spread_mm(used.seen))
+    off = None
     if held_out is not None and len(held_out):
         held_out = replace(held_out, states=with_torques(arm, held_out.states, burden)[0])
-        off_mm = accuracy_seen(fitted(full).deviations(held_out)).rms_mm
+        off = accuracy_seen(fitted(full).deviations(held_out))
     parameters = full.problem.parameters
     names = {parameter.name for parameter in parameters}
     openly = open_parameters(full.fit.identifiability, parameters) & names
     doubts = doubted(full.problem, full.fit)
+    trusted = np.setdiff1d(np.flatnonzero(rows), np.flatnonzero(rows)[[d.row for d in doubts]])
+    errors = Errors(
+        train_rms_mm=accuracy_seen(found.take(trusted)).rms_mm,
+        held_out=off,
+        noise_mm=_noise_mm(full),
+        spread_mm=spread_mm(used.seen),
+        doubted=len(doubts),
+    )
     return CompleteCase(
         load=load,
         full=full,
@@ -155,8 +169,22 @@ def work_out_complete(
         open_directions=open_directions(full.fit.identifiability, parameters),
         open_parameters=openly,
         doubted=doubts,
-        health=health(_ended(full, openly), left_mm, off_mm, _noise_mm(full), len(doubts)),
+        health=health(_ended(full, openly), errors),
         seconds=time.perf_counter() - began,
+    )
+
+
+def _refuse_another_arm(complete: Complete, left_mm: float, spread_mm: float) -> None:
+    """Refuse readings that are not of the arm described."""
+    rank = complete.fit.identifiability.rank
+    if rank and left_mm < _NO_FIT * spread_mm:
+        return
+    raise CalibrationError(
+        "the arm as described does not fit the readings",
+        where=complete.arm.name,
+        value=f"{left_mm:.1f} mm rms left, where the places seen spread by {spread_mm:.0f} mm",
+        allowed=f"errors below {100 * _NO_FIT:.0f} % of that spread",
+        remedy="check robot, order, signs and zeros of the joints, and units",
     )
 
 

@@ -89,3 +89,12 @@ def accuracy_seen(found: SeenDeviations) -> Accuracy:
 def accuracy_by_load(found: SeenDeviations, load_N: Array) -> dict[float, Accuracy]:
     """Summarise deviations for every load."""
     return {float(load): accuracy_seen(found.take(load_N == load)) for load in np.unique(load_N)}
+
+
+def spread_mm(seen: Seen) -> float:
+    """Return how far the places or distances seen spread about their middle, rms."""
+    if isinstance(seen, SeenPoses):
+        return 1e3 * float(np.sqrt(np.sum(np.var(seen.T_cmm_target[:, :3, 3], axis=0))))
+    if isinstance(seen, SeenDistances):
+        return 1e3 * float(np.std(seen.d_m))
+    return 1e3 * float(np.sqrt(np.sum(np.nanvar(seen.p_cmm_m.reshape(-1, 3), axis=0))))

@@ -25,6 +25,7 @@ class Doubted:
     """A pose far outside the scatter of the others.
 
     Attributes:
+        row: of the poses fitted.
         pose: label.
         load_N: external load.
         distance: of its residual, in standard deviations over all its components.
@@ -32,6 +33,7 @@ class Doubted:
         why: what is off, and by how much.
     """
 
+    row: int
     pose: str
     load_N: float
     distance: float
@@ -55,6 +57,7 @@ def doubted(problem: Problem, fit: Fit) -> tuple[Doubted, ...]:
     }
     return tuple(
         Doubted(
+            row=int(row),
             pose=str(problem.sightings.pose[row]),
             load_N=float(problem.sightings.states.load_N[row]),
             distance=float(fit.distance[row]),
