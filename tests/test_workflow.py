@@ -17,137 +17,26 @@ from textwrap import dedent
 import pytest
 import yaml
 
-from pa10cal.figures.catalogue import FIGURES, TABLES, TRIAL_FIGURES, TRIAL_TABLES
+from pa10cal.figures.catalogue import (
+    CURVE_FIGURES,
+    CURVE_TABLES,
+    FIGURES,
+    TABLES,
+    TRIAL_FIGURES,
+    TRIAL_TABLES,
+)
 from pa10cal.settings import BlindTrialsSettings
+from workflow_stand_ins import STAND_IN, STAND_INS
 
 ROOT = Path(__file__).parents[1]
 SETTINGS = BlindTrialsSettings()
 PICTURES = {*FIGURES, *TABLES}
 TRIAL_PICTURES = {*TRIAL_FIGURES, *TRIAL_TABLES}
+CURVE_PICTURES = {*CURVE_FIGURES, *CURVE_TABLES}
 OF_COMPLETE_MODEL = {"held_out_errors", "error_by_joint", "accuracy_complete"}
 OF_BLOCKS = {"joint_error_maps"}
 OF_DISCOVERY = {"where_breakdown", "where_joints", "gap_by_step", "parameter_shifts", "verdict"}
 ALWAYS = {"health", "health_summary", "parameters_complete", "doubted_poses", "residual_field"}
-
-#: Stage, the options it is called with, and what the stand-in writes. Several values follow a +;
-#: one with a ? may be left out.
-STAND_INS = {
-    "ingest": (
-        ["--campaign-dir", "--settings", "--out", "--quarantine"],
-        """
-        import pyarrow, pyarrow.parquet
-        if "refuse" in (Path(a.campaign_dir) / "campaign.yaml").read_text():
-            raise RawDataError("broken", where="cmm.csv:7", allowed="sense", remedy="mend it")
-        again = "P1" if "touch" in (Path(a.campaign_dir) / "campaign.yaml").read_text() else "P2"
-        rows = {"kind": ["grid", "grid", "grid", "holdout"], "pose": ["P1", "P1", again, "H1"]}
-        rows["load_N"] = [22.5, 0.0, 0.0, 90.0]
-        pyarrow.parquet.write_table(pyarrow.table(rows), a.out)
-        write_text(Path(a.quarantine), "file,line,reason")
-        """,
-    ),
-    "seed": (["--campaign-dir", "--poses", "--settings", "--out"], ""),
-    "calibrate": (
-        ["--campaign-dir", "--poses", "--base-frame", "--load", "--settings", "--out"],
-        "import pa10cal.calibration.probe",
-    ),
-    "montecarlo": (
-        ["--campaign", "--robot", "--campaign-dir", "--plane-mm", "--settings", "--out"],
-        "",
-    ),
-    "discover": (
-        [
-            "--campaign-dir",
-            "--poses",
-            "--calibration",
-            "--settings",
-            "--verdict",
-            "--analysis",
-            "--extended",
-            "--suggested",
-        ],
-        """
-        for path in (a.verdict, a.analysis, a.extended, a.suggested):
-            write_text(Path(path), a.calibration)
-        """,
-    ),
-    "evaluate": (["--campaign-dir", "--poses", "--calibration", "--extended?", "--out"], ""),
-    "export": (
-        ["--campaign-dir", "--calibration", "--extended", "--model", "--urdf"],
-        """
-        for path in (a.model, a.urdf):
-            write_text(Path(path), a.calibration)
-        """,
-    ),
-    "coverage": (["--campaigns", "--first-seed", "--settings", "--out"], ""),
-    "figures": (
-        ["--figure", "--campaign-dir", "--results-dir", "--settings", "--out-dir"],
-        """
-        endings = ["csv", "md", "html"] if a.out_dir.endswith("tables") else ["svg", "pdf", "png"]
-        for ending in endings:
-            write_text(Path(a.out_dir) / f"{a.figure}.{ending}", a.figure)
-        """,
-    ),
-    "blind_trials": (
-        [
-            "--kind",
-            "--first",
-            "--count",
-            "--random-seed",
-            "--settings",
-            "--verdicts",
-            "--truths",
-        ],
-        """
-        for path in (a.verdicts, a.truths):
-            write_text(Path(path), f"{a.kind} {a.first} {a.count}")
-        """,
-    ),
-    "score_trials": (
-        ["--verdicts+", "--truths+", "--scores", "--trials"],
-        """
-        for path in (a.scores, a.trials):
-            write_text(Path(path), "; ".join(Path(name).read_text() for name in a.verdicts))
-        """,
-    ),
-    "trial_figures": (
-        ["--figure", "--scores", "--settings", "--out-dir"],
-        """
-        endings = ["csv", "md", "html"] if a.out_dir.endswith("tables") else ["svg", "pdf", "png"]
-        for ending in endings:
-            write_text(Path(a.out_dir) / f"{a.figure}.{ending}", a.figure)
-        """,
-    ),
-    "simulate": (
-        ["--name", "--settings", "--kcub-reading", "--out", "--truth"],
-        """
-        for name in ("campaign.yaml", "cmm.csv.gz", "resolver.csv.gz"):
-            write_text(Path(a.out) / name, a.name)
-        write_text(Path(a.truth), a.kcub_reading)
-        """,
-    ),
-}
-STAND_IN = """
-import json, sys
-from pathlib import Path
-from pa10cal.errors import RawDataError
-from pa10cal.files.output import write_text
-from pa10cal.stages.command import run_stage
-
-def describe(parser):
-    for option in {options}:
-        name, needed = option.rstrip("+?"), not option.endswith("?")
-        parser.add_argument(name, required=needed, nargs="+" if option.endswith("+") else None)
-
-def run(a):
-    print("{stage} at work", file=sys.stderr)
-    json.loads(getattr(a, "settings", "{{}}"))
-    if hasattr(a, "out") and {stage!r} != "simulate":
-        write_text(Path(a.out), json.dumps(vars(a)))
-{body}
-
-def main(argv=None):
-    return run_stage({stage!r}, describe, run, argv)
-"""
 
 
 def snakemake(*words, cwd, env=None):
@@ -200,7 +89,7 @@ def checkout(tmp_path):
         (package / f"stages/{stage}.py").write_text(text)
     (package / "calibration/probe.py").write_text("ANSWER = 1\n")
     (package / "figures").mkdir()
-    for name in ("__init__", *PICTURES, *TRIAL_PICTURES):
+    for name in ("__init__", *PICTURES, *TRIAL_PICTURES, *CURVE_PICTURES):
         (package / f"figures/{name}.py").write_text(f'"""{name}"""\n')
     campaign = place / "data/raw/c1"
     campaign.mkdir(parents=True)
@@ -261,7 +150,8 @@ def test_names_a_campaign_that_is_not_there(plan, tmp_path):
 
 def test_every_picture_has_a_caption():
     captions = {path.stem for path in (ROOT / "workflow/report").glob("*.rst")}
-    assert captions == PICTURES | TRIAL_PICTURES | {"workflow"}
+    of_curves = CURVE_PICTURES | {"curve_shape", "curve_gait"}
+    assert captions == PICTURES | TRIAL_PICTURES | of_curves | {"workflow"}
 
 
 def test_a_campaign_that_is_not_there_is_refused_in_one_line(plan):
@@ -360,6 +250,24 @@ def test_blind_trials_are_divided_into_jobs_and_scored_together(checkout):
     assert (results / "scores.json").read_text() == "null 0 2; null 2 1; single 0 2"
     assert {path.stem for path in results.glob("[ft][ia][gb]*/*.*")} == TRIAL_PICTURES
     assert not (checkout.place / "results/c1").exists()
+
+
+def test_curves_are_laid_drawn_and_the_chain_is_calibrated(checkout):
+    code, text = checkout("curve", config=["curve={'individuals': 1}"])
+    assert code == 0, text
+    results = checkout.place / "results/curve"
+    drawn = {path.stem for path in results.glob("[ft][ia][gb]*/*.*")}
+    assert drawn == CURVE_PICTURES
+    moving = (results / "rolling_helix/figures/curve_gait.gif").read_text()
+    assert json.loads(moving)["gait"]["moves"] == "roll"
+    for still in ("helix", "serpenoid"):
+        drawn = results / still / "figures/curve_shape.svg"
+        assert json.loads(drawn.read_text())["curve"]["shape"] == still
+    passed = json.loads((results / "calibration.json").read_text())
+    assert json.loads(passed["settings"])["individuals"] == 1
+    assert json.loads(passed["calibration"])["starts"] == 8
+    jobs = planned(checkout("-n", "curve", config=["curve={'individuals': 2}"])[1])
+    assert set(jobs) == {"calibrate_chain", *CURVE_PICTURES, "curve", "total"}
 
 
 def test_shows_and_keeps_the_message_of_a_stage_that_refuses(checkout):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from pa10cal.errors import SettingsError
+from pa10cal.near_miss import remedy_for
 
 
 def refusal(section: type[BaseModel], error: ValidationError, where: str) -> SettingsError:
@@ -19,16 +19,17 @@ def refusal(section: type[BaseModel], error: ValidationError, where: str) -> Set
         where: the file or option it came from.
     """
     first = min(error.errors(), key=lambda finding: finding["type"] != "extra_forbidden")
-    location = tuple(str(part) for part in first["loc"])
+    parts = tuple(str(part) for part in first["loc"])
+    # Where a value may be of several types, pydantic puts the type it tried into the place.
+    location = tuple(part for part in parts if "[" not in part)
     key = ".".join(location) or "the whole"
     if first["type"] == "extra_forbidden":
         known = _known_keys(section, location[:-1])
-        near = difflib.get_close_matches(location[-1], known, n=1, cutoff=0.0)
         return SettingsError(
             f"unknown key {key}",
             where=where,
             allowed=", ".join(sorted(known)),
-            remedy=f"did you mean {near[0]!r}?" if near else "remove it",
+            remedy=remedy_for(location[-1], known, "remove it"),
         )
     if first["type"] == "missing":
         return SettingsError(
@@ -38,13 +39,33 @@ def refusal(section: type[BaseModel], error: ValidationError, where: str) -> Set
         f"key {key} does not fit",
         where=where,
         value=first.get("input"),
-        allowed=first["msg"].removeprefix("Value error, "),
+        allowed=(_meaning(section, location) if location != parts else "") or _wanted(first["msg"]),
         remedy=f"set {key} accordingly",
     )
 
 
+def _wanted(message: str) -> str:
+    """Return what pydantic wants, without its words for it."""
+    for own, plain in (("Value error, ", ""), ("Input should be ", ""), ("valid tuple", "list")):
+        message = message.replace(own, plain)
+    return message
+
+
+def _meaning(section: type[BaseModel], path: tuple[str, ...]) -> str:
+    """Return the description of the field at `path`, or of the one that holds it; or nothing."""
+    for end in range(len(path), 0, -1):
+        field = _section_at(section, path[: end - 1]).model_fields.get(path[end - 1])
+        if field is not None:
+            return field.description or ""
+    return ""
+
+
 def _known_keys(section: type[BaseModel], path: tuple[str, ...]) -> list[str]:
     """Return the field names of the (sub)section at `path`."""
+    return list(_section_at(section, path).model_fields)
+
+
+def _section_at(section: type[BaseModel], path: tuple[str, ...]) -> type[BaseModel]:
     current: Any = section
     for part in path:
         field = current.model_fields.get(part)
@@ -59,4 +80,5 @@ def _known_keys(section: type[BaseModel], path: tuple[str, ...]) -> list[str]:
             ),
             current,
         )
-    return list(current.model_fields)
+    found: type[BaseModel] = current
+    return found

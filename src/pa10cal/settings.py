@@ -74,7 +74,9 @@ class CompleteSettings(Section):
     """The complete model, for any arm and instrument."""
 
     springs: tuple[Annotated[int, Field(ge=1)], ...] | Literal["auto"] = Field(
-        "auto", description="joints with a linear spring; auto: those whose torque varies"
+        "auto",
+        description="a list of joints from 1, those with a linear spring; or auto: those whose "
+        "torque varies",
     )
     robust: bool = Field(True, description="poses far outside the scatter weigh less")
 

@@ -79,3 +79,12 @@ def test_a_scale_near_one_passes(scale):
 def test_another_unit_is_named(scale, message):
     with pytest.raises(RawDataError, match=message):
         refuse_wrong_length_unit(scale, "distances", "poses.csv: d_mm")
+
+
+def test_positions_along_one_line_do_not_tell():
+    rng = np.random.default_rng(3)
+    T_base_ee, p_mm, _ = measured(rng, "ur10")
+    along = p_mm[:, :1] * [0.6, 0.0, 0.8] + rng.normal(0, 3.0, p_mm.shape)
+    T_base_ee[:, :3, 3] = 1e-3 * along
+    assert scale_of_points(along, T_base_ee) is None
+    assert scale_of_points(p_mm, measured(np.random.default_rng(3), "ur10")[0]) is not None

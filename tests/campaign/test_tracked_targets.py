@@ -380,3 +380,39 @@ def test_a_long_campaign_takes_seconds(tmp_path, kind):
     begin = time.process_time()
     assert len(ingest(raw).poses) == 12_000
     assert time.process_time() - begin < 6.0
+
+
+@pytest.mark.parametrize("size_mm", [(99.0, 101.0, 103.0), (60.0, 150.0, 260.0)])
+def test_errors_of_one_size_are_listed_together(tmp_path, size_mm):
+    raw = sighted(tmp_path, "points", targets=1, noise_mm=0.05)
+    rows = [6, 17, 28]
+    for row, off_mm in zip(rows, size_mm, strict=True):
+        add(raw, row, "T1_x_mm", off_mm)
+    ingested = ingest(raw)
+    assert [line for line, _ in listed(ingested)] == [row + 1 for row in rows]
+
+
+def test_an_error_within_what_is_allowed_stays(tmp_path):
+    raw = sighted(tmp_path, "points", targets=1, noise_mm=0.05)
+    add(raw, 6, "T1_x_mm", 90.0)
+    assert listed(ingest(raw)) == []
+
+
+def test_torques_of_the_described_masses_are_said_to_stand_in(tmp_path):
+    raw = sighted(tmp_path, "points", robot="ur10", targets=1)
+    (note,) = ingest(raw).notes
+    assert note == "no torques logged: those of the described masses are used"
+
+
+def test_a_model_that_does_not_fit_is_a_warning(tmp_path):
+    raw = sighted(tmp_path, "points", targets=1, noise_mm=0.05)
+    names = raw.poses[0].split(",")
+    for k, line in enumerate(raw.poses[1:], start=1):
+        words = line.split(",")
+        for name in ("q2_deg", "q3_deg"):
+            words[names.index(name)] = str(-float(words[names.index(name)]))
+        raw.poses[k] = ",".join(words)
+    ingested = ingest(raw)
+    (warning,) = ingested.warnings
+    assert "check robot, and order, signs and zeros" in warning
+    assert not any("check robot" in note for note in ingested.notes)

@@ -162,3 +162,13 @@ def test_an_individual_may_be_given(arm):
     assert campaign.seen.T_cmm_target == pytest.approx(wanted, abs=1e-6)
     drawn = measure_sighted(arm, plan, 11)
     assert np.array_equal(drawn.q, campaign.q)
+
+
+def test_postures_may_be_given(arm):
+    individual = individual_from_departures(arm, {"delta_a_2": 1e-3})
+    plan = SightedPlan(poses=5, holdout_share=0.25, position_mm=1e-5, attitude_rad=1e-8)
+    postures = np.random.default_rng(2).uniform(-1.0, 1.0, (8, arm.n))
+    campaign = measure_individual(individual, plan, 11, postures)
+    assert campaign.q == pytest.approx(postures, abs=1e-5)
+    assert (campaign.kind == "holdout").sum() == 2
+    assert campaign.seen.T_cmm_target == pytest.approx(individual.forward(campaign.q), abs=1e-6)

@@ -258,3 +258,18 @@ def reported_trials(path, name, title):
         subcategory="{study}",
         labels={"picture": title},
     )
+
+
+def curve_result(name):
+    """The path pattern of a result of curves and of the chain posed along them."""
+    return os.path.join(_literal(SETTINGS.results_dir), "curve", name)
+
+
+def reported_curve(path, caption, title):
+    """Mark a file of these results for the report."""
+    return report(
+        curve_result(path),
+        caption=f"../report/{caption}.rst",
+        category="Chain along curves",
+        labels={"picture": title},
+    )

@@ -26,21 +26,6 @@ CURVE_FIGURES = {"curve_calibration": "A chain of links, calibrated"}
 CURVE_TABLES = {"curve_calibration_summary": "Rank, null directions and errors of the chain"}
 
 
-def curve_result(name):
-    """The path pattern of a result of curves and of the chain posed along them."""
-    return os.path.join(_literal(SETTINGS.results_dir), "curve", name)
-
-
-def reported_curve(path, caption, title):
-    """Mark a file of these results for the report."""
-    return report(
-        curve_result(path),
-        caption=f"../report/{caption}.rst",
-        category="Chain along curves",
-        labels={"picture": title},
-    )
-
-
 rule curve:
     """Curves as links, still and moving, and the chain that results calibrated in the virtual cell."""
     input:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from xml.etree import ElementTree
 
 from pa10cal.arm.urdf_tree import KINDS, MOVING, UrdfJoint, UrdfLink, UrdfTree
 from pa10cal.errors import ArmError
+from pa10cal.near_miss import remedy_for
 
 _NOWHERE = (0.0, 0.0, 0.0)
 #: No joint of an arm is further from the one before.
@@ -126,10 +126,10 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
     name, kind = element.get("name", ""), element.get("type", "")
     place = f"{where}: joint {name}"
     if kind not in KINDS:
-        near = difflib.get_close_matches(kind, KINDS, n=1, cutoff=0.0)
-        raise _refusal(
-            "unknown type of joint", place, kind, ", ".join(KINDS), f"did you mean {near[0]!r}?"
-        )
+        # The others of a URDF are read, but no chain can follow them.
+        taken = (*MOVING, "fixed")
+        remedy = remedy_for(kind, KINDS, "correct the type")
+        raise _refusal("unknown type of joint", place, kind, ", ".join(taken), remedy)
     mimic, origin, limit = (element.find(tag) for tag in ("mimic", "origin", "limit"))
     xyz = _numbers(origin, "xyz", _NOWHERE, f"{place}: origin")
     if max(map(abs, xyz)) > _FAR_M:

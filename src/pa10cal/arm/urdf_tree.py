@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 
 from pa10cal.errors import ArmError
+from pa10cal.near_miss import remedy_for
 
 MOVING = ("revolute", "continuous", "prismatic")
 KINDS = (*MOVING, "fixed", "floating", "planar")
@@ -107,13 +107,12 @@ class UrdfTree:
     def _known(self, name: str, option: str) -> str:
         names = [link.name for link in self.links]
         if name not in names:
-            near = difflib.get_close_matches(name, names, n=1, cutoff=0.0)
             raise ArmError(
                 f"{option} names no link",
                 where=self.where,
                 value=name,
                 allowed=", ".join(names),
-                remedy=f"did you mean {near[0]!r}?",
+                remedy=remedy_for(name, names, f"name one of these links for {option}"),
             )
         return name
 

@@ -24,6 +24,8 @@ EXPLAINED = 0.5
 LEAST_MOTION_MM = 20.0
 #: Scales that differ from one by more than this are of another unit.
 SCALE_RATIO = 5.0
+#: Positions whose extent across their line is a smaller part of that along it tell no scale.
+LEAST_BREADTH = 0.05
 UNITS = {1e-3: "micrometres", 10.0: "centimetres", 25.4: "inches", 1e3: "metres"}
 
 
@@ -35,9 +37,12 @@ def scale_of_points(p_mm: Array, T_base_ee: Array) -> float | None:
         T_base_ee: (N, 4, 4) the nominal model's end-effector for the same joint positions [m].
 
     Returns:
-        The scale, or None where the rows do not tell.
+        The scale, or None where the rows do not tell, such as positions along one line.
     """
     if len(p_mm) < LEAST_ROWS:
+        return None
+    extent_mm = np.linalg.svd(p_mm - p_mm.mean(axis=0), compute_uv=False)
+    if extent_mm[1] < LEAST_BREADTH * extent_mm[0]:
         return None
     # x = S p + s - R u, linear in the general matrix S, in s and in the target's place u.
     of_S = np.kron((p_mm - p_mm.mean(axis=0))[:, None, :], np.eye(3)).reshape(-1, 9)

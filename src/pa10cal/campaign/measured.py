@@ -88,8 +88,10 @@ class Ingested:
         poses: the configurations.
         left_out: rows left out, each once.
         notes: what the reader should know, one clause each.
+        warnings: what the reader should mend before going on, one sentence each.
     """
 
     poses: MeasuredPoses
     left_out: tuple[LeftOut, ...]
     notes: tuple[str, ...]
+    warnings: tuple[str, ...] = ()

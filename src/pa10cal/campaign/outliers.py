@@ -45,6 +45,9 @@ REPEATS_MM = 10.0
 MODEL_MM = 100.0
 ROBUST_SIGMAS = 10.0
 MODEL_DEG = 10.0
+#: Part of these distances that is allowed beside a reading that is further off: errors of one size
+#: differ by what the arm itself errs, and are to go together.
+BESIDE_ANOTHER = 0.5
 #: Repeats of which a median tells the one that is off.
 LEAST_REPEATS = 3
 #: Reweighted fits towards least distances, rows fitted, and the distance below which all weigh
@@ -112,6 +115,9 @@ def off_model(misfit: Misfit) -> Mask:
     """Return targets (N, B) far from where the nominal model, fitted to all, puts them."""
 
     def far(off: Array, always: float) -> Mask:
-        return np.asarray(off > max(always, ROBUST_SIGMAS * float(np.nanmedian(off))))
+        typical = ROBUST_SIGMAS * float(np.nanmedian(off))
+        if (off > max(always, typical)).any():
+            always *= BESIDE_ANOTHER
+        return np.asarray(off > max(always, typical))
 
     return far(misfit.length_mm, MODEL_MM) | far(misfit.turn_deg, MODEL_DEG)[:, None]

@@ -45,15 +45,16 @@ from pa10cal.settings import IngestSettings
 Array = NDArray[np.float64]
 
 NO_TORQUES = "no torques logged: springs cannot be identified"
+THOSE_OF_MASSES = "no torques logged: those of the described masses are used"
 #: The nominal model fitted in another unit of joint positions must be this much nearer to count,
 #: and as logged be further off than this.
 BETTER = 5.0
 BAD_MM = 2.0
 #: Logged positions of sliding joints that never exceed the longest stroke in metres may be metres.
 LONGEST_STROKE_M = 10.0
-#: Median misfits of the nominal model, fitted, that are worth a note.
-NOTE_MM = 50.0
-NOTE_DEG = 10.0
+#: Median misfits of the nominal model, fitted, that are worth a warning.
+WARN_MM = 50.0
+WARN_DEG = 10.0
 
 
 def poses_from_tracker(
@@ -93,10 +94,10 @@ def poses_from_tracker(
     refuse_too_many(listed, totals, most)
     rows, q_rad = rows.take(~off), q_rad[~off]
     poses = tracker.with_seen(_unseen(rows, q_rad, arm), rows)
-    notes = [*read.notes, *tracker.notes, *screened.notes]
+    notes = [*read.notes, *tracker.notes]
     if np.isnan(poses.tau_Nm).all():
-        notes.append(NO_TORQUES)
-    return Ingested(poses, tuple(listed), tuple(notes))
+        notes.append(NO_TORQUES if arm.mass_kg is None else THOSE_OF_MASSES)
+    return Ingested(poses, tuple(listed), tuple(notes), screened.warnings)
 
 
 def in_radians(q: Array, arm: Arm) -> Array:
@@ -114,11 +115,11 @@ def _tracker(campaign: Campaign, path: Path) -> Tracker:
 
 @dataclass(frozen=True)
 class _Screened:
-    """Rows that can be of their configuration, those left out, and what the reader should know."""
+    """Rows that can be of their configuration, those left out, and what the reader is warned of."""
 
     rows: PoseRows
     left_out: tuple[LeftOut, ...]
-    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -140,9 +141,9 @@ class _Screen:
         misfit = self._misfit(rows, rows.q)
         if misfit is None:
             return _Screened(rows, listed, ())
-        notes = _poor_fit(misfit)
+        warnings = _poor_fit(misfit)
         rows, off = self._without(rows, off_model(misfit), OFF_MODEL)
-        return _Screened(rows, listed + off, notes)
+        return _Screened(rows, listed + off, warnings)
 
     def _each(self, rows: PoseRows, judge: Callable[[Array, Mask], Mask]) -> Mask:
         """Judge the targets one by one, by where each was seen: (N, B)."""
@@ -228,8 +229,8 @@ class _Screen:
 def _poor_fit(misfit: Misfit) -> tuple[str, ...]:
     """Say where the nominal model, however placed, is far from most of what was seen."""
     length_mm, turn_deg = np.nanmedian(misfit.length_mm), np.median(misfit.turn_deg)
-    off = [f"{length_mm:.0f} mm"] if length_mm > NOTE_MM else []
-    off += [f"{turn_deg:.0f} deg"] if turn_deg > NOTE_DEG else []
+    off = [f"{length_mm:.0f} mm"] if length_mm > WARN_MM else []
+    off += [f"{turn_deg:.0f} deg"] if turn_deg > WARN_DEG else []
     if not off:
         return ()
     return (

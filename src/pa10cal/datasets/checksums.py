@@ -37,10 +37,18 @@ def refuse_missing(folder: Path, files: Iterable[str]) -> None:
         RawDataError: naming all that are missing.
     """
     files = tuple(files)
+    if not folder.is_dir():
+        raise RawDataError(
+            "there is no such folder",
+            where="folder of the data set",
+            value=str(folder),
+            allowed=f"a folder with {', '.join(files)}",
+            remedy="correct the path, or fetch the data set",
+        )
     missing = [name for name in files if not (folder / name).is_file()]
     if missing:
         raise RawDataError(
-            "the folder of the data set lacks files" if folder.is_dir() else "there is no folder",
+            "the folder of the data set lacks files",
             where=str(folder),
             value=", ".join(missing),
             allowed=f"a folder with {', '.join(files)}",

@@ -75,9 +75,15 @@ def _content(address: str) -> bytes:
     except (OSError, HTTPException, ValueError) as error:
         raise RawDataError(
             "the file cannot be fetched",
-            where=address,
-            value=str(error),
+            where=address.removeprefix("file://"),
+            value=_cause(error),
             allowed="an address that can be reached, or a folder with the file",
             remedy="check the connection, or name a copy of the data set as the source",
         ) from None
     return content
+
+
+def _cause(error: Exception) -> str:
+    """Say why, without the name of the function that failed."""
+    cause = getattr(error, "reason", error)
+    return str(getattr(cause, "strerror", None) or cause)

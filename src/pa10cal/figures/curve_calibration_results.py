@@ -75,8 +75,8 @@ class ErrorsOf(Record):
 class Fit(Record):
     """A calibrated model of one individual."""
 
-    scores: dict[str, float] = {}
-    left_out: dict[str, dict[str, float]] = {}
+    scores: dict[str, float]
+    left_out: dict[str, dict[str, float]]
 
 
 class Poses(Record):

@@ -59,8 +59,8 @@ def tabulate(study: CurveStudy) -> Table:
             "Over the floor: mean over the arms, in brackets the largest. True: against the pose "
             "itself, without the noise of its reading.",
             "The two-level model has no motions of the tool: where the flange departs in any way, "
-            "two directions are beyond it. All poses inside: M = N, for one level in two. Score: (value − truth) / standard uncertainty, of "
-            "parameters that are told.",
+            "two directions are beyond it. All poses inside: M = N.",
+            "Score: (value − truth) / standard uncertainty, of parameters that are told.",
         ),
     )
 

@@ -69,12 +69,13 @@ def draw(results: Results) -> Figure:
     )
     everywhere = np.vstack([row.q for row in rows])
     limit = 1.05 * max(float(np.quantile(np.abs(row.error), _IN_SIGHT)) for row in rows)
+    averaged = False
     for k, row in enumerate(rows):
         bottom = _BELOW_MM + (len(rows) - 1 - k) * (_ROW_MM + _BETWEEN_MM)
         label = f"{row.title}\n{_unit(joints.slides)}"
         panels = joint_panels(figure, len(joints.slides), bottom, _ROW_MM, label)
         panels[0].yaxis.labelpad = 1.0
-        _draw_row(panels, row, everywhere, limit)
+        averaged |= _draw_row(panels, row, everywhere, limit)
         for joint, axes in enumerate(panels):
             axes.set_title(f"joint {joint + 1}" if k == 0 else "")
             axes.tick_params(labelbottom=k == len(rows) - 1)
@@ -83,7 +84,7 @@ def draw(results: Results) -> Figure:
         f"joint angle [deg]; of joint {', '.join(sliding)} mm" if sliding else "joint angle [deg]"
     )
     label_below(figure, _BELOW_MM - 9.5, angle)
-    for k, line in enumerate(_notes(rows, limit, case)):
+    for k, line in enumerate(_notes(rows, limit, averaged, case)):
         write_text_at(figure, 2.0, 13.5 - 4.0 * k, line, color=GREY)
     return figure
 
@@ -92,10 +93,11 @@ def _sets(
     results: Results, case: CompleteCalibration
 ) -> Iterator[tuple[str, str, Sequence[Residual | HeldOutRow]]]:
     """Yield the poses of each row: what they are, their colour, what is left of them."""
-    yield "fitted, before", ORANGE, case.residuals
     models = results.held_out().models
+    said = "{}, before" if "extended" in models else "calibrated model, {}"
+    yield said.format("fitted"), ORANGE, case.residuals
     if "linear" in models:
-        yield "held out, before", BEFORE, models["linear"].rows
+        yield said.format("held out"), BEFORE, models["linear"].rows
     if "extended" in models:
         yield "held out, after", AFTER, models["extended"].rows
 
@@ -121,27 +123,36 @@ def _target(case: CompleteCalibration) -> Array:
     return np.array([0.0 if parameter is None else parameter.value for parameter in tool])
 
 
-def _draw_row(panels: list[Axes], row: _Row, everywhere: Array, limit: float) -> None:
+def _draw_row(panels: list[Axes], row: _Row, everywhere: Array, limit: float) -> bool:
+    """Draw a row and tell whether poses are dense enough anywhere for a mean."""
+    averaged = False
     for axes, q, error, every in zip(panels, row.q.T, row.error.T, everywhere.T, strict=True):
         for poses, colour in ((~row.beyond, row.colour), (row.beyond, GREY)):
             points(axes, q[poses], error[poses], color=colour, marker=".", markersize=1.5)
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         span = float(np.ptp(every))
         if span > 0.0:
-            axes.plot(*running_mean(q, error, span / _BINS), color=BLACK, linewidth=0.9)
+            middle, mean = running_mean(q, error, span / _BINS)
+            axes.plot(middle, mean, color=BLACK, linewidth=0.9)
+            known = np.isfinite(mean)
+            averaged |= bool((known[1:] & known[:-1]).any())  # else no line is seen
         axes.set_ylim(-limit, limit)
         over_angle(axes, every)
+    return averaged
 
 
 def _unit(slides: NDArray[np.bool_]) -> str:
     return "error [mrad; mm]" if slides.any() else "error [mrad]"
 
 
-def _notes(rows: list[_Row], limit: float, case: CompleteCalibration) -> Iterator[str]:
+def _notes(
+    rows: list[_Row], limit: float, averaged: bool, case: CompleteCalibration
+) -> Iterator[str]:
     beyond = sum(int((np.abs(row.error) > limit).sum()) for row in rows)
+    model = "before and after discovery" if rows[-1].colour == AFTER else "calibrated model"
     yield (
-        f"Rows of {', '.join(str(len(row.q)) for row in rows)} poses, before and after discovery; "
-        f"{beyond} points lie outside the panels. Black: mean."
+        f"Rows of {', '.join(str(len(row.q)) for row in rows)} poses, {model}; "
+        f"{beyond} points lie outside the panels.{' Black: mean.' if averaged else ''}"
     )
     extrapolated = int(rows[-1].beyond.sum())
     if extrapolated:

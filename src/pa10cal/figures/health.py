@@ -52,7 +52,7 @@ def draw(results: Results) -> Figure:
         f"Health of the calibration with the {_MODELS[case.model]}, all loads together",
     )
     bottom = _BELOW_MM + text_mm
-    curve = panel(figure, 18.0, bottom + 28.0, 80.0, _PANELS_MM - 30.0)
+    curve = panel(figure, 22.0, bottom + 28.0, 75.0, _PANELS_MM - 30.0)
     error = seen_by(results.instrument).error
     _draw_poses(curve, health)
     figure.legend(
@@ -115,7 +115,7 @@ def _draw_errors(axes: Axes, health: Health) -> None:
         ("poses held out", health.held_out_rms_mm, PURPLE, "v"),
     ]
     known = [value for _, value, _, _ in rows if value]
-    plain_log(axes, "x", min(known) / 2.0, max(known) * 2.0, few=True)
+    plain_log(axes, "x", min(known) / 2.5, max(known) * 2.5, few=True)
     for y, (_, value, colour, marker) in enumerate(rows):
         if value:
             axes.plot(value, y, color=colour, marker=marker, linestyle="none")

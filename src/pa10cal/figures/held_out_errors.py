@@ -15,6 +15,7 @@ from pa10cal.figures.results import COMBINED, Results
 from pa10cal.figures.style import (
     GREY,
     WIDTH_MM,
+    evenly,
     height_of,
     new_figure,
     panel,
@@ -26,8 +27,10 @@ from pa10cal.figures.style import (
 Array = NDArray[np.float64]
 
 _TITLE = "Error of held-out poses, which no fit has seen: share of the poses that err less"
-#: Of more poses only so many quantiles are drawn: more would not be seen.
+#: Of more poses only so many are drawn: more would not be seen.
 _MOST_STEPS = 400
+#: Wide lines lie under the others, and marks on all of them.
+_UNDER, _OVER, _MARK = 2.0, 2.1, 2.2
 _BELOW_MM, _PANEL_MM, _ABOVE_MM, _ROW_MM = 25.0, 62.0, 12.0, 4.6
 
 
@@ -63,12 +66,19 @@ def draw(results: Results) -> Figure:
 
 def _draw_shares(axes: Axes, drawn: list[tuple[Judged, Array]]) -> None:
     for model, errors in drawn:
-        share = np.linspace(0.0, 1.0, min(len(errors), _MOST_STEPS) + 1)[1:]
-        at = np.quantile(errors, share, method="inverted_cdf")
-        line = {key: model.look[key] for key in ("color", "linestyle")}
-        axes.plot(at, 100.0 * share, drawstyle="steps-post", **line)
+        at, count = np.sort(errors), len(errors)
         rms = float(np.sqrt(np.mean(errors**2)))
-        axes.plot(rms, 100.0 * np.mean(errors <= rms), **model.look)
+        below = max(int(np.searchsorted(at, rms, side="right")), 1)
+        rank = np.union1d(evenly(count, _MOST_STEPS) + 1, below)  # the step that holds the mark
+        line = {key: model.look[key] for key in ("color", "linestyle", "linewidth")}
+        axes.plot(
+            at[rank - 1],
+            100.0 * rank / count,
+            drawstyle="steps-post",
+            zorder=_UNDER if line["linewidth"] > 1.0 else _OVER,
+            **line,
+        )
+        axes.plot(rms, 100.0 * below / count, zorder=_MARK, **model.look)
     every = np.concatenate([errors for _, errors in drawn])
     low = float(np.quantile(every, 0.002))
     plain_log(axes, "x", max(low, 1e-3 * every.max()) / 1.2, float(every.max()) * 1.2)

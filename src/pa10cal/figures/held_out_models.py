@@ -15,7 +15,9 @@ from pa10cal.figures.style import MODELS
 Array = NDArray[np.float64]
 
 #: Told apart by more than their colours.
-_LINES = {"geometry": "--"}
+_LINES = {"geometry": "--", "cubic": "-."}
+#: Wide below the others and a larger mark, so that what coincides with it is seen beside it.
+_WIDE, _LARGE = {"linear": 2.2}, {"geometry": 6.5}
 _MARKERS = {"uncalibrated": "^", "geometry": "D", "linear": "s", "cubic": "o", "extended": "v"}
 _NAMES = {
     "uncalibrated": "nominal, frames fitted",
@@ -55,7 +57,9 @@ class Judged:
         return {
             "color": MODELS[self.name],
             "linestyle": ":" if beyond else _LINES.get(self.name, "-"),
+            "linewidth": _WIDE.get(self.name, 1.0),
             "marker": _MARKERS[self.name],
+            "markersize": _LARGE.get(self.name, 4.0),
             "markerfacecolor": "white" if beyond else MODELS[self.name],
         }
 

@@ -15,8 +15,11 @@ _RIGHT_MM, _GAP_MM = 168.0, 2.5
 #: Part of a panel at either side that has no tick: labels of neighbours stay apart.
 _BARE = 0.14
 _BEYOND = 0.06
-#: Part of a panel that two numbers are apart at least.
-_APART = 0.4
+#: Part of the angles that two numbers are apart at least, and more steps until two are.
+_APART = 0.5
+_STEPS = (5, 10, 20)
+#: The least that is shown [deg, mm], of a joint that stood still.
+_LEAST = 1.0
 
 
 def joint_panels(
@@ -35,14 +38,17 @@ def joint_panels(
 
 
 def over_angle(axes: Axes, q_deg: NDArray[np.float64]) -> None:
-    """Let an axis span the angles of a joint, with two numbers at most."""
-    low, high = float(q_deg.min()), float(q_deg.max())
-    span = max(high - low, 1e-3)
+    """Let an axis span the angles of a joint, with two numbers."""
+    middle = (float(q_deg.min()) + float(q_deg.max())) / 2.0
+    span = max(float(np.ptp(q_deg)), _LEAST)
+    low, high = middle - span / 2.0, middle + span / 2.0
     axes.set_xlim(low - _BEYOND * span, high + _BEYOND * span)
-    ticks = np.asarray(MaxNLocator(5, steps=[1, 2, 3, 5, 10]).tick_values(low, high))
-    inside = ticks[(ticks > low + _BARE * span) & (ticks < high - _BARE * span)]
-    apart = len(inside) > 1 and inside[-1] - inside[0] > _APART * span
-    axes.set_xticks(inside[[0, -1]] if apart else inside[len(inside) // 2 :][:1])
+    for steps in _STEPS:
+        ticks = np.asarray(MaxNLocator(steps, steps=[1, 2, 3, 5, 10]).tick_values(low, high))
+        inside = ticks[(ticks > low + _BARE * span) & (ticks < high - _BARE * span)]
+        if np.ptp(inside) > _APART * span:
+            break
+    axes.set_xticks(inside[[0, -1]])
 
 
 def label_below(figure: Figure, y_mm: float, text: str) -> None:

@@ -37,8 +37,13 @@ _LONGEST_ARROW_MM, _LONGEST_PART = 220.0, 0.15
 #: Of more poses only about so many are drawn, evenly over the record, and some of every set.
 _MOST_ARROWS, _LEAST_ARROWS = 240, 40
 _MARGIN_MM = 20.0
+#: How wide a panel is and how far apart they begin; views side by side have an axis each.
 _PANEL_MM, _APART_MM = 70.0, 78.0
-_BELOW_MM, _BETWEEN_MM, _ABOVE_MM = 30.0, 10.0, 18.0
+_ALONE_MM, _ALONE_APART_MM = 63.0, 83.0
+_BELOW_MM, _SAID_MM, _BETWEEN_MM, _ABOVE_MM = 21.0, 4.4, 10.0, 18.0
+_SAME_SCALE = (
+    "Arrows before and after are drawn at the same scale: one not seen is no longer than its mark."
+)
 _VIEWS = (("seen from above", (0, 1)), ("seen from the side", (0, 2)))
 _TRAIN: dict[str, Any] = {"color": BLUE, "marker": "o"}
 _HELD_OUT: dict[str, Any] = {"color": ORANGE, "marker": "^"}
@@ -82,26 +87,29 @@ def draw(results: Results) -> Figure:
     scale = _round_down(reach_mm / longest)
     ends = np.vstack([places, places + scale * vectors])
     low, high = ends.min(axis=0) - _MARGIN_MM, ends.max(axis=0) + _MARGIN_MM
-    tall_mm = _PANEL_MM / (high[0] - low[0]) * (high - low)
     alone = len(columns) == 1  # then the views stand side by side, else one below the other
-    top = _BELOW_MM + (0.0 if alone else tall_mm[2] + _BETWEEN_MM)
+    if alone:  # and as tall as each other
+        middle, half = (low + high) / 2.0, (high - low)[1:].max() / 2.0
+        low[1:], high[1:] = middle[1:] - half, middle[1:] + half
+    wide_mm, apart_mm = (_ALONE_MM, _ALONE_APART_MM) if alone else (_PANEL_MM, _APART_MM)
+    tall_mm = wide_mm / (high[0] - low[0]) * (high - low)
+    below = _BELOW_MM + _SAID_MM * len(sets)
+    top = below + (0.0 if alone else tall_mm[2] + _BETWEEN_MM)
     figure = new_figure(
-        top + (tall_mm[1:].max() if alone else tall_mm[1]) + _ABOVE_MM,
+        top + tall_mm[1] + _ABOVE_MM,
         "Position error in space: from the predicted to the measured place",
     )
     for k, when in enumerate(columns):
         for row, (title, shown) in enumerate(_VIEWS):
-            column, bottom = (row, top) if alone else (k, _BELOW_MM if row else top)
+            column, bottom = (row, top) if alone else (k, below if row else top)
             up = shown[1]
-            axes = panel(
-                figure, 18.0 + (_APART_MM + 2.0 * alone) * column, bottom, _PANEL_MM, tall_mm[up]
-            )
+            axes = panel(figure, 18.0 + apart_mm * column, bottom, wide_mm, tall_mm[up])
             arrows = _draw_view(axes, sets, when, shown, scale)
             axes.set(xlim=(low[0], high[0]), ylim=(low[up], high[up]))
             axes.set_title(f"{when}, {title}")
             axes.set_ylabel(f"{'xyz'[up]} [mm]" if alone or not column else "")
-            axes.tick_params(labelleft=alone or not column, labelbottom=bottom == _BELOW_MM)
-            if bottom == _BELOW_MM:
+            axes.tick_params(labelleft=alone or not column, labelbottom=bottom == below)
+            if bottom == below:
                 axes.set_xlabel("x [mm]")
     key_mm = _round_down(longest)
     axes.quiverkey(
@@ -115,8 +123,8 @@ def draw(results: Results) -> Figure:
         color=BLACK,
     )
     _draw_legend(figure, every, sets)
-    if not results.seeks_effects:
-        write_text_at(figure, 2.0, 6.0, seen_by(results.instrument).arrows, color=GREY)
+    said = seen_by(results.instrument).arrows if alone else _SAME_SCALE
+    write_text_at(figure, 2.0, 6.0, said, color=GREY)
     return figure
 
 
@@ -185,7 +193,7 @@ def _draw_legend(figure: Figure, every: list[_Arrows], sets: list[_Arrows]) -> N
     figure.legend(
         handles=handles,
         loc="lower left",
-        bbox_to_anchor=(16.0 / WIDTH_MM, (6.0 if len(sets) > 1 else 10.0) / height_of(figure)),
+        bbox_to_anchor=(16.0 / WIDTH_MM, 10.5 / height_of(figure)),
     )
 
 

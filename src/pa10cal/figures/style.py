@@ -12,7 +12,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike, NDArray
 
@@ -133,13 +133,19 @@ def plain_log(
         axes: to change.
         along: which axis.
         low, high: its ends.
-        few: whether it is short, with room for two or three numbers.
+        few: whether it is short, with room for two numbers.
     """
     (axes.set_xscale if along == "x" else axes.set_yscale)("log")
     (axes.set_xlim if along == "x" else axes.set_ylim)(low, high)
     axis = axes.xaxis if along == "x" else axes.yaxis
-    subs = (1.0,) if high / low > _TWO_DECADES else (1.0, 3.0) if few else (1.0, 2.0, 5.0)
-    axis.set_major_locator(LogLocator(subs=subs))
+    subs = (1.0,) if high / low > _TWO_DECADES else (1.0, 2.0, 3.0, 5.0) if few else (1.0, 2.0, 5.0)
+    if few:  # a `LogLocator` leaves its subs, and numbers run into each other, where few are inside
+        powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)))
+        numbers = np.outer(powers, subs).ravel()
+        inside = numbers[(numbers >= low) & (numbers <= high)]
+        axis.set_major_locator(FixedLocator(inside[[0, -1]]))
+    else:
+        axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 

@@ -17,7 +17,7 @@ _FULL_TURN_DEG = 360.0
 #: A length so much longer than the others of its arm, and than this, was meant in another unit.
 _OUT_OF_PROPORTION = 20.0
 _LONG_M = 2.0
-#: No centre of mass and no slide is further.
+#: No link is longer, and no centre of mass, slide or constant frame is further.
 _FAR_M = 10.0
 #: How near a number of degrees lies to a quarter turn in radians that was written with few digits.
 _QUARTER_TURN_DIGITS = 6e-4
@@ -74,6 +74,27 @@ def check_rows(rows: Sequence[ArmRow], where: str) -> None:
     _check_masses(rows, where)
 
 
+def refuse_far(values_m: Sequence[float], key: str, where: str) -> None:
+    """Refuse lengths that cannot be metres.
+
+    Args:
+        values_m: the lengths.
+        key: their key.
+        where: file and row, or file and frame.
+
+    Raises:
+        ArmError: naming the key.
+    """
+    if max(map(abs, values_m), default=0.0) > _FAR_M:
+        raise ArmError(
+            f"{key} is more than {_FAR_M:g} m",
+            where=where,
+            value=values_m[0] if len(values_m) == 1 else list(values_m),
+            allowed="metres",
+            remedy="divide by 1000 if the lengths are in millimetres",
+        )
+
+
 def _check_joint(row: ArmRow, where: str) -> None:
     kind, other = ("slides", "turns") if row.prismatic else ("turns", "slides")
     foreign = {
@@ -107,16 +128,14 @@ def _check_joint(row: ArmRow, where: str) -> None:
             allowed="the lower limit first, then a higher one",
             remedy=f"correct {key}",
         )
-    lengths = {"limits_m": row.limits_m or (), "com_m": row.com_m or ()}
+    lengths = {
+        "a_m": (row.a_m,),
+        "d_m": (row.d_m,),
+        "limits_m": row.limits_m or (),
+        "com_m": row.com_m or (),
+    }
     for key, values in lengths.items():
-        if max(map(abs, values), default=0.0) > _FAR_M:
-            raise ArmError(
-                f"{key} is further than {_FAR_M:g} m",
-                where=where,
-                value=list(values),
-                allowed="metres",
-                remedy="divide by 1000 if these are millimetres",
-            )
+        refuse_far(values, key, where)
 
 
 def _check_angles(row: ArmRow, where: str) -> None:

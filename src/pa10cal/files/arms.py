@@ -16,7 +16,7 @@ from pa10cal.arm.attitude import placed
 from pa10cal.arm.description import Arm
 from pa10cal.arm.parallel import NEARLY_PARALLEL_RAD, neighbouring_axes, with_hayati_rows
 from pa10cal.errors import ArmError
-from pa10cal.files.arm_rows import ArmRow, Triple, check_rows
+from pa10cal.files.arm_rows import ArmRow, Triple, check_rows, refuse_far
 from pa10cal.settings import Section, parse_section
 
 Array = NDArray[np.float64]
@@ -117,6 +117,8 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
     content = parse_section(_ArmFile, raw, where=where)
     rows = [_row(row, f"{where}: row {number}") for number, row in enumerate(content.rows, start=1)]
     check_rows(rows, where)
+    for key, frame in (("base", content.base), ("tool", content.tool)):
+        refuse_far(frame.xyz_m, "xyz_m", f"{where}: {key}")
     arm = Arm(
         name=content.name,
         title=content.title or content.name,

@@ -168,7 +168,7 @@ def summaries(records: list[dict[str, Any]], floor_mm: float) -> list[dict[str, 
         alike = [record for record in records if record["departs"] == departs]
         for model in alike[0]["models"]:
             fits = [record["models"][model] for record in alike]
-            scores = [score for fit in fits for score in fit.get("scores", {}).values()]
+            scores = [score for fit in fits for score in fit["scores"].values()]
             found.append(
                 {
                     "departs": departs,
@@ -237,6 +237,7 @@ def _two_level_record(found: Calibration, truth: dict[str, float]) -> dict[str, 
         "starts_agreeing": found.starts_agreeing,
         **_rank_record(found.identifiability),
         "null_directions": [direction.weights for direction in found.open_directions],
+        "left_out": {},
         "scores": {
             name: float((value - truth[name]) / sigma)
             for name, value, sigma in zip(names, found.solution.x, std, strict=True)
@@ -255,6 +256,7 @@ def _complete_record(found: Complete) -> dict[str, Any]:
             direction.weights for direction in open_directions(identifiability, parameters)
         ],
         "left_out": {each.name: each.said_by for each in found.unknowns.redundant},
+        "scores": {},
     }
 
 

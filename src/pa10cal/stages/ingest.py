@@ -54,6 +54,8 @@ def _run(arguments: argparse.Namespace) -> None:
         *ingested.notes,
     ]
     print(f"{campaign.name}: {'; '.join(parts)}")
+    for warning in ingested.warnings:
+        print(f"pa10cal ingest: warning: {campaign.name}: {warning}", file=sys.stderr)
 
 
 def _targets(poses: MeasuredPoses) -> list[str]:

@@ -117,11 +117,13 @@ def _by_targets(unloaded: Sightings, chain: Chain, campaign: Campaign) -> dict[s
         return poses_record(hand_eye_from_poses(T_base_ee, seen.T_cmm_target), len(unloaded))
     if isinstance(seen, SeenPoints):
         found = hand_eye_from_points(T_base_ee, seen.p_cmm_m, seen.p_ee_stated_m, names=seen.names)
-        return points_record(found, seen.names, len(unloaded))
+        record = points_record(found, seen.names, len(unloaded))
+        return record | {"target_stated": seen.p_ee_stated_m is not None}
     names = campaign.ball_names if len(campaign.ball_names) == 1 else ("target",)
     stated_m = stated_places_m(campaign, names)
     ranged = range_from_distances(T_base_ee, seen.d_m, None if stated_m is None else stated_m[0])
-    return ranging_record(ranged, names[0], len(unloaded))
+    record = ranging_record(ranged, names[0], len(unloaded))
+    return record | {"target_stated": stated_m is not None}
 
 
 def _refuse_one_move(points_x: int, points_y: int, poses: Path) -> None:

@@ -18,7 +18,8 @@ UNLOADED = "grid poses at the lowest load"
 def summary(record: dict[str, Any]) -> str:
     """Say in one line what was found."""
     scatter = f"{record['origin_scatter_mm']:.3f} mm"
-    held = "".join(f"; held as stated: {what}" for what in record.get("held_as_stated", ()))
+    how = "held as stated" if record.get("target_stated") else "held where it started"
+    held = "".join(f"; {how}: {what}" for what in record.get("held_as_stated", ()))
     if "x_direction_u_rad" not in record:
         place = ", ".join(f"{value:.3f}" for value in record["p_base_point_m"])
         return f"fixed point at ({place}) m of the base, distances scatter by {scatter}{held}"

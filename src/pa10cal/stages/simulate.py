@@ -41,9 +41,10 @@ def _run(arguments: argparse.Namespace) -> None:
     if settings.without_touches is not None:
         sighted = measure_sighted(arm, settings.without_touches, settings.random_seed)
         write_sighted(sighted, arguments.out, arguments.name, arguments.truth)
-        return
-    campaign = simulate_campaign(arguments.name, arm, settings, arguments.kcub_reading)
-    write_campaign(campaign, arguments.out, arguments.truth)
+    else:
+        campaign = simulate_campaign(arguments.name, arm, settings, arguments.kcub_reading)
+        write_campaign(campaign, arguments.out, arguments.truth)
+    print(f"{arguments.name}: {arm.title} in {arguments.out}, what is hidden in {arguments.truth}")
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ def _describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--extended", type=Path, help="its model with the effects found missing")
     parser.add_argument("--campaign-dir", type=Path, required=True, help="campaign to judge in")
     parser.add_argument("--poses", type=Path, required=True, help="its table of poses (parquet)")
-    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--out", type=Path, required=True, help="its errors there (.json)")
 
 
 def _run(arguments: argparse.Namespace) -> None:

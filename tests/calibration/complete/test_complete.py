@@ -198,3 +198,15 @@ def test_axes_as_parallel_as_designed_are_left_so(see):
     assert [each.parameter.name for each in found.settled] == ["delta_beta_2", "delta_beta_3"]
     assert all(1e-6 < each.std < 1e-4 for each in found.settled)
     assert len(found.fit.x) == found.fit.identifiability.rank == 25
+
+
+def test_readings_of_another_arm_are_refused(see):
+    arm, sightings = load_arm("ur10"), see("ur10", "point", count=80, noise_m=5e-5)
+    q_rad = sightings.states.q_rad.copy()
+    q_rad[:, 2] *= -1.0  # a sign turned round
+    wrong = replace(sightings, states=replace(sightings.states, q_rad=q_rad))
+    with pytest.raises(CalibrationError, match="does not fit the readings"):
+        work_out_complete(
+            arm, wrong, None, np.ones(80, bool), find_start(arm, wrong), "combined", None,
+            CompleteOptions(),
+        )  # fmt: skip

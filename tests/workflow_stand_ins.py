@@ -1,0 +1,146 @@
+"""Stages that take the command lines of the real ones and write little files."""
+
+#: Stage, the options it is called with, and what the stand-in writes. Several values follow a +;
+#: one with a ? may be left out.
+STAND_INS = {
+    "ingest": (
+        ["--campaign-dir", "--settings", "--out", "--quarantine"],
+        """
+        import pyarrow, pyarrow.parquet
+        if "refuse" in (Path(a.campaign_dir) / "campaign.yaml").read_text():
+            raise RawDataError("broken", where="cmm.csv:7", allowed="sense", remedy="mend it")
+        again = "P1" if "touch" in (Path(a.campaign_dir) / "campaign.yaml").read_text() else "P2"
+        rows = {"kind": ["grid", "grid", "grid", "holdout"], "pose": ["P1", "P1", again, "H1"]}
+        rows["load_N"] = [22.5, 0.0, 0.0, 90.0]
+        pyarrow.parquet.write_table(pyarrow.table(rows), a.out)
+        write_text(Path(a.quarantine), "file,line,reason")
+        """,
+    ),
+    "seed": (["--campaign-dir", "--poses", "--settings", "--out"], ""),
+    "calibrate": (
+        ["--campaign-dir", "--poses", "--base-frame", "--load", "--settings", "--out"],
+        "import pa10cal.calibration.probe",
+    ),
+    "montecarlo": (
+        ["--campaign", "--robot", "--campaign-dir", "--plane-mm", "--settings", "--out"],
+        "",
+    ),
+    "discover": (
+        [
+            "--campaign-dir",
+            "--poses",
+            "--calibration",
+            "--settings",
+            "--verdict",
+            "--analysis",
+            "--extended",
+            "--suggested",
+        ],
+        """
+        for path in (a.verdict, a.analysis, a.extended, a.suggested):
+            write_text(Path(path), a.calibration)
+        """,
+    ),
+    "evaluate": (["--campaign-dir", "--poses", "--calibration", "--extended?", "--out"], ""),
+    "export": (
+        ["--campaign-dir", "--calibration", "--extended", "--model", "--urdf"],
+        """
+        for path in (a.model, a.urdf):
+            write_text(Path(path), a.calibration)
+        """,
+    ),
+    "coverage": (["--campaigns", "--first-seed", "--settings", "--out"], ""),
+    "figures": (
+        ["--figure", "--campaign-dir", "--results-dir", "--settings", "--out-dir"],
+        """
+        endings = ["csv", "md", "html"] if a.out_dir.endswith("tables") else ["svg", "pdf", "png"]
+        for ending in endings:
+            write_text(Path(a.out_dir) / f"{a.figure}.{ending}", a.figure)
+        """,
+    ),
+    "blind_trials": (
+        [
+            "--kind",
+            "--first",
+            "--count",
+            "--random-seed",
+            "--settings",
+            "--verdicts",
+            "--truths",
+        ],
+        """
+        for path in (a.verdicts, a.truths):
+            write_text(Path(path), f"{a.kind} {a.first} {a.count}")
+        """,
+    ),
+    "score_trials": (
+        ["--verdicts+", "--truths+", "--scores", "--trials"],
+        """
+        for path in (a.scores, a.trials):
+            write_text(Path(path), "; ".join(Path(name).read_text() for name in a.verdicts))
+        """,
+    ),
+    "trial_figures": (
+        ["--figure", "--scores", "--settings", "--out-dir"],
+        """
+        endings = ["csv", "md", "html"] if a.out_dir.endswith("tables") else ["svg", "pdf", "png"]
+        for ending in endings:
+            write_text(Path(a.out_dir) / f"{a.figure}.{ending}", a.figure)
+        """,
+    ),
+    "curve": (
+        ["--settings", "--out-dir"],
+        """
+        for name in ("curve.json", "angles.csv", "points.csv", "links.csv", "shape.csv"):
+            write_text(Path(a.out_dir) / name, a.settings)
+        """,
+    ),
+    "draw_curve": (
+        ["--curve-dir", "--settings", "--movie?", "--out-dir"],
+        """
+        name = "curve_gait" if a.movie else "curve_shape"
+        paths = [Path(a.out_dir) / f"{name}.{ending}" for ending in ("svg", "pdf", "png")]
+        for path in paths + ([Path(a.movie)] if a.movie else []):
+            write_text(path, (Path(a.curve_dir) / "curve.json").read_text())
+        """,
+    ),
+    "curve_calibration": (["--settings", "--calibration", "--out"], ""),
+    "draw_curve_calibration": (
+        ["--figure", "--record", "--settings", "--out-dir"],
+        """
+        endings = ["csv", "md", "html"] if a.out_dir.endswith("tables") else ["svg", "pdf", "png"]
+        for ending in endings:
+            write_text(Path(a.out_dir) / f"{a.figure}.{ending}", a.figure)
+        """,
+    ),
+    "simulate": (
+        ["--name", "--settings", "--kcub-reading", "--out", "--truth"],
+        """
+        for name in ("campaign.yaml", "cmm.csv.gz", "resolver.csv.gz"):
+            write_text(Path(a.out) / name, a.name)
+        write_text(Path(a.truth), a.kcub_reading)
+        """,
+    ),
+}
+STAND_IN = """
+import json, sys
+from pathlib import Path
+from pa10cal.errors import RawDataError
+from pa10cal.files.output import write_text
+from pa10cal.stages.command import run_stage
+
+def describe(parser):
+    for option in {options}:
+        name, needed = option.rstrip("+?"), not option.endswith("?")
+        parser.add_argument(name, required=needed, nargs="+" if option.endswith("+") else None)
+
+def run(a):
+    print("{stage} at work", file=sys.stderr)
+    json.loads(getattr(a, "settings", "{{}}"))
+    if hasattr(a, "out") and {stage!r} != "simulate":
+        write_text(Path(a.out), json.dumps(vars(a)))
+{body}
+
+def main(argv=None):
+    return run_stage({stage!r}, describe, run, argv)
+"""
