@@ -32,10 +32,12 @@ MAY_IMPORT = {
     "settings": {
         "refused_settings",
         "settings_coverage",
+        "settings_curve",
         "settings_section",
         "settings_simulate",
     },
     "settings_coverage": {"settings_section"},
+    "settings_curve": {"settings_section"},
     "settings_section": set(),
     "settings_simulate": {"settings_section"},
     "refused_settings": set(),

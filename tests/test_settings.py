@@ -156,3 +156,19 @@ def test_an_unknown_key_is_refused_in_every_section():
 def test_settings_that_would_wreck_results_are_refused(raw, says):
     with pytest.raises(SettingsError, match=says):
         parse_settings({"campaigns": ["c1"], **raw}, where="config.yaml")
+
+
+@pytest.mark.parametrize(
+    ("springs", "place"),
+    [([0], ".0"), ([1, 1.5], ".1"), (2, ""), (0, ""), ("all", ""), (-1, "")],
+)
+def test_a_value_of_several_types_is_refused_by_its_meaning(springs, place):
+    with pytest.raises(SettingsError) as refusal:
+        parse_settings(
+            {"campaigns": ["c1"], "calibration": {"complete": {"springs": springs}}}, where="here"
+        )
+    message = str(refusal.value)
+    key = f"key calibration.complete.springs{place}"
+    assert f"{key} does not fit (got" in message
+    assert "allowed: a list of joints from 1, those with a linear spring; or auto" in message
+    assert message.endswith(f"set {key.removeprefix('key ')} accordingly")

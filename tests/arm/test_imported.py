@@ -217,6 +217,11 @@ PLAIN = robot([("revolute", (0, 0, 0.1), (0, 0, 0), (0, 0, 1))] * 2)
         ('<link name="l0">', '<xacro:x xmlns:xacro="ros/xacro"/><link name="l0">', "run xacro"),
         ("0.1", "${h}", "run xacro"),
         ('type="revolute"', 'type="revolut"', r"joint j0: unknown type.*did you mean 'revolute'"),
+        (
+            'type="revolute"',
+            'type="helical"',
+            r"unknown type.*allowed: revolute, continuous, prismatic, fixed; correct the type",
+        ),
         ('type="revolute"', 'type="floating"', r"joint j0: a joint of this type.*--base"),
         ('type="revolute"', 'type="planar"', r"joint j0: a joint of this type.*planar"),
         ("<axis", '<mimic joint="j7"/><axis', r"joint j0: the joint follows joint j7"),
@@ -271,6 +276,7 @@ def test_branches_need_a_named_tip():
     [
         ({"tip": "camra"}, r"--tip names no link.*camra.*did you mean 'camera'"),
         ({"base": "floor"}, r"--base names no link.*l0, l1, l2, camera, plate"),
+        ({"tip": "xyz"}, r"--tip names no link.*name one of these links"),
         ({"base": "l1", "tip": "plate"}, r"not beyond the base.*plate.*l2, camera"),
         ({"tip": "plate"}, r"no joint moves.*l0 to plate"),
         ({"base": "l2"}, r"no joint moves.*l2 to l2"),

@@ -37,6 +37,7 @@ def change(description, key, value):
         ("schema", None, r"schema: .*another schema"),
         ("robot", None, r"campaign.yaml: missing key robot"),
         ("tool.com_mm", None, r"missing key tool.com_mm"),
+        ("colour", 1, r"unknown key colour.*allowed: .*holdout.*; remove it"),
         ("instrment", {}, r"unknown key instrment.*did you mean 'instrument'"),
         ("tool.mass", 2.4, r"unknown key tool.mass.*did you mean 'mass_kg'"),
         ("instrument.kind", "camera", r"instrument.kind.*touch_trigger_cmm"),

@@ -31,7 +31,7 @@ def test_poses_come_out_as_they_went_in(tracked):
     ingested = ingest(tracked)
     poses = ingested.poses
     assert ingested.left_out == ()
-    assert ingested.notes == ("no torques logged: springs cannot be identified",)
+    assert ingested.notes == ("no torques logged: those of the described masses are used",)
     assert list(poses.pose) == [key[1] for key in tracked.keys]
     expected = np.array(tracked.T_cmm_ee)
     expected[:, :3, 3] *= 1e3

@@ -37,7 +37,7 @@ def test_all_missing_files_are_named(published, ipa_folder):
     (ipa_folder / SERIES_C).unlink()
     with pytest.raises(RawDataError, match=f"lacks files .got '{SERIES_A}, {SERIES_C}'"):
         imported(published, ipa_folder)
-    with pytest.raises(RawDataError, match="there is no folder"):
+    with pytest.raises(RawDataError, match=r"no such folder .got '.*nowhere'"):
         imported(published, ipa_folder / "nowhere")
 
 

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.quiver import Quiver
 from matplotlib.text import Text
 
@@ -28,6 +29,11 @@ def texts_of(figure):
 
 def legend_of(figure):
     return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+def box_of(axes):
+    FigureCanvasAgg(axes.figure).draw()
+    return axes.get_tightbbox()
 
 
 class TestHealth:
@@ -76,6 +82,20 @@ class TestHealth:
         ordered = len(sighted["pose"].complete().health.poses.d_optimal_order)
         assert any(f"not with {ordered} chosen poses" in text for text in legend_of(figure))
 
+    @pytest.mark.parametrize("ends", [(0.022, 0.034), (0.024, 0.48), (0.011, 0.0111)])
+    def test_texts_are_whole_and_apart(self, copied, sighted, ends):
+        def between(record):
+            low, high = ends
+            record["health"].update(noise_mm=high, held_out_rms_mm=high, train_rms_mm=low)
+            record["health"]["poses"].update(u_model_mm=low, u_wanted_mm=0.00736)
+
+        figure = health.draw(copied(sighted["distance"], COMBINED, between))
+        expected, errors = figure.axes
+        assert box_of(expected).x0 > 0.0
+        assert not box_of(expected).overlaps(box_of(errors))
+        first, second = (label.get_window_extent() for label in errors.get_xticklabels())
+        assert first.x1 + 3.0 < second.x0
+
 
 class TestHeldOutErrors:
     def test_every_model_is_drawn_with_its_rms(self, sighted):
@@ -118,6 +138,30 @@ class TestHeldOutErrors:
         assert any(said in text for text in texts_of(figure))
         assert not any("°" in text for text in legend_of(figure))
 
+    @pytest.mark.parametrize("count", [1, 20, 1001])
+    def test_a_line_is_the_share_of_poses_and_its_mark_on_it(self, copied, sighted, count):
+        error_mm = np.random.default_rng(count).gamma(1.0, size=count)
+
+        def many(record):
+            for model in record["models"].values():
+                model["rows"] = [model["rows"][0] | {"error_mm": error} for error in error_mm]
+
+        axes = held_out_errors.draw(copied(sighted["distance"], HOLDOUT, many)).axes[0]
+        line, mark = axes.lines[:2]
+        share = [100.0 * np.mean(error_mm <= x) for x in line.get_xdata()]
+        np.testing.assert_allclose(line.get_ydata(), share)
+        rms = np.sqrt(np.mean(error_mm**2))
+        assert mark.get_xdata()[0] == pytest.approx(rms)
+        step = np.searchsorted(line.get_xdata(), rms * (1.0 + 1e-12), side="right") - 1
+        assert mark.get_ydata()[0] == line.get_ydata()[step]
+
+    def test_lines_that_coincide_are_all_seen(self, sighted):
+        figure = held_out_errors.draw(sighted["pose"])
+        geometry, springs = figure.axes[0].lines[2], figure.axes[0].lines[4]
+        assert geometry.get_linestyle() == "--"
+        assert geometry.get_zorder() > springs.get_zorder()
+        assert geometry.get_linewidth() < springs.get_linewidth()
+
     def test_without_springs_the_calibrated_model_is_geometry(self, sighted):
         said = legend_of(held_out_errors.draw(sighted["points"]))
         assert [text.partition(":")[0] for text in said] == ["nominal, frames fitted", "geometry"]
@@ -140,7 +184,10 @@ class TestErrorByJoint:
         assert sorted(fitted.get_xdata()) == pytest.approx(sorted(np.degrees(joints.q[grid, 0])))
         assert len(fitted.get_xdata()) == len(case.residuals)
         labels = [axes.get_ylabel().partition("\n")[0] for axes in figure.axes[::n]]
-        assert labels == ["fitted, before", "held out, before"]
+        assert labels == ["calibrated model, fitted", "calibrated model, held out"]
+        assert any("poses, calibrated model;" in text for text in texts_of(figure))
+        assert not any("before" in text for text in texts_of(figure))
+        assert all(len(axes.get_xticks()) == 2 for axes in figure.axes)
 
     def test_a_sliding_joint_is_in_millimetres(self, sighted):
         joints = sighted["points"].joints()
@@ -154,7 +201,9 @@ class TestErrorByJoint:
     def test_what_was_discovered_has_a_row(self, learnt):
         figure = error_by_joint.draw(learnt)
         before, after = (figure.axes[n].lines[0].get_ydata() for n in (6, 12))
-        assert figure.axes[12].get_ylabel().startswith("held out, after")
+        labels = [axes.get_ylabel().partition("\n")[0] for axes in figure.axes[::6]]
+        assert labels == ["fitted, before", "held out, before", "held out, after"]
+        assert any("before and after discovery" in text for text in texts_of(figure))
         grey = figure.axes[12].lines[1]
         beyond = sum(row.extrapolated for row in learnt.held_out().models["extended"].rows)
         assert len(grey.get_xdata()) == beyond
@@ -251,6 +300,19 @@ class TestResidualField:
         np.testing.assert_allclose(arrows[0].X, [row.place_mm[0] for row in rows])
         scale = -arrows[0].U / [row.position_mm[0] for row in rows]
         np.testing.assert_allclose(scale, scale[0])
+
+    @pytest.mark.parametrize("kind", ["points", "distance"])
+    def test_views_side_by_side_are_alike_and_apart(self, sighted, kind):
+        figure = residual_field.draw(sighted[kind])
+        above, side = figure.axes
+        assert above.get_position().y0 == side.get_position().y0
+        assert above.get_position().y1 == side.get_position().y1
+        for axes in figure.axes:
+            across, up = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
+            size = axes.get_window_extent()
+            assert size.height / up == pytest.approx(size.width / across)
+        assert not box_of(above).overlaps(box_of(side))
+        assert box_of(side).x1 < figure.bbox.x1
 
     def test_of_thousands_some_are_drawn_and_the_mean_is_of_all(self, copied, sighted):
         def many(record):

@@ -195,6 +195,7 @@ class TestResidualField:
         np.testing.assert_allclose(-after.U, [scale * row.after_mm[0] for row in rows])
         (key,) = figure.findobj(QuiverKey)
         assert key.text.get_text() == f"{key.U / scale:g} mm, enlarged {scale:g} times"
+        assert any("before and after are drawn at the same scale" in t for t in texts_of(figure))
 
     def test_places_are_along_the_axes_of_the_base(self, named):
         T = named.base_frame()

@@ -212,7 +212,11 @@ def test_files_that_are_no_descriptions_are_refused(tmp_path, text, message):
         ("[-130, 130]", "[-2.27, 2.27]", r"row 1: limits_deg looks like radians.*-2\.27"),
         ("[-130, 130]", "[130, -130]", r"row 1: limits_deg leaves the joint no way.*130\.0, -130"),
         ("[-130, 130]", "[-130]", r"row 1: missing key limits_deg\.1"),
-        ("limits_m: [0, 0.2]", "limits_m: [0, 200]", r"row 3: limits_m is further.*divide by 1000"),
+        (
+            "limits_m: [0, 0.2]",
+            "limits_m: [0, 200]",
+            r"row 3: limits_m exceeds 10 m.*divide by 1000",
+        ),
         (", limits_m: [0, 0.2]", "", r"row 3: a joint that slides needs limits"),
         ("limits_m", "limits_deg", r"row 3: limits_deg is for a joint that turns.*limits_m"),
         ("limits_deg", "limits_m", r"row 1: limits_m is for a joint that slides.*prismatic: true"),
@@ -227,7 +231,11 @@ def test_files_that_are_no_descriptions_are_refused(tmp_path, text, message):
         ("{gear_ratio: 80}", "7", r"row 4: a row is made of keys and values.*7"),
         ("name: small", "name: small\nconvention: craig", r"key convention does not fit.*modified"),
         ("name: small", "", r"missing key name"),
-        ("name: small", "name: small\nbase: {xyz_m: [0, 0, 500]}", r"base: .*longer.*1000"),
+        (
+            "name: small",
+            "name: small\nbase: {xyz_m: [0, 0, 500]}",
+            r"base: xyz_m exceeds 10 m.*1000",
+        ),
         ("name: small", "name: small\ntool: {z: 1}", r"unknown key tool\.z.*xyz_m"),
         ("name: small", "name: small\nlimits_deg: [1]", r"unknown key limits_deg.*rows"),
     ],
@@ -241,7 +249,9 @@ def test_what_cannot_be_meant_is_refused_with_row_and_key(old, new, message):
 
 def test_an_arm_in_millimetres_is_refused():
     text = SCARA.replace("0.3", "300").replace("0.25", "250").replace("d_m: 0.1", "d_m: 100")
-    with pytest.raises(ArmError, match=r"small: row 1: a link is longer.*300.*divide by 1000"):
+    with pytest.raises(
+        ArmError, match=r"small.yaml: row 1: a_m exceeds 10 m .got 300.*by 1000"
+    ):
         parsed(text)
 
 

@@ -65,7 +65,7 @@ def test_says_where_the_rest_of_many_is(folder, tmp_path, capsys):
     [
         (["x", "."], "there is no reader of this data set (got 'x'); allowed: faro-irb120, ipa"),
         (["faro-irb120", "."], "lacks files (got 'joints.txt, reflector_1.txt"),
-        (["faro-irb120", "nowhere"], "there is no folder (got 'joints.txt"),
+        (["faro-irb120", "nowhere"], "there is no such folder (got 'nowhere')"),
     ],
 )
 def test_refusals_are_one_line(words, message, tmp_path, capsys, monkeypatch):

@@ -186,6 +186,13 @@ def test_what_a_scara_leaves_open_is_held_as_stated_and_said(tmp_path, capsys):
     assert f"held as stated: {held}" in capsys.readouterr().out
 
 
+def test_what_nobody_stated_is_not_said_to_be_stated(tmp_path, capsys):
+    run(sighted(tmp_path, "points", robot="gx4_351s", targets=1).write(), tmp_path)
+    said = capsys.readouterr().out
+    assert "held where it started: target T1 along" in said
+    assert "stated" not in said
+
+
 @pytest.mark.parametrize("stated", [False, True])
 def test_the_fixed_point_of_distances_is_found(tmp_path, capsys, stated):
     raw = sighted(tmp_path, "distance", noise_mm=0.02)

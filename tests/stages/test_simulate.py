@@ -42,7 +42,10 @@ def test_writes_a_campaign_and_its_truth_elsewhere(tmp_path, capsys):
     truth = json.loads((tmp_path / "c1.json").read_text())
     assert truth["hidden_effects"][0]["id"] == "backlash"
     assert truth["kcub_reading"] == "text_e7"
-    assert capsys.readouterr().err == ""
+    shown = capsys.readouterr()
+    assert shown.err == ""
+    assert shown.out.startswith("c1: ")
+    assert len(shown.out.splitlines()) == 1
 
 
 def test_the_cubic_stiffness_has_two_readings(tmp_path):
@@ -68,7 +71,10 @@ def test_writes_a_campaign_of_any_arm_without_touches(tmp_path, capsys, instrume
     assert (description["name"], description["instrument"]["kind"]) == ("c1", instrument)
     assert len((folder / "poses.csv").read_text().splitlines()) == 1 + 8
     assert json.loads((tmp_path / "c1.json").read_text())["settings"]["poses"] == 8
-    assert capsys.readouterr().err == ""
+    shown = capsys.readouterr()
+    assert shown.err == ""
+    assert shown.out.startswith("c1: ")
+    assert len(shown.out.splitlines()) == 1
 
 
 BAD = [

@@ -273,3 +273,19 @@ def reported_curve(path, caption, title):
         category="Chain along curves",
         labels={"picture": title},
     )
+
+
+def one_of(names):
+    """Pattern of a wildcard that stands for one of the names; of none where there are none."""
+    return "|".join(map(re.escape, names)) or "(?!)"
+
+
+def coverage_result(name):
+    """A result of the coverage study."""
+    return os.path.join(_literal(SETTINGS.results_dir), name)
+
+
+def source_option(name):
+    """What the fetch is told of a copy of a data set to take in place of the published one."""
+    source = SETTINGS.dataset_sources.get(name)
+    return f"--source {shlex.quote(source)}" if source else ""

@@ -1,8 +1,3 @@
-def coverage_result(name):
-    """A result of the coverage study."""
-    return os.path.join(_literal(SETTINGS.results_dir), name)
-
-
 rule coverage:
     """Long test: do 95 % intervals hold the truth of simulated campaigns in 95 % of cases?"""
     input:

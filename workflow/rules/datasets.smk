@@ -10,12 +10,6 @@ for name in SETTINGS.dataset_sources:
         )
 
 
-def source_option(name):
-    """What the fetch is told of a copy of a data set to take in place of the published one."""
-    source = SETTINGS.dataset_sources.get(name)
-    return f"--source {shlex.quote(source)}" if source else ""
-
-
 FETCHED = os.path.join(_literal(SETTINGS.results_dir), "datasets", "ipa-robot-accuracy")
 
 

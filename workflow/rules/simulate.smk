@@ -4,11 +4,6 @@ TOUCHED = [name for name, section in SETTINGS.simulate.items() if section.withou
 SIGHTED = [name for name in SETTINGS.simulate if name not in TOUCHED]
 
 
-def _one_of(names):
-    """Pattern of a wildcard that stands for one of the names; of none where there are none."""
-    return "|".join(map(re.escape, names)) or "(?!)"
-
-
 rule simulate:
     """Every campaign that the configuration describes for the virtual cell."""
     input:
@@ -27,7 +22,7 @@ rule simulate_campaign:
     log:
         f"{SIMULATED}.log",
     wildcard_constraints:
-        name=_one_of(TOUCHED),
+        name=one_of(TOUCHED),
     params:
         folder=lambda wildcards, output: os.path.dirname(output.campaign),
         kcub_reading=SETTINGS.kcub_reading,
@@ -49,7 +44,7 @@ rule simulate_sighted:
     log:
         f"{SIMULATED}.log",
     wildcard_constraints:
-        name=_one_of(SIGHTED),
+        name=one_of(SIGHTED),
     params:
         folder=lambda wildcards, output: os.path.dirname(output.campaign),
         settings=lambda wildcards: SETTINGS.simulate[wildcards.name].model_dump_json(),

@@ -55,7 +55,6 @@ def draw(results: CurveResults) -> Figure:
     moves = panel(figure, 128.0, 18.0, 38.0, 40.0)
     moves.plot(results.time_s[1:], moved, color=BLACK)
     moves.set_ylim(0.0, 1.15 * moved.max() if moved.any() else 1.0)
-    moves.set_title("largest move of a joint")
+    moves.set_title("largest move of a joint\nbetween shapes [°]")
     moves.set_xlabel("time [s]")
-    moves.set_ylabel("between shapes [°]")
     return figure

@@ -12,9 +12,9 @@ from pa10cal.figures.style import new_figure, panel
 def draw(results: CurveResults) -> Figure:
     """Draw the chain left, the angles of its joints right."""
     figure = new_figure(100.0, f"{results.record.links} links along a continuous curve")
-    chain = space(figure, results, 0, (4.0, 16.0, 80.0, 76.0), numbers=True)
+    chain = space(figure, results, 0, (2.0, 16.0, 76.0, 76.0), numbers=True)
     chain.legend(loc="upper left", bbox_to_anchor=(-0.02, 1.02))
-    angles = panel(figure, 106.0, 30.0, 60.0, 56.0)
+    angles = panel(figure, 112.0, 30.0, 54.0, 56.0)
     draw_angles(angles, results, 0)
     shape = results.record.shapes[0]
     angles.set_title(f"roll {shape.roll_deg:.1f}°, largest angle {shape.largest_angle_deg:.1f}°")

@@ -58,6 +58,7 @@ def draw(results: Results) -> Figure:
         handles=[Line2D([], [], label=_said(model), **model.look) for model in models],
         loc="lower left",
         bbox_to_anchor=(4.0 / WIDTH_MM, 14.0 / height_of(figure)),
+        handlelength=4.0,
     )
     for k, line in enumerate((seen.of, _fitted(held_out))):
         write_text_at(figure, 2.0, 10.0 - 4.0 * k, line, color=GREY)

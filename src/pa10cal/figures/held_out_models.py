@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 #: Told apart by more than their colours.
 _LINES = {"geometry": "--", "cubic": "-."}
 #: Wide below the others and a larger mark, so that what coincides with it is seen beside it.
-_WIDE, _LARGE = {"linear": 2.2}, {"geometry": 6.5}
+_WIDE, _LARGE = {"linear": 2.2}, {"geometry": 6.0}
 _MARKERS = {"uncalibrated": "^", "geometry": "D", "linear": "s", "cubic": "o", "extended": "v"}
 _NAMES = {
     "uncalibrated": "nominal, frames fitted",

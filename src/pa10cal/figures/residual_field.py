@@ -40,7 +40,7 @@ _MARGIN_MM = 20.0
 #: How wide a panel is and how far apart they begin; views side by side have an axis each.
 _PANEL_MM, _APART_MM = 70.0, 78.0
 _ALONE_MM, _ALONE_APART_MM = 63.0, 83.0
-_BELOW_MM, _SAID_MM, _BETWEEN_MM, _ABOVE_MM = 21.0, 4.4, 10.0, 18.0
+_BELOW_MM, _SAID_MM, _BETWEEN_MM, _ABOVE_MM = 22.5, 4.4, 10.0, 18.0
 _SAME_SCALE = (
     "Arrows before and after are drawn at the same scale: one not seen is no longer than its mark."
 )

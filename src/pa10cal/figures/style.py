@@ -143,7 +143,7 @@ def plain_log(
         powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)))
         numbers = np.outer(powers, subs).ravel()
         inside = numbers[(numbers >= low) & (numbers <= high)]
-        axis.set_major_locator(FixedLocator(inside[[0, -1]]))
+        axis.set_major_locator(FixedLocator(inside[[0, -1]].tolist()))
     else:
         axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -71,6 +71,9 @@ def check_rows(rows: Sequence[ArmRow], where: str) -> None:
         _check_angles(row, f"{where}: row {number}")
     _check_limits_are_degrees(rows, where)
     _check_proportions(rows, where)
+    for number, row in enumerate(rows, start=1):
+        for key, value_m in (("a_m", row.a_m), ("d_m", row.d_m)):
+            refuse_far((value_m,), key, f"{where}: row {number}")
     _check_masses(rows, where)
 
 
@@ -87,7 +90,7 @@ def refuse_far(values_m: Sequence[float], key: str, where: str) -> None:
     """
     if max(map(abs, values_m), default=0.0) > _FAR_M:
         raise ArmError(
-            f"{key} is more than {_FAR_M:g} m",
+            f"{key} exceeds {_FAR_M:g} m",
             where=where,
             value=values_m[0] if len(values_m) == 1 else list(values_m),
             allowed="metres",
@@ -128,12 +131,7 @@ def _check_joint(row: ArmRow, where: str) -> None:
             allowed="the lower limit first, then a higher one",
             remedy=f"correct {key}",
         )
-    lengths = {
-        "a_m": (row.a_m,),
-        "d_m": (row.d_m,),
-        "limits_m": row.limits_m or (),
-        "com_m": row.com_m or (),
-    }
+    lengths = {"limits_m": row.limits_m or (), "com_m": row.com_m or ()}
     for key, values in lengths.items():
         refuse_far(values, key, where)
 
