@@ -25,7 +25,7 @@ PURE = {
     "evaluation",
     "curve",
 }
-FLOOR = {"errors"}
+FLOOR = {"errors", "near_miss"}
 
 #: What a package may import besides itself and `errors`: packages, or single modules.
 MAY_IMPORT = {

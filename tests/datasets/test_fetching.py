@@ -53,8 +53,9 @@ def test_a_file_that_is_not_the_published_one_leaves_nothing(published, ipa_fold
 
 @pytest.mark.parametrize("source", ["nowhere", "file:///nowhere", "http://[", "no-such://x"])
 def test_a_file_that_cannot_be_had_leaves_nothing(published, tmp_path, source):
-    with pytest.raises(RawDataError, match=f"{SERIES_A}: the file cannot be fetched"):
+    with pytest.raises(RawDataError, match=f"{SERIES_A}: the file cannot be fetched") as caught:
         fetch(published, tmp_path / "copy", source)
+    assert "urlopen" not in str(caught.value)
     assert not (tmp_path / "copy").exists()
 
 

@@ -5,11 +5,20 @@ from pathlib import Path
 
 import pytest
 
-from pa10cal.figures.catalogue import FIGURES, TABLES, TRIAL_FIGURES, TRIAL_TABLES
+from pa10cal.figures.catalogue import (
+    CURVE_DRAWINGS,
+    CURVE_FIGURES,
+    CURVE_TABLES,
+    FIGURES,
+    TABLES,
+    TRIAL_FIGURES,
+    TRIAL_TABLES,
+)
 
 ROOT = Path(__file__).parents[2]
 CAPTIONS = ROOT / "workflow/report"
-NAMES = (*FIGURES, *TABLES, *TRIAL_FIGURES, *TRIAL_TABLES)
+CURVE = (*CURVE_DRAWINGS, *CURVE_FIGURES, *CURVE_TABLES)
+NAMES = (*FIGURES, *TABLES, *TRIAL_FIGURES, *TRIAL_TABLES, *CURVE)
 
 
 def test_the_workflow_draws_every_picture():

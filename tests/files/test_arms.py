@@ -249,9 +249,7 @@ def test_what_cannot_be_meant_is_refused_with_row_and_key(old, new, message):
 
 def test_an_arm_in_millimetres_is_refused():
     text = SCARA.replace("0.3", "300").replace("0.25", "250").replace("d_m: 0.1", "d_m: 100")
-    with pytest.raises(
-        ArmError, match=r"small.yaml: row 1: a_m exceeds 10 m .got 300.*by 1000"
-    ):
+    with pytest.raises(ArmError, match=r"small.yaml: row 1: a_m exceeds 10 m .got 300.*by 1000"):
         parsed(text)
 
 

@@ -38,6 +38,8 @@ TABLES = (
 TRIAL_FIGURES = ("trials_confusion", "trials_power", "trials_false_names", "trials_intervals")
 #: Modules with `tabulate(scores) -> Table`, of a study of blind trials.
 TRIAL_TABLES = ("trials_summary",)
+#: Modules with `draw(drawing) -> Figure`, of a shape and of a gait that a chain was laid along.
+CURVE_DRAWINGS = ("curve_shape", "curve_gait")
 #: Modules of the study of a chain posed along curves: `draw(study) -> Figure` ...
 CURVE_FIGURES = ("curve_calibration",)
 #: ... and `tabulate(study) -> Table`.
