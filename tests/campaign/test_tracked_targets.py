@@ -385,19 +385,3 @@ def test_a_long_campaign_takes_seconds(tmp_path, kind):
     begin = time.process_time()
     assert len(ingest(raw).poses) == 12_000
     assert time.process_time() - begin < 6.0
-
-
-@pytest.mark.parametrize("size_mm", [(99.0, 101.0, 103.0), (60.0, 150.0, 260.0)])
-def test_errors_of_one_size_are_listed_together(tmp_path, size_mm):
-    raw = sighted(tmp_path, "points", targets=1, noise_mm=0.05)
-    rows = [6, 17, 28]
-    for row, off_mm in zip(rows, size_mm, strict=True):
-        add(raw, row, "T1_x_mm", off_mm)
-    ingested = ingest(raw)
-    assert [line for line, _ in listed(ingested)] == [row + 1 for row in rows]
-
-
-def test_an_error_within_what_is_allowed_stays(tmp_path):
-    raw = sighted(tmp_path, "points", targets=1, noise_mm=0.05)
-    add(raw, 6, "T1_x_mm", 90.0)
-    assert listed(ingest(raw)) == []
