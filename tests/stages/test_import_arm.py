@@ -54,7 +54,7 @@ def test_ends_may_be_named(urdf, tmp_path):
         (["{there}/gone.urdf", "--out", "{there}/a.yaml"], "gone.urdf: the URDF cannot be read"),
         (["{there}", "--out", "{there}/a.yaml"], "the URDF cannot be read"),
         (["{there}/robot.urdf", "--out", "{there}/a.txt"], "--out: the description is a YAML"),
-        (["{there}/robot.urdf", "--tip", "flansch", "--out", "{there}/a.yaml"], "'flange'?"),
+        (["{there}/robot.urdf", "--tip", "flang", "--out", "{there}/a.yaml"], "'flange'?"),
         (["{there}/bytes.urdf", "--out", "{there}/a.yaml"], "bytes.urdf: the URDF cannot be read"),
     ],
 )
