@@ -59,9 +59,7 @@ def ingest_campaign(
     lines = () if campaign.instrument.kind in ("points", "distance") else ("line_x", "line_y")
     missing = [kind for kind in (*lines, "holdout") if kind not in kinds]
     notes = (*ingested.notes, *(f"no {kind} rows" for kind in missing))
-    return replace(
-        ingested, poses=poses, left_out=tuple(sorted(ingested.left_out)), notes=notes
-    )
+    return replace(ingested, poses=poses, left_out=tuple(sorted(ingested.left_out)), notes=notes)
 
 
 def hold_out(poses: MeasuredPoses, rule: Holdout, where: str) -> MeasuredPoses:

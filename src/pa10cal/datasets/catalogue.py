@@ -34,7 +34,9 @@ def dataset_named(name: str) -> DataSet:
             where="data set",
             value=name,
             allowed=", ".join(known),
-            remedy=f"is {near[0]!r} meant?" if near else "correct the name, or write a reader in "
+            remedy=f"is {near[0]!r} meant?"
+            if near
+            else "correct the name, or write a reader in "
             "pa10cal/datasets/readers (docs/datasets.md)",
         )
     module = import_module(f"{readers.__name__}.{name.replace('-', '_')}")
