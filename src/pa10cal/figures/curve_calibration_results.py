@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-from pydantic import ValidationError
-
-from pa10cal.errors import RecordError
+from pa10cal.figures.record_files import read_study
 from pa10cal.figures.records import Record, Vector
 from pa10cal.files.schemas import CURVE_CALIBRATION
 
@@ -134,17 +131,6 @@ def read_curve_study(path: Path) -> CurveStudy:
     Raises:
         RecordError: when the file is missing or is no such record.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content.get("schema") != CURVE_CALIBRATION:
-            raise ValueError(f"schema {content.get('schema')}")
-        return CurveStudy.model_validate(content)
-    except (OSError, ValueError, AttributeError) as error:
-        what = error.errors()[0]["loc"] if isinstance(error, ValidationError) else error
-        raise RecordError(
-            "the calibration of the chain cannot be read",
-            where=str(path),
-            value=str(what),
-            allowed=f"a file of schema {CURVE_CALIBRATION}",
-            remedy="run the curve_calibration stage again",
-        ) from None
+    return read_study(
+        path, CurveStudy, CURVE_CALIBRATION, "calibration of the chain", "curve_calibration"
+    )

@@ -138,3 +138,32 @@ def _foreign(path: Path, value: object, schema: str, stage: str) -> RawDataError
         allowed=f"a file of schema {schema} that the {stage} stage wrote",
         remedy=f"run the {stage} stage again",
     )
+
+
+def read_study(path: Path, kind: type[_R], schema: str, what: str, stage: str) -> _R:
+    """Read the record of a study, which is of no campaign.
+
+    Args:
+        path: the file.
+        kind: type of the record.
+        schema: what its `schema` must be.
+        what: what it is, for the message.
+        stage: which writes it, for the message.
+
+    Raises:
+        RecordError: when the file is missing or is no such record.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content.get("schema") != schema:
+            raise ValueError(f"schema {content.get('schema')}")
+        return kind.model_validate(content)
+    except (OSError, ValueError, AttributeError) as error:
+        where = error.errors()[0]["loc"] if isinstance(error, ValidationError) else error
+        raise RecordError(
+            f"the {what} cannot be read",
+            where=str(path),
+            value=str(where),
+            allowed=f"a file of schema {schema}",
+            remedy=f"run the {stage} stage again",
+        ) from None

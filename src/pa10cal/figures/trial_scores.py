@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-from pydantic import ValidationError
-
-from pa10cal.errors import RecordError
+from pa10cal.figures.record_files import read_study
 from pa10cal.figures.records import Record
 from pa10cal.files.schemas import TRIALS
 
@@ -182,17 +179,4 @@ def read_scores(path: Path) -> Scores:
     Raises:
         RecordError: when the file is missing or is no such record.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content.get("schema") != TRIALS:
-            raise ValueError(f"schema {content.get('schema')}")
-        return Scores.model_validate(content)
-    except (OSError, ValueError, AttributeError) as error:
-        what = error.errors()[0]["loc"] if isinstance(error, ValidationError) else error
-        raise RecordError(
-            "the scores of blind trials cannot be read",
-            where=str(path),
-            value=str(what),
-            allowed=f"a file of schema {TRIALS}",
-            remedy="run the score_trials stage again",
-        ) from None
+    return read_study(path, Scores, TRIALS, "scores of blind trials", "score_trials")
