@@ -88,26 +88,30 @@ class _Given:
     """Products of all columns at V variances, a set of candidates taken as there.
 
     Attributes:
-        gram: (V, p, p) products before the set took its part.
-        projection: (V, p) products with the data, after it.
+        projection: (V, p) products with the data, after the set took its part.
         constant: (V,) minus twice the logarithm of the likelihood with the set.
-        taken: (V, m, p) what the set takes of each column, None where the set is empty.
+        taken: (V, m, p) what the set takes of each column.
     """
 
-    gram: Array
     projection: Array
     constant: Array
-    taken: Array | None = None
+    taken: Array
 
-    def gains(self, own: Columns) -> Array:
-        """Return the gain in evidence of some columns at each of `SIZES`, the best variance."""
-        gram = self.gram[:, own[:, None], own]
-        if self.taken is not None:
-            taken = self.taken[:, :, own]
-            gram = gram - np.einsum("vmi,vmj->vij", taken, taken)
-        sizes = np.array(SIZES)[:, None, None]
+    def gains(self, own: Columns, grams: Array) -> Array:
+        """Return the gain in evidence of candidates at each of `SIZES`, the best variance.
+
+        Args:
+            own: (c, k) columns of c candidates.
+            grams: (V, c, k, k) their products before the set took its part.
+
+        Returns:
+            (sizes, c).
+        """
+        taken = self.taken[:, :, own].transpose(0, 2, 3, 1)
+        grams = grams - taken @ taken.swapaxes(2, 3)
+        sizes = np.array(SIZES)[:, None, None, None]
         twice = _minus_twice_log(
-            gram * sizes[..., None] ** 2, self.projection[:, own] * sizes, self.constant
+            grams * sizes[..., None] ** 2, self.projection[:, own] * sizes, self.constant[:, None]
         )
         found: Array = 0.5 * (self.constant.min() - twice.min(axis=1))
         return found
@@ -136,13 +140,13 @@ class Evidence:
         """
         stops = np.cumsum([0, *(block.factor.shape[1] for block in blocks)])
         self._columns = [np.arange(a, b) for a, b in pairwise(stops.tolist())]
-        self._shows_in_torque = [bool(np.any(block.torque)) for block in blocks]
+        self._shows_in_torque = np.array([np.any(block.torque) for block in blocks], dtype=bool)
         self._pose = _reduce(pose, _side_by_side(pose_data, blocks, "pose"), pose_data, own)
         width = int(stops[-1])
         if torque is None:
             self._torque = _nothing(width)
         else:
-            showing = [k for k, shows in enumerate(self._shows_in_torque) if shows]
+            showing = np.flatnonzero(self._shows_in_torque).tolist()
             columns = _side_by_side(torque_data, tuple(blocks[k] for k in showing), "torque")
             none = np.zeros((len(torque_data), 0))
             places = np.concatenate([np.zeros(0, np.intp), *(self._columns[k] for k in showing)])
@@ -167,34 +171,43 @@ class Evidence:
         columns, scale = self._of(members, sizes)
         poses = self._given(columns, scale, slice(None), [h0])
         torques = self._given(columns, scale, [g0], slice(None))
-        found = []
-        for k in candidates:
-            gains = poses.gains(self._columns[k])
-            if self._shows_in_torque[k]:  # their shared error is then chosen anew as well
-                gains = np.maximum(gains, torques.gains(self._columns[k]))
-            size = int(np.argmax(gains))
-            found.append((float(gains[size]) - float(np.log(len(SIZES))), size))
-        return found
+        gains = np.empty((len(SIZES), len(candidates)))
+        for own, at in self._by_width(candidates):
+            of_pose, of_torque = self._grams(own)
+            gains[:, at] = poses.gains(own, of_pose + of_torque[[h0]])
+            shows = self._shows_in_torque[np.array(candidates)[at]]
+            if shows.any():  # their shared error is then chosen anew as well
+                again = torques.gains(own[shows], of_pose[[g0]][:, shows] + of_torque[:, shows])
+                gains[:, at[shows]] = np.maximum(gains[:, at[shows]], again)
+        best = np.argmax(gains, axis=0)
+        cost = float(np.log(len(SIZES)))
+        return [(float(gains[size, k]) - cost, int(size)) for k, size in enumerate(best)]
+
+    def _by_width(self, candidates: list[int]) -> list[tuple[Columns, Columns]]:
+        """Return columns (c, k) of the candidates of as many each, and where those are listed."""
+        width = np.array([len(self._columns[k]) for k in candidates], dtype=np.intp)
+        places = [np.flatnonzero(width == k) for k in np.unique(width)]
+        return [(np.stack([self._columns[candidates[k]] for k in at]), at) for at in places]
+
+    def _grams(self, own: Columns) -> tuple[Array, Array]:
+        """Return products (G, c, k, k), (H, c, k, k) of columns (c, k) in poses and torques."""
+        inner = (slice(None), own[:, :, None], own[:, None, :])
+        return self._pose.gram[inner], self._torque.gram[inner]
 
     def _given(
         self, columns: Columns, scale: Array, g: slice | list[int], h: slice | list[int]
     ) -> _Given:
         """Reduce the products of all columns by a set that is taken as there."""
-        every = np.arange(self._pose.projection.shape[1])
-        unit = np.ones(len(every))
-        gram, projection, constant = (
-            values.reshape(-1, *values.shape[2:]) for values in self._at(g, h, every, unit)
-        )
-        if not len(columns):
-            return _Given(gram, projection, constant)
-        to_set = gram[:, columns] * scale[:, None]
+        projection = self._pose.projection[g] + self._torque.projection[h]
+        constant = self._pose.constant[g] + self._torque.constant[h]
+        to_set = self._pose.gram[g][:, columns] + self._torque.gram[h][:, columns]
+        to_set = to_set * scale[:, None]
         factor = np.linalg.cholesky(np.eye(len(columns)) + to_set[:, :, columns] * scale)
         taken = np.linalg.solve(
             factor, np.concatenate([to_set, (projection[:, columns] * scale)[..., None]], axis=2)
         )
         log_determinant = 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
         return _Given(
-            gram,
             projection - np.einsum("gmp,gm->gp", taken[:, :, :-1], taken[:, :, -1]),
             constant - np.sum(taken[:, :, -1] ** 2, axis=1) + log_determinant,
             taken[:, :, :-1],
