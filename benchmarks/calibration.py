@@ -83,7 +83,7 @@ def solve_by_differences(level: TwoLevel) -> Array:
 
     def place(T_base_ee: Array, psi: Array, rows: Array | slice) -> Array:
         R = Rotation.from_euler("XYZ", psi[3:]).as_matrix()
-        measured = observations.T_cmm_ee[rows]
+        measured = observations.T_instr_ee[rows]
         position = T_base_ee[rows, :3, 3] @ R.T + psi[:3] - measured[:, :3, 3]
         turned = R @ T_base_ee[rows, :3, :3] @ measured[:, :3, :3].transpose(0, 2, 1)
         chord = 2.0 * Rotation.from_matrix(turned).as_quat(canonical=True)[:, :3]

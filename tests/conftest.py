@@ -52,9 +52,9 @@ class RawCampaign:
     """Raw files as lists of lines (the header first), with the truth they were made from."""
 
     folder: Path
-    T_cmm_base: np.ndarray
+    T_instr_base: np.ndarray
     q_rad: np.ndarray
-    T_cmm_ee: np.ndarray
+    T_instr_ee: np.ndarray
     keys: list[tuple[str, str, int, int]]
     description: dict[str, Any]
     cmm: list[str]
@@ -96,20 +96,20 @@ def raw_campaign(tmp_path: Path) -> RawCampaign:
     keys += [("holdout", "H01", 22, 1), ("holdout", "H02", 44, 1)]
     commands += list(spread[6:])
     q_rad = np.array(commands)
-    T_cmm_base = np.eye(4)
-    T_cmm_base[:3, :3] = Rotation.from_rotvec([0.01, -0.02, 1.6]).as_matrix()
-    T_cmm_base[:3, 3] = [0.3, 0.2, -0.15]
-    T_cmm_ee = T_cmm_base @ chain.forward(q_rad)
+    T_instr_base = np.eye(4)
+    T_instr_base[:3, :3] = Rotation.from_rotvec([0.01, -0.02, 1.6]).as_matrix()
+    T_instr_base[:3, 3] = [0.3, 0.2, -0.15]
+    T_instr_ee = T_instr_base @ chain.forward(q_rad)
     return RawCampaign(
         folder=tmp_path / "made-up",
-        T_cmm_base=T_cmm_base,
+        T_instr_base=T_instr_base,
         q_rad=q_rad,
-        T_cmm_ee=T_cmm_ee,
+        T_instr_ee=T_instr_ee,
         keys=keys,
         description=_description(),
-        cmm=_cmm_lines(keys, T_cmm_ee, rng),
+        cmm=_cmm_lines(keys, T_instr_ee, rng),
         resolver=_resolver_lines(q_rad, rng),
-        poses=_pose_lines(keys, q_rad, T_cmm_ee),
+        poses=_pose_lines(keys, q_rad, T_instr_ee),
     )
 
 
@@ -146,9 +146,9 @@ def _description() -> dict[str, Any]:
     }
 
 
-def _cmm_lines(keys, T_cmm_ee, rng) -> list[str]:
+def _cmm_lines(keys, T_instr_ee, rng) -> list[str]:
     lines = ["time_s,kind,pose,load_N,repeat,ball,touch,x_mm,y_mm,z_mm"]
-    for c, (key, T) in enumerate(zip(keys, T_cmm_ee, strict=True)):
+    for c, (key, T) in enumerate(zip(keys, T_instr_ee, strict=True)):
         for b, (name, ball) in enumerate(BALLS_MM.items()):
             centre = T[:3, :3] @ ball + 1e3 * T[:3, 3]
             for k, normal in enumerate(NORMALS):
@@ -174,12 +174,12 @@ def _resolver_lines(q_rad, rng) -> list[str]:
     return lines
 
 
-def _pose_lines(keys, q_rad, T_cmm_ee) -> list[str]:
+def _pose_lines(keys, q_rad, T_instr_ee) -> list[str]:
     joints = ",".join(f"q{j}_deg" for j in range(1, 7))
     lines = [f"time_s,kind,pose,load_N,repeat,{joints},x_mm,y_mm,z_mm,qw,qx,qy,qz"]
-    quaternions = Rotation.from_matrix(T_cmm_ee[:, :3, :3]).as_quat(scalar_first=True)
+    quaternions = Rotation.from_matrix(T_instr_ee[:, :3, :3]).as_quat(scalar_first=True)
     for c, key in enumerate(keys):
-        numbers = [*np.degrees(q_rad[c]), *1e3 * T_cmm_ee[c, :3, 3], *quaternions[c]]
+        numbers = [*np.degrees(q_rad[c]), *1e3 * T_instr_ee[c, :3, 3], *quaternions[c]]
         words = [f"{c * PERIOD_S:.1f}", *map(str, key), *(f"{x:.6f}" for x in numbers)]
         lines.append(",".join(words))
     return lines

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Burden, statics
+from pa10cal.arm.statics import Payload, statics
 from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.candidates import testable
@@ -27,7 +27,7 @@ from pa10cal.terms.offsets import Tolerances
 
 ARM = load_arm("pa10_6ce")
 FLEXIBLE = (2, 3)
-BURDEN = Burden(2.4, np.array([0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))
+BURDEN = Payload(2.4, np.array([0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))
 TARGETS_M = np.array([[0.095, 0.0, 0.31], [-0.05, 0.08, 0.31], [-0.05, -0.08, 0.312]])
 POSES, REPEATS = 30, 4
 TARGET_NOISE_M, JOINT_NOISE_RAD, TORQUE_NOISE_NM = 5e-6, 5e-6, 0.05
@@ -77,12 +77,12 @@ def bare_model() -> Model:
     return Model(Chain.of(ARM, bends=long_links(ARM)), model.terms)
 
 
-def base_frame_of(T_cmm_base, small):
+def base_frame_of(T_instr_base, small):
     """Return a frame moved by what the fit's own last six parameters say."""
     moved = np.eye(4)
     moved[:3, 3] = small[:3]
     moved[:3, :3] = Rotation.from_euler("XYZ", small[3:]).as_matrix()
-    return T_cmm_base @ moved
+    return T_instr_base @ moved
 
 
 @dataclass
@@ -104,7 +104,7 @@ class Measured:
 
     @cached_property
     def every(self) -> tuple[Effect, ...]:
-        return candidates(self.problem.surroundings)
+        return candidates(self.problem.context)
 
     @cached_property
     def family(self) -> tuple[Effect, ...]:
@@ -170,19 +170,19 @@ def measure(missing=Missing(), seed=20080427, poses=POSES, apparatus_m=5e-6, pos
             x[k] = 3e-3
         elif parameter.name.startswith("cubic_share"):
             x[k] = 0.2
-    T_cmm_base = np.eye(4)
-    T_cmm_base[:3, :3] = Rotation.from_rotvec([0.01, -0.02, 1.6]).as_matrix()
-    T_cmm_base[:3, 3] = [0.3, 0.2, -0.15]
+    T_instr_base = np.eye(4)
+    T_instr_base[:3, :3] = Rotation.from_rotvec([0.01, -0.02, 1.6]).as_matrix()
+    T_instr_base[:3, 3] = [0.3, 0.2, -0.15]
     setting = Setting(BURDEN, TARGETS_M, 21.0, FLEXIBLE, Uncertainties(apparatus_m=apparatus_m))
-    single = _readings(missing, model, x, T_cmm_base, (poses, (0.0, 44.0)), rng, pose_m)
-    held_out = _readings(missing, model, x, T_cmm_base, (10, (0.0, 22.0, 66.0)), rng, pose_m)
-    nominal = Baseline(model, np.where(x == 3e-3, 2e-3, 0.0), T_cmm_base)
+    single = _readings(missing, model, x, T_instr_base, (poses, (0.0, 44.0)), rng, pose_m)
+    held_out = _readings(missing, model, x, T_instr_base, (10, (0.0, 22.0, 66.0)), rng, pose_m)
+    nominal = Baseline(model, np.where(x == 3e-3, 2e-3, 0.0), T_instr_base)
     found = fit(prepare(single, nominal, setting), (), (), (0.0, 0.0))
-    calibrated = Baseline(model, found.x[:-6], base_frame_of(T_cmm_base, found.x[-6:]))
+    calibrated = Baseline(model, found.x[:-6], base_frame_of(T_instr_base, found.x[-6:]))
     return Measured(single, average_repeats(held_out), setting, calibrated)
 
 
-def _readings(missing, model, x, T_cmm_base, layout, rng, pose_m) -> PoseObservations:
+def _readings(missing, model, x, T_instr_base, layout, rng, pose_m) -> PoseObservations:
     poses, loads_N = layout
     centre = np.radians([0.0, 10.0, 100.0, 5.0, 50.0, -80.0])
     at_pose = centre + rng.uniform(-SPREAD_RAD, SPREAD_RAD, (poses, 6))
@@ -204,27 +204,27 @@ def _readings(missing, model, x, T_cmm_base, layout, rng, pose_m) -> PoseObserva
         at = replace(states, q_rad=q_still_rad + missing.turn(states))
         weights = statics(model.chain, model.chain_coordinates(at, x), load_N, BURDEN)
         states = replace(states, tau_Nm=weights.torque_Nm)
-    T_cmm_ee = T_cmm_base @ model.predict(replace(at, tau_Nm=states.tau_Nm), x)
+    T_instr_ee = T_instr_base @ model.predict(replace(at, tau_Nm=states.tau_Nm), x)
     on_tool_m = TARGETS_M + missing.targets_m
-    p_cmm_m = T_cmm_ee[:, None, :3, 3] + on_tool_m @ T_cmm_ee[:, :3, :3].transpose(0, 2, 1)
-    p_cmm_m += missing.read(p_cmm_m) + off_m[pose]
-    p_cmm_m += rng.normal(0.0, TARGET_NOISE_M, p_cmm_m.shape)
-    T_read = fit_rigid(TARGETS_M, p_cmm_m).T
+    p_instr_m = T_instr_ee[:, None, :3, 3] + on_tool_m @ T_instr_ee[:, :3, :3].transpose(0, 2, 1)
+    p_instr_m += missing.read(p_instr_m) + off_m[pose]
+    p_instr_m += rng.normal(0.0, TARGET_NOISE_M, p_instr_m.shape)
+    T_read = fit_rigid(TARGETS_M, p_instr_m).T
     covariances = np.tile(TARGET_NOISE_M**2 * np.eye(3), (count, 3, 1, 1))
     logged_Nm = states.tau_Nm + missing.log(states)
     return PoseObservations(
         pose=np.array([f"P{k:02d}" for k in pose]),
         states=replace(states, tau_Nm=logged_Nm + rng.normal(0, TORQUE_NOISE_NM, (count, 6))),
-        T_cmm_ee=T_read,
-        cov_ee=_stated(T_read, p_cmm_m),
-        by_apparatus=pose_by_source(T_read, p_cmm_m, covariances),
+        T_instr_ee=T_read,
+        cov_ee=_stated(T_read, p_instr_m),
+        by_apparatus=pose_by_source(T_read, p_instr_m, covariances),
         repeats=np.ones(count, dtype=np.int64),
     )
 
 
-def _stated(T_read, p_cmm_m):
+def _stated(T_read, p_instr_m):
     """Return the covariance of poses that stated noise of their targets makes, (P, 6, 6)."""
-    lever = p_cmm_m - T_read[:, None, :3, 3]
+    lever = p_instr_m - T_read[:, None, :3, 3]
     rows = np.zeros((*lever.shape, 6))
     rows[..., :3] = np.eye(3)
     rows[..., 3:] = -np.cross(np.eye(3), lever[..., None, :])

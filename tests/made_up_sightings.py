@@ -23,11 +23,11 @@ class Sighted:
 
     folder: Path
     q: np.ndarray
-    T_cmm_base: np.ndarray
+    T_instr_base: np.ndarray
     T_ee_target: np.ndarray
-    T_cmm_target: np.ndarray
+    T_instr_target: np.ndarray
     p_ee_m: np.ndarray
-    p_cmm_m: np.ndarray
+    p_instr_m: np.ndarray
     p_base_point_m: np.ndarray
     d_m: np.ndarray
     description: dict[str, Any]
@@ -63,37 +63,37 @@ def sighted(tmp_path, kind, *, robot="ur10", poses=40, repeats=1, targets=3, see
     commands = (middle + half * rng.uniform(-1, 1, (poses, arm.n))).round(6)
     q = np.tile(commands, (repeats, 1))
     T_base_ee = Chain.of(arm).forward(q)
-    T_cmm_base, T_ee_target = np.eye(4), np.eye(4)
-    T_cmm_base[:3, :3] = Rotation.random(random_state=rng).as_matrix()
+    T_instr_base, T_ee_target = np.eye(4), np.eye(4)
+    T_instr_base[:3, :3] = Rotation.random(random_state=rng).as_matrix()
     T_ee_target[:3, :3] = Rotation.random(random_state=rng).as_matrix()
-    T_cmm_base[:3, 3], T_ee_target[:3, 3] = rng.uniform(-2, 2, 3), rng.uniform(-0.15, 0.15, 3)
-    T_cmm_target = T_cmm_base @ T_base_ee @ T_ee_target
-    T_cmm_target[:, :3, 3] += 1e-3 * rng.normal(0, noise_mm, (len(q), 3))
+    T_instr_base[:3, 3], T_ee_target[:3, 3] = rng.uniform(-2, 2, 3), rng.uniform(-0.15, 0.15, 3)
+    T_instr_target = T_instr_base @ T_base_ee @ T_ee_target
+    T_instr_target[:, :3, 3] += 1e-3 * rng.normal(0, noise_mm, (len(q), 3))
     p_ee_m = rng.uniform(-0.15, 0.15, (targets, 3))
     homogeneous = np.column_stack([p_ee_m, np.ones(targets)])
-    p_cmm_m = np.einsum("ij,pjk,bk->pbi", T_cmm_base, T_base_ee, homogeneous)[..., :3]
-    p_cmm_m += 1e-3 * rng.normal(0, noise_mm, p_cmm_m.shape)
+    p_instr_m = np.einsum("ij,pjk,bk->pbi", T_instr_base, T_base_ee, homogeneous)[..., :3]
+    p_instr_m += 1e-3 * rng.normal(0, noise_mm, p_instr_m.shape)
     if targets > 1:
-        unseen = rng.random(p_cmm_m.shape[:2]) < 0.1
+        unseen = rng.random(p_instr_m.shape[:2]) < 0.1
         unseen[unseen.all(axis=1), 0] = False
-        p_cmm_m[unseen] = np.nan
+        p_instr_m[unseen] = np.nan
     point = rng.uniform(0.8, 1.6, 3) * rng.choice([-1, 1], 3)
     d_m = np.linalg.norm((T_base_ee @ T_ee_target)[:, :3, 3] - point, axis=1)
     d_m += 1e-3 * rng.normal(0, noise_mm, len(q))
     measured = {
-        "pose": _pose_columns(T_cmm_target),
-        "points": _point_columns(p_cmm_m),
+        "pose": _pose_columns(T_instr_target),
+        "points": _point_columns(p_instr_m),
         "distance": {"d_mm": 1e3 * d_m},
     }[kind]
     lines = _lines(arm, q, poses, measured)
     return Sighted(
         folder=tmp_path / "sighted",
         q=q,
-        T_cmm_base=T_cmm_base,
+        T_instr_base=T_instr_base,
         T_ee_target=T_ee_target,
-        T_cmm_target=T_cmm_target,
+        T_instr_target=T_instr_target,
         p_ee_m=p_ee_m,
-        p_cmm_m=p_cmm_m,
+        p_instr_m=p_instr_m,
         p_base_point_m=point,
         d_m=d_m,
         description=_description(kind, robot),

@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Burden, statics
-from pa10cal.calibration.complete.unknowns import tool_frame
+from pa10cal.arm.statics import Payload, statics
+from pa10cal.calibration.general.unknowns import tool_frame
 from pa10cal.campaign.observations import PoseObservations
-from pa10cal.discovery.left_out.discover import LeftOutDiscovery, discover_left_out
-from pa10cal.discovery.left_out.survey import Survey, survey
+from pa10cal.discovery.blocked_cv.discover import BlockedDiscovery, discover_by_blocks
+from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.problem import Baseline, Setting
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.joint_spring import JointSpring
@@ -21,7 +21,7 @@ from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Tolerances, link_departures
 
 ARM = load_arm("ur10")
-BURDEN = Burden(1.0, np.array([0.0, 0.0, 0.05]), np.zeros(3), np.array([0.0, 0.0, -9.81]))
+BURDEN = Payload(1.0, np.array([0.0, 0.0, 0.05]), np.zeros(3), np.array([0.0, 0.0, -9.81]))
 SETTING = Setting(BURDEN, np.zeros((0, 3)), 22.0, (2, 3))
 POSITION_M, ATTITUDE_RAD = 2e-5, 1e-4
 POSES, HELD_OUT = 700, 100
@@ -79,8 +79,8 @@ class Surveyed:
         return survey(self.readings, self.baseline, SETTING, torques_logged=False)
 
     @cached_property
-    def discovery(self) -> LeftOutDiscovery:
-        return discover_left_out(self.readings, self.held_out, self.baseline, SETTING, ERROR_RATE)
+    def discovery(self) -> BlockedDiscovery:
+        return discover_by_blocks(self.readings, self.held_out, self.baseline, SETTING, ERROR_RATE)
 
 
 def observe(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT) -> Surveyed:
@@ -104,13 +104,13 @@ def observe(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT) -> S
     model = Model(chain, (link_departures(ARM, Tolerances()), *springs, tool_frame()))
     x = np.array([0.3 * p.scale * rng.standard_normal() for p in model.parameters])
     x[[p.name.startswith("windup") for p in model.parameters]] = 3e-3
-    T_cmm_base = np.eye(4)
-    T_cmm_base[:3, :3] = Rotation.from_rotvec([0.01, -0.02, 1.6]).as_matrix()
-    T_cmm_base[:3, 3] = [2.0, 0.2, -0.15]
-    T = T_cmm_base @ model.predict(replace(states, q_rad=q_rad + hidden.turn(states)), x)
+    T_instr_base = np.eye(4)
+    T_instr_base[:3, :3] = Rotation.from_rotvec([0.01, -0.02, 1.6]).as_matrix()
+    T_instr_base[:3, 3] = [2.0, 0.2, -0.15]
+    T = T_instr_base @ model.predict(replace(states, q_rad=q_rad + hidden.turn(states)), x)
     T[:, :3, 3] += hidden.noise * POSITION_M * rng.standard_normal((count, 3))
     end = chain.forward_with_screws(q_rad)
-    axes = T_cmm_base[:3, :3] @ end.screws[:, 3:, chain.joint_columns]
+    axes = T_instr_base[:3, :3] @ end.screws[:, 3:, chain.joint_columns]
     turned = hidden.noise * ATTITUDE_RAD * rng.standard_normal((count, 3)) + hidden.twist(
         states, axes
     )
@@ -119,10 +119,12 @@ def observe(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT) -> S
     seen = PoseObservations(
         pose=np.array([f"P{k:04d}" for k in range(count)]),
         states=states,
-        T_cmm_ee=T,
+        T_instr_ee=T,
         cov_ee=np.tile(stated, (count, 1, 1)),
         by_apparatus=np.zeros((count, 6, 0)),
         repeats=np.ones(count, dtype=np.int64),
     )
     order = rng.permutation(poses)  # the order of rows tells nothing
-    return Surveyed(seen.take(order), seen.take(slice(poses, None)), Baseline(model, x, T_cmm_base))
+    return Surveyed(
+        seen.take(order), seen.take(slice(poses, None)), Baseline(model, x, T_instr_base)
+    )

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-RULES = {"coverage", "coverage_complete_model", "coverage_papers_model"}
+RULES = {"coverage", "coverage_general_model", "coverage_papers_model"}
 
 
 def test_one_target_covers_both_models_with_the_settings_given(tmp_path):

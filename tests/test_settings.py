@@ -165,10 +165,10 @@ def test_settings_that_would_wreck_results_are_refused(raw, says):
 def test_a_value_of_several_types_is_refused_by_its_meaning(springs, place):
     with pytest.raises(SettingsError) as refusal:
         parse_settings(
-            {"campaigns": ["c1"], "calibration": {"complete": {"springs": springs}}}, where="here"
+            {"campaigns": ["c1"], "calibration": {"general": {"springs": springs}}}, where="here"
         )
     message = str(refusal.value)
-    key = f"key calibration.complete.springs{place}"
+    key = f"key calibration.general.springs{place}"
     assert f"{key} does not fit (got" in message
     assert "allowed: a list of joints from 1, those with a linear spring; or auto" in message
     assert message.endswith(f"set {key.removeprefix('key ')} accordingly")

@@ -33,10 +33,10 @@ SETTINGS = BlindTrialsSettings()
 PICTURES = {*FIGURES, *TABLES}
 TRIAL_PICTURES = {*TRIAL_FIGURES, *TRIAL_TABLES}
 CURVE_PICTURES = {*CURVE_FIGURES, *CURVE_TABLES}
-OF_COMPLETE_MODEL = {"held_out_errors", "error_by_joint", "accuracy_complete"}
+OF_COMPLETE_MODEL = {"held_out_errors", "error_by_joint", "accuracy_general"}
 OF_BLOCKS = {"joint_error_maps"}
 OF_DISCOVERY = {"where_breakdown", "where_joints", "gap_by_step", "parameter_shifts", "verdict"}
-ALWAYS = {"health", "health_summary", "parameters_complete", "doubted_poses", "residual_field"}
+ALWAYS = {"health", "health_summary", "parameters_general", "suspected_outliers", "residual_field"}
 
 
 def snakemake(*words, cwd, env=None):
@@ -168,7 +168,7 @@ def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
     assert code == 0, text
     results = checkout.place / "results/c1"
     calibrations = {path.stem for path in (results / "calibration").iterdir()}
-    assert calibrations == {"0N", "22.5N", "combined", "complete"}
+    assert calibrations == {"0N", "22.5N", "combined", "general"}
     assert {path.stem for path in (results / "montecarlo").iterdir()} == {"z300", "z500"}
     drawn = {path.stem for path in results.glob("[ft][ia][gb]*/*.*")}
     assert drawn == PICTURES - OF_COMPLETE_MODEL - OF_BLOCKS

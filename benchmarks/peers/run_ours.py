@@ -1,4 +1,4 @@
-"""This package on the same problems, in its own environment: the complete model."""
+"""This package on the same problems, in its own environment: the general model."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import numpy as np
 from benchmarks.peers.adapter import Fitted, main
 from benchmarks.peers.problem import Array, Problem
 from pa10cal.arm.state import PoseStates
-from pa10cal.calibration.complete.case import fitted
-from pa10cal.calibration.complete.complete import CompleteOptions, calibrate_complete
-from pa10cal.calibration.complete.start import find_start
+from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_general
+from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.general.start import find_start
 from pa10cal.campaign.seen import SeenPoints, Sightings
 from pa10cal.files.arms import load_arm
 from pa10cal.stages.command import limit_threads
@@ -23,7 +23,7 @@ class Ours:
         self.arm = load_arm("ur10")
         self.sightings = _sightings(problem)
         length, angle = problem.tolerance_m, problem.tolerance_rad
-        self.options = CompleteOptions(
+        self.options = GeneralOptions(
             tolerances=Tolerances(
                 a_m=length, alpha_rad=angle, d_m=length, beta_rad=angle, theta_rad=angle
             )
@@ -32,13 +32,13 @@ class Ours:
     def solve(self) -> Fitted:
         """Find about where base and target are, choose the parameters, fit them."""
         start = find_start(self.arm, self.sightings)
-        self.found = calibrate_complete(self.arm, self.sightings, start, None, self.options)
+        self.found = calibrate_general(self.arm, self.sightings, start, None, self.options)
         return Fitted(len(self.found.fit.x), self.found.fit.converged)
 
     def predict_m(self, q_rad: Array) -> Array:
         """Return positions of the target."""
         model = fitted(self.found)
-        T = model.T_cmm_base @ model.model.predict(_states(q_rad), model.x)
+        T = model.T_instr_base @ model.model.predict(_states(q_rad), model.x)
         predicted: Array = T[:, :3, :3] @ model.places_m + T[:, :3, 3]
         return predicted
 

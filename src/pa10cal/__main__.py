@@ -16,7 +16,7 @@ STAGES = {
     "simulate": "write a campaign with the virtual cell",
     "ingest": "raw logs to a table of poses",
     "seed": "base frame, and targets, from straight-line moves or the nominal arm",
-    "calibrate": "calibration of one load case, by the paper's model or the complete one",
+    "calibrate": "calibration of one load case, by the paper's model or the general one",
     "montecarlo": "position error from resolver uncertainty in one plane",
     "discover": "which effect is missing from the model, and the gap with it closed",
     "evaluate": "held-out points and loads",
@@ -31,7 +31,7 @@ STAGES = {
     "curve_calibration": "calibrate a chain of links posed along curves, in the virtual cell",
     "draw_curve_calibration": "draw one figure or table of it",
     "coverage": "count how often intervals hold the truth of simulated campaigns",
-    "coverage_complete": "the same with the complete model, arm by arm, instrument by instrument",
+    "coverage_general": "the same with the general model, arm by arm, instrument by instrument",
 }
 
 #: Stages whose module cannot have their name, as it is a word of Python.

@@ -70,8 +70,8 @@ class ToleranceSettings(Section):
     theta_rad: Positive = 5e-4
 
 
-class CompleteSettings(Section):
-    """The complete model, for any arm and instrument."""
+class GeneralSettings(Section):
+    """The general model, for any arm and instrument."""
 
     springs: tuple[Annotated[int, Field(ge=1)], ...] | Literal["auto"] = Field(
         "auto",
@@ -84,12 +84,12 @@ class CompleteSettings(Section):
 class CalibrationSettings(Section):
     """The two-level calibration, equations (1)-(4), and the readings of the paper."""
 
-    model: Literal["auto", "paper", "complete"] = Field(
+    model: Literal["auto", "paper", "general"] = Field(
         "auto",
-        description="auto: the paper's where balls are touched, with the complete one beside it, "
-        "and the complete one for other instruments",
+        description="auto: the paper's where balls are touched, with the general one beside it, "
+        "and the general one for other instruments",
     )
-    complete: CompleteSettings = CompleteSettings()
+    general: GeneralSettings = GeneralSettings()
     epsilon: NonNegative = Field(1.6e-4, description="weight of the tolerance terms")
     epsilon_acts_on: Literal["residual", "cost"] = Field(
         "residual", description="what epsilon multiplies"

@@ -10,7 +10,7 @@ from pa10cal.settings_section import Section
 
 
 class CoverageCaseSettings(Section):
-    """An arm under an instrument, calibrated with the complete model."""
+    """An arm under an instrument, calibrated with the general model."""
 
     robot: str = Field(description="an arm description")
     instrument: Literal["pose", "points", "distance"] = Field(description="what it is seen with")
@@ -27,8 +27,8 @@ class CoverageSettings(Section):
     campaigns: Annotated[int, Field(ge=1)] = Field(
         50, description="touched campaigns calibrated with the paper's model"
     )
-    complete_campaigns: Annotated[int, Field(ge=1)] = Field(
-        200, description="campaigns of each case calibrated with the complete model, twice over"
+    general_campaigns: Annotated[int, Field(ge=1)] = Field(
+        200, description="campaigns of each case calibrated with the general model, twice over"
     )
     poses: Annotated[int, Field(ge=1)] = Field(60, description="poses in each of these")
     position_mm: Annotated[FiniteFloat, Field(ge=1e-5)] = Field(
@@ -50,5 +50,5 @@ class CoverageSettings(Section):
             CoverageCaseSettings(robot="ur10", instrument="pose", flexible_joints=(2, 3, 4, 5)),
             CoverageCaseSettings(robot="irb120", instrument="points", targets=3),
         ),
-        description="cases calibrated with the complete model",
+        description="cases calibrated with the general model",
     )

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.imported import arm_from_urdf_text
 from pa10cal.arm.parallel import neighbouring_axes
-from pa10cal.arm.statics import Burden, statics
+from pa10cal.arm.statics import Payload, statics
 from pa10cal.arm.urdf import urdf_text
 from pa10cal.errors import ArmError
 from pa10cal.files.arms import arm_names, load_arm
@@ -134,7 +134,7 @@ def test_masses_of_fixed_links_count_to_the_link_that_carries_them():
     np.testing.assert_allclose(arm.mass_kg, [mass_kg[carrier == k].sum() for k in (1, 2, 3)])
     # The weights act on the joints as those of the links in the file.
     g = np.array([1.0, -2.0, -9.0])
-    burden = Burden(0.0, np.zeros(3), np.zeros(3), g)
+    payload = Payload(0.0, np.zeros(3), np.zeros(3), g)
     chain, q = Chain.of(arm), np.array([[0.3, 0.2, -0.7]])
 
     def energy_J(q):
@@ -144,7 +144,7 @@ def test_masses_of_fixed_links_count_to_the_link_that_carries_them():
         )
 
     slopes = [(energy_J(q[0] + step) - energy_J(q[0] - step)) / 2e-5 for step in 1e-5 * np.eye(3)]
-    found = statics(chain, chain.coordinates(q), np.zeros(1), burden).torque_Nm[0]
+    found = statics(chain, chain.coordinates(q), np.zeros(1), payload).torque_Nm[0]
     np.testing.assert_allclose(found, slopes, atol=1e-6)
 
 

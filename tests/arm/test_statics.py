@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, Chain, bend_coordinates, frames
-from pa10cal.arm.statics import Burden, statics
+from pa10cal.arm.statics import Payload, statics
 from pa10cal.cell.individual import build_robot
 from pa10cal.cell.mechanism import GRAVITY_M_S2, Mechanism
 from pa10cal.cell.poses import place_poses
@@ -24,39 +24,39 @@ quick = settings(deadline=None, max_examples=25)
 
 
 def drawn(seed, n, arm, bends=()):
-    """Return a chain off nominal everywhere, coordinates of 3 poses, loads and a burden."""
+    """Return a chain off nominal everywhere, coordinates of 3 poses, loads and a payload."""
     rng = np.random.default_rng(seed)
     chain = Chain.of(arm, bends)
     coordinates = chain.coordinates(rng.uniform(-3, 3, (3, n)))
     coordinates += rng.normal(scale=0.2, size=coordinates.shape)
-    burden = Burden(2.4, *rng.uniform(-0.3, 0.3, (2, 3)), rng.normal(scale=8.0, size=3))
-    return chain, coordinates, rng.uniform(0.0, 90.0, 3), burden
+    payload = Payload(2.4, *rng.uniform(-0.3, 0.3, (2, 3)), rng.normal(scale=8.0, size=3))
+    return chain, coordinates, rng.uniform(0.0, 90.0, 3), payload
 
 
-def energy_J(chain, coordinates, load_N, burden):
+def energy_J(chain, coordinates, load_N, payload):
     """Return the potential energy of all weights, (P,)."""
     found = frames(chain, coordinates)
 
     def below(T, place_m):
-        return -(T[..., :3, :3] @ place_m + T[..., :3, 3]) @ burden.gravity_m_s2
+        return -(T[..., :3, :3] @ place_m + T[..., :3, 3]) @ payload.gravity_m_s2
 
-    g = np.linalg.norm(burden.gravity_m_s2)
-    energy = burden.mass_kg * below(found.T_base_ee, burden.com_m)
-    energy += load_N / g * below(found.T_base_ee, burden.load_point_m)
+    g = np.linalg.norm(payload.gravity_m_s2)
+    energy = payload.mass_kg * below(found.T_base_ee, payload.com_m)
+    energy += load_N / g * below(found.T_base_ee, payload.load_point_m)
     for row, (mass_kg, com_m) in enumerate(zip(chain.arm.mass_kg, chain.arm.com_m, strict=True)):
         energy += mass_kg * below(found.T_base_rows[row], com_m)
     return energy
 
 
-def slope(chain, coordinates, column, load_N, burden):
+def slope(chain, coordinates, column, load_N, payload):
     """Return the derivative of potential energy by one coordinate, (P,)."""
     step = np.zeros(coordinates.shape[1])
     step[column] = 1e-5
-    ahead = energy_J(chain, coordinates + step, load_N, burden)
-    return (ahead - energy_J(chain, coordinates - step, load_N, burden)) / 2e-5
+    ahead = energy_J(chain, coordinates + step, load_N, payload)
+    return (ahead - energy_J(chain, coordinates - step, load_N, payload)) / 2e-5
 
 
-def pinocchio_torques_Nm(arm, q, load_N, burden):
+def pinocchio_torques_Nm(arm, q, load_N, payload):
     """Return the gravity torques of the same arm as pinocchio has them."""
 
     def motion(along=(0.0, 0.0, 0.0), turn="z", angle=0.0):
@@ -66,7 +66,7 @@ def pinocchio_torques_Nm(arm, q, load_N, burden):
         return pin.Inertia(mass_kg, com_m, np.zeros((3, 3)))
 
     model = pin.Model()
-    model.gravity.linear = burden.gravity_m_s2
+    model.gravity.linear = payload.gravity_m_s2
     parent, placement = 0, pin.SE3(arm.T_base_row1)
     for row in range(arm.n):
         joint = pin.JointModelPZ() if arm.prismatic[row] else pin.JointModelRZ()
@@ -84,12 +84,12 @@ def pinocchio_torques_Nm(arm, q, load_N, burden):
         model.appendBodyToJoint(parent, body(arm.mass_kg[row], arm.com_m[row]), after)
         placement = after
     placement = placement * pin.SE3(arm.T_row_n_ee)
-    model.appendBodyToJoint(parent, body(burden.mass_kg, burden.com_m), placement)
+    model.appendBodyToJoint(parent, body(payload.mass_kg, payload.com_m), placement)
     unloaded = model.inertias[arm.n].copy()
-    g = np.linalg.norm(burden.gravity_m_s2)
+    g = np.linalg.norm(payload.gravity_m_s2)
     torques = []
     for positions, load in zip(q, load_N, strict=True):
-        model.inertias[arm.n] = unloaded + placement.act(body(load / g, burden.load_point_m))
+        model.inertias[arm.n] = unloaded + placement.act(body(load / g, payload.load_point_m))
         torques.append(pin.computeGeneralizedGravity(model, model.createData(), positions))
     return np.array(torques)
 
@@ -99,20 +99,20 @@ def pinocchio_torques_Nm(arm, q, load_N, burden):
 def test_torques_equal_pinocchio(random_arm, n, convention):
     for seed in range(8):
         arm = random_arm(seed, n, convention)
-        chain, _, load_N, burden = drawn(seed, n, arm)
+        chain, _, load_N, payload = drawn(seed, n, arm)
         q = np.random.default_rng(seed).uniform(-3, 3, (3, n))
-        found = statics(chain, chain.coordinates(q), load_N, burden)
-        wanted = pinocchio_torques_Nm(arm, q, load_N, burden)
+        found = statics(chain, chain.coordinates(q), load_N, payload)
+        wanted = pinocchio_torques_Nm(arm, q, load_N, payload)
         np.testing.assert_allclose(found.torque_Nm, wanted, atol=1e-10)
 
 
 @quick
 @given(seed=seeds, convention=conventions)
 def test_torques_are_the_slope_of_potential_energy(random_arm, seed, convention):
-    chain, coordinates, load_N, burden = drawn(seed, 5, random_arm(seed, 5, convention), (2, 3))
-    found = statics(chain, coordinates, load_N, burden)
+    chain, coordinates, load_N, payload = drawn(seed, 5, random_arm(seed, 5, convention), (2, 3))
+    found = statics(chain, coordinates, load_N, payload)
     for joint, column in enumerate(chain.joint_columns):
-        wanted = slope(chain, coordinates, column, load_N, burden)
+        wanted = slope(chain, coordinates, column, load_N, payload)
         np.testing.assert_allclose(found.torque_Nm[:, joint], wanted, atol=1e-6)
 
 
@@ -120,16 +120,16 @@ def test_torques_are_the_slope_of_potential_energy(random_arm, seed, convention)
 @given(seed=seeds, convention=conventions)
 def test_moments_work_on_the_bends_and_the_base(random_arm, seed, convention):
     # The moment of weights about an axis is what a turn about it takes off their energy.
-    chain, coordinates, load_N, burden = drawn(seed, 4, random_arm(seed, 4, convention), (1, 2, 3))
+    chain, coordinates, load_N, payload = drawn(seed, 4, random_arm(seed, 4, convention), (1, 2, 3))
     turns = [BASE[3:], *(bend_coordinates(row)[3:] for row in (1, 2, 3))]
     columns = [chain.columns(names) for names in turns]
     coordinates[:, np.concatenate(columns)] = 0.0  # there the three turns are about one frame
     coordinates[:, chain.columns(BASE[:3])] = 0.0
-    carried = statics(chain, coordinates, load_N, burden).carried
+    carried = statics(chain, coordinates, load_N, payload).static_loads
     moments = [carried.base_Nm, *np.moveaxis(carried.link_Nm, 1, 0)]
     for moment_Nm, axes in zip(moments, columns, strict=False):
         for axis in range(3):
-            wanted = -slope(chain, coordinates, axes[axis], load_N, burden)
+            wanted = -slope(chain, coordinates, axes[axis], load_N, payload)
             np.testing.assert_allclose(moment_Nm[:, axis], wanted, atol=1e-6)
     assert not carried.link_Nm[:, -1].any()
 
@@ -138,11 +138,11 @@ def test_moments_work_on_the_bends_and_the_base(random_arm, seed, convention):
 @given(seed=seeds, convention=conventions)
 def test_torques_follow_masses_and_load_as_their_derivatives_say(random_arm, seed, convention):
     arm = random_arm(seed, 5, convention)
-    chain, coordinates, load_N, burden = drawn(seed, 5, arm)
+    chain, coordinates, load_N, payload = drawn(seed, 5, arm)
     other_arm = random_arm(seed + 1, 5)
     other = replace(arm, mass_kg=other_arm.mass_kg, com_m=other_arm.com_m)
-    found = statics(chain, coordinates, load_N, burden)
-    heavier = statics(Chain.of(other), coordinates, load_N + 5.0, burden)
+    found = statics(chain, coordinates, load_N, payload)
+    heavier = statics(Chain.of(other), coordinates, load_N + 5.0, payload)
 
     def unknowns(arm):
         return np.hstack([arm.mass_kg[:, None], arm.mass_kg[:, None] * arm.com_m]).ravel()
@@ -155,11 +155,11 @@ def test_torques_follow_masses_and_load_as_their_derivatives_say(random_arm, see
 @quick
 @given(seed=seeds)
 def test_down_is_gravity_seen_from_the_end(random_arm, seed):
-    chain, coordinates, load_N, burden = drawn(seed, 4, random_arm(seed, 4))
-    down_ee = statics(chain, coordinates, load_N, burden).carried.down_ee
+    chain, coordinates, load_N, payload = drawn(seed, 4, random_arm(seed, 4))
+    down_ee = statics(chain, coordinates, load_N, payload).static_loads.down_ee
     R_base_ee = frames(chain, coordinates).T_base_ee[:, :3, :3]
     along_base = np.einsum("pij,pj->pi", R_base_ee, down_ee)
-    wanted = burden.gravity_m_s2 / np.linalg.norm(burden.gravity_m_s2)
+    wanted = payload.gravity_m_s2 / np.linalg.norm(payload.gravity_m_s2)
     np.testing.assert_allclose(along_base, np.tile(wanted, (3, 1)), atol=1e-14)
 
 
@@ -170,9 +170,9 @@ def robot():
     return build_robot(load_arm("pa10_6ce"), SimulateSettings(), "text_e7", rng)
 
 
-def burden_of(robot):
+def payload_of(robot):
     apparatus = robot.apparatus
-    return Burden(apparatus.mass_kg, apparatus.com_m, apparatus.load_point_m, GRAVITY_M_S2)
+    return Payload(apparatus.mass_kg, apparatus.com_m, apparatus.load_point_m, GRAVITY_M_S2)
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
@@ -183,14 +183,14 @@ def test_weights_act_as_in_the_virtual_cell(robot, convention, sliding):
     rng = np.random.default_rng(3)
     q, load_N = rng.uniform(-2, 2, (10, 6)), rng.uniform(0, 90, 10)
     chain = Chain.of(arm)
-    found = statics(chain, chain.coordinates(q), load_N, burden_of(built))
+    found = statics(chain, chain.coordinates(q), load_N, payload_of(built))
     mechanism = Mechanism.nominal(built)
     for pose in range(10):
         mechanism.hang(load_N[pose])
         torque_Nm = mechanism.torques_Nm(q[pose])
         moments = mechanism.moments()
         assert found.torque_Nm[pose] == pytest.approx(torque_Nm, abs=1e-9)
-        assert found.carried.base_Nm[pose] == pytest.approx(moments.base_Nm, abs=1e-9)
+        assert found.static_loads.base_Nm[pose] == pytest.approx(moments.base_Nm, abs=1e-9)
         for link in range(6):
             wanted = moments.link_Nm[link]
             if link + 1 == sliding:
@@ -198,7 +198,7 @@ def test_weights_act_as_in_the_virtual_cell(robot, convention, sliding):
             if link < 5:
                 # The cell's joint zero lies an offset of theta ahead of the chain's.
                 wanted = Rotation.from_euler("z", arm.theta_rad[link + 1]).apply(wanted)
-            assert found.carried.link_Nm[pose, link] == pytest.approx(wanted, abs=1e-9)
+            assert found.static_loads.link_Nm[pose, link] == pytest.approx(wanted, abs=1e-9)
 
 
 def test_torques_are_of_the_size_known_of_this_arm(robot):
@@ -209,7 +209,7 @@ def test_torques_are_of_the_size_known_of_this_arm(robot):
     wanted = {0.0: (60, 37), 22.0: (75, 48), 44.0: (89, 59), 90.0: (119, 82)}
     for load_N, joints_Nm in wanted.items():
         loads_N = np.full(len(coordinates), load_N)
-        torque_Nm = statics(chain, coordinates, loads_N, burden_of(robot)).torque_Nm
+        torque_Nm = statics(chain, coordinates, loads_N, payload_of(robot)).torque_Nm
         size_Nm = np.abs(torque_Nm).mean(axis=0)
         assert size_Nm[[1, 2]] == pytest.approx(joints_Nm, rel=0.1)
         assert size_Nm[[0, 5]] == pytest.approx(0.0, abs=0.5)
@@ -220,11 +220,11 @@ def test_torques_are_of_the_size_known_of_this_arm(robot):
 def test_an_arm_without_masses_is_refused(robot, unknown):
     chain = Chain.of(replace(robot.arm, **{unknown: None}))
     with pytest.raises(ArmError, match="the arm has no masses"):
-        statics(chain, chain.nominal[None], np.zeros(1), burden_of(robot))
+        statics(chain, chain.nominal[None], np.zeros(1), payload_of(robot))
 
 
 def test_gravity_without_a_direction_is_refused(robot):
     chain = Chain.of(robot.arm)
-    burden = replace(burden_of(robot), gravity_m_s2=np.zeros(3))
+    payload = replace(payload_of(robot), gravity_m_s2=np.zeros(3))
     with pytest.raises(ArmError, match="gravity has no direction"):
-        statics(chain, chain.nominal[None], np.zeros(1), burden)
+        statics(chain, chain.nominal[None], np.zeros(1), payload)

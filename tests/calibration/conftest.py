@@ -49,7 +49,7 @@ def truth(model) -> np.ndarray:
 
 
 @pytest.fixture(scope="session")
-def T_cmm_base() -> np.ndarray:
+def T_instr_base() -> np.ndarray:
     T = np.eye(4)
     T[:3, :3] = Rotation.from_euler("xyz", [0.02, -0.03, 1.1]).as_matrix()
     T[:3, 3] = [0.9, 0.4, -0.3]
@@ -71,12 +71,12 @@ def states() -> PoseStates:
 
 
 @pytest.fixture(scope="session")
-def observe(model, truth, T_cmm_base, states) -> Callable[..., PoseObservations]:
+def observe(model, truth, T_instr_base, states) -> Callable[..., PoseObservations]:
     """Measure the poses with Gaussian noise of 10 um and 50 urad times `noise`."""
 
     def measure(noise: float = 0.0, seed: int = 0, x: np.ndarray = truth) -> PoseObservations:
         rng = np.random.default_rng(seed)
-        T = T_cmm_base @ model.predict(states, x)
+        T = T_instr_base @ model.predict(states, x)
         sigma = noise * np.array([1e-5] * 3 + [5e-5] * 3)
         error = sigma * rng.standard_normal((len(T), 6))
         T[:, :3, 3] += error[:, :3]
@@ -84,7 +84,7 @@ def observe(model, truth, T_cmm_base, states) -> Callable[..., PoseObservations]
         return PoseObservations(
             pose=np.repeat([f"P{k:02d}" for k in range(1, 28)], 3),
             states=states,
-            T_cmm_ee=T,
+            T_instr_ee=T,
             cov_ee=np.tile(np.diag(sigma**2), (len(T), 1, 1)),
             by_apparatus=np.zeros((len(T), 6, 0)),
             repeats=np.ones(len(T), dtype=np.int64),

@@ -13,7 +13,7 @@ from pa10cal.calibration.calibrate import (
     tolerance_rows,
     weak_directions,
 )
-from pa10cal.calibration.identifiability import identify, observability, open_directions
+from pa10cal.calibration.identifiability import identify, observability, unidentified_directions
 from pa10cal.calibration.inner_dependence import inner_dependence
 from pa10cal.calibration.l_curve import l_curve
 from pa10cal.calibration.levels import TwoLevel
@@ -39,7 +39,7 @@ def calibrated(model, observe):
 
 def known(calibration):
     names = [parameter.name for parameter in calibration.level.model.parameters]
-    return np.array([name not in calibration.open_parameters for name in names])
+    return np.array([name not in calibration.not_identifiable for name in names])
 
 
 def test_recovers_the_truth_of_exact_poses(model, truth, observe):
@@ -53,12 +53,12 @@ def test_rank_is_34_of_36_and_the_open_directions_have_names(calibrated):
     # contract: delta_theta_1 goes with base yaw, delta_d_1 with base height
     assert calibrated.identifiability.rank == 34
     assert len(calibrated.identifiability.singular_values) == 36
-    assert calibrated.open_parameters == {"delta_theta_1", "delta_d_1"}
-    pairs = {frozenset(direction.weights) for direction in calibrated.open_directions}
+    assert calibrated.not_identifiable == {"delta_theta_1", "delta_d_1"}
+    pairs = {frozenset(direction.weights) for direction in calibrated.unidentified_directions}
     assert pairs == {frozenset({"delta_theta_1", "base_rz"}), frozenset({"delta_d_1", "base_z"})}
 
 
-def test_one_attitude_leaves_two_more_directions_open(model, observe, states, T_cmm_base):
+def test_one_attitude_leaves_two_more_directions_open(model, observe, states, T_instr_base):
     # contract: tool orientation fixed gives rank 32
     chain = model.chain
     rng = np.random.default_rng(8)
@@ -76,18 +76,18 @@ def test_one_attitude_leaves_two_more_directions_open(model, observe, states, T_
     links = Model(chain, model.terms[:1])  # of the 36, the springs' 6 are told in any case
     for chosen, rank in ((states, 28), (fixed, 26)):
         observations = replace(
-            observe(), states=chosen, T_cmm_ee=T_cmm_base @ chain.forward(chosen.q_rad)
+            observe(), states=chosen, T_instr_ee=T_instr_base @ chain.forward(chosen.q_rad)
         )
-        level = one_level(TwoLevel(links, observations, np.arange(81)), T_cmm_base)
+        level = one_level(TwoLevel(links, observations, np.arange(81)), T_instr_base)
         jacobian = level.linearise(np.zeros(30)).jacobian.reshape(-1, 30)
         assert identify(jacobian, level.model.scale).rank == rank
 
 
-def test_one_level_agrees_with_two_levels_over_all_poses(model, observe, T_cmm_base):
+def test_one_level_agrees_with_two_levels_over_all_poses(model, observe, T_instr_base):
     options = replace(QUICK, inner_poses=None)
     two = calibrate(model, observe(noise=1.0), options, AS_MEASURED)
     start = nominal_start(model)
-    one = solve_one_level(two.level, T_cmm_base, start, two.terms, 200)
+    one = solve_one_level(two.level, T_instr_base, start, two.terms, 200)
     difference = np.abs(one.x[:-6] - two.solution.x) / np.maximum(
         np.abs(two.solution.x), model.scale
     )
@@ -99,7 +99,7 @@ def test_inner_subset_moves_the_answer_by_less_than_its_uncertainty(calibrated):
     spread = inner_dependence(calibrated.level, calibrated.solution.x, options, 5)
     report = calibrated.level.model.report(calibrated.solution.x)
     covariance = report.jacobian @ calibrated.covariances.parameters @ report.jacobian.T
-    mask = np.array([p.name not in calibrated.open_parameters for p in report.parameters])
+    mask = np.array([p.name not in calibrated.not_identifiable for p in report.parameters])
     assert spread.choices == 5
     assert (spread.std[mask] < 2 * np.sqrt(np.diag(covariance))[mask]).all()
     assert (spread.std[mask] > 0).all()
@@ -126,7 +126,7 @@ def test_an_error_of_the_apparatus_is_in_the_intervals(model, truth, observe):
     """
     balls = np.array([[0.095, 0, 0.31], [-0.05, 0.08, 0.31], [-0.05, -0.08, 0.312]])
     observations = observe(noise=0.1)
-    T = observations.T_cmm_ee
+    T = observations.T_instr_ee
     centres = balls @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
     covariances = np.tile(np.diag([1.0, 1.0, 4.0]) * 1e-10, (len(T), 3, 1, 1))
     u_m, scores = 2e-5, []
@@ -135,7 +135,7 @@ def test_an_error_of_the_apparatus_is_in_the_intervals(model, truth, observe):
         T_fitted = fit_rigid_weighted(wrong, centres, covariances).T
         measured = replace(
             observe(noise=0.1, seed=seed),
-            T_cmm_ee=T_fitted,
+            T_instr_ee=T_fitted,
             by_apparatus=pose_by_source(T_fitted, centres, covariances),
         )
         found = calibrate(
@@ -147,7 +147,7 @@ def test_an_error_of_the_apparatus_is_in_the_intervals(model, truth, observe):
     assert (found.covariances.from_apparatus[known(found)] > 0).all()
 
 
-def test_noise_of_the_torques_is_in_the_intervals(model, truth, states, T_cmm_base):
+def test_noise_of_the_torques_is_in_the_intervals(model, truth, states, T_instr_base):
     """Repeats of exact poses whose logged torques are noisy: only the readings can show it."""
     scores = []
     for seed in range(30):
@@ -158,7 +158,7 @@ def test_noise_of_the_torques_is_in_the_intervals(model, truth, states, T_cmm_ba
         readings = PoseObservations(
             pose=np.repeat([f"P{k:02d}" for k in range(1, 28)], 12),
             states=logged,
-            T_cmm_ee=T_cmm_base @ model.predict(states.take(each), truth),
+            T_instr_ee=T_instr_base @ model.predict(states.take(each), truth),
             cov_ee=np.zeros((324, 6, 6)),
             by_apparatus=np.zeros((324, 6, 0)),
             repeats=np.ones(324, dtype=np.int64),
@@ -178,7 +178,7 @@ def test_epsilon_as_printed_pulls_towards_nominal(model, truth, observe, acts_on
     options = replace(QUICK, tolerance_terms="all", epsilon_acts_on=acts_on)
     found = calibrate(model, observations, options, AS_MEASURED)
     T_base_ee = model.predict(observations.states, found.solution.x)
-    mean_mm = summarise(deviations(T_base_ee, found.T_cmm_base, observations)).mean_mm
+    mean_mm = summarise(deviations(T_base_ee, found.T_instr_base, observations)).mean_mm
     links = slice(0, 24)
     departure = np.linalg.norm((found.solution.x / model.scale)[links])
     true_departure = np.linalg.norm((truth / model.scale)[links])
@@ -197,7 +197,7 @@ def test_tolerance_terms_leave_identified_parameters_alone(model, observe):
     heavy = calibrate(model, observations, replace(QUICK, epsilon=0.16), AS_MEASURED)
     assert np.abs((light.solution.x - heavy.solution.x) / model.scale).max() < 1e-6
     names = [parameter.name for parameter in model.parameters]
-    for name in light.open_parameters:
+    for name in light.not_identifiable:
         assert abs(light.solution.x[names.index(name)]) < 1e-10
 
 
@@ -210,7 +210,7 @@ def test_linear_springs_fit_worse_and_have_no_cubic_part(pa10, observe):
     assert reported.values[names.index("K_cub_3")] == 0.0
 
 
-def test_negative_stiffness_ends_at_the_bound(model, truth, observe, states, T_cmm_base):
+def test_negative_stiffness_ends_at_the_bound(model, truth, observe, states, T_instr_base):
     """Data of a softening spring: K_cub is put on zero and said to be there."""
     names = [parameter.name for parameter in model.parameters]
     linear = truth.copy()
@@ -218,7 +218,7 @@ def test_negative_stiffness_ends_at_the_bound(model, truth, observe, states, T_c
     torque = states.tau_Nm[:, 2]
     softer = 4e-9 * torque**3  # on top of a linear spring, growing faster than the torque
     moved = replace(states, q_rad=states.q_rad - softer[:, None] * np.eye(6)[2])
-    observations = replace(observe(), T_cmm_ee=T_cmm_base @ model.predict(moved, linear))
+    observations = replace(observe(), T_instr_ee=T_instr_base @ model.predict(moved, linear))
     found = calibrate(model, observations, QUICK, AS_MEASURED)
     held = [n for n, at_end in zip(names, found.solution.at_bound, strict=True) if at_end]
     assert "cubic_share_3" in held
@@ -231,7 +231,7 @@ def test_reference_torque_does_not_change_the_answer(pa10, model, observe, calib
     )
     found = calibrate(other, observe(noise=1.0), QUICK, AS_MEASURED)
     here, there = model.report(calibrated.solution.x), other.report(found.solution.x)
-    free = [p.name not in calibrated.open_parameters for p in here.parameters]
+    free = [p.name not in calibrated.not_identifiable for p in here.parameters]
     np.testing.assert_allclose(there.values[free], here.values[free], rtol=1e-6)
 
 
@@ -301,7 +301,7 @@ def test_null_directions_of_a_made_up_matrix():
     jacobian = np.array([[1.0, 1.0, 0.0], [2.0, 2.0, 0.0], [0.0, 0.0, 3.0]])
     found = identify(jacobian, np.ones(3))
     assert found.rank == 2
-    (direction,) = open_directions(found, (P("a"), P("b"), P("c")))
+    (direction,) = unidentified_directions(found, (P("a"), P("b"), P("c")))
     assert direction.weights == pytest.approx(
         {"a": 1.0, "b": -1.0}
     ) or direction.weights == pytest.approx({"b": 1.0, "a": -1.0})

@@ -9,8 +9,8 @@ import pytest
 
 from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.calibration.design import pose_design, poses_wanted
-from pa10cal.calibration.health import Ended, Errors, health
-from pa10cal.calibration.identifiability import identify, open_parameters
+from pa10cal.calibration.health import Errors, FitSummary, health
+from pa10cal.calibration.identifiability import identify, not_identifiable
 from pa10cal.terms.term import Parameter
 
 NOISE_M = 1e-5
@@ -28,9 +28,9 @@ def ended(poses=40, unknowns=6, told=None, **changes):
     flat = white[:, :, :told].reshape(-1, told)
     covariance = np.zeros((unknowns, unknowns))
     covariance[:told, :told] = np.linalg.inv(flat.T @ flat)
-    made = Ended(
+    made = FitSummary(
         True, "settled", 5, (), parameters, covariance, found, white, position,
-        open_parameters(found, parameters),
+        not_identifiable(found, parameters),
     )  # fmt: skip
     return replace(made, **changes)
 
@@ -57,7 +57,7 @@ def test_a_fit_down_to_the_noise_is_good():
         ({"at_bound": ("cubic_share_2",)}, {}, "usable", "cubic_share_2 at the end"),
         ({"at_bound": ("windup_2",)}, {}, "good", "all 6"),
         ({}, {"noise_mm": 0.004}, "usable", "an effect is missing"),
-        ({}, {"doubted": 1}, "usable", "1 pose is doubted"),
+        ({}, {"suspected_outliers": 1}, "usable", "1 suspected outlier is excluded"),
         ({}, {"held_out": Accuracy(0.04, 0.1, 0.05, None, 60)}, "usable", "predicted worse"),
     ],
 )

@@ -28,9 +28,9 @@ def moved(T, twist):
 @given(seed=st.integers(0, 10_000), count=st.integers(1, 12))
 def test_recovers_the_frame_of_exact_poses(seed, count):
     rng = np.random.default_rng(seed)
-    T_cmm_base, T_base_ee = random_poses(rng, 1)[0], random_poses(rng, count)
-    found = fit_base_frame(T_base_ee, T_cmm_base @ T_base_ee, attitude_weight_m2=1.0)
-    np.testing.assert_allclose(found.T_cmm_base, T_cmm_base, atol=1e-12)
+    T_instr_base, T_base_ee = random_poses(rng, 1)[0], random_poses(rng, count)
+    found = fit_base_frame(T_base_ee, T_instr_base @ T_base_ee, attitude_weight_m2=1.0)
+    np.testing.assert_allclose(found.T_instr_base, T_instr_base, atol=1e-12)
 
 
 @settings(deadline=None, max_examples=20)
@@ -38,17 +38,19 @@ def test_recovers_the_frame_of_exact_poses(seed, count):
 def test_is_a_minimum_and_moves_with_the_instrument(seed, weight):
     rng = np.random.default_rng(seed)
     T_base_ee = random_poses(rng, 8)
-    T_cmm_ee = moved(T_base_ee, rng.normal(scale=0.02, size=(8, 6)))
+    T_instr_ee = moved(T_base_ee, rng.normal(scale=0.02, size=(8, 6)))
 
     def cost(T):
-        error = pose_error(T @ T_base_ee, T_cmm_ee)
+        error = pose_error(T @ T_base_ee, T_instr_ee)
         return np.sum(error.position_m**2) + weight * np.sum(error.chord**2)
 
-    T = fit_base_frame(T_base_ee, T_cmm_ee, attitude_weight_m2=weight).T_cmm_base
+    T = fit_base_frame(T_base_ee, T_instr_ee, attitude_weight_m2=weight).T_instr_base
     for _ in range(10):
         assert cost(T) <= cost(moved(T[None], rng.normal(scale=1e-4, size=(1, 6)))[0]) + 1e-15
     elsewhere = random_poses(rng, 1)[0]
-    again = fit_base_frame(T_base_ee, elsewhere @ T_cmm_ee, attitude_weight_m2=weight).T_cmm_base
+    again = fit_base_frame(
+        T_base_ee, elsewhere @ T_instr_ee, attitude_weight_m2=weight
+    ).T_instr_base
     np.testing.assert_allclose(again, elsewhere @ T, atol=1e-11)
 
 
@@ -56,21 +58,21 @@ def test_is_a_minimum_and_moves_with_the_instrument(seed, weight):
 def test_derivative_of_the_minimum_equals_finite_differences(weight):
     rng = np.random.default_rng(4)
     T_base_ee = random_poses(rng, 8)
-    T_cmm_ee = moved(T_base_ee, rng.normal(scale=0.05, size=(8, 6)))
+    T_instr_ee = moved(T_base_ee, rng.normal(scale=0.05, size=(8, 6)))
     jacobian = rng.normal(size=(8, 6, 3))
-    found = fit_base_frame(T_base_ee, T_cmm_ee, attitude_weight_m2=weight, jacobian=jacobian)
+    found = fit_base_frame(T_base_ee, T_instr_ee, attitude_weight_m2=weight, jacobian=jacobian)
     step = 1e-5
     for k in range(3):
         ahead, back = (
             fit_base_frame(
                 moved(T_base_ee, sign * step * jacobian[:, :, k]),
-                T_cmm_ee,
+                T_instr_ee,
                 attitude_weight_m2=weight,
-            ).T_cmm_base
+            ).T_instr_base
             for sign in (1, -1)
         )
         translation = (ahead[:3, 3] - back[:3, 3]) / (2 * step)
-        R = found.T_cmm_base[:3, :3]
+        R = found.T_instr_base[:3, :3]
         turn = Rotation.from_matrix(R.T @ ahead[:3, :3] @ (R.T @ back[:3, :3]).T).as_rotvec()
         np.testing.assert_allclose(found.jacobian[:3, k], translation, rtol=1e-6, atol=1e-8)
         np.testing.assert_allclose(found.jacobian[3:, k], turn / (2 * step), rtol=1e-6, atol=1e-8)

@@ -39,8 +39,8 @@ def test_derivative_through_the_inner_level_is_exact(level, truth, inner):
     assert_exact(replace(level, inner_rows=rows), x)
 
 
-def test_derivative_on_one_level_is_exact(level, truth, T_cmm_base):
-    whole = one_level(level, T_cmm_base)
+def test_derivative_on_one_level_is_exact(level, truth, T_instr_base):
+    whole = one_level(level, T_instr_base)
     x = np.concatenate([truth, np.random.default_rng(1).normal(scale=3e-3, size=6)])
     assert_exact(whole, x)
 
@@ -51,7 +51,7 @@ def test_residuals_do_not_depend_on_where_the_instrument_stands(level, truth):
     moved[:3, 3] = [1.0, -2.0, 0.5]
     elsewhere = replace(
         level,
-        observations=replace(level.observations, T_cmm_ee=moved @ level.observations.T_cmm_ee),
+        observations=replace(level.observations, T_instr_ee=moved @ level.observations.T_instr_ee),
     )
     x = truth + 2 * level.model.scale
     first, second = level.residuals(x), elsewhere.residuals(x)

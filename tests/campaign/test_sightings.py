@@ -34,7 +34,7 @@ def test_poses_are_those_of_the_table_with_the_instruments_covariance(tmp_path):
     assert isinstance(single.seen, SeenPoses)
     assert len(single) == 32 * 3
     rows = rows_of(raw, single)
-    np.testing.assert_allclose(single.seen.T_cmm_target, raw.T_cmm_target[rows], atol=1e-8)
+    np.testing.assert_allclose(single.seen.T_instr_target, raw.T_instr_target[rows], atol=1e-8)
     np.testing.assert_allclose(single.states.q_rad, raw.q[rows], atol=1e-9)
     np.testing.assert_allclose(np.diag(single.seen.cov[0])[:3], U_M**2)
     mean = sightings(table, campaign)
@@ -55,7 +55,7 @@ def test_touched_balls_give_the_end_effector(raw_campaign, tmp_path):
     found = sightings(table, campaign)
     expected = observations(table, covariance="instrument")
     assert isinstance(found.seen, SeenPoses)
-    np.testing.assert_array_equal(found.seen.T_cmm_target, expected.T_cmm_ee)
+    np.testing.assert_array_equal(found.seen.T_instr_target, expected.T_instr_ee)
     np.testing.assert_array_equal(found.seen.cov, expected.cov_ee)
     np.testing.assert_array_equal(found.states.tau_Nm, expected.states.tau_Nm)
 
@@ -68,8 +68,8 @@ def test_points_keep_what_was_not_seen(tmp_path):
     assert single.seen.names == ("T1", "T2", "T3")
     assert single.seen.p_ee_stated_m is None
     rows = rows_of(raw, single)
-    np.testing.assert_allclose(single.seen.p_cmm_m, raw.p_cmm_m[rows], atol=1e-9)
-    unseen = np.isnan(raw.p_cmm_m[rows][..., 0])
+    np.testing.assert_allclose(single.seen.p_instr_m, raw.p_instr_m[rows], atol=1e-9)
+    unseen = np.isnan(raw.p_instr_m[rows][..., 0])
     assert unseen.any()
     np.testing.assert_array_equal(np.isnan(single.seen.cov_m2[..., 0, 0]), unseen)
     given = single.seen.cov_m2[~unseen]
@@ -82,18 +82,18 @@ def test_a_target_is_averaged_over_the_repeats_in_which_it_was_seen(tmp_path):
     mean = sightings(table, campaign)
     assert len(mean) == 32
     np.testing.assert_array_equal(mean.repeats, 3)
-    each = raw.p_cmm_m.reshape(3, 40, 3, 3)
+    each = raw.p_instr_m.reshape(3, 40, 3, 3)
     times = np.isfinite(each[..., 0]).sum(axis=0)
     assert set(times.ravel()) >= {1, 2, 3}
     labels = np.array([int(label[1:]) for label in mean.pose])
     for k, p in enumerate(labels):
         for b in range(3):
             if times[p, b] == 0:
-                assert np.isnan(mean.seen.p_cmm_m[k, b]).all()
+                assert np.isnan(mean.seen.p_instr_m[k, b]).all()
                 assert np.isnan(mean.seen.cov_m2[k, b]).all()
                 continue
             expected = np.nanmean(each[:, p, b], axis=0)
-            np.testing.assert_allclose(mean.seen.p_cmm_m[k, b], expected, atol=1e-9)
+            np.testing.assert_allclose(mean.seen.p_instr_m[k, b], expected, atol=1e-9)
             np.testing.assert_allclose(
                 mean.seen.cov_m2[k, b], U_M**2 / times[p, b] * np.eye(3), rtol=1e-9
             )
@@ -134,7 +134,7 @@ def test_the_position_of_a_joint_that_slides_is_in_metres(tmp_path):
 
 
 def test_some_poses_can_be_taken(tmp_path):
-    for kind, field in (("pose", "T_cmm_target"), ("points", "p_cmm_m"), ("distance", "d_m")):
+    for kind, field in (("pose", "T_instr_target"), ("points", "p_instr_m"), ("distance", "d_m")):
         table, campaign = table_of(sighted(tmp_path, kind), tmp_path)
         every = sightings(table, campaign)
         some = every.take(np.array([3, 1]))
@@ -149,7 +149,7 @@ def test_some_poses_can_be_taken(tmp_path):
 def test_the_pose_of_an_end_effector_that_was_not_seen_is_refused(tmp_path, kind):
     table, _ = table_of(sighted(tmp_path, kind), tmp_path)
     assert not [name for name in table.columns if name.startswith("ee_")]
-    with pytest.raises(RawDataError, match=r"poses of sighted: .*did not see .*complete model"):
+    with pytest.raises(RawDataError, match=r"poses of sighted: .*did not see .*general model"):
         observations(table)
 
 

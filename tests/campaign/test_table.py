@@ -57,10 +57,10 @@ def made_up_poses(repeats, scatter_ee, rng, poses=40):
         temperature_C=np.full(count, 21.0),
         dwell_samples=np.full(count, 10),
         ball_names=(),
-        p_cmm_balls_mm=np.zeros((count, 0, 3)),
+        p_instr_balls_mm=np.zeros((count, 0, 3)),
         cov_balls_mm2=np.zeros((count, 0, 3, 3)),
         ball_touches=np.zeros((count, 0), dtype=np.int64),
-        T_cmm_ee_mm=T,
+        T_instr_ee_mm=T,
         cov_ee_mm=np.tile(4.0 * scatter_ee, (count, 1, 1)),
     )
 
@@ -101,9 +101,9 @@ def test_poses_are_those_the_touches_were_made_from(table, raw_campaign):
     truth = {key: c for c, key in enumerate(raw_campaign.keys) if key[0] == "grid"}
     labels = zip(single.pose, single.states.load_N, strict=True)
     index = [truth["grid", pose, load, 1] for pose, load in labels]
-    T = raw_campaign.T_cmm_ee[index]
-    np.testing.assert_allclose(single.T_cmm_ee[:, :3, 3], T[:, :3, 3], atol=5e-5)
-    turned = single.T_cmm_ee[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
+    T = raw_campaign.T_instr_ee[index]
+    np.testing.assert_allclose(single.T_instr_ee[:, :3, 3], T[:, :3, 3], atol=5e-5)
+    turned = single.T_instr_ee[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
     assert Rotation.from_matrix(turned).magnitude().max() < 2e-4
     np.testing.assert_allclose(single.states.q_rad, raw_campaign.q_rad[index], atol=3e-6)
     np.testing.assert_allclose(single.states.tau_Nm[:, 1], -40.0, atol=0.6)
@@ -122,10 +122,10 @@ def test_averages_are_plain_means_ordered_by_pose_and_load(table):
     np.testing.assert_array_equal(mean.repeats, 2)
     rows = table[(table["pose"] == "P03") & (table["load_N"] == 22)]
     place = rows[["ee_x_mm", "ee_y_mm", "ee_z_mm"]].to_numpy()
-    np.testing.assert_allclose(mean.T_cmm_ee[5, :3, 3], 1e-3 * place.mean(axis=0), rtol=1e-14)
+    np.testing.assert_allclose(mean.T_instr_ee[5, :3, 3], 1e-3 * place.mean(axis=0), rtol=1e-14)
     np.testing.assert_allclose(mean.states.tau_Nm[5, 2], rows["tau3_Nm"].mean())
     R = Rotation.from_quat(rows[["ee_qw", "ee_qx", "ee_qy", "ee_qz"]], scalar_first=True)
-    np.testing.assert_allclose(mean.T_cmm_ee[5, :3, :3], R.mean().as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(mean.T_instr_ee[5, :3, :3], R.mean().as_matrix(), atol=1e-9)
 
 
 def test_loads_choose_rows(table):
@@ -139,7 +139,7 @@ def test_loads_choose_rows(table):
 def test_a_kind_without_rows_gives_no_poses(table):
     none = observations(table[table["kind"] == "grid"], "holdout")
     assert len(none) == 0
-    assert none.T_cmm_ee.shape == (0, 4, 4)
+    assert none.T_instr_ee.shape == (0, 4, 4)
     assert none.cov_ee.shape == (0, 6, 6)
 
 
@@ -152,7 +152,7 @@ def test_covariance_of_the_mean_is_the_pooled_scatter_in_the_instruments_axes(tm
     table = written(made_up_poses(25, scatter, rng), tmp_path)
     mean = observations(table)
     unit = np.array([1e-3] * 3 + [1.0] * 3)
-    R = mean.T_cmm_ee[7, :3, :3]
+    R = mean.T_instr_ee[7, :3, :3]
     to_ee = np.kron(np.eye(2), R.T)
     found = 25 * to_ee @ mean.cov_ee[7] @ to_ee.T / np.outer(unit, unit)
     np.testing.assert_allclose(found / np.outer(sigmas, sigmas), correlated, atol=0.15)

@@ -33,14 +33,14 @@ def test_poses_come_out_as_they_went_in(tracked):
     assert ingested.left_out == ()
     assert ingested.notes == ("no torques logged: those of the described masses are used",)
     assert list(poses.pose) == [key[1] for key in tracked.keys]
-    expected = np.array(tracked.T_cmm_ee)
+    expected = np.array(tracked.T_instr_ee)
     expected[:, :3, 3] *= 1e3
-    np.testing.assert_allclose(poses.T_cmm_ee_mm, expected, atol=2e-6)
+    np.testing.assert_allclose(poses.T_instr_ee_mm, expected, atol=2e-6)
     np.testing.assert_allclose(poses.q_rad, tracked.q_rad, atol=1e-8)
     assert np.isnan(poses.tau_Nm).all()
     assert np.isnan(poses.temperature_C).all()
     assert not poses.arrival.any()
-    assert poses.p_cmm_balls_mm.shape == (34, 0, 3)
+    assert poses.p_instr_balls_mm.shape == (34, 0, 3)
 
 
 def test_what_is_stated_is_taken_and_what_is_not_follows_from_the_instrument(tracked):
@@ -61,7 +61,7 @@ def test_uncertainty_of_the_quaternion_is_that_of_a_small_rotation_on_the_left(t
     u = [1e-4, 2e-4, 3e-4, 4e-4]
     with_columns(tracked.poses, dict(zip(("u_qw", "u_qx", "u_qy", "u_qz"), u, strict=True)))
     poses = ingest(tracked).poses
-    R = Rotation.from_matrix(poses.T_cmm_ee_mm[3, :3, :3])
+    R = Rotation.from_matrix(poses.T_instr_ee_mm[3, :3, :3])
     drawn = R.as_quat(scalar_first=True) + np.random.default_rng(1).normal(0, u, (40_000, 4))
     drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
     turns = (Rotation.from_quat(drawn, scalar_first=True) * R.inv()).as_rotvec()
@@ -212,9 +212,9 @@ def test_refuses_two_statements_of_what_is_held_out(tracked):
 def test_repeatability_is_the_deviation_of_position_within_a_pose(tracked):
     poses = ingest(tracked).poses
     assert repeatability_mm(poses) == pytest.approx({0.0: 0.0, 22.0: 0.0}, abs=1e-6)
-    shifted = poses.T_cmm_ee_mm.copy()
+    shifted = poses.T_instr_ee_mm.copy()
     second = (poses.kind == "grid") & (poses.repeat == 2) & (poses.load_N == 22)
     shifted[second, 2, 3] += 0.02
     moved = poses.take(np.arange(len(poses)))
-    object.__setattr__(moved, "T_cmm_ee_mm", shifted)
+    object.__setattr__(moved, "T_instr_ee_mm", shifted)
     assert repeatability_mm(moved) == pytest.approx({0.0: 0.0, 22.0: 0.02 / 2**0.5}, abs=1e-6)

@@ -64,13 +64,13 @@ def test_points_come_out_as_they_went_in(tmp_path, robot):
     assert ingested.left_out == ()
     assert ingested.notes == (NO_TORQUES[robot != "gx4_351s"],)
     assert poses.ball_names == ("T1", "T2", "T3")
-    np.testing.assert_allclose(poses.p_cmm_balls_mm, 1e3 * raw.p_cmm_m, atol=1e-8)
+    np.testing.assert_allclose(poses.p_instr_balls_mm, 1e3 * raw.p_instr_m, atol=1e-8)
     np.testing.assert_allclose(poses.q_rad, raw.q, atol=1e-9)
-    seen = np.isfinite(raw.p_cmm_m)
+    seen = np.isfinite(raw.p_instr_m)
     variances = poses.cov_balls_mm2[..., range(3), range(3)]
     np.testing.assert_allclose(variances[seen], UNCERTAINTY_MM**2)
     assert np.isnan(variances[~seen]).all()
-    assert poses.T_cmm_ee_mm is None
+    assert poses.T_instr_ee_mm is None
     assert not poses.ball_touches.any()
     assert np.isnan(poses.tau_Nm).all()
 

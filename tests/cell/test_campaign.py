@@ -59,13 +59,13 @@ def test_before_calibration_it_errs_as_the_papers_robot(paper, robot, plain):
     nominal = plain(replace(robot, departures=Departures.none(6)))
     schedule = paper.truth.schedule
     T = np.array([nominal.frames(q)[-1] for q in schedule.q_rad])
-    R_cmm, p_cmm = flanges(paper)
+    R_cmm, p_instr = flanges(paper)
     grid = schedule.kind == "grid"
     unloaded = grid & (schedule.load_N == 0.0)
-    R, p = rigid_fit(p_cmm[unloaded], 1e3 * T[unloaded, :3, 3])
+    R, p = rigid_fit(p_instr[unloaded], 1e3 * T[unloaded, :3, 3])
     for load_N, wanted_mm in zip((0.0, 22.0, 44.0), PAPER_BEFORE_MM, strict=True):
         at_load = grid & (schedule.load_N == load_N)
-        error_mm = np.linalg.norm(p_cmm[at_load] @ R.T + p - 1e3 * T[at_load, :3, 3], axis=1)
+        error_mm = np.linalg.norm(p_instr[at_load] @ R.T + p - 1e3 * T[at_load, :3, 3], axis=1)
         assert error_mm.mean() == pytest.approx(wanted_mm, rel=0.25)
         turn = T[at_load, :3, :3].transpose(0, 2, 1) @ R @ R_cmm[at_load]
         angle = np.arccos((np.trace(turn, axis1=1, axis2=2) - 1) / 2)
@@ -73,13 +73,13 @@ def test_before_calibration_it_errs_as_the_papers_robot(paper, robot, plain):
 
 
 def test_repeats_scatter_as_the_papers(paper):
-    _, p_cmm = flanges(paper)
+    _, p_instr = flanges(paper)
     schedule = paper.truth.schedule
     for load_N in (0.0, 22.0, 44.0):
         scatter = []
         for label in np.unique(schedule.pose[schedule.kind == "grid"]):
             rows = (schedule.pose == label) & (schedule.load_N == load_N)
-            scatter.append(np.sqrt(p_cmm[rows].var(axis=0, ddof=1).sum()))
+            scatter.append(np.sqrt(p_instr[rows].var(axis=0, ddof=1).sum()))
         assert 0.014 <= np.mean(scatter) <= 0.024
         assert max(scatter) < 0.035
 
@@ -168,7 +168,7 @@ def test_without_noise_repeats_agree_and_truth_is_measured(arm):
     campaign = simulate_campaign("x", arm, settings)
     truth = campaign.truth
     attitude, place_mm = flanges(campaign)
-    T = truth.robot.T_cmm_base @ truth.rest.T_base_ee
+    T = truth.robot.T_instr_base @ truth.rest.T_base_ee
     assert place_mm == pytest.approx(1e3 * T[:, :3, 3], abs=5e-4)  # written to 1e-4 mm
     assert attitude == pytest.approx(T[:, :3, :3], abs=2e-6)
     logged = moving(campaign, "tau2_Nm")[:, 10:]
@@ -181,7 +181,7 @@ def test_touches_are_on_the_balls_as_they_are_not_as_they_were_measured(arm):
     settings = SimulateSettings(repeats=1, loads_N=(0.0,), holdout_points=0, noise=badly_measured)
     campaign = simulate_campaign("x", arm, settings)
     truth = campaign.truth
-    T = truth.robot.T_cmm_base @ truth.rest.T_base_ee
+    T = truth.robot.T_instr_base @ truth.rest.T_base_ee
     balls = truth.robot.apparatus.balls_m
     wanted = np.einsum("cij,bj->cbi", T[:, :3, :3], balls) + T[:, None, :3, 3]
     assert centres(campaign) == pytest.approx(1e3 * wanted, abs=2e-4)
@@ -325,15 +325,15 @@ def test_scale_and_sag_show_in_the_touches_alone(hidden):
     assert scaled.resolver.equals(plain.resolver)
     sagging = hidden(ToolSag(c=1e-3).at("tool"))
     shift = (centres(sagging) - centres(plain)).mean(axis=1)
-    R = plain.truth.robot.T_cmm_base[:3, :3] @ plain.truth.rest.T_base_ee[:, :3, :3]
-    down = -plain.truth.robot.T_cmm_base[:3, 2]
+    R = plain.truth.robot.T_instr_base[:3, :3] @ plain.truth.rest.T_base_ee[:, :3, :3]
+    down = -plain.truth.robot.T_instr_base[:3, 2]
     wanted = down - R[:, :, 2] * (R[:, :, 2] @ down)[:, None]
     assert shift == pytest.approx(wanted, abs=3e-4)
 
 
 def test_base_drift_grows_with_time(hidden):
     plain, drifting = hidden(), hidden(BaseDrift(rate=(1e-3, 0.0, 0.0)).at("base"))
-    moved = (centres(drifting) - centres(plain))[:, 0] @ plain.truth.robot.T_cmm_base[:3, 0]
+    moved = (centres(drifting) - centres(plain))[:, 0] @ plain.truth.robot.T_instr_base[:3, 0]
     hours = (plain.truth.schedule.start_s + 15.0) / 3600.0
     assert moved == pytest.approx(hours, abs=2e-3)
 
@@ -373,8 +373,8 @@ def test_an_effect_without_a_name_can_be_hidden_too(hidden):
 
         height: float
 
-        def read_too_much_m(self, p_cmm_m):
-            return self.height * np.sin(100.0 * p_cmm_m)
+        def read_too_much_m(self, p_instr_m):
+            return self.height * np.sin(100.0 * p_instr_m)
 
     rippled = hidden(Wobble(height=1e-3).at("instrument"))
     assert np.abs(centres(rippled) - centres(hidden())).max() > 0.05

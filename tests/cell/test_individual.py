@@ -54,12 +54,12 @@ def test_drawn_robots_scatter_by_the_tolerances(arm):
 def test_the_balls_come_to_the_middle_of_the_machine_in_a_general_attitude(arm):
     for seed in range(20):
         robot = build(arm, seed=seed)
-        attitude = robot.T_cmm_base[:3, :3]
+        attitude = robot.T_instr_base[:3, :3]
         assert attitude @ attitude.T == pytest.approx(np.eye(3), abs=1e-12)
         assert np.linalg.det(attitude) == pytest.approx(1.0)
         assert 0.0 < np.arccos(attitude[2, 2]) < np.radians(2.0)
         centre = Mechanism.nominal(robot).T_base_ee(np.radians(SimulateSettings().poses.centre_deg))
-        balls = (robot.T_cmm_base @ centre @ [0.0, 0.0, 0.31, 1.0])[:3]
+        balls = (robot.T_instr_base @ centre @ [0.0, 0.0, 0.31, 1.0])[:3]
         assert balls == pytest.approx(np.full(3, 0.4), abs=0.1)
 
 
@@ -82,7 +82,7 @@ def test_true_masses_are_those_of_the_description_by_their_factors(arm):
     assert heavier.mass_kg == pytest.approx(arm.mass_kg * factor)
     as_described = build(arm)
     assert np.array_equal(as_described.mass_kg, arm.mass_kg)
-    assert np.array_equal(heavier.T_cmm_base, as_described.T_cmm_base)
+    assert np.array_equal(heavier.T_instr_base, as_described.T_instr_base)
 
 
 BAD = [

@@ -46,7 +46,7 @@ def by_chain(arm, departures, q):
 @pytest.mark.parametrize("name", LINKS + FRAMES)
 def test_a_departure_means_what_the_estimator_means_by_it(any_arm, q, name):
     individual = individual_from_departures(any_arm, {name: 0.05})
-    found = individual.T_cmm_target(individual.forward(q))
+    found = individual.T_instr_target(individual.forward(q))
     assert np.abs(found - by_chain(any_arm, {name: 0.05}, q)).max() < 1e-12
     moved = np.abs(found - by_chain(any_arm, {}, q)).max()
     assert moved > 1e-3
@@ -56,7 +56,7 @@ def test_departures_together_are_what_the_estimator_means_by_them(any_arm, q):
     rng = np.random.default_rng(5)
     departures = {name: float(rng.normal(0.0, 0.02)) for name in LINKS + FRAMES}
     individual = individual_from_departures(any_arm, departures)
-    found = individual.T_cmm_target(individual.forward(q))
+    found = individual.T_instr_target(individual.forward(q))
     assert np.abs(found - by_chain(any_arm, departures, q)).max() < 1e-12
 
 
@@ -76,8 +76,10 @@ def test_link_departures_are_those_of_the_rows(robot, any_arm, plain, q):
 def test_the_base_departs_from_where_it_is_put(arm, q):
     stands = np.eye(4)
     stands[:3] = [[0.0, -1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.5], [0.0, 0.0, 1.0, 0.1]]
-    individual = individual_from_departures(arm, {"base_x": 0.3, "base_rz": 0.1}, T_cmm_base=stands)
-    found = individual.T_cmm_target(individual.forward(q))
+    individual = individual_from_departures(
+        arm, {"base_x": 0.3, "base_rz": 0.1}, T_instr_base=stands
+    )
+    found = individual.T_instr_target(individual.forward(q))
     wanted = stands @ by_chain(arm, {"base_x": 0.3, "base_rz": 0.1}, q)
     assert np.abs(found - wanted).max() < 1e-12
 
@@ -90,7 +92,7 @@ def test_springs_and_targets_may_be_given(arm, q):
     T = individual.forward(q)
     assert np.abs(T - stiff).max() > 1e-4
     wanted = T[:, :3, 3] + 0.2 * T[:, :3, 2]
-    assert individual.p_cmm_targets_m(T)[:, 0] == pytest.approx(wanted, abs=1e-12)
+    assert individual.p_instr_targets_m(T)[:, 0] == pytest.approx(wanted, abs=1e-12)
     assert individual.d_m(T) == pytest.approx(np.linalg.norm(wanted, axis=1), abs=1e-12)
 
 
@@ -133,7 +135,7 @@ def test_joints_are_off_in_all_directions_by_the_tolerances(arm):
 
 @pytest.mark.parametrize("name", arm_names())
 def test_rows_base_and_tool_can_say_all_that_is_drawn(name):
-    """A complete model loses nothing: fitted to an individual, it is that individual."""
+    """A general model loses nothing: fitted to an individual, it is that individual."""
     arm = load_arm(name)
     individual = draw(arm, SightedPlan(axis_m=1e-3, axis_rad=3e-3, zero_rad=5e-3))
     low, high = np.clip(arm.limits_rad.T, -2.5, 2.5)
@@ -160,7 +162,7 @@ def test_rows_base_and_tool_can_say_all_that_is_drawn(name):
 
 
 def test_the_base_stands_anywhere(arm):
-    bases = np.array([draw(arm, seed=seed).T_cmm_base for seed in range(200)])
+    bases = np.array([draw(arm, seed=seed).T_instr_base for seed in range(200)])
     way = np.linalg.norm(bases[:, :3, 3], axis=1)
     assert way.min() >= 1.5
     assert way.max() <= 2.5

@@ -77,8 +77,8 @@ def test_a_tracker_sees_its_target_with_noise_of_the_stated_size(any_arm):
     plan = SightedPlan(**MANY, position_mm=0.2, attitude_rad=3e-4)
     campaign = measure_sighted(any_arm, plan, 5)
     truth = campaign.truth
-    wanted = truth.individual.T_cmm_base @ truth.rest.T_base_ee @ truth.individual.T_ee_target
-    seen = campaign.seen.T_cmm_target
+    wanted = truth.individual.T_instr_base @ truth.rest.T_base_ee @ truth.individual.T_ee_target
+    seen = campaign.seen.T_instr_target
     off_mm = 1e3 * (seen - wanted)[:, :3, 3]
     assert off_mm.std(axis=0) == pytest.approx([0.2] * 3, rel=0.06)
     assert np.abs(off_mm.mean(axis=0)).max() < 0.02
@@ -91,24 +91,24 @@ def test_points_are_the_targets_with_noise_and_some_are_not_seen(any_arm):
     plan = SightedPlan(**MANY, instrument="points", targets=4, unseen_share=0.3, position_mm=0.1)
     campaign = measure_sighted(any_arm, plan, 6)
     individual, T_base_ee = campaign.truth.individual, campaign.truth.rest.T_base_ee
-    T_cmm_ee = individual.T_cmm_base @ T_base_ee
+    T_instr_ee = individual.T_instr_base @ T_base_ee
     for b, place in enumerate(individual.targets.p_ee_m):
-        wanted = T_cmm_ee @ np.append(place, 1.0)
-        off_mm = 1e3 * (campaign.seen.p_cmm_m[:, b] - wanted[:, :3])
+        wanted = T_instr_ee @ np.append(place, 1.0)
+        off_mm = 1e3 * (campaign.seen.p_instr_m[:, b] - wanted[:, :3])
         assert np.nanstd(off_mm, axis=0) == pytest.approx([0.1] * 3, rel=0.08)
-    unseen = np.isnan(campaign.seen.p_cmm_m)
+    unseen = np.isnan(campaign.seen.p_instr_m)
     assert (unseen.all(axis=2) == unseen.any(axis=2)).all()
     assert unseen.mean() == pytest.approx(0.3, abs=0.02)
     assert not unseen.all(axis=(1, 2)).any()
     assert np.isfinite(
-        measure_sighted(any_arm, plan.model_copy(update={"targets": 1}), 6).seen.p_cmm_m
+        measure_sighted(any_arm, plan.model_copy(update={"targets": 1}), 6).seen.p_instr_m
     ).all()
 
 
 def test_a_distance_is_that_of_the_target_from_the_instrument(any_arm):
     campaign = measure_sighted(any_arm, SightedPlan(**MANY, instrument="distance"), 7)
     individual = campaign.truth.individual
-    T = individual.T_cmm_base @ campaign.truth.rest.T_base_ee
+    T = individual.T_instr_base @ campaign.truth.rest.T_base_ee
     place = T @ np.append(individual.targets.p_ee_m[0], 1.0)
     off_mm = 1e3 * (campaign.seen.d_m - np.linalg.norm(place[:, :3], axis=1))
     assert off_mm.std() == pytest.approx(0.05, rel=0.06)
@@ -159,7 +159,7 @@ def test_an_individual_may_be_given(arm):
     campaign = measure_individual(individual, plan, 11)
     assert campaign.truth.individual is individual
     wanted = individual.forward(campaign.q)
-    assert campaign.seen.T_cmm_target == pytest.approx(wanted, abs=1e-6)
+    assert campaign.seen.T_instr_target == pytest.approx(wanted, abs=1e-6)
     drawn = measure_sighted(arm, plan, 11)
     assert np.array_equal(drawn.q, campaign.q)
 
@@ -171,4 +171,4 @@ def test_postures_may_be_given(arm):
     campaign = measure_individual(individual, plan, 11, postures)
     assert campaign.q == pytest.approx(postures, abs=1e-5)
     assert (campaign.kind == "holdout").sum() == 2
-    assert campaign.seen.T_cmm_target == pytest.approx(individual.forward(campaign.q), abs=1e-6)
+    assert campaign.seen.T_instr_target == pytest.approx(individual.forward(campaign.q), abs=1e-6)

@@ -71,7 +71,7 @@ def test_cells_of_targets_not_seen_are_empty(arm, tmp_path):
     lines = (tmp_path / "poses.csv").read_text().splitlines()
     at = lines[0].split(",").index("T2_y_mm")
     empty = [line.split(",")[at] == "" for line in lines[1:]]
-    assert empty == np.isnan(campaign.seen.p_cmm_m[:, 1, 1]).tolist()
+    assert empty == np.isnan(campaign.seen.p_instr_m[:, 1, 1]).tolist()
     assert any(empty)
 
 
@@ -108,8 +108,8 @@ def test_truth_is_enough_to_know_what_was_seen(any_arm, tmp_path):
     truth = json.loads((tmp_path / "s.json").read_text())
     assert truth["schema"] == "pa10cal-truth/1"
     assert SightedPlan.model_validate(truth["settings"]) == campaign.plan
-    for q, seen in zip(truth["q_motor_rad_or_m"], campaign.seen.p_cmm_m, strict=True):
-        T = np.array(truth["T_cmm_base_m"])
+    for q, seen in zip(truth["q_motor_rad_or_m"], campaign.seen.p_instr_m, strict=True):
+        T = np.array(truth["T_instr_base_m"])
         for k, placement in enumerate(truth["joint_placements_m"]):
             moved, (cos, sin) = np.eye(4), (np.cos(q[k]), np.sin(q[k]))
             if any_arm.prismatic[k]:
@@ -171,16 +171,16 @@ def test_the_reader_of_campaigns_takes_it_as_it_was_seen(tmp_path, name, instrum
     assert poses.load_N.tolist() == campaign.load_N.tolist()
     assert np.abs(poses.q_rad - campaign.q).max() < 1e-12
     if instrument == "pose":
-        T = campaign.seen.T_cmm_target.copy()
+        T = campaign.seen.T_instr_target.copy()
         T[:, :3, 3] *= 1e3
-        assert np.abs(poses.T_cmm_ee_mm - T).max() < 1e-6
+        assert np.abs(poses.T_instr_ee_mm - T).max() < 1e-6
         variances = np.diagonal(poses.cov_ee_mm, axis1=1, axis2=2)
         assert variances == pytest.approx(np.tile([0.05**2] * 3 + [2e-4**2] * 3, (len(T), 1)))
     elif instrument == "points":
-        seen_mm = 1e3 * campaign.seen.p_cmm_m
+        seen_mm = 1e3 * campaign.seen.p_instr_m
         assert poses.ball_names == ("T1", "T2", "T3")
-        assert np.array_equal(np.isnan(poses.p_cmm_balls_mm), np.isnan(seen_mm))
-        assert np.nanmax(np.abs(poses.p_cmm_balls_mm - seen_mm)) < 1e-6
+        assert np.array_equal(np.isnan(poses.p_instr_balls_mm), np.isnan(seen_mm))
+        assert np.nanmax(np.abs(poses.p_instr_balls_mm - seen_mm)) < 1e-6
     else:
         assert np.abs(poses.d_mm - 1e3 * campaign.seen.d_m).max() < 1e-6
         assert poses.d_u_mm == pytest.approx(0.05)

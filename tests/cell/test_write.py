@@ -109,7 +109,7 @@ def test_truth_tells_everything_with_units(written, campaign):
     assert truth["hidden_effects"] == [
         {"id": "transmission_error", "of": "joint 2", "parameters": {"A": 3e-4, "phi": 1.25}}
     ]
-    assert np.array(truth["T_cmm_base_m"]) == pytest.approx(campaign.truth.robot.T_cmm_base)
+    assert np.array(truth["T_instr_base_m"]) == pytest.approx(campaign.truth.robot.T_instr_base)
     assert truth["settings"]["noise"]["touch_mm"] == 0.004
     assert {kind: len(q) for kind, q in truth["poses_rad"].items()} == {
         "line_x": 11,

@@ -28,8 +28,8 @@ def rubbing() -> Measured:
 def bowed() -> Measured:
     """The instrument's x reads a bow along y, with more of it at one end."""
 
-    def bow(p_cmm_m):
-        along = (p_cmm_m[..., 1] - p_cmm_m[..., 1].mean()) / 0.3
+    def bow(p_instr_m):
+        along = (p_instr_m[..., 1] - p_instr_m[..., 1].mean()) / 0.3
         return 1e-4 * (along**2 + 0.2 * along**3)[..., None] * np.array([1.0, 0.0, 0.0])
 
     return measure(Missing(read=bow))

@@ -66,7 +66,7 @@ class OfMotion(MadeUp):
 def without_effects(measured, found):
     """Return a fit as found, with its effects taken out and all else as it is."""
     model = Model(found.model.chain, (*measured.baseline.model.terms, base_frame()))
-    level = OneLevel(model, found.level.observations, found.level.T_cmm_base)
+    level = OneLevel(model, found.level.observations, found.level.T_instr_base)
     x = found.x[found.own_columns()]
     return replace(found, effects=(), sizes=(), level=level, x=x)
 
@@ -185,7 +185,7 @@ class TestTestable:
         assert "would not rise above the noise" in refused[Tiny("joint 2")].why
 
     def test_an_effect_that_needs_masses_is_not_where_they_are_not_known(self, null):
-        setting = replace(null.setting, burden=None)
+        setting = replace(null.setting, payload=None)
         problem = prepare(null.readings, null.baseline, setting)
         start = fit(problem, (), (), (0.0, 0.0))
         names = [("link_bending", "forearm"), ("friction_torque", "joint 3")]

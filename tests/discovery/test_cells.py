@@ -23,7 +23,7 @@ def rows_of(pose, load_N, side, time_s, repeats=None):
             temperature_C=np.zeros(count),
             time_s=np.asarray(time_s, dtype=float),
         ),
-        T_cmm_ee=np.tile(np.eye(4), (count, 1, 1)),
+        T_instr_ee=np.tile(np.eye(4), (count, 1, 1)),
         cov_ee=np.tile(np.eye(6), (count, 1, 1)),
         by_apparatus=np.zeros((count, 6, 0)),
         repeats=np.ones(count, dtype=np.int64) if repeats is None else np.asarray(repeats),

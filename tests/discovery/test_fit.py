@@ -47,7 +47,7 @@ def fit_at(measured, effects, amounts):
     start = measured.start
     own = start.x[start.own_columns()]
     model = Model(start.model.chain, (*measured.baseline.model.terms, *effects, base_frame()))
-    level = OneLevel(model, measured.problem.cells, measured.baseline.T_cmm_base)
+    level = OneLevel(model, measured.problem.cells, measured.baseline.T_instr_base)
     x = np.concatenate([own[:-6], *amounts, own[-6:]])
     return Fit(effects, (1,) * len(effects), level, x, 0.0, 0.0, True)
 
@@ -163,7 +163,7 @@ class TestTargetsOffTheirPlaces:
     def test_poses_are_read_off_by_as_much_as_the_targets(self, moved, places_m):
         poses, start = moved.problem.cells, moved.start
         T = start.model.predict(poses.states, start.x)
-        read = as_read(T, start.level.T_cmm_base, poses, places_m)
+        read = as_read(T, start.level.T_instr_base, poses, places_m)
         change = np.linalg.inv(T) @ read
         turns = Rotation.from_matrix(change[:, :3, :3]).as_rotvec()
         np.testing.assert_allclose(turns[:, 1], TURN_RAD, rtol=0.05)
@@ -172,8 +172,8 @@ class TestTargetsOffTheirPlaces:
     def test_poses_read_from_them_are_as_measured(self, moved, places_m):
         poses, start = moved.problem.cells, moved.start
         T = start.model.predict(poses.states, start.x)
-        read = as_read(T, start.level.T_cmm_base, poses, places_m)
-        measured = np.linalg.inv(start.level.T_cmm_base) @ poses.T_cmm_ee
+        read = as_read(T, start.level.T_instr_base, poses, places_m)
+        measured = np.linalg.inv(start.level.T_instr_base) @ poses.T_instr_ee
         left = [np.linalg.norm((each - measured)[:, :3, 3], axis=1).mean() for each in (T, read)]
         assert left[1] < 0.5 * left[0]
 
@@ -188,5 +188,5 @@ class TestTargetsOffTheirPlaces:
     def test_nothing_off_changes_nothing(self, moved):
         T = moved.start.model.predict(moved.problem.cells.states, moved.start.x)
         zero = np.zeros(moved.problem.cells.by_apparatus.shape[2])
-        same = as_read(T, moved.baseline.T_cmm_base, moved.problem.cells, zero)
+        same = as_read(T, moved.baseline.T_instr_base, moved.problem.cells, zero)
         np.testing.assert_allclose(same, T, atol=1e-15)

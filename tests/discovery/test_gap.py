@@ -22,7 +22,7 @@ def made(poses=POSES, loads_N=LOADS_N):
     measured = PoseObservations(
         pose=pose,
         states=PoseStates(zeros, zeros, zeros, np.tile(loads_N, poses), zeros[:, 0], zeros[:, 0]),
-        T_cmm_ee=np.tile(np.eye(4), (count, 1, 1)),
+        T_instr_ee=np.tile(np.eye(4), (count, 1, 1)),
         cov_ee=np.tile(np.eye(6), (count, 1, 1)),
         by_apparatus=np.zeros((count, 6, 0)),
         repeats=np.ones(count, dtype=np.int64),

@@ -70,7 +70,7 @@ def test_the_map_stands_where_no_name_does():
     assert name(finding.effect) == (MAP, "joint 1")
     assert finding.alternatives == ()
     # The map is the error that was put there, less a constant that calibration takes.
-    q_rad = np.linspace(*third.problem.surroundings.q_span_rad[0], 40)
+    q_rad = np.linspace(*third.problem.context.q_span_rad[0], 40)
     at = np.zeros((40, 6))
     at[:, 0] = q_rad
     zero = np.zeros(40)

@@ -7,7 +7,7 @@ import pytest
 
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Burden, statics
+from pa10cal.arm.statics import Payload, statics
 from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.observations import PoseObservations
@@ -29,7 +29,7 @@ from pa10cal.terms.offsets import Tolerances
 
 ARM = load_arm("pa10_6ce")
 FLEXIBLE = (2, 3)
-BURDEN = Burden(2.4, np.array([0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))
+BURDEN = Payload(2.4, np.array([0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))
 SETTING = Setting(BURDEN, np.zeros((0, 3)), 21.0, FLEXIBLE)
 POSES, LOADS_N, REPEATS = 40, (0.0, 22.0, 44.0), 4
 POSITION_M, ROTATION_RAD, TORQUE_NM = 5e-6, 2e-5, 0.05
@@ -84,7 +84,7 @@ def measured(*effects, x=(), seed=20080427):
     return PoseObservations(
         pose=np.array([f"P{k:02d}" for k in pose]),
         states=replace(states, tau_Nm=logged + rng.normal(0.0, TORQUE_NM, (count, 6))),
-        T_cmm_ee=T,
+        T_instr_ee=T,
         cov_ee=np.tile(noise, (count, 1, 1)),
         by_apparatus=np.zeros((count, 6, 0)),
         repeats=np.ones(count, dtype=np.int64),

@@ -43,7 +43,7 @@ def readings_of(poses=POSES, repeats=REPEATS, seed=1):
     readings = PoseObservations(
         pose=np.array([f"P{k:02d}" for k in pose]),
         states=states,
-        T_cmm_ee=np.tile(np.eye(4), (count, 1, 1)),
+        T_instr_ee=np.tile(np.eye(4), (count, 1, 1)),
         cov_ee=cov_ee,
         by_apparatus=np.zeros((count, 6, 0)),
         repeats=np.ones(count, dtype=np.int64),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain, long_links
-from pa10cal.arm.statics import Burden
+from pa10cal.arm.statics import Payload
 from pa10cal.calibration.calibrate import ErrorSources, Options, calibrate
 from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.description import read_campaign
@@ -79,18 +79,18 @@ def measure(tmp_path_factory):
         table = read_pose_table(folder / "poses.parquet")
         readings = observations(table, average=False, covariance="instrument")
         tool = campaign.tool
-        burden = Burden(
+        payload = Payload(
             tool.mass_kg,
             1e-3 * np.array(tool.com_mm),
             1e-3 * np.array(tool.load_point_mm),
             np.array(campaign.gravity_m_s2),
         )
         setting = Setting(
-            burden, 1e-3 * campaign.p_ee_balls_mm, campaign.reference_temperature_C, FLEXIBLE
+            payload, 1e-3 * campaign.p_ee_balls_mm, campaign.reference_temperature_C, FLEXIBLE
         )
         problem = prepare(readings, calibrated(readings), setting)
         start = fit(problem, (), (), (0.0, 0.0))
-        shown, refused = family.testable(problem, start, candidates(problem.surroundings))
+        shown, refused = family.testable(problem, start, candidates(problem.context))
         return Measured(problem, start, shown, tuple(entry.effect for entry in refused))
 
     return measured
@@ -103,7 +103,7 @@ def calibrated(readings):
     options = Options(starts=1, inner_poses=None)
     found = calibrate(model, averaged, options, ErrorSources(readings, 5e-6))
     bending = Model(Chain.of(ARM, bends=long_links(ARM)), model.terms)
-    return Baseline(bending, found.solution.x, found.T_cmm_base)
+    return Baseline(bending, found.solution.x, found.T_instr_base)
 
 
 RATIO = ("gear_ratio_error", "joint 2", {"eps": 2e-4})
@@ -232,12 +232,12 @@ def test_drawn_configurations_keep_within_the_room(ratio):
     for p_base in (T[:, None, :3, 3], balls):
         assert p_base[..., 2].min() > room.floor_m
         assert np.hypot(p_base[..., 0], p_base[..., 1]).min() > room.column_m
-    T_cmm_base = ratio.problem.baseline.T_cmm_base
-    p_cmm = T[:, :3, 3] @ T_cmm_base[:3, :3].T + T_cmm_base[:3, 3]
-    measured = ratio.problem.cells.T_cmm_ee[:, :3, 3]
-    assert np.all(p_cmm > measured.min(axis=0) - 0.3)
-    assert np.all(p_cmm < measured.max(axis=0) + 0.3)
-    assert np.ptp(p_cmm, axis=0) == pytest.approx(np.ptp(measured, axis=0) + 0.6, rel=0.1)
+    T_instr_base = ratio.problem.baseline.T_instr_base
+    p_instr = T[:, :3, 3] @ T_instr_base[:3, :3].T + T_instr_base[:3, 3]
+    measured = ratio.problem.cells.T_instr_ee[:, :3, 3]
+    assert np.all(p_instr > measured.min(axis=0) - 0.3)
+    assert np.all(p_instr < measured.max(axis=0) + 0.3)
+    assert np.ptp(p_instr, axis=0) == pytest.approx(np.ptp(measured, axis=0) + 0.6, rel=0.1)
 
 
 def test_refuses_where_there_is_no_room(ratio):
@@ -253,7 +253,7 @@ def test_what_is_foreseen_is_what_was_measured(ratio):
     states = measured.states
     ahead, start = foresee(ratio.problem, ratio.start, states.q_rad, states.load_N, states.arrival)
     poses = ahead.cells
-    assert poses.T_cmm_ee[:, :3, 3] == pytest.approx(measured.T_cmm_ee[:, :3, 3], abs=5e-4)
+    assert poses.T_instr_ee[:, :3, 3] == pytest.approx(measured.T_instr_ee[:, :3, 3], abs=5e-4)
     assert poses.states.tau_Nm == pytest.approx(states.tau_Nm, abs=5.0 * noise.torque_Nm.max())
     assert np.all(poses.repeats == 4)
     # Touches see the balls from fixed sides, so the end's own axes are not quite all that matters.

@@ -61,7 +61,7 @@ def folder(tmp_path_factory) -> Path:
     raw = ("--campaign-dir", CAMPAIGN)
     _run(ingest, *raw, "--out", poses, "--quarantine", place / "ingest/quarantine.csv")
     _run(seed, *raw, "--poses", poses, "--out", base_frame)
-    for load in ("0N", "22N", "44N", "combined", "complete"):
+    for load in ("0N", "22N", "44N", "combined", "general"):
         out = place / f"calibration/{load}.json"
         given = ("--poses", poses, "--base-frame", base_frame, "--load", load)
         _run(calibrate, *raw, *given, "--settings", LITTLE_CALIBRATION, "--out", out)
@@ -110,7 +110,7 @@ SIGHTED = {
 
 @pytest.fixture(scope="session")
 def sighted(tmp_path_factory) -> dict[str, Results]:
-    """Campaigns calibrated with the complete model, by what the instrument sees."""
+    """Campaigns calibrated with the general model, by what the instrument sees."""
     return {kind: _sighted(kind, tmp_path_factory.mktemp(kind)) for kind in SIGHTED}
 
 

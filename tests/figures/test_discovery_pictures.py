@@ -202,7 +202,7 @@ class TestResidualField:
         poses = named.poses()
         rows = {(row.pose, row.load_N): row.place_mm for row in named.analysis().gap.train}
         one = (poses.pose == "P01") & (poses.load_N == 0.0)
-        p_base_mm = (poses.p_cmm_mm[one].mean(axis=0) - 1e3 * T[:3, 3]) @ T[:3, :3]
+        p_base_mm = (poses.p_instr_mm[one].mean(axis=0) - 1e3 * T[:3, 3]) @ T[:3, :3]
         # The frame from straight lines is a degree or so away from the calibrated one.
         np.testing.assert_allclose(rows["P01", 0.0], p_base_mm, atol=30.0)
 

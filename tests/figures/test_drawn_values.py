@@ -59,7 +59,7 @@ def test_the_path_is_that_of_the_arm_in_its_own_frame(results):
     poses = results.poses()
     first = np.flatnonzero(poses.kind == "grid")[0]
     np.testing.assert_allclose(
-        1e3 * T[:3, 3] + T[:3, :3] @ grid[:, 0], poses.p_cmm_mm[first], atol=1e-9
+        1e3 * T[:3, 3] + T[:3, :3] @ grid[:, 0], poses.p_instr_mm[first], atol=1e-9
     )
     # The straight moves run along the axes of the frame that they give, to what the arm errs by.
     assert np.ptp(line_x[0]) > 50 * np.ptp(line_x[1:], axis=1).max()

@@ -15,18 +15,18 @@ from matplotlib.text import Text
 from pa10cal.figures.catalogue import FIGURES
 from pa10cal.figures.style import WIDTH_MM, looks, write_figure
 
-#: Pictures of the complete model alone, and those drawn of every instrument.
-COMPLETE = ("held_out_errors", "error_by_joint")
+#: Pictures of the general model alone, and those drawn of every instrument.
+GENERAL = ("held_out_errors", "error_by_joint")
 BLOCKS = ("joint_error_maps",)
 EVERYWHERE = ("health", "held_out_errors", "residual_field")
-PAPER = [name for name in FIGURES if name not in (*COMPLETE, *BLOCKS)]
+PAPER = [name for name in FIGURES if name not in (*GENERAL, *BLOCKS)]
 #: Pictures of discovery are drawn where it named something as well.
 DISCOVERY = PAPER[PAPER.index("where_breakdown") :]
 CASES = [
     *(("nothing", name) for name in PAPER),
     *(("named", name) for name in DISCOVERY),
     ("pose", "health"),
-    *(("learnt", name) for name in (*COMPLETE, *BLOCKS)),
+    *(("learnt", name) for name in (*GENERAL, *BLOCKS)),
     *(("points", name) for name in (*EVERYWHERE, "error_by_joint")),
     *(("distance", name) for name in EVERYWHERE),
 ]

@@ -12,7 +12,7 @@ from pa10cal.figures.catalogue import FIGURES, TABLES
 
 #: Drawn from no calibration.
 OF_NO_FIT = {"fig4_test_path", "montecarlo_planes", "montecarlo_convergence", "montecarlo_map"}
-COMPLETE = {"held_out_errors", "error_by_joint", "accuracy_complete", "joint_error_maps"}
+GENERAL = {"held_out_errors", "error_by_joint", "accuracy_general", "joint_error_maps"}
 DRAWN_OF_FITS = [name for name in (*FIGURES, *TABLES) if name not in OF_NO_FIT]
 REASON = "The maximum number of function evaluations is exceeded"
 REMEDY = r"allowed: a calibration whose status is converged; .*calibration\.max_iterations"
@@ -44,13 +44,13 @@ def make(name, results):
 
 @pytest.mark.parametrize("name", DRAWN_OF_FITS)
 def test_nothing_is_drawn_of_a_fit_that_did_not_converge(unfinished, results, learnt, name):
-    source = unfinished(learnt if name in COMPLETE else results, "")
-    where = r"calibration/(combined|complete)\.json: the fit did not converge"
+    source = unfinished(learnt if name in GENERAL else results, "")
+    where = r"calibration/(combined|general)\.json: the fit did not converge"
     with pytest.raises(RecordError, match=rf"{where}.*not converged: {REASON}.*{REMEDY}"):
         make(name, source)
 
 
-@pytest.mark.parametrize("name", sorted(COMPLETE))
+@pytest.mark.parametrize("name", sorted(GENERAL))
 def test_nor_of_the_models_it_is_compared_with(unfinished, learnt, name):
     source = unfinished(learnt, "geometry")
     with pytest.raises(RecordError, match=rf"combined\.json: geometry: the fit did.*{REMEDY}"):
@@ -85,13 +85,13 @@ PAPER = (
 
 @pytest.mark.parametrize("name", [*PAPER, "table1_parameters", "paper_against_ours"])
 def test_pictures_of_the_papers_model_are_of_no_other(sighted, name):
-    with pytest.raises(RecordError, match=r"of the paper's model.*the complete model.*pictures"):
+    with pytest.raises(RecordError, match=r"of the paper's model.*the general model.*pictures"):
         make(name, sighted["pose"])
 
 
-def test_pictures_of_the_complete_model_are_of_no_other(results, tmp_path):
+def test_pictures_of_the_general_model_are_of_no_other(results, tmp_path):
     folder = tmp_path / "other"
     shutil.copytree(results.folder, folder)
-    shutil.copy(folder / "calibration/combined.json", folder / "calibration/complete.json")
-    with pytest.raises(RecordError, match=r"complete\.json: the picture is of the complete model"):
-        make("doubted_poses", replace(results, folder=folder))
+    shutil.copy(folder / "calibration/combined.json", folder / "calibration/general.json")
+    with pytest.raises(RecordError, match=r"general\.json: the picture is of the general model"):
+        make("suspected_outliers", replace(results, folder=folder))

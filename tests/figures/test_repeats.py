@@ -19,7 +19,7 @@ def poses(p_mm, loads, kind="grid"):
         pose=labels,
         load_N=np.repeat(np.array(loads, dtype=float), each),
         repeat=np.tile(np.arange(repeats), count * configurations),
-        p_cmm_mm=p_mm.reshape(-1, 3),
+        p_instr_mm=p_mm.reshape(-1, 3),
     )
 
 

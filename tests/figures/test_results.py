@@ -31,11 +31,11 @@ def test_loads_are_those_that_the_combined_calibration_was_fitted_to(spoiled):
     assert cases["22"].load == "22N"
 
 
-def test_the_complete_model_stands_beside_the_papers_or_alone(results, sighted):
-    assert [case.model for case in results.calibrations()] == ["paper", "complete"]
-    assert results.complete().load == "complete"
-    assert [case.model for case in sighted["pose"].calibrations()] == ["complete"]
-    assert sighted["pose"].complete().load == "combined"
+def test_the_general_model_stands_beside_the_papers_or_alone(results, sighted):
+    assert [case.model for case in results.calibrations()] == ["paper", "general"]
+    assert results.general().load == "general"
+    assert [case.model for case in sighted["pose"].calibrations()] == ["general"]
+    assert sighted["pose"].general().load == "combined"
 
 
 def test_joint_positions_are_the_mean_over_repeats(results):
@@ -57,7 +57,7 @@ def test_planes_are_those_of_the_settings(results):
 
 def test_poses_come_in_order_of_time(results):
     poses = results.poses()
-    assert len(poses.kind) == len(poses.p_cmm_mm) == 952
+    assert len(poses.kind) == len(poses.p_instr_mm) == 952
     assert list(poses.kind[[0, 11, 22, -1]]) == ["line_x", "line_y", "grid", "holdout"]
 
 
@@ -65,7 +65,7 @@ def test_poses_come_in_order_of_time(results):
     ("name", "read", "stage"),
     [
         ("calibration/combined.json", lambda r: r.calibration(), "calibrate"),
-        ("calibration/complete.json", lambda r: r.complete(), "calibrate"),
+        ("calibration/general.json", lambda r: r.general(), "calibrate"),
         ("calibration/22N.json", lambda r: r.load_cases(), "calibrate"),
         ("evaluation/holdout.json", lambda r: r.held_out(), "evaluate"),
         ("seed/base_frame.json", lambda r: r.base_frame(), "seed"),

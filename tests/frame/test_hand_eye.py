@@ -29,9 +29,9 @@ def poses(rng, count, robot="ur10"):
     return Chain.of(arm).forward(rng.uniform(-1.5, 1.5, (count, arm.n)))
 
 
-def seen(T_cmm_base, T_base_ee, p_ee_m):
+def seen(T_instr_base, T_base_ee, p_ee_m):
     homogeneous = np.column_stack([p_ee_m, np.ones(len(p_ee_m))])
-    return np.einsum("ij,pjk,bk->pbi", T_cmm_base, T_base_ee, homogeneous)[..., :3]
+    return np.einsum("ij,pjk,bk->pbi", T_instr_base, T_base_ee, homogeneous)[..., :3]
 
 
 def turns_about_z(rng, count):
@@ -51,9 +51,13 @@ def apart(T, other):
 @given(seeds, counts, st.sampled_from(["ur10", "pa10_6ce", "iiwa14"]))
 def test_any_base_and_any_tool_are_recovered_from_poses(seed, count, robot):
     rng = np.random.default_rng(seed)
-    T_base_ee, T_cmm_base, T_ee_target = poses(rng, count, robot), frame(rng, 3.0), frame(rng, 0.4)
-    found = hand_eye_from_poses(T_base_ee, T_cmm_base @ T_base_ee @ T_ee_target)
-    np.testing.assert_allclose(found.T_cmm_base, T_cmm_base, atol=1e-8)
+    T_base_ee, T_instr_base, T_ee_target = (
+        poses(rng, count, robot),
+        frame(rng, 3.0),
+        frame(rng, 0.4),
+    )
+    found = hand_eye_from_poses(T_base_ee, T_instr_base @ T_base_ee @ T_ee_target)
+    np.testing.assert_allclose(found.T_instr_base, T_instr_base, atol=1e-8)
     np.testing.assert_allclose(found.T_ee_targets, T_ee_target[None], atol=1e-8)
     assert found.rms_m < 1e-9
     assert found.rms_rad < 1e-9
@@ -64,18 +68,18 @@ def test_any_base_and_any_tool_are_recovered_from_poses(seed, count, robot):
 @given(seeds, counts, st.integers(1, 3))
 def test_any_base_and_any_places_are_recovered_from_points(seed, count, targets):
     rng = np.random.default_rng(seed)
-    T_base_ee, T_cmm_base = poses(rng, count), frame(rng, 3.0)
+    T_base_ee, T_instr_base = poses(rng, count), frame(rng, 3.0)
     p_ee_m = rng.uniform(-0.4, 0.4, (targets, 3))
-    p_cmm_m = seen(T_cmm_base, T_base_ee, p_ee_m)
+    p_instr_m = seen(T_instr_base, T_base_ee, p_ee_m)
     if targets > 1:
-        p_cmm_m[rng.random(p_cmm_m.shape[:2]) < 0.2] = np.nan
-        p_cmm_m[:3] = seen(T_cmm_base, T_base_ee[:3], p_ee_m)
-    found = hand_eye_from_points(T_base_ee, p_cmm_m)
-    np.testing.assert_allclose(found.T_cmm_base, T_cmm_base, atol=1e-8)
+        p_instr_m[rng.random(p_instr_m.shape[:2]) < 0.2] = np.nan
+        p_instr_m[:3] = seen(T_instr_base, T_base_ee[:3], p_ee_m)
+    found = hand_eye_from_points(T_base_ee, p_instr_m)
+    np.testing.assert_allclose(found.T_instr_base, T_instr_base, atol=1e-8)
     np.testing.assert_allclose(found.T_ee_targets[:, :3, 3], p_ee_m, atol=1e-8)
-    np.testing.assert_array_equal(np.isnan(found.residuals_m), np.isnan(p_cmm_m))
+    np.testing.assert_array_equal(np.isnan(found.residuals_m), np.isnan(p_instr_m))
     np.testing.assert_allclose(
-        found.targets(T_base_ee)[..., :3, 3], seen(T_cmm_base, T_base_ee, p_ee_m), atol=1e-8
+        found.targets(T_base_ee)[..., :3, 3], seen(T_instr_base, T_base_ee, p_ee_m), atol=1e-8
     )
 
 
@@ -103,13 +107,13 @@ def test_geometry_that_is_a_little_wrong_is_averaged_over(count):
     q = rng.uniform(-1.5, 1.5, (count, 6))
     real = chain.coordinates(q)
     real[:, 6:-6] += (np.where(turns, np.radians(0.5), 3e-3) * rng.normal(size=len(turns)))[6:-6]
-    T_cmm_base, T_ee_target = frame(rng, 3.0), frame(rng, 0.4)
-    T = T_cmm_base @ end_pose(chain, real) @ T_ee_target
+    T_instr_base, T_ee_target = frame(rng, 3.0), frame(rng, 0.4)
+    T = T_instr_base @ end_pose(chain, real) @ T_ee_target
     for found in (
         hand_eye_from_poses(chain.forward(q), T),
         hand_eye_from_points(chain.forward(q), T[:, None, :3, 3]),
     ):
-        angle, distance = apart(T_cmm_base, found.T_cmm_base)
+        angle, distance = apart(T_instr_base, found.T_instr_base)
         assert angle < np.radians(4.0)
         assert distance < 0.05
         assert np.linalg.norm(found.T_ee_targets[0, :3, 3] - T_ee_target[:3, 3]) < 0.06
@@ -118,12 +122,14 @@ def test_geometry_that_is_a_little_wrong_is_averaged_over(count):
 
 def test_directions_scatter_as_much_as_they_are_said_to():
     rng = np.random.default_rng(11)
-    T_base_ee, T_cmm_base, T_ee_target = poses(rng, 25), frame(rng, 1.0), frame(rng, 0.2)
+    T_base_ee, T_instr_base, T_ee_target = poses(rng, 25), frame(rng, 1.0), frame(rng, 0.2)
     errors, stated = [], []
     for _ in range(120):
-        p = seen(T_cmm_base, T_base_ee, T_ee_target[None, :3, 3]) + rng.normal(0, 1e-3, (25, 1, 3))
+        p = seen(T_instr_base, T_base_ee, T_ee_target[None, :3, 3]) + rng.normal(
+            0, 1e-3, (25, 1, 3)
+        )
         found = hand_eye_from_points(T_base_ee, p)
-        turn = Rotation.from_matrix(T_cmm_base[:3, :3].T @ found.T_cmm_base[:3, :3]).as_rotvec()
+        turn = Rotation.from_matrix(T_instr_base[:3, :3].T @ found.T_instr_base[:3, :3]).as_rotvec()
         errors.append([turn[1] ** 2 + turn[2] ** 2, turn[0] ** 2 + turn[2] ** 2])
         stated.append(found.axis_u_rad[:2] ** 2)
     np.testing.assert_allclose(np.mean(errors, axis=0) / 2, np.mean(stated, axis=0), rtol=0.25)
@@ -131,22 +137,22 @@ def test_directions_scatter_as_much_as_they_are_said_to():
 
 def test_turns_about_one_axis_leave_the_height_of_the_target_open():
     rng = np.random.default_rng(2)
-    T_base_ee, T_cmm_base = turns_about_z(rng, 25), frame(rng, 1.0)
+    T_base_ee, T_instr_base = turns_about_z(rng, 25), frame(rng, 1.0)
     T_ee_target = frame(rng, 0.2)
-    T = T_cmm_base @ T_base_ee @ T_ee_target
+    T = T_instr_base @ T_base_ee @ T_ee_target
     found = hand_eye_from_poses(T_base_ee, T)
     assert found.held == ("the target along (0.00, 0.00, 1.00)",)
     assert found.rms_m < 1e-9
-    np.testing.assert_allclose(found.T_cmm_base[:3, :3], T_cmm_base[:3, :3], atol=1e-9)
+    np.testing.assert_allclose(found.T_instr_base[:3, :3], T_instr_base[:3, :3], atol=1e-9)
     np.testing.assert_allclose(found.T_ee_targets[0, 2, 3], 0.0, atol=1e-12)
     np.testing.assert_allclose(found.T_ee_targets[0, :2], T_ee_target[:2], atol=1e-9)
     stated = np.eye(4)
     stated[2, 3] = T_ee_target[2, 3]
     again = hand_eye_from_poses(T_base_ee, T, stated)
-    np.testing.assert_allclose(again.T_cmm_base, T_cmm_base, atol=1e-9)
+    np.testing.assert_allclose(again.T_instr_base, T_instr_base, atol=1e-9)
 
     p_ee_m = rng.uniform(-0.2, 0.2, (2, 3))
-    of_two = hand_eye_from_points(T_base_ee, seen(T_cmm_base, T_base_ee, p_ee_m))
+    of_two = hand_eye_from_points(T_base_ee, seen(T_instr_base, T_base_ee, p_ee_m))
     assert of_two.held == ("all targets along (0.00, 0.00, 1.00)",)
     heights = of_two.T_ee_targets[:, 2, 3]
     assert heights[1] - heights[0] == pytest.approx(p_ee_m[1, 2] - p_ee_m[0, 2])
@@ -154,29 +160,29 @@ def test_turns_about_one_axis_leave_the_height_of_the_target_open():
 
 def test_attitudes_all_alike_leave_the_place_of_the_target_open():
     rng = np.random.default_rng(3)
-    T_base_ee, T_cmm_base = turns_about_z(rng, 10), frame(rng, 1.0)
+    T_base_ee, T_instr_base = turns_about_z(rng, 10), frame(rng, 1.0)
     T_base_ee[:, :3, :3] = np.eye(3)
     found = hand_eye_from_points(
-        T_base_ee, seen(T_cmm_base, T_base_ee, np.array([[0.1, 0.2, 0.3]])), names=["T7"]
+        T_base_ee, seen(T_instr_base, T_base_ee, np.array([[0.1, 0.2, 0.3]])), names=["T7"]
     )
     assert sorted(found.held) == [
         "target T7 along (0.00, 0.00, 1.00)",
         "target T7 along (0.00, 1.00, 0.00)",
         "target T7 along (1.00, 0.00, 0.00)",
     ]
-    np.testing.assert_allclose(found.T_cmm_base[:3, :3], T_cmm_base[:3, :3], atol=1e-9)
+    np.testing.assert_allclose(found.T_instr_base[:3, :3], T_instr_base[:3, :3], atol=1e-9)
     np.testing.assert_allclose(found.T_ee_targets[0, :3, 3], 0.0, atol=1e-12)
 
 
 def test_poses_about_one_point_need_attitudes():
     rng = np.random.default_rng(4)
-    T_cmm_base, T_ee_target = frame(rng, 1.0), frame(rng, 0.2)
+    T_instr_base, T_ee_target = frame(rng, 1.0), frame(rng, 0.2)
     T_base_ee = np.tile(np.eye(4), (12, 1, 1))
     T_base_ee[:, :3, :3] = Rotation.random(12, random_state=rng).as_matrix()
     T_base_ee[:, :3, 3] = 0.3 - T_base_ee[:, :3, :3] @ T_ee_target[:3, 3]
-    T = T_cmm_base @ T_base_ee @ T_ee_target
+    T = T_instr_base @ T_base_ee @ T_ee_target
     found = hand_eye_from_poses(T_base_ee, T)
-    np.testing.assert_allclose(found.T_cmm_base, T_cmm_base, atol=1e-9)
+    np.testing.assert_allclose(found.T_instr_base, T_instr_base, atol=1e-9)
     np.testing.assert_allclose(found.T_ee_targets[0], T_ee_target, atol=1e-9)
     with pytest.raises(CalibrationError, match=r"one line or in one point.*may turn"):
         hand_eye_from_points(T_base_ee, T[:, None, :3, 3])
@@ -195,26 +201,26 @@ def test_two_poses_and_a_target_never_seen_are_refused():
     T_base_ee = poses(rng, 8)
     with pytest.raises(CalibrationError, match=r"too few poses .*got 2.*at least 3"):
         hand_eye_from_poses(T_base_ee[:2], T_base_ee[:2])
-    p_cmm_m = seen(np.eye(4), T_base_ee, np.zeros((2, 3)))
-    p_cmm_m[:, 1] = np.nan
+    p_instr_m = seen(np.eye(4), T_base_ee, np.zeros((2, 3)))
+    p_instr_m[:, 1] = np.nan
     with pytest.raises(CalibrationError, match="target B was seen in no pose"):
-        hand_eye_from_points(T_base_ee, p_cmm_m, names=["A", "B"])
+        hand_eye_from_points(T_base_ee, p_instr_m, names=["A", "B"])
 
 
 def test_weights_leave_a_gross_error_without_effect():
     rng = np.random.default_rng(7)
-    T_base_ee, T_cmm_base = poses(rng, 15), frame(rng, 1.0)
-    p_cmm_m = seen(T_cmm_base, T_base_ee, np.array([[0.1, 0.0, 0.2]]))
-    p_cmm_m[4] += 0.5
+    T_base_ee, T_instr_base = poses(rng, 15), frame(rng, 1.0)
+    p_instr_m = seen(T_instr_base, T_base_ee, np.array([[0.1, 0.0, 0.2]]))
+    p_instr_m[4] += 0.5
     weights = np.ones(15)
     weights[4] = 0.0
-    found = hand_eye_from_points(T_base_ee, p_cmm_m, weights=weights)
-    np.testing.assert_allclose(found.T_cmm_base, T_cmm_base, atol=1e-9)
+    found = hand_eye_from_points(T_base_ee, p_instr_m, weights=weights)
+    np.testing.assert_allclose(found.T_instr_base, T_instr_base, atol=1e-9)
     assert found.rms_m < 1e-9
 
 
 def test_the_mean_target_on_a_known_base():
     rng = np.random.default_rng(8)
-    T_base_ee, T_cmm_base, T_ee_target = poses(rng, 9), frame(rng, 1.0), frame(rng, 0.2)
-    found = target_on_base(T_cmm_base, T_base_ee, T_cmm_base @ T_base_ee @ T_ee_target)
+    T_base_ee, T_instr_base, T_ee_target = poses(rng, 9), frame(rng, 1.0), frame(rng, 0.2)
+    found = target_on_base(T_instr_base, T_base_ee, T_instr_base @ T_base_ee @ T_ee_target)
     np.testing.assert_allclose(found, T_ee_target, atol=1e-12)

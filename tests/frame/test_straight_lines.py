@@ -16,7 +16,7 @@ TRAVEL_M = np.linspace(0.0, 0.2, 11)
 
 
 def cell(seed: int, noise_m: float = 0.0):
-    """Return (T_cmm_base, measured x, base x, measured y, base y) of a made-up cell."""
+    """Return (T_instr_base, measured x, base x, measured y, base y) of a made-up cell."""
     rng = np.random.default_rng(seed)
     T = np.eye(4)
     T[:3, :3] = Rotation.random(random_state=rng).as_matrix()
@@ -40,7 +40,7 @@ def seed_of(x, base_x, y, base_y, limits=LIMITS):
 def test_exact_moves_give_the_base_frame_exactly(seed):
     T, *moves = cell(seed)
     found = seed_of(*moves)
-    assert found.T_cmm_base == pytest.approx(T, abs=1e-12)
+    assert found.T_instr_base == pytest.approx(T, abs=1e-12)
     assert found.angle_rad == pytest.approx(np.pi / 2)
     assert found.line_x.length_m == pytest.approx(0.2)
     assert found.origin_scatter_m == pytest.approx(0.0, abs=1e-12)
@@ -59,7 +59,7 @@ def test_a_move_travelled_backwards_or_in_any_order_gives_the_same_frame():
     T, x, base_x, y, base_y = cell(4)
     order = np.random.default_rng(0).permutation(len(x))
     found = seed_of(x[::-1], base_x[::-1], y[order], base_y[order])
-    assert found.T_cmm_base == pytest.approx(T, abs=1e-12)
+    assert found.T_instr_base == pytest.approx(T, abs=1e-12)
 
 
 def test_direction_uncertainty_is_the_scatter_of_many_noisy_lines():
@@ -68,7 +68,7 @@ def test_direction_uncertainty_is_the_scatter_of_many_noisy_lines():
     for seed in range(lines):
         T, x, base_x, _, _ = cell(seed, noise_m)
         line = fit_line(x, base_x[:, 0])
-        turned.append(T[:3, 1:3].T @ line.direction_cmm)
+        turned.append(T[:3, 1:3].T @ line.direction_instr)
         stated.append(line.direction_u_rad**2)
     assert np.mean(stated) ** 0.5 == pytest.approx(np.square(turned).mean() ** 0.5, rel=0.08)
 
@@ -78,7 +78,7 @@ def test_origin_is_the_mean_offset_of_the_given_poses():
     shifted = np.array([0.003, 0.0, 0.0])
     measured = x[:2] + np.outer([0, 1], shifted)
     found = seed_from_lines((x, base_x), (y, base_y), (measured, base_x[:2]), LIMITS)
-    assert found.T_cmm_base[:3, 3] == pytest.approx(T[:3, 3] + shifted / 2)
+    assert found.T_instr_base[:3, 3] == pytest.approx(T[:3, 3] + shifted / 2)
     assert found.origin_scatter_m == pytest.approx(0.0015)
     assert found.origin_poses == 2
 

@@ -129,7 +129,7 @@ def test_refuses_what_it_cannot_use(work, capsys, load, settings, says):
         "[]",
         "{}",
         '{"schema": "pa10cal-base-frame/1"}',
-        '{"schema": "pa10cal-base-frame/1", "campaign": "cell-null", "T_cmm_base": [[1, 2]]}',
+        '{"schema": "pa10cal-base-frame/1", "campaign": "cell-null", "T_instr_base": [[1, 2]]}',
     ],
 )
 def test_refuses_a_damaged_seed(work, capsys, content):

@@ -32,10 +32,10 @@ def test_errors_come_down_to_the_noise(found):
     summaries, record = found
     assert record["noise_floor_mm"] == pytest.approx(np.sqrt(8 / np.pi) * 0.05)
     for departs in ("rows", "any_way"):
-        complete = summaries[departs, "complete"]
-        assert complete["converged"] == 1
-        assert complete["fitted"]["largest"] < 1.1
-        assert complete["held_out"]["largest"] < 1.5
+        general = summaries[departs, "general"]
+        assert general["converged"] == 1
+        assert general["fitted"]["largest"] < 1.1
+        assert general["held_out"]["largest"] < 1.5
     for model in ("two_level", "two_level_all"):
         assert summaries["rows", model]["fitted"]["largest"] < 1.5
     for individual in record["individuals"]:
@@ -46,23 +46,23 @@ def test_errors_come_down_to_the_noise(found):
 
 def test_rank_and_what_no_pose_tells(found):
     summaries, record = found
-    complete, paper = summaries["rows", "complete"], summaries["rows", "two_level"]
-    assert (complete["rank"], complete["unknowns"]) == (54, 54)
-    assert complete["null_directions"] == []
+    general, paper = summaries["rows", "general"], summaries["rows", "two_level"]
+    assert (general["rank"], general["unknowns"]) == (54, 54)
+    assert general["null_directions"] == []
     assert (paper["rank"], paper["unknowns"]) == (52, 54)
     open_pairs = {frozenset(direction) for direction in paper["null_directions"]}
     assert open_pairs == {
         frozenset({"delta_d_1", "base_z"}),
         frozenset({"delta_theta_1", "base_rz"}),
     }
-    left_out = record["individuals"][0]["models"]["complete"]["left_out"]
+    left_out = record["individuals"][0]["models"]["general"]["left_out"]
     assert {"delta_d_1", "delta_theta_1", "delta_a_12", "delta_alpha_12"} <= set(left_out)
 
 
 def test_a_flange_that_departs_in_any_way_is_beyond_the_two_level_model(found):
     summaries, _ = found
     lacking = summaries["any_way", "two_level_all"]["held_out_true"]["mean"]
-    assert lacking > 1.2 * summaries["any_way", "complete"]["held_out_true"]["mean"]
+    assert lacking > 1.2 * summaries["any_way", "general"]["held_out_true"]["mean"]
 
 
 def test_figure_and_table_are_drawn(path, tmp_path):

@@ -208,16 +208,16 @@ def test_the_extended_model_is_restored_as_it_was_fitted(tmp_path):
     extended = found.extended
     assert {effect.id for effect in extended.effects} == {"transmission_error", "friction_torque"}
     record = json.loads(json.dumps(extended_record(found)))
-    baseline, model, x, T_cmm_base = read_extended(record, made.baseline.model, tmp_path)
+    baseline, model, x, T_instr_base = read_extended(record, made.baseline.model, tmp_path)
     assert model.terms[-2:] == extended.effects
     poses = found.problem.cells
-    T = T_cmm_base @ model.predict(poses.states, x)
-    expected = extended.level.T_cmm_base @ extended.model.predict(poses.states, extended.x)
+    T = T_instr_base @ model.predict(poses.states, x)
+    expected = extended.level.T_instr_base @ extended.model.predict(poses.states, extended.x)
     np.testing.assert_allclose(T, expected, atol=1e-12)
-    np.testing.assert_allclose(T_cmm_base, base_of(extended), atol=1e-15)
+    np.testing.assert_allclose(T_instr_base, base_of(extended), atol=1e-15)
     np.testing.assert_array_equal(baseline.x, made.baseline.x)
     places_m = np.array(record["targets_off_m"])
-    off = as_read(T_cmm_base @ model.predict(poses.states, x), np.eye(4), poses, places_m) - T
+    off = as_read(T_instr_base @ model.predict(poses.states, x), np.eye(4), poses, places_m) - T
     assert 0.0 < np.abs(off).max() < 1e-4
 
 
@@ -285,8 +285,8 @@ class TestRefused:
             lambda record: {"x": [float("nan"), *record["x"][1:]]},
             lambda record: {"baseline": {}},
             lambda record: {"baseline": {**record["baseline"], "x": [0.0]}},
-            lambda record: {"surroundings": {}},
-            lambda record: {"T_cmm_base": [[1.0]]},
+            lambda record: {"context": {}},
+            lambda record: {"T_instr_base": [[1.0]]},
             lambda record: {"targets_off_m": record["targets_off_m"][:-1]},
             lambda record: {"targets_off_m": "none"},
             lambda record: {"campaign": "other"},
@@ -302,7 +302,7 @@ class TestRefused:
         assert str(path) in capsys.readouterr().err
         assert not out.exists()
 
-    @pytest.mark.parametrize("key", ["effects", "parameters", "x", "named", "T_cmm_base"])
+    @pytest.mark.parametrize("key", ["effects", "parameters", "x", "named", "T_instr_base"])
     def test_an_incomplete_extended_model_is_not_exported(self, work, found, tmp_path, capsys, key):
         record = read(found / "extended.json")
         del record[key]

@@ -57,7 +57,7 @@ def test_a_clean_campaign_is_taken_whole(cell_null):
 def test_repeats_of_a_clean_campaign_scatter_as_its_instrument_and_arm_do(cell_null):
     table, _ = cell_null
     single = observations(table, average=False)
-    place = 1e3 * single.T_cmm_ee[:, :3, 3].reshape(27, 3, 10, 3)
+    place = 1e3 * single.T_instr_ee[:, :3, 3].reshape(27, 3, 10, 3)
     distance = np.linalg.norm(place - place.mean(axis=2, keepdims=True), axis=3)
     assert distance.mean() == pytest.approx(0.027, abs=0.002)
     mean = observations(table)
@@ -171,7 +171,7 @@ def test_a_campaign_may_bring_its_own_arm(raw_campaign, tmp_path, capsys):
 def test_says_what_an_instrument_without_balls_saw(tmp_path, capsys, kind):
     raw = sighted(tmp_path, kind, repeats=2, noise_mm=0.02)
     assert run(raw.write(), tmp_path / "out")[0] == 0
-    seen = int(np.isfinite(raw.p_cmm_m[..., 0]).sum())
+    seen = int(np.isfinite(raw.p_instr_m[..., 0]).sum())
     targets = f"; targets T1, T2, T3 seen {seen} times of 240" if kind == "points" else ""
     expected = f"sighted: 80 configurations{targets}; 0 rows left out; repeatability 0.0"
     told = capsys.readouterr().out

@@ -31,11 +31,11 @@ def read(path):
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def apart(T_cmm_base, record):
+def apart(T_instr_base, record):
     """Angle [rad] and distance [m] between a frame and the recorded one."""
-    found = np.array(record["T_cmm_base"])
-    turn = Rotation.from_matrix(T_cmm_base[:3, :3].T @ found[:3, :3]).magnitude()
-    return turn, np.linalg.norm(T_cmm_base[:3, 3] - found[:3, 3])
+    found = np.array(record["T_instr_base"])
+    turn = Rotation.from_matrix(T_instr_base[:3, :3].T @ found[:3, :3]).magnitude()
+    return turn, np.linalg.norm(T_instr_base[:3, 3] - found[:3, 3])
 
 
 def test_straight_moves_give_the_frame_the_campaign_was_made_with(raw_campaign, tmp_path, capsys):
@@ -45,16 +45,16 @@ def test_straight_moves_give_the_frame_the_campaign_was_made_with(raw_campaign, 
     assert record["schema"] == "pa10cal-base-frame/1"
     assert record["campaign"] == "made-up"
     assert record["method"] == "straight_lines"
-    angle, distance = apart(raw_campaign.T_cmm_base, record)
+    angle, distance = apart(raw_campaign.T_instr_base, record)
     assert angle < 4e-4
     assert distance < 3e-4
     assert record["line_x"]["length_mm"] == pytest.approx(150.0, abs=0.1)
     assert record["line_y"]["bend_rms_mm"] < 0.03
     assert 0 < record["x_direction_u_rad"] < 4e-4
     assert record["angle_between_lines_deg"] == pytest.approx(90.0, abs=0.05)
-    R = np.array(record["R_cmm_base"])
+    R = np.array(record["R_instr_base"])
     np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
-    np.testing.assert_array_equal(R, np.array(record["T_cmm_base"])[:3, :3])
+    np.testing.assert_array_equal(R, np.array(record["T_instr_base"])[:3, :3])
     assert "base frame by straight_lines" in capsys.readouterr().out
 
 
@@ -64,7 +64,7 @@ def test_without_straight_moves_the_nominal_model_is_fitted(raw_campaign, tmp_pa
     assert status == 0
     record = read(path)
     assert record["method"] == "rigid_fit_nominal"
-    angle, distance = apart(raw_campaign.T_cmm_base, record)
+    angle, distance = apart(raw_campaign.T_instr_base, record)
     assert angle < 2e-4
     assert distance < 2e-4
     assert record["origin_poses"] == 6
@@ -75,7 +75,7 @@ def test_a_tracked_campaign_without_balls_or_torques_has_a_seed_too(raw_campaign
     raw_campaign.description["files"] = {"poses": "poses.csv"}
     status, path = run(raw_campaign.write(), tmp_path)
     assert status == 0
-    angle, distance = apart(raw_campaign.T_cmm_base, read(path))
+    angle, distance = apart(raw_campaign.T_instr_base, read(path))
     assert angle < 1e-6
     assert distance < 1e-6
 
@@ -90,7 +90,7 @@ def test_the_shipped_campaign_agrees_with_a_fit_of_the_nominal_model(tmp_path):
     assert 190 < record["line_x"]["length_mm"] < 210
     assert record["line_x"]["bend_rms_mm"] < 0.1
     assert record["origin_scatter_mm"] < 3.0
-    assert np.linalg.det(np.array(record["R_cmm_base"])) == pytest.approx(1.0)
+    assert np.linalg.det(np.array(record["R_instr_base"])) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_any_base_and_any_tool_are_found_from_poses(tmp_path, capsys):
     assert status == 0
     record = read(path)
     assert record["method"] == "hand_eye_poses"
-    angle, distance = apart(raw.T_cmm_base, record)
+    angle, distance = apart(raw.T_instr_base, record)
     assert angle < 2e-5
     assert distance < 5e-5
     np.testing.assert_allclose(record["T_ee_target"], raw.T_ee_target, atol=5e-5)
@@ -158,7 +158,7 @@ def test_any_base_and_any_tool_are_found_from_poses(tmp_path, capsys):
     assert record["origin_poses"] == 32
     assert 0.02 < record["origin_scatter_mm"] < 0.05
     assert 0.0 < record["x_direction_u_rad"] < 2e-5
-    np.testing.assert_array_equal(record["R_cmm_base"], np.array(record["T_cmm_base"])[:3, :3])
+    np.testing.assert_array_equal(record["R_instr_base"], np.array(record["T_instr_base"])[:3, :3])
     assert "base frame by hand_eye_poses, directions known to" in capsys.readouterr().out
 
 
@@ -167,7 +167,7 @@ def test_places_of_targets_are_found_with_the_base(tmp_path):
     _, path = run(raw.write(), tmp_path)
     record = read(path)
     assert record["method"] == "hand_eye_points"
-    angle, distance = apart(raw.T_cmm_base, record)
+    angle, distance = apart(raw.T_instr_base, record)
     assert angle < 5e-5
     assert distance < 5e-5
     places = [record["p_ee_targets_m"][name] for name in ("T1", "T2", "T3")]
@@ -180,7 +180,7 @@ def test_what_a_scara_leaves_open_is_held_as_stated_and_said(tmp_path, capsys):
     _, path = run(raw.write(), tmp_path)
     record = read(path)
     np.testing.assert_allclose(record["p_ee_targets_m"]["T1"], raw.p_ee_m[0], atol=1e-6)
-    assert apart(raw.T_cmm_base, record)[1] < 1e-6
+    assert apart(raw.T_instr_base, record)[1] < 1e-6
     held = "target T1 along (0.00, 0.00, 1.00)"
     assert record["held_as_stated"] == [held]
     assert f"held as stated: {held}" in capsys.readouterr().out

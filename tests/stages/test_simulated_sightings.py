@@ -5,9 +5,9 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from pa10cal.calibration.complete.complete import CompleteOptions, calibrate_complete
-from pa10cal.calibration.complete.start import find_start
-from pa10cal.calibration.complete.unknowns import choose_unknowns
+from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_general
+from pa10cal.calibration.general.start import find_start
+from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.campaign.description import read_campaign
 from pa10cal.campaign.ingest import ingest_campaign
 from pa10cal.campaign.sightings import sightings
@@ -19,9 +19,9 @@ from pa10cal.evaluation.known_truth import class_of, parameter_scores, predictio
 from pa10cal.files.arms import load_arm
 from pa10cal.settings import IngestSettings, SightedPlan
 from pa10cal.stages.simulated_sightings import (
-    burden_of_individual,
     draw_by_unknowns,
     exact_sightings,
+    payload_of_individual,
     sightings_of,
 )
 
@@ -70,16 +70,16 @@ def test_the_truth_is_stated_in_the_coordinates_of_the_model(robot, plan):
     first = sightings_of(measure_sighted(arm, plan, 3))
     start = find_start(arm, first)
     unknowns = choose_unknowns(
-        arm, CompleteOptions().tolerances, first.seen, start.T_cmm_base, start.places_m
+        arm, GeneralOptions().tolerances, first.seen, start.T_instr_base, start.places_m
     )
     individual, truth = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(4))
     seen = sightings_of(measure_individual(individual, plan, 4))
-    found = calibrate_complete(
+    found = calibrate_general(
         arm,
         seen,
         find_start(arm, seen),
-        burden_of_individual(individual),
-        CompleteOptions(springs=plan.flexible_joints),
+        payload_of_individual(individual),
+        GeneralOptions(springs=plan.flexible_joints),
     )
     scores = parameter_scores(found, truth)
     assert len(scores) == len(found.problem.parameters)
@@ -99,7 +99,7 @@ def test_predictions_of_an_arm_off_in_any_way_are_held_to_what_it_does():
     plan = SightedPlan(instrument="points", targets=1, poses=60, holdout_share=0.0)
     individual = draw_individual(arm, plan, np.random.default_rng(1))
     seen = sightings_of(measure_individual(individual, plan, 1))
-    found = calibrate_complete(arm, seen, find_start(arm, seen))
+    found = calibrate_general(arm, seen, find_start(arm, seen))
     scores = prediction_scores(found, exact_sightings(individual, plan, 50, 2))
     assert scores.shape == (150,)
     assert 0.4 < np.sqrt(np.mean(scores**2)) < 1.8

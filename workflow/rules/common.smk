@@ -15,7 +15,7 @@ from pa10cal.planning.campaign import (
     missing_campaign,
     raw_files,
     robot_name,
-    takes_complete_model,
+    takes_general_model,
 )
 from pa10cal.planning.code import source_files
 from pa10cal.settings import parse_settings
@@ -37,7 +37,7 @@ shell.prefix(
 
 wildcard_constraints:
     campaign=r"[^/]+",
-    load=r"[0-9.e+-]+N|combined|complete",
+    load=r"[0-9.e+-]+N|combined|general",
     plane=r"[0-9]+",
 
 
@@ -129,10 +129,10 @@ def planes_of(campaign):
 def calibrations_of(campaign):
     """The calibrations of a campaign: one a load that ingest found, and the combined one.
 
-    Beside the paper's model stands the complete one, for all loads together.
+    Beside the paper's model stands the general one, for all loads together.
     """
     poses = Path(checkpoints.ingest.get(campaign=campaign).output.poses)
-    beside = [] if by_complete_model(campaign) else ["complete"]
+    beside = [] if by_general_model(campaign) else ["general"]
     return expand(
         result("calibration/{load}.json"),
         campaign=campaign,
@@ -140,18 +140,18 @@ def calibrations_of(campaign):
     )
 
 
-def by_complete_model(campaign):
-    """Whether the load cases of a campaign are worked out with the complete model."""
+def by_general_model(campaign):
+    """Whether the load cases of a campaign are worked out with the general model."""
     if campaign in IMPORTED:
         return True
-    return takes_complete_model(
+    return takes_general_model(
         SETTINGS.calibration.model, instrument_kind(Path(SETTINGS.raw_dir, campaign))
     )
 
 
 def by_papers_model(campaign):
     """Whether they are worked out with the paper's: what is drawn of the paper belongs to these."""
-    return not by_complete_model(campaign)
+    return not by_general_model(campaign)
 
 
 def seeks_effects(campaign):

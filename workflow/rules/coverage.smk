@@ -2,7 +2,7 @@ rule coverage:
     """Long test: do 95 % intervals hold the truth of simulated campaigns in 95 % of cases?"""
     input:
         coverage_result("coverage.json"),
-        coverage_result("coverage_complete.json"),
+        coverage_result("coverage_general.json"),
 
 
 rule coverage_papers_model:
@@ -22,19 +22,19 @@ rule coverage_papers_model:
         " --settings {params.settings:q} --out {output:q} 2>&1 | tee {log:q} >&2"
 
 
-rule coverage_complete_model:
-    """Other arms under other instruments, calibrated with the complete model."""
+rule coverage_general_model:
+    """Other arms under other instruments, calibrated with the general model."""
     input:
-        code=code_of("stages.coverage_complete"),
+        code=code_of("stages.coverage_general"),
     output:
-        record=coverage_result("coverage_complete.json"),
-        table=coverage_result("coverage_complete.csv"),
+        record=coverage_result("coverage_general.json"),
+        table=coverage_result("coverage_general.csv"),
     log:
-        coverage_result("logs/coverage_complete.log"),
+        coverage_result("logs/coverage_general.log"),
     params:
         settings=settings_of("coverage", without=("campaigns",)),
         calibration=settings_of("calibration"),
     shell:
-        "python -m pa10cal coverage_complete --settings {params.settings:q}"
+        "python -m pa10cal coverage_general --settings {params.settings:q}"
         " --calibration {params.calibration:q} --out {output.record:q} --table {output.table:q}"
         " 2>&1 | tee {log:q} >&2"

@@ -65,7 +65,7 @@ FIGURES = {
         "title": "Error of held-out poses",
         "needs": [EVALUATED, "evaluation/holdout.json"],
         "settings": [],
-        "of": [by_complete_model, holds_out],
+        "of": [by_general_model, holds_out],
     },
     "error_by_joint": {
         "title": "Error of each joint against its position",
@@ -76,7 +76,7 @@ FIGURES = {
             "ingest/poses.parquet",
         ],
         "settings": [],
-        "of": [by_complete_model, sees_positions],
+        "of": [by_general_model, sees_positions],
     },
     "where_breakdown": {
         "title": "Where: error left by load, axis, joint and direction",
@@ -124,7 +124,7 @@ FIGURES = {
 TABLES = {
     "health_summary": {
         "title": "Health of the calibration",
-        "needs": ["calibration/combined.json", complete_of],
+        "needs": ["calibration/combined.json", general_of],
         "settings": [],
         "of": [],
     },
@@ -140,23 +140,23 @@ TABLES = {
         "settings": ["kcub_reading", "montecarlo"],
         "of": [by_papers_model],
     },
-    "parameters_complete": {
-        "title": "Parameters of the complete model",
-        "needs": ["calibration/combined.json", complete_of],
+    "parameters_general": {
+        "title": "Parameters of the general model",
+        "needs": ["calibration/combined.json", general_of],
         "settings": [],
         "of": [],
     },
-    "doubted_poses": {
-        "title": "Poses doubted",
-        "needs": ["calibration/combined.json", complete_of],
+    "suspected_outliers": {
+        "title": "Poses suspected_outliers",
+        "needs": ["calibration/combined.json", general_of],
         "settings": [],
         "of": [],
     },
-    "accuracy_complete": {
-        "title": "Accuracy of the complete model",
+    "accuracy_general": {
+        "title": "Accuracy of the general model",
         "needs": [accuracies_of],
         "settings": ["evaluation"],
-        "of": [by_complete_model],
+        "of": [by_general_model],
     },
     "verdict": {
         "title": "Verdict: what is missing from the model",

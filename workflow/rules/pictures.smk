@@ -31,9 +31,9 @@ def judges_by_blocks(campaign):
     return seeks_effects(campaign) and not has_repeats(table_of_poses(campaign))
 
 
-def complete_of(campaign):
-    """The calibration with the complete model: the combined one, or that beside the paper's."""
-    load = "combined" if by_complete_model(campaign) else "complete"
+def general_of(campaign):
+    """The calibration with the general model: the combined one, or that beside the paper's."""
+    load = "combined" if by_general_model(campaign) else "general"
     return results_of(campaign, [f"calibration/{load}.json"])
 
 

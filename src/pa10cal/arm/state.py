@@ -13,7 +13,7 @@ Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
 
 
 @dataclass(frozen=True)
-class Carried:
+class StaticLoads:
     """What weights bend the structure with in P poses; see `arm.statics`.
 
     Attributes:
@@ -35,12 +35,12 @@ class Seen:
     """How P measured poses were read from B targets of the instrument.
 
     Attributes:
-        p_cmm_targets_m: (P, B, 3) places of the targets in the instrument's frame.
+        p_instr_targets_m: (P, B, 3) places of the targets in the instrument's frame.
         pose_by_targets: (P, 6, 3 B) derivative of the pose (position, small rotation, along the
             end-effector's axes) by what the instrument reads too much of each target's place.
     """
 
-    p_cmm_targets_m: Array
+    p_instr_targets_m: Array
     pose_by_targets: Array
 
 
@@ -55,7 +55,7 @@ class PoseStates:
         load_N: (P,) external load.
         temperature_C: (P,) temperature.
         time_s: (P,) time of the reading.
-        carried: what weights bend the structure with, where it was worked out.
+        static_loads: what weights bend the structure with, where it was worked out.
         seen: how the pose was read from the instrument's targets, where it was worked out.
     """
 
@@ -65,7 +65,7 @@ class PoseStates:
     load_N: Array
     temperature_C: Array
     time_s: Array
-    carried: Carried | None = None
+    static_loads: StaticLoads | None = None
     seen: Seen | None = None
 
     def __len__(self) -> int:
@@ -81,8 +81,8 @@ class PoseStates:
         return PoseStates(*(_rows(getattr(self, field.name), rows) for field in fields(self)))
 
 
-def _rows(value: Array | Carried | Seen | None, rows: Rows) -> Any:
+def _rows(value: Array | StaticLoads | Seen | None, rows: Rows) -> Any:
     """Return some rows of an array, or of every array of a group of them."""
-    if isinstance(value, Carried | Seen):
+    if isinstance(value, StaticLoads | Seen):
         return type(value)(*(getattr(value, field.name)[rows] for field in fields(value)))
     return None if value is None else value[rows]

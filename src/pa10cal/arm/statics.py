@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain, Frames, frames
-from pa10cal.arm.state import Carried
+from pa10cal.arm.state import StaticLoads
 from pa10cal.errors import ArmError
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Burden:
+class Payload:
     """What the arm carries besides its own links.
 
     Attributes:
@@ -46,16 +46,16 @@ class Statics:
         torque_by_mass: (P, n, 4 n) its derivative by mass m and first moment m c of every link:
             m_1, m_1 c_1x, m_1 c_1y, m_1 c_1z, m_2, … with c in the frame of the link's own row.
         torque_by_load: (P, n) its derivative by the load [N m/N].
-        carried: what weights bend the structure with.
+        static_loads: what weights bend the structure with.
     """
 
     torque_Nm: Array
     torque_by_mass: Array
     torque_by_load: Array
-    carried: Carried
+    static_loads: StaticLoads
 
 
-def statics(chain: Chain, coordinates: Array, load_N: Array, burden: Burden) -> Statics:
+def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -> Statics:
     """Work out torques and moments of an arm at rest.
 
     The chain starts from the axes along which gravity is given. A link carries, at its far end,
@@ -66,47 +66,47 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, burden: Burden) -> 
         chain: the chain of an arm whose masses are known.
         coordinates: (P, m) chain coordinates.
         load_N: (P,) weights that hang at the load point.
-        burden: apparatus, load point and gravity.
+        payload: apparatus, load point and gravity.
 
     Raises:
         ArmError: when the arm has no masses, or gravity no direction.
     """
     mass_kg, first_moments_kg_m = _link_masses(chain)
-    g = float(np.linalg.norm(burden.gravity_m_s2))
+    g = float(np.linalg.norm(payload.gravity_m_s2))
     if g == 0.0:
         raise ArmError(
             "gravity has no direction",
             where="gravity_m_s2",
-            value=burden.gravity_m_s2.tolist(),
+            value=payload.gravity_m_s2.tolist(),
             allowed="three components, not all zero",
             remedy="give gravity along the axes of the robot base",
         )
     found = frames(chain, coordinates)
     p_base_apparatus, p_base_load = (
         found.T_base_ee[:, :3, :3] @ place + found.T_base_ee[:, :3, 3]
-        for place in (burden.com_m, burden.load_point_m)
+        for place in (payload.com_m, payload.load_point_m)
     )
-    lever = _Levers(chain, found, burden.gravity_m_s2)
+    lever = _Levers(chain, found, payload.gravity_m_s2)
     by_mass = lever.by_mass_of_links()
     by_load = lever.by_mass_at(p_base_load) / g
     torque_Nm = (
         by_mass @ np.column_stack([mass_kg, first_moments_kg_m]).ravel()
-        + burden.mass_kg * lever.by_mass_at(p_base_apparatus)
+        + payload.mass_kg * lever.by_mass_at(p_base_apparatus)
         + load_N[:, None] * by_load
     )
 
     # Mass and first moment about the base's origin, each of one link and of what sits on it.
     hung_kg = load_N / g
     masses_kg = np.tile(mass_kg[:, None], (1, len(coordinates)))
-    masses_kg[-1] += burden.mass_kg + hung_kg
+    masses_kg[-1] += payload.mass_kg + hung_kg
     moments_kg_m = (
         mass_kg[:, None, None] * found.T_base_rows[..., :3, 3]
         + (found.T_base_rows[..., :3, :3] @ first_moments_kg_m[:, None, :, None])[..., 0]
     )
-    moments_kg_m[-1] += burden.mass_kg * p_base_apparatus + hung_kg[:, None] * p_base_load
-    link_Nm, base_Nm = _moments(found, masses_kg, moments_kg_m, burden.gravity_m_s2)
-    down_ee = (burden.gravity_m_s2 / g) @ found.T_base_ee[:, :3, :3]
-    return Statics(torque_Nm, by_mass, by_load, Carried(link_Nm, base_Nm, torque_Nm, down_ee))
+    moments_kg_m[-1] += payload.mass_kg * p_base_apparatus + hung_kg[:, None] * p_base_load
+    link_Nm, base_Nm = _moments(found, masses_kg, moments_kg_m, payload.gravity_m_s2)
+    down_ee = (payload.gravity_m_s2 / g) @ found.T_base_ee[:, :3, :3]
+    return Statics(torque_Nm, by_mass, by_load, StaticLoads(link_Nm, base_Nm, torque_Nm, down_ee))
 
 
 def _moments(

@@ -58,13 +58,13 @@ class Deviations:
         return angle
 
 
-def deviations(T_base_ee: Array, T_cmm_base: Array, observations: PoseObservations) -> Deviations:
+def deviations(T_base_ee: Array, T_instr_base: Array, observations: PoseObservations) -> Deviations:
     """Compare predicted with measured poses."""
-    error = pose_error(T_cmm_base @ T_base_ee, observations.T_cmm_ee)
+    error = pose_error(T_instr_base @ T_base_ee, observations.T_instr_ee)
     angle = angle_rad(error)
     chord = 2.0 * np.sin(angle / 2.0)
     stretch = np.divide(angle, chord, out=np.ones_like(angle), where=chord > 0)
-    to_base = T_cmm_base[:3, :3]
+    to_base = T_instr_base[:3, :3]
     return Deviations(
         1e3 * error.position_m @ to_base,
         np.degrees(error.chord * stretch[:, None]) @ to_base,
@@ -89,7 +89,7 @@ def summarise_by_load(found: Deviations, load_N: Array) -> dict[float, Accuracy]
 
 
 def align_nominal(nominal: Model, observations: PoseObservations) -> Array:
-    """Return T_cmm_base (4, 4) that aligns the nominal model on the least loaded positions.
+    """Return T_instr_base (4, 4) that aligns the nominal model on the least loaded positions.
 
     This is the alignment behind the paper's errors before calibration: positions only, once, on
     the poses with the smallest load, which the paper's campaign measured unloaded.
@@ -97,5 +97,5 @@ def align_nominal(nominal: Model, observations: PoseObservations) -> Array:
     load_N = observations.states.load_N
     least = observations.take(load_N == load_N.min())
     return fit_base_frame(
-        nominal.predict(least.states, np.zeros(0)), least.T_cmm_ee, attitude_weight_m2=0.0
-    ).T_cmm_base
+        nominal.predict(least.states, np.zeros(0)), least.T_instr_ee, attitude_weight_m2=0.0
+    ).T_instr_base

@@ -21,7 +21,7 @@ PARAMETERS = (
 )
 
 
-def report_base(T_cmm_base: Array) -> Report:
+def report_base(T_instr_base: Array) -> Report:
     """Return the six parameters Psi of paper equation (4).
 
     The origin of the instrument's frame in the base frame, and the rotations about body-fixed x, y
@@ -29,10 +29,10 @@ def report_base(T_cmm_base: Array) -> Report:
 
     Returns:
         Values, with the Jacobian by translation along the instrument's axes and a small right
-        rotation of T_cmm_base.
+        rotation of T_instr_base.
     """
-    R_base_cmm = T_cmm_base[:3, :3].T
-    origin = -R_base_cmm @ T_cmm_base[:3, 3]
+    R_base_cmm = T_instr_base[:3, :3].T
+    origin = -R_base_cmm @ T_instr_base[:3, 3]
     gamma = Rotation.from_matrix(R_base_cmm).as_euler("XYZ")
     first = Rotation.from_euler("x", gamma[0]).as_matrix()
     second = first @ Rotation.from_euler("y", gamma[1]).as_matrix()

@@ -11,8 +11,8 @@ from pa10cal.calibration.identifiability import (
     Direction,
     Identifiability,
     identify,
-    open_directions,
-    open_parameters,
+    not_identifiable,
+    unidentified_directions,
 )
 from pa10cal.calibration.inner_poses import rows_of, spread_poses
 from pa10cal.calibration.levels import Level, OneLevel, TwoLevel
@@ -69,10 +69,10 @@ class Calibration:
         starts: where every start ended, in order.
         terms: (r, k) tolerance rows.
         inner_poses: labels of the poses of the inner level.
-        T_cmm_base: (4, 4) base frame.
+        T_instr_base: (4, 4) base frame.
         identifiability: of all unknowns, base frame included.
-        open_directions: directions of all unknowns that the data leave open.
-        open_parameters: names of the parameters that take part in them.
+        unidentified_directions: directions of all unknowns that the data leave open.
+        not_identifiable: names of the parameters that take part in them.
         covariances: of parameters and base frame.
     """
 
@@ -81,10 +81,10 @@ class Calibration:
     starts: tuple[Solution, ...]
     terms: Array
     inner_poses: tuple[str, ...]
-    T_cmm_base: Array
+    T_instr_base: Array
     identifiability: Identifiability
-    open_directions: tuple[Direction, ...]
-    open_parameters: frozenset[str]
+    unidentified_directions: tuple[Direction, ...]
+    not_identifiable: frozenset[str]
     covariances: Covariances
 
     @property
@@ -173,7 +173,7 @@ def describe(
     """Work out base frame, rank and uncertainties of a solution."""
     model, observations = level.model, level.observations
     at_solution = level.linearise(solution.x)
-    whole = one_level(level, at_solution.T_cmm_base)
+    whole = one_level(level, at_solution.T_instr_base)
     everything = whole.linearise(np.concatenate([solution.x, np.zeros(6)]))
     jacobian = everything.jacobian.reshape(-1, len(solution.x) + 6)
     identifiability = identify(jacobian, whole.model.scale)
@@ -183,10 +183,10 @@ def describe(
         starts=starts,
         terms=terms,
         inner_poses=inner_poses,
-        T_cmm_base=at_solution.T_cmm_base,
+        T_instr_base=at_solution.T_instr_base,
         identifiability=identifiability,
-        open_directions=open_directions(identifiability, whole.model.parameters),
-        open_parameters=open_parameters(identifiability, whole.model.parameters)
+        unidentified_directions=unidentified_directions(identifiability, whole.model.parameters),
+        not_identifiable=not_identifiable(identifiability, whole.model.parameters)
         & {parameter.name for parameter in model.parameters},
         covariances=propagate(
             at_solution,
@@ -228,7 +228,7 @@ def weak_directions(calibration: Calibration) -> tuple[tuple[float, Direction], 
     links = [
         k
         for k, parameter in enumerate(parameters)
-        if parameter.tolerance is not None and parameter.name not in calibration.open_parameters
+        if parameter.tolerance is not None and parameter.name not in calibration.not_identifiable
     ]
     tolerance = np.array([parameters[k].tolerance for k in links], dtype=float)
     covariance = calibration.covariances.parameters[np.ix_(links, links)]
@@ -246,19 +246,19 @@ def _direction(vector: Array, names: list[str]) -> Direction:
     return Direction({names[k]: float(vector[k]) for k in order if abs(vector[k]) > 0.1})
 
 
-def one_level(level: TwoLevel, T_cmm_base: Array) -> OneLevel:
-    """Return the same problem with the base frame among the unknowns, starting at `T_cmm_base`."""
+def one_level(level: TwoLevel, T_instr_base: Array) -> OneLevel:
+    """Return the same problem with the base among the unknowns, starting at `T_instr_base`."""
     model = Model(level.model.chain, (*level.model.terms, base_frame()))
-    return OneLevel(model, level.observations, T_cmm_base, level.r_max_m)
+    return OneLevel(model, level.observations, T_instr_base, level.r_max_m)
 
 
 def solve_one_level(
-    level: TwoLevel, T_cmm_base: Array, x_start: Array, terms: Array, max_iterations: int
+    level: TwoLevel, T_instr_base: Array, x_start: Array, terms: Array, max_iterations: int
 ) -> Solution:
     """Solve for all unknowns at once, the base frame's six small motions last."""
     padded = np.concatenate([terms, np.zeros((len(terms), 6))], axis=1)
     start = np.concatenate([x_start, np.zeros(6)])
-    return solve(one_level(level, T_cmm_base), start, padded, max_iterations)
+    return solve(one_level(level, T_instr_base), start, padded, max_iterations)
 
 
 def tolerance_rows(level: Level, x: Array, options: Options) -> Array:

@@ -33,7 +33,7 @@ _ILL_CONDITIONED = 1e5
 
 
 @dataclass(frozen=True)
-class Ended:
+class FitSummary:
     """How a fit ended, whichever fit it was.
 
     Attributes:
@@ -46,7 +46,7 @@ class Ended:
         identifiability: rank of the rows.
         white: (P, b, k) rows of unit variance.
         position: (P, c, k) derivative of the predicted position [m].
-        open_parameters: names of those that the data leave open.
+        not_identifiable: names of those that the data leave open.
     """
 
     converged: bool
@@ -58,7 +58,7 @@ class Ended:
     identifiability: Identifiability
     white: Array
     position: Array
-    open_parameters: frozenset[str]
+    not_identifiable: frozenset[str]
 
 
 @dataclass(frozen=True)
@@ -66,18 +66,19 @@ class Errors:
     """What a calibrated model leaves.
 
     Attributes:
-        train_rms_mm: root mean square position error of the poses fitted, those doubted aside.
+        train_rms_mm: root mean square position error of the poses fitted, suspected outliers
+            aside.
         held_out: errors of poses held out, None where there are none.
         noise_mm: what the noise of readings explains of the former, None where not known.
         spread_mm: root mean square distance of the places seen from their middle.
-        doubted: poses far outside the scatter of the others.
+        suspected_outliers: poses far outside the scatter of the others.
     """
 
     train_rms_mm: float
     held_out: Accuracy | None
     noise_mm: float | None
     spread_mm: float
-    doubted: int = 0
+    suspected_outliers: int = 0
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class Health:
         u_wanted_mm: the uncertainty that counts as small here.
     """
 
-    ended: Ended
+    ended: FitSummary
     verdict: Literal["good", "usable", "not usable"]
     line: str
     pairs: tuple[CorrelatedPair, ...]
@@ -121,7 +122,7 @@ class Health:
     u_wanted_mm: float
 
 
-def health(ended: Ended, errors: Errors) -> Health:
+def health(ended: FitSummary, errors: Errors) -> Health:
     """Judge a calibration by how it ended and what it leaves."""
     design = pose_design(
         ended.white,
@@ -148,7 +149,7 @@ def health(ended: Ended, errors: Errors) -> Health:
 
 
 def _verdict(
-    ended: Ended, errors: Errors, design: PoseDesign
+    ended: FitSummary, errors: Errors, design: PoseDesign
 ) -> tuple[Literal["good", "usable", "not usable"], str]:
     rank, unknowns = ended.identifiability.rank, len(ended.parameters)
     if not ended.converged:
@@ -174,10 +175,10 @@ def _verdict(
     return "good", f"{error}; all {rank} unknowns are told by the poses"
 
 
-def _reservations(ended: Ended, errors: Errors, design: PoseDesign) -> list[str]:
+def _reservations(ended: FitSummary, errors: Errors, design: PoseDesign) -> list[str]:
     """Return what a user of the calibration should have in mind."""
     but = []
-    names = sorted(ended.open_parameters)
+    names = sorted(ended.not_identifiable)
     if names:
         but.append(
             f"these poses leave {', '.join(names[:4])}{' and others' if names[4:] else ''} open"
@@ -204,13 +205,18 @@ def _reservations(ended: Ended, errors: Errors, design: PoseDesign) -> list[str]
             f"the noise of the readings explains {errors.noise_mm:.3f} mm of it: an effect is "
             "missing"
         )
-    if errors.doubted:
-        poses = "pose is" if errors.doubted == 1 else "poses are"
-        but.append(f"{errors.doubted} {poses} doubted and not in it, see the list")
+    if errors.suspected_outliers:
+        many = "s are" if errors.suspected_outliers > 1 else " is"
+        but.append(
+            f"{errors.suspected_outliers} suspected outlier{many} excluded; "
+            "see tables/suspected_outliers"
+        )
     return but
 
 
-def _expected_mm(ended: Ended, errors: Errors, held_out: Accuracy, design: PoseDesign) -> float:
+def _expected_mm(
+    ended: FitSummary, errors: Errors, held_out: Accuracy, design: PoseDesign
+) -> float:
     """Return the largest error of held-out poses that is no surprise.
 
     Residuals are smaller than errors by what the fit took up; predictions add its uncertainty.
@@ -222,11 +228,11 @@ def _expected_mm(ended: Ended, errors: Errors, held_out: Accuracy, design: PoseD
     return float(expected_mm * max(_OVERFITTED, by_chance))
 
 
-def _correlated(ended: Ended) -> tuple[CorrelatedPair, ...]:
+def _correlated(ended: FitSummary) -> tuple[CorrelatedPair, ...]:
     std = np.sqrt(np.diag(ended.covariance))
     names = [parameter.name for parameter in ended.parameters]
     known = np.flatnonzero(
-        (std > 0) & np.array([name not in ended.open_parameters for name in names])
+        (std > 0) & np.array([name not in ended.not_identifiable for name in names])
     )
     correlation = ended.covariance[np.ix_(known, known)] / np.outer(std[known], std[known])
     first, second = np.nonzero(np.triu(np.abs(correlation) > _CORRELATED, 1))

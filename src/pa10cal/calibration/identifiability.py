@@ -76,7 +76,7 @@ def identify(jacobian: Array, scale: Array) -> Identifiability:
     return Identifiability(full, rank, right[rank:].T, float(full[0] / full[rank - 1]))
 
 
-def open_directions(
+def unidentified_directions(
     identifiability: Identifiability, parameters: tuple[Parameter, ...]
 ) -> tuple[Direction, ...]:
     """Name the null directions, each by as few parameters as the null space allows."""
@@ -97,7 +97,7 @@ def open_directions(
     return tuple(directions)
 
 
-def open_parameters(
+def not_identifiable(
     identifiability: Identifiability, parameters: tuple[Parameter, ...]
 ) -> frozenset[str]:
     """Return the names of the parameters that take part in a null direction."""

@@ -21,27 +21,27 @@ class BaseFrame:
     """The base frame that minimises the inner cost.
 
     Attributes:
-        T_cmm_base: (4, 4) base frame in the instrument's frame [m].
+        T_instr_base: (4, 4) base frame in the instrument's frame [m].
         jacobian: (6, k) derivative by the model's parameters: translation [m] over a small right
             rotation, R exp([omega]), or None where it was not asked for.
     """
 
-    T_cmm_base: Array
+    T_instr_base: Array
     jacobian: Array | None = None
 
 
 def fit_base_frame(
     T_base_ee: Array,
-    T_cmm_ee: Array,
+    T_instr_ee: Array,
     *,
     attitude_weight_m2: float,
     jacobian: Array | None = None,
 ) -> BaseFrame:
-    """Minimise sum |p_cmm - (R p_base + t)|^2 + w sum chord^2 over R and t.
+    """Minimise sum |p_instr - (R p_base + t)|^2 + w sum chord^2 over R and t.
 
     Args:
         T_base_ee: (M, 4, 4) predicted poses.
-        T_cmm_ee: (M, 4, 4) measured poses.
+        T_instr_ee: (M, 4, 4) measured poses.
         attitude_weight_m2: w, square of the length that makes one radian weigh like it; zero
             aligns on positions alone.
         jacobian: (M, 6, k) derivative of the predicted poses, where that of the frame is wanted.
@@ -50,10 +50,10 @@ def fit_base_frame(
         CalibrationError: when the poses leave a direction of the base frame open.
     """
     p_base, R_base = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
-    p_cmm, R_cmm = T_cmm_ee[:, :3, 3], T_cmm_ee[:, :3, :3]
-    mean_base, mean_cmm = p_base.mean(axis=0), p_cmm.mean(axis=0)
-    centred_cmm = p_cmm - mean_cmm
-    moment = centred_cmm.T @ (p_base - mean_base)
+    p_instr, R_cmm = T_instr_ee[:, :3, 3], T_instr_ee[:, :3, :3]
+    mean_base, mean_instr = p_base.mean(axis=0), p_instr.mean(axis=0)
+    centred_instr = p_instr - mean_instr
+    moment = centred_instr.T @ (p_base - mean_base)
     moment += 0.5 * attitude_weight_m2 * np.einsum("nij,nkj->ik", R_cmm, R_base)
     left, sizes, right = np.linalg.svd(moment)
     if not sizes[1] > 1e-12 * max(sizes[0], np.finfo(float).tiny):
@@ -66,11 +66,11 @@ def fit_base_frame(
         )
     R = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, mean_cmm - R @ mean_base
+    T[:3, :3], T[:3, 3] = R, mean_instr - R @ mean_base
     if jacobian is None:
         return BaseFrame(T)
     turn, shift = jacobian[:, 3:], jacobian[:, :3]
-    d_moment = (centred_cmm.T @ shift.reshape(len(shift), -1)).reshape(3, 3, -1)
+    d_moment = (centred_instr.T @ shift.reshape(len(shift), -1)).reshape(3, 3, -1)
     # d(R_cmm R_base^T) for R_base -> exp([turn]) R_base is -(R_cmm R_base^T) [turn].
     relative = R_cmm @ R_base.transpose(0, 2, 1)
     d_moment += 0.5 * attitude_weight_m2 * _times_cross(relative, turn)

@@ -39,7 +39,7 @@ def inner_dependence(level: TwoLevel, x: Array, options: Options, draws: int) ->
         terms = tolerance_rows(other, x, options)
         solution = solve(other, x, terms, options.max_iterations)
         T_base_ee = other.model.predict(other.observations.states, solution.x)
-        base = other.base(solution.x).T_cmm_base
+        base = other.base(solution.x).T_instr_base
         means.append(summarise(deviations(T_base_ee, base, other.observations)).mean_mm)
         reported.append(other.model.report(solution.x).values)
     count = len(reported)

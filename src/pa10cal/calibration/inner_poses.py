@@ -62,7 +62,7 @@ def _places(observations: PoseObservations) -> tuple[NDArray[np.str_], Array]:
     counts = np.bincount(codes)
     places = np.stack(
         [
-            np.bincount(codes, weights=observations.T_cmm_ee[:, axis, 3]) / counts
+            np.bincount(codes, weights=observations.T_instr_ee[:, axis, 3]) / counts
             for axis in range(3)
         ],
         axis=1,

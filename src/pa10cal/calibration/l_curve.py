@@ -53,7 +53,7 @@ def l_curve(
         solution = solve(level, x, weight * unit, max_iterations, _PRECISION)
         x = solution.x
         T_base_ee = level.model.predict(level.observations.states, x)
-        found = deviations(T_base_ee, level.base(x).T_cmm_base, level.observations)
+        found = deviations(T_base_ee, level.base(x).T_instr_base, level.observations)
         points.append(
             LCurvePoint(
                 weight=float(weight),

@@ -31,14 +31,14 @@ class Linearisation:
         jacobian: (N, 6, k) total derivative by the parameters.
         by_base: (N, 6, 6) derivative by the base frame: translation in the instrument's frame
             [m], then a small right rotation.
-        T_cmm_base: (4, 4) base frame.
+        T_instr_base: (4, 4) base frame.
         base_jacobian: (6, k) derivative of the base frame by the parameters.
     """
 
     residuals: Array
     jacobian: Array
     by_base: Array
-    T_cmm_base: Array
+    T_instr_base: Array
     base_jacobian: Array
 
 
@@ -88,7 +88,7 @@ class TwoLevel:
         inner = self.observations.take(self.inner_rows)
         return fit_base_frame(
             self.model.predict(inner.states, x),
-            inner.T_cmm_ee,
+            inner.T_instr_ee,
             attitude_weight_m2=self.r_max_m**2,
         )
 
@@ -96,7 +96,7 @@ class TwoLevel:
         """Return (N, 6) residuals."""
         T_base_ee = self.model.predict(self.observations.states, x)
         base = self._fit(T_base_ee, None)
-        return _residuals(base.T_cmm_base @ T_base_ee, self.observations.T_cmm_ee, self.r_max_m)
+        return _residuals(base.T_instr_base @ T_base_ee, self.observations.T_instr_ee, self.r_max_m)
 
     def linearise(self, x: Array) -> Linearisation:
         """Return residuals and exact derivatives, by one inner solve."""
@@ -110,7 +110,7 @@ class TwoLevel:
         rows = self.inner_rows
         return fit_base_frame(
             T_base_ee[rows],
-            self.observations.T_cmm_ee[rows],
+            self.observations.T_instr_ee[rows],
             attitude_weight_m2=self.r_max_m**2,
             jacobian=None if jacobian is None else jacobian[rows],
         )
@@ -118,18 +118,18 @@ class TwoLevel:
 
 @dataclass(frozen=True)
 class OneLevel:
-    """All unknowns at once; the model's own terms move the base away from `T_cmm_base`.
+    """All unknowns at once; the model's own terms move the base away from `T_instr_base`.
 
     Attributes:
         model: chain and terms, a base-frame term among them.
         observations: N measured poses.
-        T_cmm_base: (4, 4) where the base is when its term is zero.
+        T_instr_base: (4, 4) where the base is when its term is zero.
         r_max_m: length that normalises positions.
     """
 
     model: Model
     observations: PoseObservations
-    T_cmm_base: Array
+    T_instr_base: Array
     r_max_m: float = 1.0
 
     @property
@@ -139,12 +139,12 @@ class OneLevel:
 
     def base(self, x: Array) -> BaseFrame:
         """Return the fixed frame that the model's base term starts from."""
-        return BaseFrame(self.T_cmm_base, np.zeros((6, len(x))))
+        return BaseFrame(self.T_instr_base, np.zeros((6, len(x))))
 
     def residuals(self, x: Array) -> Array:
         """Return (N, 6) residuals."""
         T_base_ee = self.model.predict(self.observations.states, x)
-        return _residuals(self.T_cmm_base @ T_base_ee, self.observations.T_cmm_ee, self.r_max_m)
+        return _residuals(self.T_instr_base @ T_base_ee, self.observations.T_instr_ee, self.r_max_m)
 
     def linearise(self, x: Array) -> Linearisation:
         """Return residuals and exact derivatives."""
@@ -166,10 +166,10 @@ def _linearise(
     observations: PoseObservations,
     r_max_m: float,
 ) -> Linearisation:
-    T_cmm_base = base.T_cmm_base
-    R = T_cmm_base[:3, :3]
+    T_instr_base = base.T_instr_base
+    R = T_instr_base[:3, :3]
     base_jacobian = base.jacobian if base.jacobian is not None else np.zeros((6, 0))
-    error = pose_error(T_cmm_base @ T_base_ee, observations.T_cmm_ee)
+    error = pose_error(T_instr_base @ T_base_ee, observations.T_instr_ee)
     # R exp([omega]) p + t: the base moves the point by dt + (R omega) x (R p), turns it by R omega.
     p = T_base_ee[:, :3, 3] @ R.T
     by_base = np.zeros((len(p), 6, 6))
@@ -181,4 +181,4 @@ def _linearise(
     total[:, 3:] = by_base[:, 3:, 3:] @ jacobian[:, 3:]
     total += by_base @ base_jacobian
     residuals = np.concatenate([error.position_m / r_max_m, error.chord], axis=1)
-    return Linearisation(residuals, total, by_base, T_cmm_base, base_jacobian)
+    return Linearisation(residuals, total, by_base, T_instr_base, base_jacobian)

@@ -24,7 +24,7 @@ from pa10cal.calibration.calibrate import (
     one_level,
     solve_one_level,
 )
-from pa10cal.calibration.health import Ended, Errors, Health, health
+from pa10cal.calibration.health import Errors, FitSummary, Health, health
 from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependence
 from pa10cal.calibration.l_curve import LCurvePoint, l_curve
 from pa10cal.calibration.solve import nominal_start, solve
@@ -117,7 +117,7 @@ def work_out(
     arm: Arm,
     readings: PoseObservations,
     held_out: PoseObservations | None,
-    T_cmm_base_seed: Array,
+    T_instr_base_seed: Array,
     load: str,
     u_apparatus_m: float,
     study: Study,
@@ -128,7 +128,7 @@ def work_out(
         arm: the nominal arm.
         readings: single readings of the grid poses, of every load.
         held_out: poses held out, only judged; None where there are none.
-        T_cmm_base_seed: (4, 4) base frame from the straight-line moves.
+        T_instr_base_seed: (4, 4) base frame from the straight-line moves.
         load: `combined`, or a load such as `44N`.
         u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
         study: models and options.
@@ -158,7 +158,7 @@ def work_out(
     )
     rigid = nominal(arm)
     T_rigid = rigid.predict(grid.states, np.zeros(0))
-    away = np.linalg.inv(T_cmm_base_seed) @ cubic.T_cmm_base
+    away = np.linalg.inv(T_instr_base_seed) @ cubic.T_instr_base
     noise = with_own_scatter(used, chosen, cubic.level.model, cubic.solution.x)
     return LoadCase(
         load=load,
@@ -171,10 +171,10 @@ def work_out(
             deviations(T_rigid, align_nominal(rigid, grid), grid), grid.states.load_N
         ),
         before_seed_frame=summarise_by_load(
-            deviations(T_rigid, T_cmm_base_seed, grid), grid.states.load_N
+            deviations(T_rigid, T_instr_base_seed, grid), grid.states.load_N
         ),
         dependence=inner_dependence(cubic.level, cubic.solution.x, options, study.inner_subsets),
-        one_level=_check_one_level(cubic, T_cmm_base_seed, options),
+        one_level=_check_one_level(cubic, T_instr_base_seed, options),
         l_curve=(
             l_curve(cubic.level, cubic.solution.x, _L_CURVE_WEIGHTS, options.max_iterations)
             if load == COMBINED
@@ -211,23 +211,25 @@ def rows_of_load(load_N: Array, load: str) -> NDArray[np.bool_]:
 def model_deviations(calibration: Calibration, poses: PoseObservations) -> Deviations:
     """Return predicted minus measured of a calibrated model."""
     T_base_ee = calibration.level.model.predict(poses.states, calibration.solution.x)
-    return deviations(T_base_ee, calibration.T_cmm_base, poses)
+    return deviations(T_base_ee, calibration.T_instr_base, poses)
 
 
-def _check_one_level(cubic: Calibration, T_cmm_base_seed: Array, options: Options) -> OneLevelCheck:
+def _check_one_level(
+    cubic: Calibration, T_instr_base_seed: Array, options: Options
+) -> OneLevelCheck:
     """Solve on one level from the seed, and on two with all poses inside."""
     level, terms = cubic.level, cubic.terms
     start = nominal_start(level.model)
-    one = solve_one_level(level, T_cmm_base_seed, start, terms, options.max_iterations)
+    one = solve_one_level(level, T_instr_base_seed, start, terms, options.max_iterations)
     x = one.x[:-6]
     all_inside = replace(level, inner_rows=np.arange(len(level.observations)))
     two = solve(all_inside, start, terms, options.max_iterations)
     known = np.array(
-        [parameter.name not in cubic.open_parameters for parameter in level.model.parameters]
+        [parameter.name not in cubic.not_identifiable for parameter in level.model.parameters]
     )
     size = np.maximum(np.abs(two.x), level.model.scale)
     T_base_ee = level.model.predict(level.observations.states, x)
-    found = deviations(T_base_ee, all_inside.base(x).T_cmm_base, level.observations)
+    found = deviations(T_base_ee, all_inside.base(x).T_instr_base, level.observations)
     std = np.sqrt(np.diag(cubic.covariances.parameters))
     return OneLevelCheck(
         largest_difference=float((np.abs(x - two.x) / size)[known].max()),
@@ -241,7 +243,7 @@ def _health(
 ) -> Health:
     """Judge the calibration, base frame included."""
     level, solution = cubic.level, cubic.solution
-    whole = one_level(level, cubic.T_cmm_base)
+    whole = one_level(level, cubic.T_instr_base)
     k = len(solution.x)
     jacobian = whole.linearise(np.concatenate([solution.x, np.zeros(6)])).jacobian
     unit = np.concatenate([np.full(3, 1.0 / level.r_max_m), np.ones(3)])
@@ -253,7 +255,7 @@ def _health(
         for parameter, at_bound in zip(level.model.parameters, solution.at_bound, strict=True)
         if at_bound
     ]
-    ended = Ended(
+    ended = FitSummary(
         converged=solution.converged,
         reason=solution.reason,
         iterations=solution.iterations,
@@ -263,16 +265,16 @@ def _health(
         identifiability=cubic.identifiability,
         white=whitener @ jacobian,
         position=level.r_max_m * jacobian[:, :3],
-        open_parameters=cubic.open_parameters,
+        not_identifiable=cubic.not_identifiable,
     )
     noise_mm = 1e3 * float(np.sqrt(np.trace(noise.cov_ee[:, :3, :3], axis1=1, axis2=2).mean()))
-    p_cmm_m = level.observations.T_cmm_ee[:, :3, 3]
+    p_instr_m = level.observations.T_instr_ee[:, :3, 3]
     return health(
         ended,
         Errors(
             train_rms_mm=summarise(model_deviations(cubic, level.observations)).rms_mm,
             held_out=None if held_out is None else summarise(model_deviations(cubic, held_out)),
             noise_mm=noise_mm,
-            spread_mm=1e3 * float(np.sqrt(np.sum(np.var(p_cmm_m, axis=0)))),
+            spread_mm=1e3 * float(np.sqrt(np.sum(np.var(p_instr_m, axis=0)))),
         ),
     )

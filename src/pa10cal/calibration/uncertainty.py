@@ -71,7 +71,9 @@ def with_own_scatter(
     average = average_repeats(readings)
     expected = model.predict(readings.states, x)
     at_average = model.predict(average.states, x)[reading_groups(readings)]
-    explained = replace(readings, T_cmm_ee=readings.T_cmm_ee @ np.linalg.inv(expected) @ at_average)
+    explained = replace(
+        readings, T_instr_ee=readings.T_instr_ee @ np.linalg.inv(expected) @ at_average
+    )
     scatter = repeat_scatter(explained)
     return with_scatter(observations, scatter) if scatter.is_known else observations
 

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 #: Freedoms below which the scatter of repeats says too little about six components.
-LEAST_FREEDOMS = 12
+LEAST_DOF = 12
 
 
 @dataclass(frozen=True)
@@ -25,16 +25,16 @@ class RepeatScatter:
     Attributes:
         cov_ee: (6, 6) covariance of one reading: position [m] and small rotation [rad], both along
             the end-effector's own axes.
-        freedoms: readings less averaged poses; 0 where nothing was repeated.
+        dof: readings less averaged poses; 0 where nothing was repeated.
     """
 
     cov_ee: Array
-    freedoms: int
+    dof: int
 
     @property
     def is_known(self) -> bool:
         """Whether there were enough repeats."""
-        return self.freedoms >= LEAST_FREEDOMS
+        return self.dof >= LEAST_DOF
 
 
 def average_repeats(single: PoseObservations) -> PoseObservations:
@@ -62,14 +62,14 @@ def average_groups(single: PoseObservations, code: Index) -> PoseObservations:
         One row a group, in the order of their numbers; see `average_repeats`.
     """
     _, first, count = np.unique(code, return_index=True, return_counts=True)
-    T = group_means(single.T_cmm_ee, code)
+    T = group_means(single.T_instr_ee, code)
     U, _, Vt = np.linalg.svd(T[:, :3, :3])
     U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
     T[:, :3, :3] = U @ Vt
     return PoseObservations(
         pose=single.pose[first],
         states=average_states(single.states, code),
-        T_cmm_ee=T,
+        T_instr_ee=T,
         cov_ee=group_means(single.cov_ee, code) / count[:, None, None],
         by_apparatus=group_means(single.by_apparatus, code),
         repeats=count,
@@ -103,18 +103,18 @@ def repeat_scatter(single: PoseObservations) -> RepeatScatter:
     looks alike in every pose.
     """
     code = reading_groups(single)
-    mean = average_repeats(single).T_cmm_ee[code]
-    R_ee_cmm = np.swapaxes(mean[:, :3, :3], 1, 2)
-    shift = R_ee_cmm @ (single.T_cmm_ee[:, :3, 3] - mean[:, :3, 3])[..., None]
-    turn = Rotation.from_matrix(R_ee_cmm @ single.T_cmm_ee[:, :3, :3]).as_rotvec()
+    mean = average_repeats(single).T_instr_ee[code]
+    R_ee_instr = np.swapaxes(mean[:, :3, :3], 1, 2)
+    shift = R_ee_instr @ (single.T_instr_ee[:, :3, 3] - mean[:, :3, 3])[..., None]
+    turn = Rotation.from_matrix(R_ee_instr @ single.T_instr_ee[:, :3, :3]).as_rotvec()
     deviation = np.hstack([shift[..., 0], turn])
-    freedoms = len(single) - len(np.unique(code))
-    return RepeatScatter(deviation.T @ deviation / max(freedoms, 1), freedoms)
+    dof = len(single) - len(np.unique(code))
+    return RepeatScatter(deviation.T @ deviation / max(dof, 1), dof)
 
 
 def with_scatter(poses: PoseObservations, scatter: RepeatScatter) -> PoseObservations:
     """Give averaged poses the covariance that the scatter of single readings implies."""
-    R = poses.T_cmm_ee[:, :3, :3]
+    R = poses.T_instr_ee[:, :3, :3]
     turn = np.zeros((len(poses), 6, 6))
     turn[:, :3, :3] = turn[:, 3:, 3:] = R
     covariance = turn @ scatter.cov_ee @ np.swapaxes(turn, 1, 2)

@@ -50,7 +50,7 @@ class LocatedBalls:
     """Ball centres of C configurations.
 
     Attributes:
-        p_cmm_mm: (C, B, 3) centres.
+        p_instr_mm: (C, B, 3) centres.
         cov_mm2: (C, B, 3, 3) their covariances.
         used: (C, B, T) touches used.
         stray: (C, B, T) touches found astray.
@@ -59,7 +59,7 @@ class LocatedBalls:
         pooled_sigma_mm: standard deviation of one touch, from the residuals of all spheres.
     """
 
-    p_cmm_mm: Array
+    p_instr_mm: Array
     cov_mm2: Array
     used: Mask
     stray: Mask
@@ -68,11 +68,11 @@ class LocatedBalls:
     pooled_sigma_mm: float
 
 
-def locate_balls(p_cmm_mm: Array, valid: Mask, tool: TouchedTool, where: str) -> LocatedBalls:
+def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) -> LocatedBalls:
     """Find the centres of all balls and the touches that are astray.
 
     Args:
-        p_cmm_mm: (C, B, T, 3) touches, padded.
+        p_instr_mm: (C, B, T, 3) touches, padded.
         valid: (C, B, T) which of them are there.
         tool: the balls and the probe.
         where: file of the touches, for messages.
@@ -81,26 +81,26 @@ def locate_balls(p_cmm_mm: Array, valid: Mask, tool: TouchedTool, where: str) ->
         RawDataError: when touches in general do not lie on spheres of this radius, or the balls
             are not those of the tool.
     """
-    stray = _far_off(p_cmm_mm, valid, tool)
+    stray = _far_off(p_instr_mm, valid, tool)
     near = valid & ~stray
-    spheres = _fit(p_cmm_mm, near, tool)
+    spheres = _fit(p_instr_mm, near, tool)
     _refuse_flat(spheres, where)
     reason = unusable_balls(near, spheres.coplanar.reshape(valid.shape[:2]), tool.names)
     whole = np.flatnonzero(reason == "")
     sigma_mm = pooled_mm = float("nan")
     if len(whole):
-        spheres = _fit(p_cmm_mm[whole], near[whole], tool)
+        spheres = _fit(p_instr_mm[whole], near[whole], tool)
         sigma_mm = touch_sigma_mm(spheres, tool.centre_uncertainty_mm)
         limit_mm = tool.stray_sigma * sigma_mm
         _refuse_other_radius(spheres, limit_mm, tool, where)
         shape_mm = _shape(spheres.centre_mm.reshape(len(whole), -1, 3), tool, where)
         strays = find_strays(
-            p_cmm_mm[whole], near[whole], shape_mm, tool.radius_mm, limit_mm, sigma_mm
+            p_instr_mm[whole], near[whole], shape_mm, tool.radius_mm, limit_mm, sigma_mm
         )
         stray[whole] |= strays.touch
         reason[whole[strays.undecided]] = UNDECIDED
     used = valid & ~stray
-    spheres = _fit(p_cmm_mm, used, tool)
+    spheres = _fit(p_instr_mm, used, tool)
     without = unusable_balls(used, spheres.coplanar.reshape(valid.shape[:2]), tool.names)
     reason = np.where(reason == "", without, reason)
     fit = np.repeat(reason == "", len(tool.names))
@@ -108,7 +108,7 @@ def locate_balls(p_cmm_mm: Array, valid: Mask, tool: TouchedTool, where: str) ->
         pooled_mm = pooled_touch_sigma_mm(spheres.take(fit))
     C, B = valid.shape[:2]
     return LocatedBalls(
-        p_cmm_mm=spheres.centre_mm.reshape(C, B, 3),
+        p_instr_mm=spheres.centre_mm.reshape(C, B, 3),
         cov_mm2=sigma_mm**2 * spheres.cofactor.reshape(C, B, 3, 3),
         used=used,
         stray=stray,
@@ -118,18 +118,18 @@ def locate_balls(p_cmm_mm: Array, valid: Mask, tool: TouchedTool, where: str) ->
     )
 
 
-def _fit(p_cmm_mm: Array, valid: Mask, tool: TouchedTool) -> Spheres:
+def _fit(p_instr_mm: Array, valid: Mask, tool: TouchedTool) -> Spheres:
     C, B, T = valid.shape
-    return fit_spheres(p_cmm_mm.reshape(C * B, T, 3), valid.reshape(C * B, T), tool.radius_mm)
+    return fit_spheres(p_instr_mm.reshape(C * B, T, 3), valid.reshape(C * B, T), tool.radius_mm)
 
 
-def _far_off(p_cmm_mm: Array, valid: Mask, tool: TouchedTool) -> Mask:
+def _far_off(p_instr_mm: Array, valid: Mask, tool: TouchedTool) -> Mask:
     """Return touches further from their configuration's median than the tool is large."""
     between = tool.p_ee_balls_mm[:, None] - tool.p_ee_balls_mm
     size_mm = float(np.linalg.norm(between, axis=2).max()) + 2.0 * tool.radius_mm
-    there = np.where(valid[..., None], p_cmm_mm, np.nan)
+    there = np.where(valid[..., None], p_instr_mm, np.nan)
     middle = np.nanmedian(there.reshape(len(valid), -1, 3), axis=1)
-    distance: Array = np.linalg.norm(p_cmm_mm - middle[:, None, None, :], axis=3)
+    distance: Array = np.linalg.norm(p_instr_mm - middle[:, None, None, :], axis=3)
     return valid & (distance > FAR_OFF * size_mm)
 
 
@@ -163,11 +163,11 @@ def _refuse_other_radius(spheres: Spheres, limit_mm: float, tool: TouchedTool, w
     )
 
 
-def _shape(p_cmm_mm: Array, tool: TouchedTool, where: str) -> Array:
+def _shape(p_instr_mm: Array, tool: TouchedTool, where: str) -> Array:
     """Return the balls' places on the tool (B, 3): the median over all configurations."""
     nominal = tool.p_ee_balls_mm
-    T = fit_rigid(nominal, p_cmm_mm).T
-    on_tool = (p_cmm_mm - T[:, None, :3, 3]) @ T[:, :3, :3]
+    T = fit_rigid(nominal, p_instr_mm).T
+    on_tool = (p_instr_mm - T[:, None, :3, 3]) @ T[:, :3, :3]
     seen = np.median(on_tool, axis=0)
     off = np.linalg.norm(seen - nominal, axis=1)
     if off.max() > TOOL_MISFIT_MM:
@@ -178,4 +178,4 @@ def _shape(p_cmm_mm: Array, tool: TouchedTool, where: str) -> Array:
             allowed=f"within {TOOL_MISFIT_MM:g} mm of tool.balls_mm",
             remedy="check tool.balls_mm and the names of the balls",
         )
-    return seen if len(p_cmm_mm) >= ENOUGH_FOR_SHAPE else nominal
+    return seen if len(p_instr_mm) >= ENOUGH_FOR_SHAPE else nominal

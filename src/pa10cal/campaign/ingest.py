@@ -116,6 +116,6 @@ def _places_mm(poses: MeasuredPoses) -> NDArray[np.float64]:
     """Return what was measured of B places, (C, B, 3), or of a distance, (C, 1, 1)."""
     if poses.d_mm is not None:
         return poses.d_mm[:, None, None]
-    if poses.T_cmm_ee_mm is not None:
-        return poses.T_cmm_ee_mm[:, None, :3, 3]
-    return poses.p_cmm_balls_mm
+    if poses.T_instr_ee_mm is not None:
+        return poses.T_instr_ee_mm[:, None, :3, 3]
+    return poses.p_instr_balls_mm

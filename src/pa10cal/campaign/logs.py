@@ -74,11 +74,11 @@ class Touches(Readings):
 
     Attributes:
         ball: (N,) index of the ball.
-        p_cmm_mm: (N, 3) touched point, probe radius compensated.
+        p_instr_mm: (N, 3) touched point, probe radius compensated.
     """
 
     ball: NDArray[np.int64]
-    p_cmm_mm: Array
+    p_instr_mm: Array
 
 
 @dataclass(frozen=True)
@@ -141,10 +141,10 @@ def read_touches(path: Path, ball_names: Sequence[str]) -> tuple[Touches, FileRe
     raw, _ = whole_numbers(raw, "touch")
     raw = in_range(raw, places, TOO_LARGE, -LARGEST_MM, LARGEST_MM)
     raw, shared = readings_of(raw)
-    _, p_cmm_mm = numbers(raw, places)
+    _, p_instr_mm = numbers(raw, places)
     names = raw.columns["ball"].astype(str)
     ball = np.argmax(names[:, None] == np.array(ball_names), axis=1)
-    return in_time(Touches(**shared, ball=ball, p_cmm_mm=p_cmm_mm), raw)
+    return in_time(Touches(**shared, ball=ball, p_instr_mm=p_instr_mm), raw)
 
 
 def read_samples(path: Path, joints: int) -> tuple[Samples, FileRead]:

@@ -31,10 +31,10 @@ class MeasuredPoses:
         temperature_C: (C,) temperature, nan where not logged.
         dwell_samples: (C,) samples averaged; 0 where there is no log.
         ball_names: names of the B balls or other targets; none for instruments without.
-        p_cmm_balls_mm: (C, B, 3) their centres, nan where a target was not seen.
+        p_instr_balls_mm: (C, B, 3) their centres, nan where a target was not seen.
         cov_balls_mm2: (C, B, 3, 3) covariances of the centres.
         ball_touches: (C, B) touches used; 0 for an instrument that does not touch.
-        T_cmm_ee_mm: (C, 4, 4) end-effector in the instrument's frame [mm] - for a tracker its
+        T_instr_ee_mm: (C, 4, 4) end-effector in the instrument's frame [mm] - for a tracker its
             target on the end-effector; None for instruments that see points or distances alone.
         cov_ee_mm: (C, 6, 6) covariance of its position and of a small rotation applied on the left,
             both along the instrument's axes [mm², mm rad, rad²], as the instrument's uncertainty
@@ -57,10 +57,10 @@ class MeasuredPoses:
     temperature_C: Array
     dwell_samples: NDArray[np.int64]
     ball_names: tuple[str, ...]
-    p_cmm_balls_mm: Array
+    p_instr_balls_mm: Array
     cov_balls_mm2: Array
     ball_touches: NDArray[np.int64]
-    T_cmm_ee_mm: Array | None = None
+    T_instr_ee_mm: Array | None = None
     cov_ee_mm: Array | None = None
     d_mm: Array | None = None
     d_u_mm: Array | None = None

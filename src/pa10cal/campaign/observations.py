@@ -19,7 +19,7 @@ class PoseObservations:
     Attributes:
         pose: (P,) labels; the same label is the same command.
         states: state of the arm in each pose.
-        T_cmm_ee: (P, 4, 4) measured end-effector in the instrument's frame [m].
+        T_instr_ee: (P, 4, 4) measured end-effector in the instrument's frame [m].
         cov_ee: (P, 6, 6) covariance of position [m] and of a small rotation [rad] applied on the
             left, both along the instrument's axes.
         by_apparatus: (P, 6, a) derivative of the measured pose (position, small left rotation) by
@@ -30,7 +30,7 @@ class PoseObservations:
 
     pose: NDArray[np.str_]
     states: PoseStates
-    T_cmm_ee: Array
+    T_instr_ee: Array
     cov_ee: Array
     by_apparatus: Array
     repeats: NDArray[np.int64]
@@ -43,7 +43,7 @@ class PoseObservations:
         return PoseObservations(
             self.pose[rows],
             self.states.take(rows),
-            self.T_cmm_ee[rows],
+            self.T_instr_ee[rows],
             self.cov_ee[rows],
             self.by_apparatus[rows],
             self.repeats[rows],

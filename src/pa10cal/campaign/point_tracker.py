@@ -83,9 +83,9 @@ class PointTracker:
         self, rows: PoseRows, T_base_ee: Array, used: NDArray[np.intp], weights: Array
     ) -> Misfit:
         """Return the misfit of the positions."""
-        p_cmm_m = 1e-3 * self.places_mm(rows)
-        found = hand_eye_from_points(T_base_ee[used], p_cmm_m[used], weights=weights)
-        off_m = p_cmm_m - found.targets(T_base_ee)[..., :3, 3]
+        p_instr_m = 1e-3 * self.places_mm(rows)
+        found = hand_eye_from_points(T_base_ee[used], p_instr_m[used], weights=weights)
+        off_m = p_instr_m - found.targets(T_base_ee)[..., :3, 3]
         return Misfit(1e3 * np.linalg.norm(off_m, axis=2), np.zeros(len(rows)))
 
     def with_seen(self, poses: MeasuredPoses, rows: PoseRows) -> MeasuredPoses:
@@ -97,7 +97,7 @@ class PointTracker:
         return replace(
             poses,
             ball_names=self.names,
-            p_cmm_balls_mm=p_mm,
+            p_instr_balls_mm=p_mm,
             cov_balls_mm2=u_mm[..., None] ** 2 * np.eye(3),
             ball_touches=np.zeros(p_mm.shape[:2], dtype=np.int64),
         )

@@ -77,7 +77,7 @@ class PoseTracker:
     def with_seen(self, poses: MeasuredPoses, rows: PoseRows) -> MeasuredPoses:
         """Add the target's pose and its covariance."""
         return replace(
-            poses, T_cmm_ee_mm=self._T_cmm_target(rows), cov_ee_mm=self._covariance(rows)
+            poses, T_instr_ee_mm=self._T_cmm_target(rows), cov_ee_mm=self._covariance(rows)
         )
 
     def _T_cmm_target(self, rows: PoseRows) -> Array:

@@ -35,8 +35,8 @@ Index = NDArray[np.intp]
 
 #: The touches' scatter may exceed the instrument's statement by this factor without a note.
 SCATTER_NOTE = 1.5
-#: Part of the touches that may lie outside dwells before the clocks are doubted, and the part of
-#: those that may still do so under the offset that is then to blame.
+#: Part of the touches that may lie outside dwells before the clocks are suspected, and the part
+#: of those that may still do so under the offset that is then to blame.
 FEW_OUTSIDE = 0.05
 OFFSET_LEAVES = 0.2
 
@@ -87,7 +87,7 @@ def poses_from_touches(
         centre_uncertainty_mm=campaign.instrument.uncertainty_mm,
         stray_sigma=settings.stray_touch_sigma,
     )
-    balls = locate_balls(touches.p_cmm_mm[groups.row], groups.valid, tool, str(cmm))
+    balls = locate_balls(touches.p_instr_mm[groups.row], groups.valid, tool, str(cmm))
     readings = dwell_readings(samples, dwells)
     dwell = dwell[groups.first]
     off = off_command(touches.pose[groups.first], readings.q_rad[dwell], arm.prismatic)
@@ -111,7 +111,7 @@ def _check_angle_unit(
     reach_mm = float(np.linalg.norm(campaign.p_ee_balls_mm, axis=1).max())
     refuse_wrong_angle_unit(
         (samples.time_s, samples.q_deg),
-        (touches.time_s[one], touches.p_cmm_mm[one]),
+        (touches.time_s[one], touches.p_instr_mm[one]),
         arm,
         reach_mm,
         f"{where}: q1_deg … q{arm.n}_deg",
@@ -198,7 +198,7 @@ def _assemble(
     """Fit the end-effector to the balls of the good configurations and gather their readings."""
     first = groups.first[good]
     cov_balls_mm2 = balls.cov_mm2[good]
-    fit = fit_rigid_weighted(tool.p_ee_balls_mm, balls.p_cmm_mm[good], cov_balls_mm2)
+    fit = fit_rigid_weighted(tool.p_ee_balls_mm, balls.p_instr_mm[good], cov_balls_mm2)
     used = balls.used[good]
     time_s = touches.time_s[groups.row[good]]
     begin = np.where(used, time_s, np.inf).min(axis=(1, 2), initial=np.inf)
@@ -219,10 +219,10 @@ def _assemble(
         temperature_C=readings.temperature_C[at],
         dwell_samples=readings.samples[at],
         ball_names=tool.names,
-        p_cmm_balls_mm=balls.p_cmm_mm[good],
+        p_instr_balls_mm=balls.p_instr_mm[good],
         cov_balls_mm2=cov_balls_mm2,
         ball_touches=used.sum(axis=2),
-        T_cmm_ee_mm=fit.T,
+        T_instr_ee_mm=fit.T,
         cov_ee_mm=fit.covariance,
     )
 

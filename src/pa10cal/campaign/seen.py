@@ -20,18 +20,18 @@ class SeenPoses:
     """Position and attitude of one target in P poses.
 
     Attributes:
-        T_cmm_target: (P, 4, 4) target in the instrument's frame [m]: for balls that are touched
+        T_instr_target: (P, 4, 4) target in the instrument's frame [m]: for balls that are touched
             the end-effector itself, by the balls' stated places.
         cov: (P, 6, 6) covariance of position [m] and of a small rotation [rad] applied on the
             left, both along the instrument's axes.
     """
 
-    T_cmm_target: Array
+    T_instr_target: Array
     cov: Array
 
     def take(self, rows: Rows) -> SeenPoses:
         """Return what was seen in some of the poses."""
-        return SeenPoses(self.T_cmm_target[rows], self.cov[rows])
+        return SeenPoses(self.T_instr_target[rows], self.cov[rows])
 
 
 @dataclass(frozen=True)
@@ -40,20 +40,20 @@ class SeenPoints:
 
     Attributes:
         names: (B,) names of the targets.
-        p_cmm_m: (P, B, 3) positions in the instrument's frame, nan where a target was not seen.
+        p_instr_m: (P, B, 3) positions in the instrument's frame, nan where a target was not seen.
         cov_m2: (P, B, 3, 3) their covariances, nan where a target was not seen.
         p_ee_stated_m: (B, 3) places of the targets in the end-effector frame as the campaign's
             description states them, or None where it does not state them all.
     """
 
     names: tuple[str, ...]
-    p_cmm_m: Array
+    p_instr_m: Array
     cov_m2: Array
     p_ee_stated_m: Array | None
 
     def take(self, rows: Rows) -> SeenPoints:
         """Return what was seen in some of the poses."""
-        return SeenPoints(self.names, self.p_cmm_m[rows], self.cov_m2[rows], self.p_ee_stated_m)
+        return SeenPoints(self.names, self.p_instr_m[rows], self.cov_m2[rows], self.p_ee_stated_m)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the instrument saw in every pose, in the form in which the complete model takes it."""
+"""What the instrument saw in every pose, in the form in which the general model takes it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def sightings(
     """
     if campaign.instrument.kind in ("touch_trigger_cmm", "pose"):
         found = observations(table, kind, average=average, covariance="instrument")
-        seen = SeenPoses(found.T_cmm_ee, found.cov_ee)
+        seen = SeenPoses(found.T_instr_ee, found.cov_ee)
         return Sightings(found.pose, found.states, seen, found.repeats)
     rows = in_order(table[table["kind"] == kind])
     pose, states = rows["pose"].to_numpy(dtype=str), states_of(rows)
@@ -62,16 +62,16 @@ def stated_places_m(campaign: Campaign, names: tuple[str, ...]) -> Array | None:
 def _points(rows: pd.DataFrame, campaign: Campaign, code: Index) -> SeenPoints:
     """Average what was seen of each target over the readings in which it was."""
     names = target_names(rows)
-    p_cmm_m, cov_m2 = targets_m(rows)
-    seen = np.isfinite(p_cmm_m[..., 0])
+    p_instr_m, cov_m2 = targets_m(rows)
+    seen = np.isfinite(p_instr_m[..., 0])
     share = group_means(seen.astype(float), code)
     share[share == 0.0] = np.nan  # not seen in any reading
     times = share * np.bincount(code)[:, None]
-    p_cmm_m = group_means(np.where(seen[..., None], p_cmm_m, 0.0), code)
+    p_instr_m = group_means(np.where(seen[..., None], p_instr_m, 0.0), code)
     cov_m2 = group_means(np.where(seen[..., None, None], cov_m2, 0.0), code)
     return SeenPoints(
         names,
-        p_cmm_m / share[..., None],
+        p_instr_m / share[..., None],
         cov_m2 / (share * times)[..., None, None],
         stated_places_m(campaign, names),
     )

@@ -101,8 +101,8 @@ def pooled_touch_sigma_mm(spheres: Spheres) -> float:
     It holds the probing noise alone; what the instrument states also covers errors that all touches
     on a ball share. Hence it is compared with the statement and does not replace it.
     """
-    freedoms = int((spheres.touches - 3).clip(min=0).sum())
-    return float(np.sqrt((spheres.residual_mm**2).sum() / freedoms)) if freedoms else float("nan")
+    dof = int((spheres.touches - 3).clip(min=0).sum())
+    return float(np.sqrt((spheres.residual_mm**2).sum() / dof)) if dof else float("nan")
 
 
 def _linearise(

@@ -106,7 +106,7 @@ def observations(
             "the instrument did not see the end-effector's pose",
             where=f"table of poses of {table.attrs.get('campaign')}",
             allowed="a campaign of kind touch_trigger_cmm or pose",
-            remedy="calibrate this campaign with its complete model",
+            remedy="calibrate this campaign with its general model",
         )
     every = _single(table[table["kind"] == kind])
     single = every if loads is None else every.take(np.isin(every.states.load_N, list(loads)))
@@ -130,7 +130,7 @@ def _single(rows: pd.DataFrame) -> PoseObservations:
     return PoseObservations(
         pose=rows["pose"].to_numpy(dtype=str),
         states=states_of(rows),
-        T_cmm_ee=T,
+        T_instr_ee=T,
         cov_ee=cov_ee * np.outer(scale, scale),
         by_apparatus=_by_apparatus(rows, T),
         repeats=np.ones(len(rows), dtype=np.int64),
@@ -165,15 +165,15 @@ def target_names(table: pd.DataFrame) -> tuple[str, ...]:
 def targets_m(rows: pd.DataFrame) -> tuple[Array, Array]:
     """Return the centres (P, B, 3) [m] of the targets, and their covariances (P, B, 3, 3)."""
     names = target_names(rows)
-    p_cmm_mm = np.zeros((len(rows), len(names), 3))
+    p_instr_mm = np.zeros((len(rows), len(names), 3))
     cov_mm2 = np.zeros((len(rows), len(names), 3, 3))
     for b, name in enumerate(names):
-        p_cmm_mm[:, b] = _numbers(rows, [f"ball{name}_{axis}_mm" for axis in AXES])
+        p_instr_mm[:, b] = _numbers(rows, [f"ball{name}_{axis}_mm" for axis in AXES])
         for i in range(3):
             for j in range(i, 3):
                 column = _numbers(rows, [f"ball{name}_c{AXES[i]}{AXES[j]}_mm2"])[:, 0]
                 cov_mm2[:, b, i, j] = cov_mm2[:, b, j, i] = column
-    return MM * p_cmm_mm, MM**2 * cov_mm2
+    return MM * p_instr_mm, MM**2 * cov_mm2
 
 
 def distances_m(rows: pd.DataFrame) -> tuple[Array, Array]:
@@ -182,11 +182,11 @@ def distances_m(rows: pd.DataFrame) -> tuple[Array, Array]:
     return d_m, u_m
 
 
-def _by_apparatus(rows: pd.DataFrame, T_cmm_ee: Array) -> Array:
+def _by_apparatus(rows: pd.DataFrame, T_instr_ee: Array) -> Array:
     """Return how each measured pose answers to the balls' places on the apparatus."""
     if not target_names(rows):
         return np.zeros((len(rows), 6, 0))
-    return pose_by_source(T_cmm_ee, *targets_m(rows))
+    return pose_by_source(T_instr_ee, *targets_m(rows))
 
 
 def _numbers(rows: pd.DataFrame, names: Sequence[str]) -> Array:
@@ -225,23 +225,23 @@ def _columns(poses: MeasuredPoses) -> dict[str, object]:
     columns["dwell_samples"] = poses.dwell_samples
     for b, name in enumerate(poses.ball_names):
         for k, axis in enumerate(AXES):
-            columns[f"ball{name}_{axis}_mm"] = poses.p_cmm_balls_mm[:, b, k]
+            columns[f"ball{name}_{axis}_mm"] = poses.p_instr_balls_mm[:, b, k]
         for i in range(3):
             for j in range(i, 3):
                 columns[f"ball{name}_c{AXES[i]}{AXES[j]}_mm2"] = poses.cov_balls_mm2[:, b, i, j]
         columns[f"ball{name}_touches"] = poses.ball_touches[:, b]
-    if poses.T_cmm_ee_mm is not None and poses.cov_ee_mm is not None:
-        columns |= _pose_columns(poses.T_cmm_ee_mm, poses.cov_ee_mm)
+    if poses.T_instr_ee_mm is not None and poses.cov_ee_mm is not None:
+        columns |= _pose_columns(poses.T_instr_ee_mm, poses.cov_ee_mm)
     if poses.d_mm is not None:
         columns |= {"d_mm": poses.d_mm, "d_u_mm": poses.d_u_mm}
     return columns
 
 
-def _pose_columns(T_cmm_ee_mm: Array, cov_ee_mm: Array) -> dict[str, object]:
+def _pose_columns(T_instr_ee_mm: Array, cov_ee_mm: Array) -> dict[str, object]:
     columns: dict[str, object] = {
-        f"ee_{axis}_mm": T_cmm_ee_mm[:, k, 3] for k, axis in enumerate(AXES)
+        f"ee_{axis}_mm": T_instr_ee_mm[:, k, 3] for k, axis in enumerate(AXES)
     }
-    quaternion = Rotation.from_matrix(T_cmm_ee_mm[:, :3, :3]).as_quat(
+    quaternion = Rotation.from_matrix(T_instr_ee_mm[:, :3, :3]).as_quat(
         canonical=True, scalar_first=True
     )
     columns |= dict(zip(QUATERNION, quaternion.T, strict=True))

@@ -257,7 +257,7 @@ def _unseen(rows: PoseRows, q_rad: Array, arm: Arm) -> MeasuredPoses:
         temperature_C=rows.temperature_C,
         dwell_samples=np.zeros(count, dtype=np.int64),
         ball_names=(),
-        p_cmm_balls_mm=np.zeros((count, 0, 3)),
+        p_instr_balls_mm=np.zeros((count, 0, 3)),
         cov_balls_mm2=np.zeros((count, 0, 3, 3)),
         ball_touches=np.zeros((count, 0), dtype=np.int64),
     )

@@ -109,7 +109,7 @@ class BuiltRobot:
         mass_kg: (n,) masses of its links.
         com_m: (n, 3) their centres of mass in the frame of the link's own row.
         apparatus: what it carries.
-        T_cmm_base: (4, 4) its base in the instrument's frame [m].
+        T_instr_base: (4, 4) its base in the instrument's frame [m].
     """
 
     arm: Arm
@@ -118,4 +118,4 @@ class BuiltRobot:
     mass_kg: Array
     com_m: Array
     apparatus: Apparatus
-    T_cmm_base: Array
+    T_instr_base: Array

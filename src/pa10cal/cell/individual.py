@@ -91,7 +91,7 @@ def build_robot(
         mass_kg=_true_masses_kg(arm.mass_kg, settings.mass_factor),
         com_m=arm.com_m,
         apparatus=apparatus,
-        T_cmm_base=_stand(p_base_middle_m, rng),
+        T_instr_base=_stand(p_base_middle_m, rng),
     )
 
 
@@ -190,8 +190,8 @@ def refuse_unrated(arm: Arm, joints: Iterable[int], where: str) -> None:
 def _stand(p_base_middle_m: Array, rng: np.random.Generator) -> Array:
     """Return the base in the machine: turned any way about the vertical, and not quite level."""
     roll, pitch = rng.normal(0.0, _TILT_RAD, 2)
-    T_cmm_base = np.eye(4)
-    T_cmm_base[:3, :3] = pin.rpy.rpyToMatrix(roll, pitch, rng.uniform(-np.pi, np.pi))
-    p_cmm_middle_m = _CMM_MIDDLE_M + rng.normal(0.0, _CMM_MIDDLE_SPREAD_M, 3)
-    T_cmm_base[:3, 3] = p_cmm_middle_m - T_cmm_base[:3, :3] @ p_base_middle_m
-    return T_cmm_base
+    T_instr_base = np.eye(4)
+    T_instr_base[:3, :3] = pin.rpy.rpyToMatrix(roll, pitch, rng.uniform(-np.pi, np.pi))
+    p_instr_middle_m = _CMM_MIDDLE_M + rng.normal(0.0, _CMM_MIDDLE_SPREAD_M, 3)
+    T_instr_base[:3, 3] = p_instr_middle_m - T_instr_base[:3, :3] @ p_base_middle_m
+    return T_instr_base

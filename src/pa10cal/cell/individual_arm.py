@@ -68,7 +68,7 @@ class IndividualArm:
     Attributes:
         arm: the arm as its maker describes it.
         linkage: its joints, links and springs as they are.
-        T_cmm_base: (4, 4) its base in the instrument's frame [m].
+        T_instr_base: (4, 4) its base in the instrument's frame [m].
         T_ee_target: (4, 4) the target of a tracker of poses, in the end-effector frame [m]; the
             campaign says that it is the end-effector frame itself.
         targets: targets of the other instruments.
@@ -76,7 +76,7 @@ class IndividualArm:
 
     arm: Arm
     linkage: Linkage
-    T_cmm_base: Array
+    T_instr_base: Array
     T_ee_target: Array
     targets: Targets
 
@@ -89,21 +89,21 @@ class IndividualArm:
         """
         return self.linkage.rest(q, np.broadcast_to(load_N, len(q))).T_base_ee
 
-    def T_cmm_target(self, T_base_ee: Array) -> Array:
+    def T_instr_target(self, T_base_ee: Array) -> Array:
         """Return what a tracker would see of end-effector poses (P, 4, 4), without its noise."""
-        T: Array = self.T_cmm_base @ T_base_ee @ self.T_ee_target
+        T: Array = self.T_instr_base @ T_base_ee @ self.T_ee_target
         return T
 
-    def p_cmm_targets_m(self, T_base_ee: Array) -> Array:
+    def p_instr_targets_m(self, T_base_ee: Array) -> Array:
         """Return the places of the targets (P, B, 3) in the instrument's frame."""
-        T_cmm_ee = self.T_cmm_base @ T_base_ee
-        along = np.einsum("pij,bj->pbi", T_cmm_ee[:, :3, :3], self.targets.p_ee_m)
-        places: Array = along + T_cmm_ee[:, None, :3, 3]
+        T_instr_ee = self.T_instr_base @ T_base_ee
+        along = np.einsum("pij,bj->pbi", T_instr_ee[:, :3, :3], self.targets.p_ee_m)
+        places: Array = along + T_instr_ee[:, None, :3, 3]
         return places
 
     def d_m(self, T_base_ee: Array) -> Array:
         """Return the distances (P,) of the first target from the instrument's origin."""
-        distances: Array = np.linalg.norm(self.p_cmm_targets_m(T_base_ee)[:, 0], axis=1)
+        distances: Array = np.linalg.norm(self.p_instr_targets_m(T_base_ee)[:, 0], axis=1)
         return distances
 
 
@@ -126,12 +126,12 @@ def draw_individual(arm: Arm, plan: SightedPlan, rng: np.random.Generator) -> In
     turn_rad = np.array([plan.axis_rad, plan.axis_rad, plan.zero_rad])
     placements = linkage.placements @ _small_motions(arm.n, plan.axis_m, turn_rad, geometry)
     T_last_ee = linkage.T_last_ee @ _small_motions(1, plan.axis_m, plan.axis_rad, geometry)[0]
-    T_cmm_base = _anywhere(geometry)
+    T_instr_base = _anywhere(geometry)
     designed = Targets.designed(_target_count(plan))
     return IndividualArm(
         arm=arm,
         linkage=replace(linkage, placements=placements, T_last_ee=T_last_ee),
-        T_cmm_base=T_cmm_base,
+        T_instr_base=T_instr_base,
         T_ee_target=_small_motions(1, plan.target_m, plan.target_rad, geometry)[0],
         targets=replace(
             designed,
@@ -146,7 +146,7 @@ def individual_from_departures(
     *,
     plan: SightedPlan | None = None,
     springs: Springs | None = None,
-    T_cmm_base: Array | None = None,
+    T_instr_base: Array | None = None,
     targets: Targets | None = None,
 ) -> IndividualArm:
     """Build the individual that departs from its description by exactly the named parameters.
@@ -160,7 +160,7 @@ def individual_from_departures(
             end-effector frame, behind the constant one.
         plan: gives the tool's mass and the number of targets; None for the defaults.
         springs: its springs; None for none.
-        T_cmm_base: (4, 4) where its base would be without departures; None for the instrument's
+        T_instr_base: (4, 4) where its base would be without departures; None for the instrument's
             own frame.
         targets: its targets, in the end-effector frame; None for such as are where the campaign
             says.
@@ -188,11 +188,11 @@ def individual_from_departures(
                 remedy="correct the name",
             )
     linkage = Linkage.of(arm, rows, _payload(plan), springs or Springs.rigid(arm.n))
-    stands = np.eye(4) if T_cmm_base is None else T_cmm_base
+    stands = np.eye(4) if T_instr_base is None else T_instr_base
     return IndividualArm(
         arm=arm,
         linkage=replace(linkage, T_last_ee=linkage.T_last_ee @ _in_turn(frames["tool"])),
-        T_cmm_base=stands @ _in_turn(frames["base"]),
+        T_instr_base=stands @ _in_turn(frames["base"]),
         T_ee_target=np.eye(4),
         targets=Targets.designed(_target_count(plan)) if targets is None else targets,
     )

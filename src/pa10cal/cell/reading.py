@@ -71,8 +71,10 @@ def touch_balls(
         if isinstance(effect, ToolEffect):
             shift_m = shift_m + effect.shift_m(R_base_ee)
     p_ee_m = apparatus.balls_m + shift_m[:, None, :]
-    T_cmm_ee = robot.T_cmm_base @ T_base_ee
-    centres_m = np.einsum("cij,cbj->cbi", T_cmm_ee[:, :3, :3], p_ee_m) + T_cmm_ee[:, None, :3, 3]
+    T_instr_ee = robot.T_instr_base @ T_base_ee
+    centres_m = (
+        np.einsum("cij,cbj->cbi", T_instr_ee[:, :3, :3], p_ee_m) + T_instr_ee[:, None, :3, 3]
+    )
     points_m = centres_m[:, :, None, :] + 0.5 * apparatus.ball_diameter_m * TOUCH_DIRECTIONS
     read_m = points_m.copy()
     for effect in effects:

@@ -28,10 +28,10 @@ class SeenPose:
     """What a tracker of poses saw.
 
     Attributes:
-        T_cmm_target: (P, 4, 4) its target in the instrument's frame [m].
+        T_instr_target: (P, 4, 4) its target in the instrument's frame [m].
     """
 
-    T_cmm_target: Array
+    T_instr_target: Array
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,10 @@ class SeenTargets:
     """What an instrument of several targets saw.
 
     Attributes:
-        p_cmm_m: (P, B, 3) places of the targets; nan where one was not seen.
+        p_instr_m: (P, B, 3) places of the targets; nan where one was not seen.
     """
 
-    p_cmm_m: Array
+    p_instr_m: Array
 
 
 @dataclass(frozen=True)
@@ -230,11 +230,11 @@ def _see(individual: IndividualArm, plan: SightedPlan, T_base_ee: Array, streams
         d_m = individual.d_m(T_base_ee)
         return SeenDistance(d_m + noise_m * streams.position.standard_normal(d_m.shape))
     if plan.instrument == "points":
-        p_m = individual.p_cmm_targets_m(T_base_ee)
+        p_m = individual.p_instr_targets_m(T_base_ee)
         p_m += noise_m * streams.position.standard_normal(p_m.shape)
         p_m[_unseen(p_m.shape[:2], plan.unseen_share, streams.hidden)] = np.nan
         return SeenTargets(p_m)
-    T = individual.T_cmm_target(T_base_ee)
+    T = individual.T_instr_target(T_base_ee)
     T[:, :3, 3] += noise_m * streams.position.standard_normal((len(T), 3))
     turns = Rotation.from_rotvec(plan.attitude_rad * streams.attitude.standard_normal((len(T), 3)))
     T[:, :3, :3] = turns.as_matrix() @ T[:, :3, :3]

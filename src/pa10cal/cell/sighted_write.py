@@ -83,7 +83,7 @@ def sighted_truth_record(campaign: SightedCampaign, name: str) -> dict[str, Any]
         "campaign": name,
         "robot": individual.arm.name,
         "random_seed": campaign.random_seed,
-        "T_cmm_base_m": individual.T_cmm_base.tolist(),
+        "T_instr_base_m": individual.T_instr_base.tolist(),
         "joint_placements_m": linkage.placements.tolist(),
         "T_last_joint_ee_m": linkage.T_last_ee.tolist(),
         "T_ee_target_m": individual.T_ee_target.tolist(),
@@ -129,9 +129,9 @@ def _seen_columns(campaign: SightedCampaign) -> dict[str, Array]:
     seen, plan = campaign.seen, campaign.plan
     if isinstance(seen, SeenPose):
         places = dict(
-            zip(("x_mm", "y_mm", "z_mm"), 1e3 * seen.T_cmm_target[:, :3, 3].T, strict=True)
+            zip(("x_mm", "y_mm", "z_mm"), 1e3 * seen.T_instr_target[:, :3, 3].T, strict=True)
         )
-        rotation = Rotation.from_matrix(seen.T_cmm_target[:, :3, :3])
+        rotation = Rotation.from_matrix(seen.T_instr_target[:, :3, :3])
         quaternion = rotation.as_quat(canonical=True, scalar_first=True)
         # Half a turn's uncertainty in every component is that turn's about every axis.
         attitude = dict(zip(_QUATERNION, quaternion.T, strict=True))
@@ -139,7 +139,7 @@ def _seen_columns(campaign: SightedCampaign) -> dict[str, Array]:
     if isinstance(seen, SeenTargets):
         names = campaign.truth.individual.targets.names
         places = {
-            f"{name}_{axis}_mm": 1e3 * seen.p_cmm_m[:, b, k]
+            f"{name}_{axis}_mm": 1e3 * seen.p_instr_m[:, b, k]
             for b, name in enumerate(names)
             for k, axis in enumerate("xyz")
         }

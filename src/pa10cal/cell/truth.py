@@ -34,7 +34,7 @@ def truth_record(campaign: Campaign) -> dict[str, Any]:
         "random_seed": settings.random_seed,
         "kcub_reading": robot.springs.source,
         "parameters": _parameters(robot),
-        "T_cmm_base_m": robot.T_cmm_base.tolist(),
+        "T_instr_base_m": robot.T_instr_base.tolist(),
         "mass_kg": robot.mass_kg.tolist(),
         "com_m": robot.com_m.tolist(),
         "tool": {

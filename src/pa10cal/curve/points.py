@@ -32,7 +32,7 @@ _SHORTER = tuple(ulps * float(np.finfo(float).eps) for ulps in (0, 1, 2, 4, 8, 1
 class Ending(Enum):
     """How the points of a curve end."""
 
-    COMPLETE = "the links asked for are laid"
+    GENERAL = "the links asked for are laid"
     EXACT = "the last link ends at the curve's end"
     USED_UP = "what is left of the curve is shorter than a link"
     INSIDE = "what is left of the curve stays nearer than a link"
@@ -194,10 +194,10 @@ def _lay(curve: Curve, link_m: float, wanted: int) -> Points:
             touches = np.array([crossing.touches])
             laid.append(_Laid(np.array([crossing.t]), crossing.p_m[None], touches))
         count += len(laid[-1].touches)
-    return _ended(curve, link_m, _Laid.joined(laid), wanted)
+    return _fit_summary(curve, link_m, _Laid.joined(laid), wanted)
 
 
-def _ended(curve: Curve, link_m: float, laid: _Laid, wanted: int) -> Points:
+def _fit_summary(curve: Curve, link_m: float, laid: _Laid, wanted: int) -> Points:
     """Say how points end."""
     t, end = float(laid.t[-1]), curve.bounds.end
     gap_m = float(np.linalg.norm(curve.at(np.array([end]))[0] - laid.p_m[-1]))
@@ -206,7 +206,7 @@ def _ended(curve: Curve, link_m: float, laid: _Laid, wanted: int) -> Points:
     if max(left_m, gap_m) <= len(laid.t) * same_m:
         ending = Ending.EXACT
     elif len(laid.touches) == wanted:
-        ending = Ending.COMPLETE
+        ending = Ending.GENERAL
     else:
         ending = Ending.USED_UP if left_m < link_m else Ending.INSIDE
     return Points(link_m, laid.t, laid.p_m, laid.touches, ending, left_m, gap_m)

@@ -28,7 +28,7 @@ _MOST_DRAWS = 15
 
 
 class Measured(Protocol):
-    """What is known of a campaign whose surroundings are asked for."""
+    """What is known of a campaign whose context are asked for."""
 
     @property
     def baseline(self) -> Baseline:
@@ -104,11 +104,11 @@ def _is_admissible(problem: Measured, q_rad: Array, room: Room) -> NDArray[np.bo
     """Tell which configurations (P, n) keep within the room, (P,), by the nominal chain."""
     chain = problem.baseline.model.chain
     at = frames(chain, chain.coordinates(q_rad))
-    T_cmm_base = problem.baseline.T_cmm_base
+    T_instr_base = problem.baseline.T_instr_base
     p_base_end = at.T_base_ee[:, :3, 3]
-    p_cmm_end = p_base_end @ T_cmm_base[:3, :3].T + T_cmm_base[:3, 3]
+    p_instr_end = p_base_end @ T_instr_base[:3, :3].T + T_instr_base[:3, 3]
     low, high = _box(problem, room)
-    within: NDArray[np.bool_] = np.all((p_cmm_end > low) & (p_cmm_end < high), axis=1)
+    within: NDArray[np.bool_] = np.all((p_instr_end > low) & (p_instr_end < high), axis=1)
     p_base_targets = p_base_end[:, None] + np.einsum(
         "pij,bj->pbi", at.T_base_ee[:, :3, :3], problem.setting.p_ee_targets_m.reshape(-1, 3)
     )
@@ -124,7 +124,7 @@ def _is_admissible(problem: Measured, q_rad: Array, room: Room) -> NDArray[np.bo
 
 def _box(problem: Measured, room: Room) -> tuple[Array, Array]:
     """Return the corners (3,), (3,) of where the end may be, in the instrument's frame."""
-    measured = problem.cells.T_cmm_ee[:, :3, 3]
+    measured = problem.cells.T_instr_ee[:, :3, 3]
     low, high = measured.min(axis=0), measured.max(axis=0)
     margin = np.maximum(0.5 * (room.volume_factor - 1.0) * (high - low), room.least_margin_m)
     return low - margin, high + margin
@@ -157,7 +157,7 @@ def foresee(
         DiscoveryError: when torques were logged but the weights that make them are not known.
     """
     baseline, setting, measured = problem.baseline, problem.setting, problem.readings.states
-    if setting.burden is None and np.all(np.isfinite(measured.tau_Nm)):
+    if setting.payload is None and np.all(np.isfinite(measured.tau_Nm)):
         raise DiscoveryError(
             "torques cannot be foreseen in configurations that were not measured",
             where=baseline.model.chain.arm.name,
@@ -167,7 +167,7 @@ def foresee(
     count, last = len(q_rad), int(np.argmax(measured.time_s))
     states = PoseStates(
         q_rad=q_rad,
-        tau_Nm=np.full(q_rad.shape, np.nan if setting.burden is None else 0.0),
+        tau_Nm=np.full(q_rad.shape, np.nan if setting.payload is None else 0.0),
         arrival=arrival,
         load_N=load_N,
         temperature_C=np.full(count, measured.temperature_C[last]),
@@ -177,20 +177,20 @@ def foresee(
     poses = PoseObservations(
         pose=np.array([f"next {k}" for k in range(count)]),
         states=states,
-        T_cmm_ee=baseline.T_cmm_base @ baseline.model.predict(states, baseline.x),
+        T_instr_ee=baseline.T_instr_base @ baseline.model.predict(states, baseline.x),
         cov_ee=np.zeros((count, 6, 6)),
         by_apparatus=np.zeros((count, *problem.readings.by_apparatus.shape[1:])),
         repeats=np.full(count, repeats),
     )
     poses = _on_apparatus(poses, problem)
     states = complete(poses, baseline, setting).states
-    if states.carried is not None:
-        tau_Nm = states.carried.joint_Nm + found.model.torque_Nm(states, found.x)
+    if states.static_loads is not None:
+        tau_Nm = states.static_loads.joint_Nm + found.model.torque_Nm(states, found.x)
         states = replace(states, tau_Nm=tau_Nm)
-    T_cmm_ee = found.level.T_cmm_base @ found.model.predict(states, found.x)
-    poses = _on_apparatus(replace(poses, states=states, T_cmm_ee=T_cmm_ee), problem)
+    T_instr_ee = found.level.T_instr_base @ found.model.predict(states, found.x)
+    poses = _on_apparatus(replace(poses, states=states, T_instr_ee=T_instr_ee), problem)
     poses = replace(poses, cov_ee=_reading_cov(poses, problem) / repeats)
-    level = OneLevel(found.model, poses, found.level.T_cmm_base, found.level.r_max_m)
+    level = OneLevel(found.model, poses, found.level.T_instr_base, found.level.r_max_m)
     return _weighed(problem, poses), replace(found, level=level)
 
 
@@ -203,13 +203,13 @@ def _weighed(problem: Problem, poses: PoseObservations) -> Problem:
         setting.uncertainties.apparatus_m * poses.by_apparatus,
     )
     torque = None
-    if problem.torque is not None and setting.burden is not None:
+    if problem.torque is not None and setting.payload is not None:
         coordinates = baseline.model.chain_coordinates(poses.states, baseline.x)
-        weights = statics(baseline.model.chain, coordinates, poses.states.load_N, setting.burden)
+        weights = statics(baseline.model.chain, coordinates, poses.states.load_N, setting.payload)
         scale = np.sqrt(poses.repeats)[:, None] / problem.noise.torque_Nm
         loads_N = np.unique(problem.cells.states.load_N)
         common = common_torques(
-            poses, weights, baseline, setting.burden, setting.uncertainties, loads_N[loads_N > 0]
+            poses, weights, baseline, setting.payload, setting.uncertainties, loads_N[loads_N > 0]
         )
         torque = Channel.of(scale[:, :, None] * np.eye(poses.states.n), shared, common)
     left = np.zeros_like(poses.states.tau_Nm)
@@ -253,7 +253,7 @@ def _spread(screws: Array, variance: Array) -> Array:
 def _turns(poses: PoseObservations) -> Array:
     """Return (P, 6, 6) what turns position and rotation from the end's axes to the instrument's."""
     turn = np.zeros((len(poses), 6, 6))
-    turn[:, :3, :3] = turn[:, 3:, 3:] = poses.T_cmm_ee[:, :3, :3]
+    turn[:, :3, :3] = turn[:, 3:, 3:] = poses.T_instr_ee[:, :3, :3]
     return turn
 
 
@@ -263,5 +263,5 @@ def _screws(poses: PoseObservations, problem: Problem) -> Array:
     chain = baseline.model.chain
     coordinates = baseline.model.chain_coordinates(poses.states, baseline.x)
     screws = end_pose_with_screws(chain, coordinates).screws[:, :, chain.joint_columns]
-    R = baseline.T_cmm_base[:3, :3]
+    R = baseline.T_instr_base[:3, :3]
     return np.concatenate([R @ screws[:, :3], R @ screws[:, 3:]], axis=1)

@@ -102,13 +102,13 @@ def _blocks(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> list[B
     terms = [effect for effect, _ in asked]
     in_base = found.model.by_terms(states, found.x, terms, [start for _, start in asked])
     widths = np.cumsum([0, *(effect.linear for effect in terms)])
-    R = found.level.T_cmm_base[:3, :3]
+    R = found.level.T_instr_base[:3, :3]
     together = np.concatenate(
         [values[:, :, : effect.linear] for values, effect in zip(in_base, terms, strict=True)],
         axis=2,
     )
-    in_cmm = np.concatenate([R @ together[:, :3], R @ together[:, 3:]], axis=1)
-    pose = problem.pose.rows(in_cmm)
+    in_instr = np.concatenate([R @ together[:, :3], R @ together[:, 3:]], axis=1)
+    pose = problem.pose.rows(in_instr)
     torque = np.zeros((0, widths[-1]))
     if problem.torque is not None:
         by_x = np.zeros((*states.tau_Nm.shape, widths[-1]))
@@ -210,8 +210,8 @@ def alike(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> NDArray[
     as the weights ask for, so that the noise of the log tells nothing apart.
     """
     states = problem.cells.states
-    if states.carried is not None:
-        quiet = replace(states, tau_Nm=states.carried.joint_Nm)
+    if states.static_loads is not None:
+        quiet = replace(states, tau_Nm=states.static_loads.joint_Nm)
         problem = replace(problem, cells=replace(problem.cells, states=quiet))
     lin = linearise(problem, found, effects)
     pose = problem.pose.weights(0.0)

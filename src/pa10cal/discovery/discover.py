@@ -81,7 +81,7 @@ def discover(
     check_torques(baseline.model, readings)
     problem = prepare(readings, baseline, setting)
     start = fit(problem, (), (), (0.0, 0.0))
-    family, refused = testable(problem, start, candidates(problem.surroundings))
+    family, refused = testable(problem, start, candidates(problem.context))
     judgement = judge(search(problem, family, error_rate, start))
     problem = judgement.found.problem
     extended = _extended(problem, judgement)
@@ -138,19 +138,19 @@ def unresolved(found: Discovery) -> tuple[Pair, ...]:
 def compare(problem: Problem, extended: Fit, poses: PoseObservations) -> Gap:
     """Return the gap of baseline and extended model on averaged poses."""
     baseline = problem.baseline
-    about = Baseline(extended.model, extended.x, extended.level.T_cmm_base)
+    about = Baseline(extended.model, extended.x, extended.level.T_instr_base)
     poses = complete_about(poses, baseline, about, problem.setting)
     return gap(
         poses,
-        (baseline.model.predict(poses.states, baseline.x), baseline.T_cmm_base),
+        (baseline.model.predict(poses.states, baseline.x), baseline.T_instr_base),
         (
             as_read(
                 extended.model.predict(poses.states, extended.x),
-                extended.level.T_cmm_base,
+                extended.level.T_instr_base,
                 poses,
                 apparatus_m(problem, extended),
             ),
-            extended.level.T_cmm_base,
+            extended.level.T_instr_base,
         ),
         floor_mm(problem, poses.repeats),
     )

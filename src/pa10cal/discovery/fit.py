@@ -118,7 +118,7 @@ def _fit_from(
 ) -> tuple[Fit, float]:
     baseline = problem.baseline
     model = Model(baseline.model.chain, (*baseline.model.terms, *effects, base_frame()))
-    level = OneLevel(model, problem.cells, baseline.T_cmm_base)
+    level = OneLevel(model, problem.cells, baseline.T_instr_base)
     x_start = _start(problem, effects, start, shape)
     weigh = _Weighing(problem, effects, sizes, variances, level, x_start)
     x, cost, converged = minimise(weigh, x_start, model)
@@ -151,19 +151,21 @@ def apparatus_m(problem: Problem, found: Fit) -> Array:
     return np.asarray(-u_m * units, dtype=np.float64)
 
 
-def as_read(T_base_ee: Array, T_cmm_base: Array, poses: PoseObservations, places_m: Array) -> Array:
+def as_read(
+    T_base_ee: Array, T_instr_base: Array, poses: PoseObservations, places_m: Array
+) -> Array:
     """Return predicted poses as the instrument reads them with targets off their places.
 
     Args:
         T_base_ee: (P, 4, 4) predicted poses.
-        T_cmm_base: (4, 4) base frame.
+        T_instr_base: (4, 4) base frame.
         poses: the measured poses, which say how they answer to the targets' places.
         places_m: (a,) from `apparatus_m`.
 
     Returns:
         (P, 4, 4) in the base frame.
     """
-    R = T_cmm_base[:3, :3]
+    R = T_instr_base[:3, :3]
     moved = poses.by_apparatus @ places_m
     T: Array = T_base_ee.copy()
     T[:, :3, 3] += moved[:, :3] @ R

@@ -67,7 +67,7 @@ def gap(
 
     Args:
         poses: P measured configurations.
-        before, after: predicted T_base_ee (P, 4, 4) and T_cmm_base (4, 4) of each model.
+        before, after: predicted T_base_ee (P, 4, 4) and T_instr_base (4, 4) of each model.
         noise_floor_mm: mean error that the repeatability of these configurations would leave.
     """
     found = [deviations(*model, poses) for model in (before, after)]

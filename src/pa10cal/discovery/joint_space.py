@@ -79,7 +79,7 @@ def joint_errors(problem: Problem, found: Fit, left: Array) -> JointErrors:
     cells, chain = problem.cells, found.model.chain
     at = chain.joint_columns
     end = end_pose_with_screws(chain, found.model.chain_coordinates(cells.states, found.x))
-    R = found.level.T_cmm_base[:3, :3]
+    R = found.level.T_instr_base[:3, :3]
     screws = np.concatenate([R @ end.screws[:, :3, at], R @ end.screws[:, 3:, at]], axis=1)
     rows = problem.pose.whitener @ screws
     across = rows.transpose(0, 2, 1)

@@ -191,7 +191,7 @@ def _torque_left_Nm(problem: Problem, found: Fit, test: ChannelTest | None) -> A
 
 
 def _joint_part(problem: Problem, joints: JointErrors, j: int) -> JointPart:
-    states, arm = problem.cells.states, problem.surroundings.arm
+    states, arm = problem.cells.states, problem.context.arm
     error, weight = joints.error_rad[:, j], joints.weight[:, j]
     share = weight / weight.sum()
     return JointPart(

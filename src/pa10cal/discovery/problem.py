@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE, TOOL, end_pose_with_screws
 from pa10cal.arm.state import PoseStates, Seen
-from pa10cal.arm.statics import Burden, Statics, statics
+from pa10cal.arm.statics import Payload, Statics, statics
 from pa10cal.calibration.pose_error import pose_error
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.cells import gather, shared_error
 from pa10cal.discovery.channel import Channel
 from pa10cal.discovery.repeatability import Repeatability, repeatability
-from pa10cal.terms.effects.effect import Surroundings
+from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
@@ -51,7 +51,7 @@ class Setting:
     """What is known of a campaign besides its poses.
 
     Attributes:
-        burden: apparatus, load point, gravity; None where the arm's masses are not known.
+        payload: apparatus, load point, gravity; None where the arm's masses are not known.
         p_ee_targets_m: (B, 3) the instrument's targets on the apparatus, in the end-effector frame;
             none for an instrument that gives poses.
         reference_temperature_C: temperature at which lengths are nominal.
@@ -59,7 +59,7 @@ class Setting:
         uncertainties: of what repeats cannot show.
     """
 
-    burden: Burden | None
+    payload: Payload | None
     p_ee_targets_m: Array
     reference_temperature_C: float
     flexible_joints: tuple[int, ...]
@@ -73,12 +73,12 @@ class Baseline:
     Attributes:
         model: chain and terms, the base frame not among them.
         x: (k,) its parameters.
-        T_cmm_base: (4, 4) base frame.
+        T_instr_base: (4, 4) base frame.
     """
 
     model: Model
     x: Array
-    T_cmm_base: Array
+    T_instr_base: Array
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Problem:
         pose: rows of the poses.
         torque: rows of the torques, None where they or the masses are not known.
         torque_left_Nm: (C, n) logged torques less those of all weights (zero where not known).
-        surroundings: where effects may sit.
+        context: where effects may sit.
     """
 
     baseline: Baseline
@@ -105,7 +105,7 @@ class Problem:
     pose: Channel
     torque: Channel | None
     torque_left_Nm: Array
-    surroundings: Surroundings
+    context: CandidateContext
 
 
 def prepare(
@@ -137,13 +137,13 @@ def prepare(
         setting.uncertainties.apparatus_m * cells.by_apparatus,
     )
     torque, left = None, np.zeros_like(cells.states.tau_Nm)
-    if setting.burden is not None and np.all(np.isfinite(cells.states.tau_Nm)):
-        weights = _statics(cells.states, about, setting.burden)
+    if setting.payload is not None and np.all(np.isfinite(cells.states.tau_Nm)):
+        weights = _statics(cells.states, about, setting.payload)
         left = cells.states.tau_Nm - weights.torque_Nm
         scale = np.sqrt(cells.repeats)[:, None] / noise.torque_Nm
         loads_N = np.unique(cells.states.load_N)
         common = common_torques(
-            cells, weights, about, setting.burden, setting.uncertainties, loads_N[loads_N > 0]
+            cells, weights, about, setting.payload, setting.uncertainties, loads_N[loads_N > 0]
         )
         torque = Channel.of(scale[:, :, None] * np.eye(baseline.model.chain.arm.n), shared, common)
     return Problem(
@@ -155,15 +155,17 @@ def prepare(
         pose,
         torque,
         left,
-        surroundings_of(cells, baseline, setting),
+        context_of(cells, baseline, setting),
     )
 
 
 def complete(poses: PoseObservations, baseline: Baseline, setting: Setting) -> PoseObservations:
     """Add to the states of poses what they carry and how they were seen."""
     states = replace(poses.states, seen=_seen(poses, setting.p_ee_targets_m))
-    if setting.burden is not None:
-        states = replace(states, carried=_statics(states, baseline, setting.burden).carried)
+    if setting.payload is not None:
+        states = replace(
+            states, static_loads=_statics(states, baseline, setting.payload).static_loads
+        )
     return replace(poses, states=states)
 
 
@@ -175,18 +177,18 @@ def complete_about(
     return poses if about is baseline else complete(poses, about, setting)
 
 
-def _statics(states: PoseStates, baseline: Baseline, burden: Burden) -> Statics:
+def _statics(states: PoseStates, baseline: Baseline, payload: Payload) -> Statics:
     chain = baseline.model.chain
     coordinates = baseline.model.chain_coordinates(states, baseline.x)
     # Gravity is along the base's own axes; and what the instrument reads too much, which moves the
     # tool in the model, moves no weight.
     coordinates[:, chain.columns(BASE + TOOL)] = 0.0
-    return statics(chain, coordinates, states.load_N, burden)
+    return statics(chain, coordinates, states.load_N, payload)
 
 
 def _seen(poses: PoseObservations, p_ee_targets_m: Array) -> Seen:
     """Return where targets were and how the pose was made of them, along end-effector axes."""
-    R, origin = poses.T_cmm_ee[:, :3, :3], poses.T_cmm_ee[:, :3, 3]
+    R, origin = poses.T_instr_ee[:, :3, :3], poses.T_instr_ee[:, :3, 3]
     count = len(poses)
     if not poses.by_apparatus.shape[2]:
         direct = np.zeros((count, 6, 3))
@@ -203,9 +205,9 @@ def _deviation_and_screws(poses: PoseObservations, baseline: Baseline) -> tuple[
     """Return measured minus predicted (P, 6) and joint screws (P, 6, n), instrument's axes."""
     chain = baseline.model.chain
     end = end_pose_with_screws(chain, baseline.model.chain_coordinates(poses.states, baseline.x))
-    error = pose_error(baseline.T_cmm_base @ end.T, poses.T_cmm_ee)
+    error = pose_error(baseline.T_instr_base @ end.T, poses.T_instr_ee)
     screws = end.screws[:, :, chain.joint_columns]
-    R = baseline.T_cmm_base[:3, :3]
+    R = baseline.T_instr_base[:3, :3]
     turned = np.concatenate([R @ screws[:, :3], R @ screws[:, 3:]], axis=1)
     return -np.concatenate([error.position_m, error.chord], axis=1), turned
 
@@ -214,7 +216,7 @@ def common_torques(
     cells: PoseObservations,
     weights: Statics,
     baseline: Baseline,
-    burden: Burden,
+    payload: Payload,
     uncertainties: Uncertainties,
     loads_N: Array,
 ) -> Array:
@@ -228,9 +230,9 @@ def common_torques(
         [uncertainties.mass * mass_kg, *[uncertainties.com_m * mass_kg] * 3], axis=1
     ).ravel()
     load_N = cells.states.load_N[:, None] * (cells.states.load_N[:, None] == loads_N)
-    by_burden = [
+    by_payload = [
         _statics(cells.states, baseline, moved).torque_Nm - weights.torque_Nm
-        for moved in _misplaced(burden, uncertainties)
+        for moved in _misplaced(payload, uncertainties)
     ]
     rated_Nm = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0))
     zero = np.tile(np.diag(uncertainties.torque_zero * rated_Nm), (len(cells), 1, 1))
@@ -238,43 +240,43 @@ def common_torques(
         [
             weights.torque_by_mass * by_link,
             uncertainties.load * weights.torque_by_load[:, :, None] * load_N[:, None, :],
-            np.stack(by_burden, axis=2),
+            np.stack(by_payload, axis=2),
             zero,
         ],
         axis=2,
     )
 
 
-def _misplaced(burden: Burden, uncertainties: Uncertainties) -> list[Burden]:
-    """Return the burden with load, apparatus and gravity off by their standard uncertainties."""
-    g = burden.gravity_m_s2
+def _misplaced(payload: Payload, uncertainties: Uncertainties) -> list[Payload]:
+    """Return the payload with load, apparatus and gravity off by their standard uncertainties."""
+    g = payload.gravity_m_s2
     level = uncertainties.level_rad * np.linalg.norm(g)
     return [
         *(
-            replace(burden, load_point_m=burden.load_point_m + uncertainties.load_point_m * axis)
+            replace(payload, load_point_m=payload.load_point_m + uncertainties.load_point_m * axis)
             for axis in np.eye(3)
         ),
         *(
-            replace(burden, com_m=burden.com_m + uncertainties.tool_com_m * axis)
+            replace(payload, com_m=payload.com_m + uncertainties.tool_com_m * axis)
             for axis in np.eye(3)
         ),
-        *(replace(burden, gravity_m_s2=g + level * axis) for axis in np.eye(3)[:2]),
+        *(replace(payload, gravity_m_s2=g + level * axis) for axis in np.eye(3)[:2]),
     ]
 
 
-def surroundings_of(cells: PoseObservations, baseline: Baseline, setting: Setting) -> Surroundings:
+def context_of(cells: PoseObservations, baseline: Baseline, setting: Setting) -> CandidateContext:
     """Return what decides where effects may sit; the poses are complete."""
     states = cells.states
     assert states.seen is not None
-    return Surroundings(
+    return CandidateContext(
         arm=baseline.model.chain.arm,
         flexible_joints=setting.flexible_joints,
         reference_temperature_C=setting.reference_temperature_C,
         tau_span_Nm=np.abs(
-            states.tau_Nm if states.carried is None else states.carried.joint_Nm
+            states.tau_Nm if states.static_loads is None else states.static_loads.joint_Nm
         ).max(axis=0),
-        T_cmm_base=baseline.T_cmm_base,
-        p_cmm_middle_m=states.seen.p_cmm_targets_m.reshape(-1, 3).mean(axis=0),
+        T_instr_base=baseline.T_instr_base,
+        p_instr_middle_m=states.seen.p_instr_targets_m.reshape(-1, 3).mean(axis=0),
         q_span_rad=np.stack([states.q_rad.min(axis=0), states.q_rad.max(axis=0)], axis=1),
         time_span_s=(float(states.time_s.min()), float(states.time_s.max())),
     )

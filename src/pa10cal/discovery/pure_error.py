@@ -25,23 +25,23 @@ class PureErrorTest:
 
     Attributes:
         chi_square: sum of squares in units of the pure error's variance.
-        freedoms: rows less what the parameters took of them.
-        pure_freedoms: behind the pure error, from repeats.
+        dof: rows less what the parameters took of them.
+        pure_dof: behind the pure error, from repeats.
     """
 
     chi_square: float
-    freedoms: float
-    pure_freedoms: int
+    dof: float
+    pure_dof: int
 
     @property
     def ratio(self) -> float:
         """Return F, near one where the model lacks nothing."""
-        return self.chi_square / self.freedoms
+        return self.chi_square / self.dof
 
     @property
     def p_value(self) -> float:
         """Return the probability of so large an F where the model lacks nothing."""
-        return float(f_distribution.sf(self.ratio, self.freedoms, self.pure_freedoms))
+        return float(f_distribution.sf(self.ratio, self.dof, self.pure_dof))
 
 
 @dataclass(frozen=True)
@@ -78,16 +78,16 @@ def channel_tests(problem: Problem, found: Fit) -> tuple[ChannelTest, ChannelTes
     return tests[0], tests[1] if len(tests) > 1 else None
 
 
-def _channel_test(channel: Channel, squares: Array, freedoms: Array, pure: int) -> ChannelTest:
+def _channel_test(channel: Channel, squares: Array, dof: Array, pure: int) -> ChannelTest:
     shared = channel.shared_size > _NO_PART
     tests = [
-        PureErrorTest(float(squares[rows].sum()), float(freedoms[rows].sum()), pure)
+        PureErrorTest(float(squares[rows].sum()), float(dof[rows].sum()), pure)
         if rows.any()
         else None
         for rows in (shared, ~shared)
     ]
-    beyond = 0.0 if tests[0] is None else max(tests[0].chi_square - tests[0].freedoms, 0.0)
-    largest = float(freedoms @ channel.shared_size)
+    beyond = 0.0 if tests[0] is None else max(tests[0].chi_square - tests[0].dof, 0.0)
+    largest = float(dof @ channel.shared_size)
     return ChannelTest(tests[0], tests[1], beyond / largest if beyond else 0.0)
 
 

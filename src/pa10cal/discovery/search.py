@@ -156,7 +156,7 @@ def refit(
     little wrong, and what the noise of a torque does through a joint thought rigid is missing.
     """
     first = fit(problem, effects, sizes, variances, start)
-    about = Baseline(first.model, first.x, first.level.T_cmm_base)
+    about = Baseline(first.model, first.x, first.level.T_instr_base)
     problem = prepare(problem.readings, problem.baseline, problem.setting, about)
     return problem, fit(problem, effects, sizes, variances, first)
 

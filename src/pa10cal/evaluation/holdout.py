@@ -39,10 +39,10 @@ class HeldOut:
     tool_twist: ToolTwist
 
 
-def judge(T_base_ee: Array, T_cmm_base: Array, observations: PoseObservations) -> HeldOut:
+def judge(T_base_ee: Array, T_instr_base: Array, observations: PoseObservations) -> HeldOut:
     """Judge predictions T_base_ee (P, 4, 4) on held-out configurations."""
-    found = deviations(T_base_ee, T_cmm_base, observations)
-    R_predicted = T_cmm_base[:3, :3] @ T_base_ee[:, :3, :3]
+    found = deviations(T_base_ee, T_instr_base, observations)
+    R_predicted = T_instr_base[:3, :3] @ T_base_ee[:, :3, :3]
     return HeldOut(
         overall=summarise(found),
         by_load=summarise_by_load(found, observations.states.load_N),
@@ -51,5 +51,5 @@ def judge(T_base_ee: Array, T_cmm_base: Array, observations: PoseObservations) -
             for label in np.unique(observations.pose)
         },
         found=found,
-        tool_twist=constant_tool_twist(R_predicted, observations.T_cmm_ee[:, :3, :3]),
+        tool_twist=constant_tool_twist(R_predicted, observations.T_instr_ee[:, :3, :3]),
     )

@@ -1,4 +1,4 @@
-"""Complete models held against a truth that is known: scores of parameters and of predictions.
+"""General models held against a truth that is known: scores of parameters and of predictions.
 
 A score is (estimate - truth) / standard uncertainty. A parameter that another repeats has no truth
 of its own: where the truth departs only by parameters that the model holds, every parameter has.
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, TOOL
-from pa10cal.calibration.complete.complete import Complete
-from pa10cal.calibration.complete.instrument import place_parameters
-from pa10cal.calibration.complete.start import turned
-from pa10cal.calibration.identifiability import open_parameters
+from pa10cal.calibration.general.calibrate import GeneralCalibration
+from pa10cal.calibration.general.instrument import place_parameters
+from pa10cal.calibration.general.start import turned
+from pa10cal.calibration.identifiability import not_identifiable
 from pa10cal.campaign.seen import SeenDistances, Sightings
 from pa10cal.terms.joint_spring import JointSpring
 
@@ -41,48 +41,48 @@ class KnownTruth:
 
     Attributes:
         departures: of links, by the name of their parameter [m, rad]; those not named are zero.
-        T_cmm_base: (4, 4) base in the instrument's frame [m].
+        T_instr_base: (4, 4) base in the instrument's frame [m].
         T_ee_target: (4, 4) target of an instrument that gives poses.
         p_ee_targets_m: (B, 3) targets of the other instruments.
         k_lin_Nm_rad: (n,) stiffness of the joints, infinite where they are rigid.
     """
 
     departures: Mapping[str, float]
-    T_cmm_base: Array
+    T_instr_base: Array
     T_ee_target: Array
     p_ee_targets_m: Array
     k_lin_Nm_rad: Array
 
 
-def parameter_scores(complete: Complete, truth: KnownTruth) -> dict[str, float]:
+def parameter_scores(general: GeneralCalibration, truth: KnownTruth) -> dict[str, float]:
     """Return the score of every parameter that has an interval.
 
     Tilts left at zero count with the uncertainty that they would have had.
     """
-    fit, problem = complete.fit, complete.problem
-    values = _true_values(complete, truth)
-    without = open_parameters(fit.identifiability, problem.parameters)
+    fit, problem = general.fit, general.problem
+    values = _true_values(general, truth)
+    without = not_identifiable(fit.identifiability, problem.parameters)
     std = np.sqrt(np.diag(fit.covariance))
     scores = {
         parameter.name: float((fit.x[k] - values.get(parameter.name, 0.0)) / std[k])
         for k, parameter in enumerate(problem.parameters)
         if not fit.at_bound[k] and parameter.name not in without
     }
-    for each in complete.settled:
+    for each in general.settled:
         scores[each.parameter.name] = -values.get(each.parameter.name, 0.0) / each.std
     return scores
 
 
-def prediction_scores(complete: Complete, exact: Sightings) -> Array:
+def prediction_scores(general: GeneralCalibration, exact: Sightings) -> Array:
     """Return the scores of what the instrument would see in other poses, one by one.
 
     Args:
-        complete: a calibrated model.
+        general: a calibrated model.
         exact: poses with torques where springs need them, seen without error.
     """
-    problem = replace(complete.problem, sightings=turned(exact, complete.start))
-    rows = problem.rows(complete.fit.x)
-    spread = rows.jacobian @ complete.fit.covariance
+    problem = replace(general.problem, sightings=turned(exact, general.start))
+    rows = problem.rows(general.fit.x)
+    spread = rows.jacobian @ general.fit.covariance
     std = np.sqrt(np.sum(spread * rows.jacobian, axis=2))
     scores: Array = (rows.residual / std)[problem.components_seen]
     return scores
@@ -93,14 +93,14 @@ def class_of(name: str) -> str:
     return next(kind for start, kind in _CLASSES.items() if name.startswith(start))
 
 
-def _true_values(complete: Complete, truth: KnownTruth) -> dict[str, float]:
+def _true_values(general: GeneralCalibration, truth: KnownTruth) -> dict[str, float]:
     """Return the truth in the coordinates in which the model was solved."""
-    problem, start = complete.problem, complete.start
-    R, p_m = truth.T_cmm_base[:3, :3], truth.T_cmm_base[:3, 3]
+    problem, start = general.problem, general.start
+    R, p_m = truth.T_instr_base[:3, :3], truth.T_instr_base[:3, 3]
     if isinstance(problem.seen, SeenDistances):  # they show but where the fixed point is
-        base = np.concatenate([R.T @ p_m - problem.T_cmm_base[:3, 3], np.zeros(3)])
+        base = np.concatenate([R.T @ p_m - problem.T_instr_base[:3, 3], np.zeros(3)])
     else:
-        base = _motions(np.linalg.inv(problem.T_cmm_base) @ truth.T_cmm_base)
+        base = _motions(np.linalg.inv(problem.T_instr_base) @ truth.T_instr_base)
     T_ee_tool = truth.T_ee_target.copy()
     T_ee_tool[:3, :3] = T_ee_tool[:3, :3] @ start.R_ee_target.T
     names = [name.replace(".", "_") for name in (*BASE, *TOOL)]

@@ -29,9 +29,9 @@ TABLES = (
     "health_summary",
     "table1_parameters",
     "paper_against_ours",
-    "parameters_complete",
-    "doubted_poses",
-    "accuracy_complete",
+    "parameters_general",
+    "suspected_outliers",
+    "accuracy_general",
     "verdict",
 )
 #: Modules with `draw(scores) -> Figure`, of a study of blind trials.

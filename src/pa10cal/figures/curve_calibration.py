@@ -28,8 +28,8 @@ from pa10cal.figures.style import (
 
 _MOST_POSTURES = 24
 _COLOURS = {"spline": BLUE, "helix": ORANGE, "wave": GREEN}
-_OF_MODEL = {"two_level": AFTER, "two_level_all": AFTER_COMBINED, "complete": GREEN}
-_SHORT = {"two_level": "two-level", "two_level_all": "all inside", "complete": "complete"}
+_OF_MODEL = {"two_level": AFTER, "two_level_all": AFTER_COMBINED, "general": GREEN}
+_SHORT = {"two_level": "two-level", "two_level_all": "all inside", "general": "general"}
 #: Beside each other: fitted, held out.
 _ASIDE = {"fitted": -0.14, "held_out": 0.14}
 
@@ -75,7 +75,7 @@ def _draw_poses(axes: Axes, study: CurveStudy) -> None:
     shown = (
         ("nominal", before_mm, BEFORE, "o"),
         ("two-level", np.array(poses.two_level_mm), _OF_MODEL["two_level"], "o"),
-        ("complete", np.array(poses.complete_mm), _OF_MODEL["complete"], "s"),
+        ("general", np.array(poses.general_mm), _OF_MODEL["general"], "s"),
     )
     for said, errors_mm, colour, mark in shown:
         look: dict[str, Any] = {"color": colour, "marker": mark, "ms": 2.2, "linestyle": "none"}

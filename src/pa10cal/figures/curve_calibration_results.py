@@ -12,7 +12,7 @@ from pa10cal.files.schemas import CURVE_CALIBRATION
 MODELS = {
     "two_level": "two-level (paper)",
     "two_level_all": "two-level, all poses inside",
-    "complete": "complete",
+    "general": "general",
 }
 #: How individuals depart, in short.
 DEPARTS = {"rows": "by its rows", "any_way": "in any way"}
@@ -82,7 +82,7 @@ class Poses(Record):
     held_out: tuple[bool, ...]
     nominal_mm: tuple[float, ...]
     two_level_mm: tuple[float, ...]
-    complete_mm: tuple[float, ...]
+    general_mm: tuple[float, ...]
 
 
 class Individual(Record):

@@ -31,7 +31,7 @@ _ERRORS_HEADER = ("arm departs", "model", "fitted", "peak", "held out", "peak", 
 def tabulate(study: CurveStudy) -> Table:
     """Return a row for each way to depart and each model."""
     first = [each for each in study.individuals if each.number == 1]
-    left_out = first[0].models["complete"].left_out
+    left_out = first[0].models["general"].left_out
     return Table(
         title=f"A chain of {study.joints} joints, calibrated (synthetic)",
         data=Grid(_HEADER, tuple(map(_row, study.summaries))),
@@ -50,7 +50,7 @@ def tabulate(study: CurveStudy) -> Table:
             Grid(
                 ("parameter", "said by"),
                 tuple((written(name), _said(said)) for name, said in left_out.items()),
-                "Parameters that the complete model leaves out",
+                "Parameters that the general model leaves out",
             ),
         ),
         notes=(

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pa10cal.figures.complete_records import CompleteCalibration
+from pa10cal.figures.general_records import GeneralCalibration
 from pa10cal.figures.joint_columns import joint_panels, label_below, over_angle
 from pa10cal.figures.joint_errors import Left, joint_errors, running_mean
 from pa10cal.figures.records import HeldOutRow, Residual
@@ -55,7 +55,7 @@ class _Row:
 
 def draw(results: Results) -> Figure:
     """Draw errors of poses fitted and held out, and of those held out after discovery."""
-    case, joints = results.complete(), results.joints()
+    case, joints = results.general(), results.joints()
     chain, p_ee_target_m = results.chain(), _target(case)
     to_shown = np.where(joints.slides, 1e3, np.degrees(1.0))
     rows = []
@@ -90,7 +90,7 @@ def draw(results: Results) -> Figure:
 
 
 def _sets(
-    results: Results, case: CompleteCalibration
+    results: Results, case: GeneralCalibration
 ) -> Iterator[tuple[str, str, Sequence[Residual | HeldOutRow]]]:
     """Yield the poses of each row: what they are, their colour, what is left of them."""
     models = results.held_out().models
@@ -115,7 +115,7 @@ def _beyond(found: Sequence[Residual | HeldOutRow]) -> NDArray[np.bool_]:
     return np.array([isinstance(row, HeldOutRow) and bool(row.extrapolated) for row in found])
 
 
-def _target(case: CompleteCalibration) -> Array:
+def _target(case: GeneralCalibration) -> Array:
     """Return the place (3,) of what was measured, the middle of several, in the end-effector."""
     if case.solved.places_m:
         return np.asarray(np.reshape(case.solved.places_m, (-1, 3)).mean(axis=0))
@@ -146,7 +146,7 @@ def _unit(slides: NDArray[np.bool_]) -> str:
 
 
 def _notes(
-    rows: list[_Row], limit: float, averaged: bool, case: CompleteCalibration
+    rows: list[_Row], limit: float, averaged: bool, case: GeneralCalibration
 ) -> Iterator[str]:
     beyond = sum(int((np.abs(row.error) > limit).sum()) for row in rows)
     model = "before and after discovery" if rows[-1].colour == AFTER else "calibrated model"

@@ -52,9 +52,9 @@ def draw(results: Results) -> Figure:
     return figure
 
 
-def _path(poses: Poses, T_cmm_base: Array) -> _Path:
+def _path(poses: Poses, T_instr_base: Array) -> _Path:
     """Carry the places to the base frame: the first visit of each pose, as the arm came by."""
-    p_base_mm = (poses.p_cmm_mm - 1e3 * T_cmm_base[:3, 3]) @ T_cmm_base[:3, :3]
+    p_base_mm = (poses.p_instr_mm - 1e3 * T_instr_base[:3, 3]) @ T_instr_base[:3, :3]
 
     def first_visits(kind: str) -> Array:
         rows = np.flatnonzero(poses.kind == kind)

@@ -73,7 +73,7 @@ def draw(results: Results) -> Figure:
     return figure
 
 
-_MODELS = {"paper": "paper's model", "complete": "complete model"}
+_MODELS = {"paper": "paper's model", "general": "general model"}
 
 
 def _draw_poses(axes: Axes, health: Health) -> None:
@@ -132,7 +132,7 @@ def _facts(health: Health) -> list[str]:
         f"Rank {health.rank} of {health.unknowns}; condition number {health.condition:.0f}.",
         f"Ended after {health.iterations} steps: {health.reason.rstrip('.').replace('`', '')}.",
         f"At the end of their range: {_names(health.at_bounds)}.",
-        f"Left open by these poses: {_names(health.open_parameters)}.",
+        f"Left open by these poses: {_names(health.not_identifiable)}.",
     ]
     return [line for text in said for line in wrap(text, _HALF_LETTERS)]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pa10cal.figures.complete_records import CompleteCalibration
+from pa10cal.figures.general_records import GeneralCalibration
 from pa10cal.figures.parameter_names import written
 from pa10cal.figures.records import AnyCalibration, Health
 from pa10cal.figures.results import Results
@@ -35,7 +35,7 @@ def tabulate(results: Results) -> Table:
         ),
         notes=(
             "Expected uncertainty: of a predicted position, root mean square over the poses; with "
-            "the paper's model from the noise of the readings, with the complete one from the "
+            "the paper's model from the noise of the readings, with the general one from the "
             "scatter of the poses about it. Neither covers what the model lacks.",
             "Wanted: the uncertainty that adds hardly anything to the error left. Poses in "
             "D-optimal order: each makes the determinant of the information grow most.",
@@ -43,7 +43,7 @@ def tabulate(results: Results) -> Table:
     )
 
 
-_MODELS = {"paper": "paper's model", "complete": "complete model"}
+_MODELS = {"paper": "paper's model", "general": "general model"}
 
 
 def _said(case: AnyCalibration) -> dict[str, str]:
@@ -57,7 +57,7 @@ def _said(case: AnyCalibration) -> dict[str, str]:
         "rank": f"{health.rank} of {health.unknowns} unknowns",
         "condition number": f"{health.condition:.4g}",
         "at the end of their range": _names(health.at_bounds),
-        "left open by these poses": _names(health.open_parameters),
+        "left open by these poses": _names(health.not_identifiable),
         "error of the poses fitted, rms [mm]": _number(health.train_rms_mm),
         "error of the poses held out, rms [mm]": _number(health.held_out_rms_mm),
         "what the noise of the readings explains, rms [mm]": _number(health.noise_mm),
@@ -66,7 +66,7 @@ def _said(case: AnyCalibration) -> dict[str, str]:
         "poses measured": str(poses.measured),
         "well-chosen poses that would do": str(wanted),
     }
-    if isinstance(case, CompleteCalibration):
+    if isinstance(case, GeneralCalibration):
         for of, scatter in case.scatter.items():
             unit = "mrad" if of == "attitude" else "mm"
             found[f"scatter beyond what is stated, {of} [{unit}]"] = _number(1e3 * scatter)
@@ -104,7 +104,7 @@ def _data_rows(case: AnyCalibration) -> Iterator[Row]:
     poses = health.poses
     for quantity in ("verdict", "line", "reason", "iterations", "rank", "unknowns", "condition"):
         yield (model, quantity, "", str(getattr(health, quantity)), "")
-    for quantity in ("at_bounds", "open_parameters"):
+    for quantity in ("at_bounds", "not_identifiable"):
         yield (model, quantity, "", " ".join(getattr(health, quantity)), "")
     for quantity in ("train_rms_mm", "held_out_rms_mm", "noise_mm"):
         yield (model, quantity, "", _plain(getattr(health, quantity)), "mm")

@@ -26,14 +26,14 @@ class Poses:
         kind, pose: (N,) kind and label.
         load_N: (N,) external load.
         repeat: (N,) number of the repeat.
-        p_cmm_mm: (N, 3) end-effector in the instrument's frame.
+        p_instr_mm: (N, 3) end-effector in the instrument's frame.
     """
 
     kind: NDArray[np.str_]
     pose: NDArray[np.str_]
     load_N: Array
     repeat: NDArray[np.int64]
-    p_cmm_mm: Array
+    p_instr_mm: Array
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def read_poses(path: Path, campaign: str) -> Poses:
         pose=np.array(rows["pose"], dtype=np.str_),
         load_N=np.array(rows["load_N"], dtype=np.float64),
         repeat=np.array(rows["repeat"], dtype=np.int64),
-        p_cmm_mm=np.column_stack([np.array(rows[name], dtype=np.float64) for name in place]),
+        p_instr_mm=np.column_stack([np.array(rows[name], dtype=np.float64) for name in place]),
     )
 
 

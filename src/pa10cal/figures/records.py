@@ -117,7 +117,7 @@ class Health(Record):
     rank: int
     unknowns: int
     condition: float
-    open_parameters: tuple[str, ...]
+    not_identifiable: tuple[str, ...]
     correlated_pairs: tuple[CorrelatedPair, ...]
     train_rms_mm: float
     held_out_rms_mm: float | None
@@ -220,7 +220,7 @@ class HeldOut(Record):
 class BaseFrame(Record):
     """`seed/base_frame.json`."""
 
-    T_cmm_base: tuple[Row4, Row4, Row4, Row4]
+    T_instr_base: tuple[Row4, Row4, Row4, Row4]
 
 
 class Convergence(Record):

@@ -39,7 +39,7 @@ class Scatter:
 def scatter_by_load(poses: Poses) -> dict[str, Scatter]:
     """Return the scatter at each load with repeats, by load as `0`, `22`, …."""
     grid = poses.kind == "grid"
-    load_N, p_mm = poses.load_N[grid], poses.p_cmm_mm[grid]
+    load_N, p_mm = poses.load_N[grid], poses.p_instr_mm[grid]
     _, pose = np.unique(poses.pose[grid], return_inverse=True)
     loads, load = np.unique(load_N, return_inverse=True)
     _, first, group = np.unique(
@@ -67,7 +67,7 @@ def scatter_by_load(poses: Poses) -> dict[str, Scatter]:
 def incompleteness(case: Calibration, scatter: dict[str, Scatter]) -> str | None:
     """Say that a calibrated model is incomplete, None where repeats do not show that it is.
 
-    What a complete model leaves is the scatter of averaged repeats, on which it was calibrated.
+    What a general model leaves is the scatter of averaged repeats, on which it was calibrated.
 
     Args:
         case: the calibration.

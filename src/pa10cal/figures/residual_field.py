@@ -131,7 +131,7 @@ def draw(results: Results) -> Figure:
 def _sets(results: Results) -> list[_Arrows]:
     """Return the arrows of the poses fitted and held out; before alone where none is after."""
     if not results.seeks_effects:
-        return [_calibrated(results.complete().residuals)]
+        return [_calibrated(results.general().residuals)]
     found = results.analysis().gap
     held_out = found.holdout or ()
     parts = (

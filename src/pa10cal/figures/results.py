@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import RecordError
 from pa10cal.figures import published
-from pa10cal.figures.complete_records import CompleteCalibration
 from pa10cal.figures.discovery_records import Analysis, Verdict
+from pa10cal.figures.general_records import GeneralCalibration
 from pa10cal.figures.poses import JointPositions, Poses, read_joints, read_poses
 from pa10cal.figures.record_files import as_record, check_converged, read_content
 from pa10cal.figures.records import BaseFrame, Calibration, HeldOut, Plane, Record
@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 _R = TypeVar("_R", bound=Record)
 
 COMBINED = "combined"
-#: The complete model beside the paper's.
-COMPLETE = "complete"
+#: The general model beside the paper's.
+GENERAL = "general"
 #: Longer provenances are cut after a sentence; a single letter ends none.
 _MOST_LETTERS = 400
 _SENTENCE_END = re.compile(r"(?<=[\w)]{3}\.)\s+(?=[A-Z])")
@@ -96,7 +96,7 @@ class Results:
         """Read `calibration/<load>.json` of the paper's model.
 
         Raises:
-            RecordError: when it did not converge, or is of the complete model.
+            RecordError: when it did not converge, or is of the general model.
         """
         found = self.any_calibration(load)
         if isinstance(found, Calibration):
@@ -106,36 +106,36 @@ class Results:
             where=str(self._calibration_path(load)),
             value=f"a calibration with the {found.model} model",
             allowed="a campaign calibrated with the paper's model",
-            remedy="draw the pictures of the complete model, or calibrate with "
+            remedy="draw the pictures of the general model, or calibrate with "
             "calibration.model: paper",
         )
 
-    def complete(self) -> CompleteCalibration:
-        """Read the calibration of all loads with the complete model.
+    def general(self) -> GeneralCalibration:
+        """Read the calibration of all loads with the general model.
 
         It is `calibration/combined.json`, or stands beside that of the paper's model.
 
         Raises:
-            RecordError: when it did not converge, or is not of the complete model.
+            RecordError: when it did not converge, or is not of the general model.
         """
         found = self.any_calibration()
-        if not isinstance(found, CompleteCalibration):
-            found = self.any_calibration(COMPLETE)
-        if isinstance(found, CompleteCalibration):
+        if not isinstance(found, GeneralCalibration):
+            found = self.any_calibration(GENERAL)
+        if isinstance(found, GeneralCalibration):
             return found
         raise RecordError(
-            "the picture is of the complete model",
-            where=str(self._calibration_path(COMPLETE)),
+            "the picture is of the general model",
+            where=str(self._calibration_path(GENERAL)),
             value=f"a calibration with the {found.model}'s model",
-            allowed="a calibration with the complete model",
-            remedy="run the calibrate stage with --load complete",
+            allowed="a calibration with the general model",
+            remedy="run the calibrate stage with --load general",
         )
 
     def chain(self) -> Chain:
         """Return the chain of the nominal arm."""
         return Chain.of(load_arm(self.robot, self.raw))
 
-    def any_calibration(self, load: str = COMBINED) -> Calibration | CompleteCalibration:
+    def any_calibration(self, load: str = COMBINED) -> Calibration | GeneralCalibration:
         """Read `calibration/<load>.json`, whatever the model.
 
         Raises:
@@ -143,18 +143,18 @@ class Results:
         """
         path, schema, stage = self._calibration_path(load), schemas.CALIBRATION, "calibrate"
         content = read_content(path, schema, stage, self.campaign)
-        found: Calibration | CompleteCalibration
-        if content.get("model") == "complete":
-            found = as_record(content, CompleteCalibration, path, schema, stage)
+        found: Calibration | GeneralCalibration
+        if content.get("model") == "general":
+            found = as_record(content, GeneralCalibration, path, schema, stage)
         else:
             found = as_record(content, Calibration, path, schema, stage)
         check_converged(path, found)
         return found
 
-    def calibrations(self) -> tuple[Calibration | CompleteCalibration, ...]:
-        """Read the calibrations of all loads: one, or the paper's and the complete one beside."""
+    def calibrations(self) -> tuple[Calibration | GeneralCalibration, ...]:
+        """Read the calibrations of all loads: one, or the paper's and the general one beside."""
         combined = self.any_calibration()
-        return (combined, self.complete()) if isinstance(combined, Calibration) else (combined,)
+        return (combined, self.general()) if isinstance(combined, Calibration) else (combined,)
 
     def load_cases(self) -> dict[str, Calibration]:
         """Read the calibration of each single load, by its key in `errors`: `0`, `22`, ...."""
@@ -189,9 +189,9 @@ class Results:
         return self._discovered("verdict", Verdict, schemas.VERDICT)
 
     def base_frame(self) -> Array:
-        """Read T_cmm_base (4, 4) of `seed/base_frame.json` [m]."""
+        """Read T_instr_base (4, 4) of `seed/base_frame.json` [m]."""
         path = self.folder / "seed" / "base_frame.json"
-        return np.array(self._read(path, BaseFrame, schemas.BASE_FRAME, "seed").T_cmm_base)
+        return np.array(self._read(path, BaseFrame, schemas.BASE_FRAME, "seed").T_instr_base)
 
     def planes(self) -> list[Plane]:
         """Read `montecarlo/z<mm>.json` for every plane of the settings, from low to high."""

@@ -119,12 +119,12 @@ def _number(value: float, digits: str) -> str:
 
 
 def _notes(case: Calibration, results: Results) -> tuple[str, ...]:
-    open_directions = "; ".join(" with ".join(names) for names in case.null_directions)
+    unidentified_directions = "; ".join(" with ".join(names) for names in case.null_directions)
     notes = [
         "± is one standard uncertainty.",
         f"{_NOT_IDENTIFIABLE} the poses cannot tell this parameter from others; the tolerance "
         f"terms alone settle it. Directions left open, all loads together: "
-        f"{open_directions or 'none'}.",
+        f"{unidentified_directions or 'none'}.",
         f"{_AT_BOUND} at the end of the physical range: the data ask for a stiffness that is not "
         "positive.",
         f"{_RIGID} joints held rigid; {_NONE} the row has no such parameter.",

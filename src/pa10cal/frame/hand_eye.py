@@ -1,6 +1,6 @@
 """Base frame and target on the end-effector from what an instrument saw: closed form, then refined.
 
-With the nominal model's T_base_ee of every pose these solve T_cmm_target = T_cmm_base T_base_ee
+With the nominal model's T_base_ee of every pose these solve T_instr_target = T_instr_base T_base_ee
 T_ee_target for the two constant frames, whatever they are: the start of a calibration whose
 instrument stands anywhere and sees a target put anywhere. Geometry that is a little wrong is
 averaged over. What of the target's place the base frame can mimic (its height, where all attitudes
@@ -32,7 +32,7 @@ class HandEye:
     """Base frame and targets, from B targets that were seen.
 
     Attributes:
-        T_cmm_base: (4, 4) instrument from base [m].
+        T_instr_base: (4, 4) instrument from base [m].
         axis_u_rad: (3,) standard uncertainty of the directions of the base's x, y and z, per axis
             across each, taking the residuals as independent.
         T_ee_targets: (B, 4, 4) end-effector from target [m]; the attitude is the identity where
@@ -45,7 +45,7 @@ class HandEye:
         held: directions of the targets that the poses leave open, held as stated.
     """
 
-    T_cmm_base: Array
+    T_instr_base: Array
     axis_u_rad: Array
     T_ee_targets: Array
     residuals_m: Array
@@ -56,16 +56,16 @@ class HandEye:
 
     def targets(self, T_base_ee: Array) -> Array:
         """Return where the targets are in the instrument's frame, (P, B, 4, 4) [m]."""
-        return np.asarray(self.T_cmm_base @ T_base_ee[:, None] @ self.T_ee_targets)
+        return np.asarray(self.T_instr_base @ T_base_ee[:, None] @ self.T_ee_targets)
 
 
 def hand_eye_from_poses(
     T_base_ee: Array,
-    T_cmm_target: Array,
+    T_instr_target: Array,
     T_ee_stated: Array | None = None,
     weights: Array | None = None,
 ) -> HandEye:
-    """Solve T_cmm_target = T_cmm_base T_base_ee T_ee_target for the constant frames.
+    """Solve T_instr_target = T_instr_base T_base_ee T_ee_target for the constant frames.
 
     Rotations start from the dominant singular vectors of the sum of Kronecker products of measured
     and modelled attitudes (exact for exact data with turns about more than one axis), from the
@@ -74,7 +74,7 @@ def hand_eye_from_poses(
 
     Args:
         T_base_ee: (P, 4, 4) modelled end-effector [m].
-        T_cmm_target: (P, 4, 4) measured target [m].
+        T_instr_target: (P, 4, 4) measured target [m].
         T_ee_stated: (4, 4) what is held where the poses leave the target open; None for the
             end-effector itself.
         weights: (P,) weights of the squared residuals; None for equal ones.
@@ -86,9 +86,9 @@ def hand_eye_from_poses(
         CalibrationError: with fewer than three poses.
     """
     T_ee = np.eye(4) if T_ee_stated is None else T_ee_stated
-    p_cmm_m = T_cmm_target[:, None, :3, 3]
+    p_instr_m = T_instr_target[:, None, :3, 3]
     problem = TargetProblem.of(
-        T_base_ee, p_cmm_m, T_ee[None, :3, 3], weights, T_cmm_target[:, :3, :3]
+        T_base_ee, p_instr_m, T_ee[None, :3, 3], weights, T_instr_target[:, :3, :3]
     )
     few = problem.thinned(MOST_POSES)
     turns = [
@@ -97,16 +97,16 @@ def hand_eye_from_poses(
         *_by_positions(few),
     ]
     starts = []
-    for R_cmm_base in turns:
-        of_target = _transposed(R_cmm_base @ few.R_base) @ few.R_cmm
-        starts.append((R_cmm_base, _mean_turn(few.weights, of_target)))
+    for R_instr_base in turns:
+        of_target = _transposed(R_instr_base @ few.R_base) @ few.R_cmm
+        starts.append((R_instr_base, _mean_turn(few.weights, of_target)))
     starts.append((starts[1][0], T_ee[:3, :3]))
     return _best(problem, starts, ["the target"])
 
 
-def target_on_base(T_cmm_base: Array, T_base_ee: Array, T_cmm_target: Array) -> Array:
+def target_on_base(T_instr_base: Array, T_base_ee: Array, T_instr_target: Array) -> Array:
     """Return the mean T_ee_target (4, 4) of poses (P, 4, 4), with a base frame that is known."""
-    each = np.linalg.inv(T_cmm_base @ T_base_ee) @ T_cmm_target
+    each = np.linalg.inv(T_instr_base @ T_base_ee) @ T_instr_target
     T_ee_target = each.mean(axis=0)
     T_ee_target[:3, :3] = _nearest_turn(T_ee_target[:3, :3])
     return np.asarray(T_ee_target)
@@ -114,12 +114,12 @@ def target_on_base(T_cmm_base: Array, T_base_ee: Array, T_cmm_target: Array) -> 
 
 def hand_eye_from_points(
     T_base_ee: Array,
-    p_cmm_m: Array,
+    p_instr_m: Array,
     p_ee_stated_m: Array | None = None,
     weights: Array | None = None,
     names: Sequence[str] | None = None,
 ) -> HandEye:
-    """Solve p_cmm = T_cmm_base (T_base_ee p_ee) for the base frame and the places of B targets.
+    """Solve p_instr = T_instr_base (T_base_ee p_ee) for the base frame and the places of B targets.
 
     Carried into the base frame the equations are linear in a general matrix in the place of the
     base's rotation; its nearest rotation starts the Gauss-Newton steps from any base and any
@@ -127,7 +127,7 @@ def hand_eye_from_points(
 
     Args:
         T_base_ee: (P, 4, 4) modelled end-effector [m].
-        p_cmm_m: (P, B, 3) measured positions [m], nan where a target was not seen.
+        p_instr_m: (P, B, 3) measured positions [m], nan where a target was not seen.
         p_ee_stated_m: (B, 3) what is held where the poses leave a place open; None for the origin
             of the end-effector.
         weights: (P,) weights of the squared residuals; None for equal ones.
@@ -137,9 +137,9 @@ def hand_eye_from_points(
         CalibrationError: with fewer than three poses, when a target was never seen, or when the
             positions lie on one line, so that the base may turn about it.
     """
-    targets = p_cmm_m.shape[1]
+    targets = p_instr_m.shape[1]
     named = [f"target {name}" for name in names or range(1, targets + 1)]
-    times = np.isfinite(p_cmm_m[..., 0]).sum(axis=0)
+    times = np.isfinite(p_instr_m[..., 0]).sum(axis=0)
     unseen = [name for name, seen in zip(named, times, strict=True) if not seen]
     if unseen:
         raise CalibrationError(
@@ -149,7 +149,7 @@ def hand_eye_from_points(
             remedy="leave this target out, or measure it",
         )
     p_ee_m = np.zeros((targets, 3)) if p_ee_stated_m is None else p_ee_stated_m
-    problem = TargetProblem.of(T_base_ee, p_cmm_m, p_ee_m, weights, None)
+    problem = TargetProblem.of(T_base_ee, p_instr_m, p_ee_m, weights, None)
     turns = _by_positions(problem.thinned(MOST_POSES))
     if not turns:
         raise CalibrationError(
@@ -176,15 +176,15 @@ def _best(
     turning = len(problem.R_cmm)
     residuals_m = np.full((poses, targets, 3), np.nan)
     residuals_m[problem.pose, problem.target], residuals_rad = residuals(problem, guess)
-    T_cmm_base = np.eye(4)
-    T_cmm_base[:3, :3], T_cmm_base[:3, 3] = guess.R_cmm_base, guess.p_cmm_base_m
+    T_instr_base = np.eye(4)
+    T_instr_base[:3, :3], T_instr_base[:3, 3] = guess.R_instr_base, guess.p_instr_base_m
     T_ee_targets = np.tile(np.eye(4), (targets, 1, 1))
     T_ee_targets[:, :3, :3], T_ee_targets[:, :3, 3] = guess.R_ee_target, guess.p_ee_m
     spare = max(len(at.residual) - at.by_step.shape[1], 1)
     covariance = np.linalg.pinv(at.by_step.T @ at.by_step)[3:6, 3:6] * at.cost / spare
     across = (np.trace(covariance) - np.diag(covariance)) / 2.0
     return HandEye(
-        T_cmm_base=T_cmm_base,
+        T_instr_base=T_instr_base,
         axis_u_rad=np.sqrt(across),
         T_ee_targets=T_ee_targets,
         residuals_m=residuals_m,
@@ -198,8 +198,8 @@ def _best(
 def _by_positions(problem: TargetProblem) -> list[Array]:
     """Return rotations of the base to start from, by positions; none if they span no plane."""
     root = problem.root_weight[:, None]
-    mean = np.average(problem.p_cmm_m, axis=0, weights=root[:, 0] ** 2)
-    off = root * (problem.p_cmm_m - mean)
+    mean = np.average(problem.p_instr_m, axis=0, weights=root[:, 0] ** 2)
+    off = root * (problem.p_instr_m - mean)
     spread = np.linalg.svd(off, compute_uv=False)
     if spread[1] <= max(OPEN * spread[0], LEAST_SPREAD_M * np.linalg.norm(root)):
         return []
@@ -220,8 +220,8 @@ def _by_positions(problem: TargetProblem) -> list[Array]:
 def _by_kronecker(problem: TargetProblem) -> Array:
     """Return the rotation of the base by attitudes alone.
 
-    With X the target's rotation R_cmm X' = R_cmm_base R_base, so that the sum of R_base (x) R_cmm
-    carries X' to as many times R_cmm_base as there are poses, and nothing further.
+    With X the target's rotation R_cmm X' = R_instr_base R_base, so that the sum of R_base (x) R_cmm
+    carries X' to as many times R_instr_base as there are poses, and nothing further.
     """
     weighted = problem.weights[:, None, None] * problem.R_base
     summed = np.einsum("pij,pkl->ikjl", weighted, problem.R_cmm).reshape(9, 9)

@@ -18,30 +18,30 @@ class NominalSeed:
     """The base frame in the instrument's frame, from positions of the nominal model.
 
     Attributes:
-        T_cmm_base: (4, 4) instrument from base [m].
+        T_instr_base: (4, 4) instrument from base [m].
         axis_u_rad: (3,) standard uncertainty of the directions of x, y and z, per axis across each,
             taking the residuals as independent.
         residual_rms_m: root mean square distance of measured from modelled positions.
         poses: poses fitted.
     """
 
-    T_cmm_base: Array
+    T_instr_base: Array
     axis_u_rad: Array
     residual_rms_m: float
     poses: int
 
 
-def seed_from_nominal(p_cmm_m: Array, p_base_m: Array) -> NominalSeed:
+def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> NominalSeed:
     """Fit the base frame to measured positions and those of the nominal model.
 
     Args:
-        p_cmm_m: (P, 3) measured positions of the end-effector, P >= 3.
+        p_instr_m: (P, 3) measured positions of the end-effector, P >= 3.
         p_base_m: (P, 3) the nominal model's positions in the base frame.
 
     Raises:
         CalibrationError: with fewer than three poses, or when the positions lie on one line.
     """
-    count = len(p_cmm_m)
+    count = len(p_instr_m)
     if count < 3:
         raise CalibrationError(
             "too few poses to fit a base frame to",
@@ -50,12 +50,12 @@ def seed_from_nominal(p_cmm_m: Array, p_base_m: Array) -> NominalSeed:
             allowed="at least 3",
             remedy="measure more unloaded grid poses, or straight moves",
         )
-    fit = fit_rigid(p_base_m, p_cmm_m)
+    fit = fit_rigid(p_base_m, p_instr_m)
     variance = float(fit.rms) ** 2 * count / (3 * count - 6)
     # The covariance scales with the variance; a floor keeps it invertible when the fit is exact.
     scale = max(variance, np.finfo(float).tiny ** 0.5)
     points = np.broadcast_to(scale * np.eye(3), (1, count, 3, 3))
-    turning = fit_rigid_weighted(p_base_m, p_cmm_m[None], points).covariance[0, 3:, 3:]
+    turning = fit_rigid_weighted(p_base_m, p_instr_m[None], points).covariance[0, 3:, 3:]
     axes = fit.T[:3, :3]
     along = np.einsum("ik,ij,jk->k", axes, turning, axes)
     across = (np.trace(turning) - along) / 2.0

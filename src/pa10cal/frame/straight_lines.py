@@ -34,7 +34,7 @@ class StraightLine:
     """A least-squares line through the measured points of one move.
 
     Attributes:
-        direction_cmm: (3,) unit vector, in the sense in which the robot's coordinate grows.
+        direction_instr: (3,) unit vector, in the sense in which the robot's coordinate grows.
         length_m: distance between the outermost points, along the line.
         bend_rms_m: root mean square distance of the points from the line.
         direction_u_rad: standard uncertainty of the direction, per axis across the line, from
@@ -42,7 +42,7 @@ class StraightLine:
         points: number of points.
     """
 
-    direction_cmm: Array
+    direction_instr: Array
     length_m: float
     bend_rms_m: float
     direction_u_rad: float
@@ -54,7 +54,7 @@ class LineSeed:
     """The base frame in the instrument's frame, from straight moves.
 
     Attributes:
-        T_cmm_base: (4, 4) instrument from base [m].
+        T_instr_base: (4, 4) instrument from base [m].
         line_x: the move along the robot's x axis.
         line_y: the move along the robot's y axis, before it is made perpendicular to x.
         angle_rad: angle between the two measured lines.
@@ -62,7 +62,7 @@ class LineSeed:
         origin_poses: poses averaged for the origin.
     """
 
-    T_cmm_base: Array
+    T_instr_base: Array
     line_x: StraightLine
     line_y: StraightLine
     angle_rad: float
@@ -70,11 +70,11 @@ class LineSeed:
     origin_poses: int
 
 
-def fit_line(p_cmm_m: Array, travel_m: Array, name: str = "straight move") -> StraightLine:
+def fit_line(p_instr_m: Array, travel_m: Array, name: str = "straight move") -> StraightLine:
     """Fit a line to points by least squares of their distances from it.
 
     Args:
-        p_cmm_m: (N, 3) measured points, N >= 3.
+        p_instr_m: (N, 3) measured points, N >= 3.
         travel_m: (N,) the robot's own coordinate along the move at each point; gives the sense.
         name: of the move, for messages.
 
@@ -84,7 +84,7 @@ def fit_line(p_cmm_m: Array, travel_m: Array, name: str = "straight move") -> St
     Raises:
         CalibrationError: with fewer than three points.
     """
-    count = len(p_cmm_m)
+    count = len(p_instr_m)
     if count < 3:
         raise CalibrationError(
             "too few points for a line and its uncertainty",
@@ -93,17 +93,17 @@ def fit_line(p_cmm_m: Array, travel_m: Array, name: str = "straight move") -> St
             allowed="at least 3 measured points",
             remedy="measure more points along the move",
         )
-    offsets = p_cmm_m - p_cmm_m.mean(axis=0)
+    offsets = p_instr_m - p_instr_m.mean(axis=0)
     direction = np.linalg.svd(offsets, full_matrices=False)[2][0]
     along = offsets @ direction
     if along @ (travel_m - travel_m.mean()) < 0.0:
         direction, along = -direction, -along
     across = offsets - np.outer(along, direction)
     square = float((across**2).sum())
-    scatter = np.sqrt(square / (2 * (count - 2)))  # two axes across, N - 2 freedoms each
+    scatter = np.sqrt(square / (2 * (count - 2)))  # two axes across, N - 2 dof each
     spread = float(np.sqrt((along**2).sum()))
     return StraightLine(
-        direction_cmm=direction,
+        direction_instr=direction,
         length_m=float(np.ptp(along)),
         bend_rms_m=float(np.sqrt(square / count)),
         direction_u_rad=float(scatter / spread) if spread > 0.0 else float("inf"),
@@ -111,14 +111,14 @@ def fit_line(p_cmm_m: Array, travel_m: Array, name: str = "straight move") -> St
     )
 
 
-def axes_from_lines(x_cmm: Array, y_cmm: Array) -> Array:
-    """Return R_cmm_base (3, 3) from the directions of the two moves.
+def axes_from_lines(x_instr: Array, y_instr: Array) -> Array:
+    """Return R_instr_base (3, 3) from the directions of the two moves.
 
     z = x × y (5), y = z × x (6), R = [x y z] (7). x is kept as measured, z is normalised, since
     the measured lines are not exactly perpendicular.
     """
-    x = x_cmm / np.linalg.norm(x_cmm)
-    z = np.cross(x, y_cmm)
+    x = x_instr / np.linalg.norm(x_instr)
+    z = np.cross(x, y_instr)
     z /= np.linalg.norm(z)
     return np.column_stack([x, np.cross(z, x), z])
 
@@ -128,7 +128,7 @@ def seed_from_lines(
 ) -> LineSeed:
     """Find the base frame: axes from the straight moves, origin from the nominal model.
 
-    The origin is the mean over the given poses of p_cmm_ee - R_cmm_base p_base_ee.
+    The origin is the mean over the given poses of p_instr_ee - R_instr_base p_base_ee.
 
     Args:
         x_move: end-effector positions of the move along x, (N, 3) each [m]: measured in the
@@ -143,7 +143,7 @@ def seed_from_lines(
     """
     line_x = _checked_line(x_move[0], x_move[1][:, 0], "line_x", limits)
     line_y = _checked_line(y_move[0], y_move[1][:, 1], "line_y", limits)
-    angle = _angle(line_x.direction_cmm, line_y.direction_cmm)
+    angle = _angle(line_x.direction_instr, line_y.direction_instr)
     if not limits.min_angle_rad <= angle <= np.pi - limits.min_angle_rad:
         least = np.degrees(limits.min_angle_rad)
         raise CalibrationError(
@@ -153,17 +153,19 @@ def seed_from_lines(
             allowed=f"an angle of {least:g} to {180 - least:g} deg between them",
             remedy="check the labels line_x and line_y, or move along two perpendicular axes",
         )
-    R_cmm_base = axes_from_lines(line_x.direction_cmm, line_y.direction_cmm)
-    p_cmm_m, p_base_m = origin_poses
-    origins = p_cmm_m - p_base_m @ R_cmm_base.T
-    T_cmm_base = np.eye(4)
-    T_cmm_base[:3, :3], T_cmm_base[:3, 3] = R_cmm_base, origins.mean(axis=0)
-    scatter = np.sqrt(((origins - T_cmm_base[:3, 3]) ** 2).sum(axis=1).mean())
-    return LineSeed(T_cmm_base, line_x, line_y, angle, float(scatter), len(origins))
+    R_instr_base = axes_from_lines(line_x.direction_instr, line_y.direction_instr)
+    p_instr_m, p_base_m = origin_poses
+    origins = p_instr_m - p_base_m @ R_instr_base.T
+    T_instr_base = np.eye(4)
+    T_instr_base[:3, :3], T_instr_base[:3, 3] = R_instr_base, origins.mean(axis=0)
+    scatter = np.sqrt(((origins - T_instr_base[:3, 3]) ** 2).sum(axis=1).mean())
+    return LineSeed(T_instr_base, line_x, line_y, angle, float(scatter), len(origins))
 
 
-def _checked_line(p_cmm_m: Array, travel_m: Array, where: str, limits: LineLimits) -> StraightLine:
-    line = fit_line(p_cmm_m, travel_m, where)
+def _checked_line(
+    p_instr_m: Array, travel_m: Array, where: str, limits: LineLimits
+) -> StraightLine:
+    line = fit_line(p_instr_m, travel_m, where)
     if line.length_m < limits.min_length_m:
         raise CalibrationError(
             "the straight move is too short",

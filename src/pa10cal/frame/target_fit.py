@@ -29,7 +29,7 @@ class TargetProblem:
         shape: P poses and B targets.
         pose: (K,) pose of every row.
         target: (K,) target of every row.
-        p_cmm_m: (K, 3) measured positions.
+        p_instr_m: (K, 3) measured positions.
         p_base_m: (P, 3) modelled positions of the end-effector.
         R_base: (P, 3, 3) modelled attitudes.
         R_cmm: (P, 3, 3) measured attitudes, or none (0, 3, 3).
@@ -40,7 +40,7 @@ class TargetProblem:
     shape: tuple[int, int]
     pose: NDArray[np.intp]
     target: NDArray[np.intp]
-    p_cmm_m: Array
+    p_instr_m: Array
     p_base_m: Array
     R_base: Array
     R_cmm: Array
@@ -51,7 +51,7 @@ class TargetProblem:
     def of(
         cls,
         T_base_ee: Array,
-        p_cmm_m: Array,
+        p_instr_m: Array,
         p_ee_stated_m: Array,
         weights: Array | None,
         R_cmm: Array | None,
@@ -60,7 +60,7 @@ class TargetProblem:
 
         Args:
             T_base_ee: (P, 4, 4) modelled end-effector [m].
-            p_cmm_m: (P, B, 3) measured positions [m].
+            p_instr_m: (P, B, 3) measured positions [m].
             p_ee_stated_m: (B, 3) stated places.
             weights: (P,) weights, or None for equal ones.
             R_cmm: (P, 3, 3) measured attitudes, or None.
@@ -68,7 +68,7 @@ class TargetProblem:
         Raises:
             CalibrationError: with fewer than three poses.
         """
-        seen = np.isfinite(p_cmm_m[..., 0])
+        seen = np.isfinite(p_instr_m[..., 0])
         poses = int(np.count_nonzero(seen.any(axis=1)))
         if poses < LEAST_POSES:
             raise CalibrationError(
@@ -83,7 +83,7 @@ class TargetProblem:
             shape=(seen.shape[0], seen.shape[1]),
             pose=pose,
             target=target,
-            p_cmm_m=p_cmm_m[seen],
+            p_instr_m=p_instr_m[seen],
             p_base_m=T_base_ee[:, :3, 3],
             R_base=T_base_ee[:, :3, :3],
             R_cmm=np.zeros((0, 3, 3)) if R_cmm is None else R_cmm,
@@ -106,7 +106,7 @@ class TargetProblem:
             shape=(most, self.shape[1]),
             pose=place[self.pose[kept]],
             target=self.target[kept],
-            p_cmm_m=self.p_cmm_m[kept],
+            p_instr_m=self.p_instr_m[kept],
             p_base_m=self.p_base_m[chosen],
             R_base=self.R_base[chosen],
             R_cmm=self.R_cmm[chosen] if len(self.R_cmm) else self.R_cmm,
@@ -135,18 +135,18 @@ class TargetProblem:
 class Guess:
     """Base frame, places of the targets, and attitude of the one whose attitude was seen."""
 
-    R_cmm_base: Array
-    p_cmm_base_m: Array
+    R_instr_base: Array
+    p_instr_base_m: Array
     p_ee_m: Array
     R_ee_target: Array
 
 
-def first_guess(problem: TargetProblem, R_cmm_base: Array, R_ee_target: Array) -> Guess:
+def first_guess(problem: TargetProblem, R_instr_base: Array, R_ee_target: Array) -> Guess:
     """Return a guess from rotations of base and target: targets as stated, origin by the mean."""
-    origins_m = problem.p_cmm_m - problem.in_base(problem.p_ee_stated_m) @ R_cmm_base.T
+    origins_m = problem.p_instr_m - problem.in_base(problem.p_ee_stated_m) @ R_instr_base.T
     weights = problem.weights[problem.pose]
-    p_cmm_base_m = np.average(origins_m, axis=0, weights=weights)
-    return Guess(R_cmm_base, p_cmm_base_m, problem.p_ee_stated_m, R_ee_target)
+    p_instr_base_m = np.average(origins_m, axis=0, weights=weights)
+    return Guess(R_instr_base, p_instr_base_m, problem.p_ee_stated_m, R_ee_target)
 
 
 def refined(problem: TargetProblem, guess: Guess) -> tuple[Guess, Linearised, Freedom]:
@@ -175,8 +175,8 @@ def _moving(free: Array) -> Callable[[Guess, Array], Guess]:
         places = guess.p_ee_m.size
         turn = of_targets[places:] if len(of_targets) > places else np.zeros(3)
         return Guess(
-            guess.R_cmm_base @ Rotation.from_rotvec(step[3:6]).as_matrix(),
-            guess.p_cmm_base_m + guess.R_cmm_base @ step[:3],
+            guess.R_instr_base @ Rotation.from_rotvec(step[3:6]).as_matrix(),
+            guess.p_instr_base_m + guess.R_instr_base @ step[:3],
             guess.p_ee_m + of_targets[:places].reshape(-1, 3),
             Rotation.from_rotvec(turn).as_matrix() @ guess.R_ee_target,
         )
@@ -186,8 +186,8 @@ def _moving(free: Array) -> Callable[[Guess, Array], Guess]:
 
 def residuals(problem: TargetProblem, guess: Guess) -> tuple[Array, Array]:
     """Return seen less modelled positions (K, 3) and turns (P, 3), along base axes."""
-    R = guess.R_cmm_base
-    off_m = (problem.p_cmm_m - guess.p_cmm_base_m) @ R - problem.in_base(guess.p_ee_m)
+    R = guess.R_instr_base
+    off_m = (problem.p_instr_m - guess.p_instr_base_m) @ R - problem.in_base(guess.p_ee_m)
     if not len(problem.R_cmm):
         return off_m, np.zeros((problem.shape[0], 3))
     modelled = problem.R_base @ guess.R_ee_target

@@ -55,14 +55,14 @@ def instrument_kind(folder: Path) -> str:
     return str(instrument.get("kind", "")) if isinstance(instrument, dict) else ""
 
 
-def takes_complete_model(model: str, instrument: str) -> bool:
-    """Tell whether a campaign's load cases are worked out with the complete model.
+def takes_general_model(model: str, instrument: str) -> bool:
+    """Tell whether a campaign's load cases are worked out with the general model.
 
     Args:
         model: `calibration.model` of the settings.
         instrument: kind of the instrument.
     """
-    return model == "complete" or (model == "auto" and instrument != TOUCHED)
+    return model == "general" or (model == "auto" and instrument != TOUCHED)
 
 
 def campaign_name(folder: Path) -> str:

@@ -44,7 +44,7 @@ def analysis_record(found: Discovery) -> dict[str, Any]:
 def _shifts(found: Discovery) -> list[dict[str, Any]]:
     """Return every parameter of the calibrated model, and once the effects joined it."""
     baseline = found.problem.baseline
-    reports = (baseline.model.report(baseline.x), report_base(baseline.T_cmm_base))
+    reports = (baseline.model.report(baseline.x), report_base(baseline.T_instr_base))
     before = {
         parameter.name: float(value)
         for report in reports
@@ -67,8 +67,8 @@ def _shifts(found: Discovery) -> list[dict[str, Any]]:
 
 def _rows(found: Discovery, gap: Gap) -> list[dict[str, Any]]:
     """Return every averaged configuration with its errors before and after, base axes."""
-    T_cmm_base = found.problem.baseline.T_cmm_base
-    p_base_mm = 1e3 * (gap.poses.T_cmm_ee[:, :3, 3] - T_cmm_base[:3, 3]) @ T_cmm_base[:3, :3]
+    T_instr_base = found.problem.baseline.T_instr_base
+    p_base_mm = 1e3 * (gap.poses.T_instr_ee[:, :3, 3] - T_instr_base[:3, 3]) @ T_instr_base[:3, :3]
     return [
         {
             "pose": str(gap.poses.pose[k]),

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from pa10cal.campaign.description import Campaign
     from pa10cal.settings import CalibrationSettings
 
-#: Load case of the complete model beside the paper's: all loads together.
-COMPLETE = "complete"
+#: Load case of the general model beside the paper's: all loads together.
+GENERAL = "general"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -30,7 +30,7 @@ def _describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--campaign-dir", type=Path, required=True)
     parser.add_argument("--poses", type=Path, required=True, help="table of poses (parquet)")
     parser.add_argument("--base-frame", type=Path, required=True, help="seed of the base frame")
-    parser.add_argument("--load", required=True, help="a load such as 44N, combined, or complete")
+    parser.add_argument("--load", required=True, help="a load such as 44N, combined, or general")
     parser.add_argument("--settings", default="{}", help="calibration section, JSON or YAML file")
     parser.add_argument("--out", type=Path, required=True)
 
@@ -41,17 +41,17 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
     from pa10cal.files.schemas import CALIBRATION
-    from pa10cal.planning.campaign import takes_complete_model
+    from pa10cal.planning.campaign import takes_general_model
     from pa10cal.settings import CalibrationSettings, read_settings_argument
 
     settings = read_settings_argument(CalibrationSettings, arguments.settings)
     campaign = read_campaign(arguments.campaign_dir)
     arm = load_arm(campaign.robot, arguments.campaign_dir)
     table = read_pose_table(arguments.poses, campaign.name)
-    complete = arguments.load == COMPLETE or takes_complete_model(
+    general = arguments.load == GENERAL or takes_general_model(
         settings.model, campaign.instrument.kind
     )
-    work = _by_complete_model if complete else _by_papers_model
+    work = _by_general_model if general else _by_papers_model
     record = work(arguments, settings, campaign, arm, table)
     header = {
         "schema": CALIBRATION,
@@ -83,16 +83,16 @@ def _by_papers_model(
             "the paper's model needs positions and attitudes of the end-effector",
             where="calibration.model",
             value=settings.model,
-            allowed=f"auto or complete for an instrument of kind {campaign.instrument.kind}",
+            allowed=f"auto or general for an instrument of kind {campaign.instrument.kind}",
             remedy="set calibration.model to auto",
         )
-    seed = read_record(arguments.base_frame, BASE_FRAME, ("T_cmm_base",), campaign.name)
+    seed = read_record(arguments.base_frame, BASE_FRAME, ("T_instr_base",), campaign.name)
     held_out = observations(table, kind="holdout")
     case = work_out(
         arm,
         observations(table, kind="grid", average=False),
         held_out if len(held_out) else None,
-        read_pose_matrix(seed, "T_cmm_base", arguments.base_frame),
+        read_pose_matrix(seed, "T_instr_base", arguments.base_frame),
         arguments.load,
         1e-3 * settings.apparatus_uncertainty_mm,
         study_of(settings),
@@ -100,7 +100,7 @@ def _by_papers_model(
     return load_case_record(case)
 
 
-def _by_complete_model(
+def _by_general_model(
     arguments: argparse.Namespace,
     settings: CalibrationSettings,
     campaign: Campaign,
@@ -108,29 +108,29 @@ def _by_complete_model(
     table: pd.DataFrame,
 ) -> dict[str, Any]:
     """Work out a load case with every parameter that arm and instrument can tell."""
-    from pa10cal.calibration.complete.case import work_out_complete
+    from pa10cal.calibration.general.case import work_out_general
     from pa10cal.calibration.load_case import COMBINED, rows_of_load
     from pa10cal.campaign.sightings import sightings
     from pa10cal.files.schemas import BASE_FRAME
-    from pa10cal.stages.complete_record import complete_options, complete_record, read_start
-    from pa10cal.stages.discovery_setting import burden_of
+    from pa10cal.stages.discovery_setting import payload_of
+    from pa10cal.stages.general_record import general_options, general_record, read_start
     from pa10cal.stages.records import read_record
 
-    seed = read_record(arguments.base_frame, BASE_FRAME, ("T_cmm_base",), campaign.name)
+    seed = read_record(arguments.base_frame, BASE_FRAME, ("T_instr_base",), campaign.name)
     grid = sightings(table, campaign, "grid")
     held_out = sightings(table, campaign, "holdout")
-    load = COMBINED if arguments.load == COMPLETE else arguments.load
-    case = work_out_complete(
+    load = COMBINED if arguments.load == GENERAL else arguments.load
+    case = work_out_general(
         arm,
         grid,
         held_out if len(held_out) else None,
         rows_of_load(grid.states.load_N, load),
         read_start(seed, grid.seen, arguments.base_frame),
         arguments.load,
-        burden_of(campaign, arm),
-        complete_options(settings),
+        payload_of(campaign, arm),
+        general_options(settings),
     )
-    return complete_record(case)
+    return general_record(case)
 
 
 def _say(title: str, record: dict[str, Any]) -> None:

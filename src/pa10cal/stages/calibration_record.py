@@ -23,7 +23,7 @@ from pa10cal.calibration.load_case import LoadCase, Study, model_deviations
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import RecordError
 from pa10cal.settings import CalibrationSettings, parse_section
-from pa10cal.stages.complete_record import read_complete
+from pa10cal.stages.general_record import read_general
 from pa10cal.stages.health_record import health_record
 from pa10cal.stages.records import read_pose_matrix
 from pa10cal.terms.baseline import baseline, solved_parameters
@@ -75,7 +75,7 @@ def load_case_record(case: LoadCase) -> dict[str, Any]:
         "unknowns": len(cubic.identifiability.singular_values),
         "condition": cubic.identifiability.condition,
         "singular_values": cubic.identifiability.singular_values.tolist(),
-        "null_directions": [direction.weights for direction in cubic.open_directions],
+        "null_directions": [direction.weights for direction in cubic.unidentified_directions],
         "weak_directions": [
             {"std_over_tolerance": size, "weights": direction.weights}
             for size, direction in weak_directions(cubic)
@@ -125,12 +125,12 @@ def parameter_records(calibration: Calibration) -> dict[str, dict[str, Any]]:
     """
     model = calibration.level.model
     outer = model.report(calibration.solution.x)
-    base = report_base(calibration.T_cmm_base)
+    base = report_base(calibration.T_instr_base)
     records = _records(outer, calibration.covariances.parameters)
     records |= _records(base, calibration.covariances.base)
     at_bound = _at_bound(calibration, outer)
     for name, record in records.items():
-        record["identifiable"] = name not in calibration.open_parameters
+        record["identifiable"] = name not in calibration.not_identifiable
         record["at_bound"] = name in at_bound
         if not record["identifiable"]:
             record["std"] = record["tolerance"]
@@ -170,7 +170,7 @@ def fit_record(calibration: Calibration, grid: PoseObservations) -> dict[str, An
         "starts_agreeing": calibration.starts_agreeing,
         "parameters": parameter_records(calibration),
         "covariance": covariance_record(calibration),
-        "T_cmm_base": calibration.T_cmm_base.tolist(),
+        "T_instr_base": calibration.T_instr_base.tolist(),
         "after": accuracy_records(summarise_by_load(found, grid.states.load_N)),
     }
 
@@ -178,20 +178,20 @@ def fit_record(calibration: Calibration, grid: PoseObservations) -> dict[str, An
 def read_fit(
     record: dict[str, Any], arm: Arm, path: Path, *, cubic: bool
 ) -> tuple[Model, Array, Array]:
-    """Return model, parameters (k,) and T_cmm_base (4, 4) of a calibration record.
+    """Return model, parameters (k,) and T_instr_base (4, 4) of a calibration record.
 
     Args:
         record: content of `calibration/<load>.json`.
         arm: the nominal arm.
         path: where it was read from, for the message.
-        cubic: the fit with cubic springs, else the linear one; the complete model has one.
+        cubic: the fit with cubic springs, else the linear one; the general model has one.
 
     Raises:
         RecordError: when it lacks a parameter or was written with other settings.
     """
-    if record.get("model") == "complete":
-        found = read_complete(record, arm, path)
-        return found.model, found.x, found.T_cmm_base
+    if record.get("model") == "general":
+        found = read_general(record, arm, path)
+        return found.model, found.x, found.T_instr_base
     settings = parse_section(CalibrationSettings, record.get("settings"), where=str(path))
     fit = record if cubic else record["linear"]
     model = baseline(arm, settings.flexible_joints, _tolerances(settings), cubic=cubic)
@@ -206,7 +206,7 @@ def read_fit(
             allowed="every parameter with a value",
             remedy="run the calibrate stage again",
         ) from None
-    return model, x, read_pose_matrix(fit, "T_cmm_base", path)
+    return model, x, read_pose_matrix(fit, "T_instr_base", path)
 
 
 def _tolerances(settings: CalibrationSettings) -> Tolerances:

@@ -1,7 +1,7 @@
 """Individuals of a chain of links, measured in the virtual cell and calibrated with both models.
 
 The two-level model, the paper's, departs by the rows of the chain and has no motions of the tool;
-its inner level has the poses that the settings ask for, and once more all of them. The complete
+its inner level has the poses that the settings ask for, and once more all of them. The general
 model has whatever arm and instrument can tell. What an individual hides is looked at
 only after it was calibrated.
 """
@@ -17,10 +17,14 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.accuracy import align_nominal, deviations
 from pa10cal.calibration.calibrate import Calibration, calibrate
-from pa10cal.calibration.complete.case import fitted
-from pa10cal.calibration.complete.complete import Complete, CompleteOptions, calibrate_complete
-from pa10cal.calibration.complete.start import find_start
-from pa10cal.calibration.identifiability import Identifiability, open_directions
+from pa10cal.calibration.general.calibrate import (
+    GeneralCalibration,
+    GeneralOptions,
+    calibrate_general,
+)
+from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.general.start import find_start
+from pa10cal.calibration.identifiability import Identifiability, unidentified_directions
 from pa10cal.calibration.load_case import Study, model_deviations
 from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.campaign.observations import PoseObservations
@@ -75,7 +79,7 @@ def draw_departing(
     rows = baseline(arm, (), study.tolerances).parameters
     truth = {each.name: float(rng.normal(0.0, each.scale)) for each in rows}
     free = replace(draw_individual(arm, plan, rng), T_ee_target=np.eye(4))
-    by_rows = individual_from_departures(arm, truth, plan=plan, T_cmm_base=free.T_cmm_base)
+    by_rows = individual_from_departures(arm, truth, plan=plan, T_instr_base=free.T_instr_base)
     return (
         Departing("rows", "departs by the parameters of its rows", by_rows, truth),
         Departing("any_way", "departs in any way, axes and flange in six directions", free, {}),
@@ -100,7 +104,7 @@ def calibrated_record(
     sightings = sightings_of(made)
     grid = made.kind == "grid"
     poses = observations_of(sightings)
-    exact = replace(poses, T_cmm_ee=individual.T_cmm_target(made.truth.rest.T_base_ee))
+    exact = replace(poses, T_instr_ee=individual.T_instr_target(made.truth.rest.T_base_ee))
 
     two_levels = {
         model: calibrate(
@@ -111,10 +115,12 @@ def calibrated_record(
         )
         for model, inside in (("two_level", study.options.inner_poses), ("two_level_all", None))
     }
-    options = CompleteOptions(springs=(), tolerances=study.tolerances)
+    options = GeneralOptions(springs=(), tolerances=study.tolerances)
     start = find_start(arm, sightings.take(grid))
-    complete = calibrate_complete(arm, sightings.take(grid), start, None, options)
-    exactly = replace(sightings, seen=replace(_poses_seen(sightings), T_cmm_target=exact.T_cmm_ee))
+    general = calibrate_general(arm, sightings.take(grid), start, None, options)
+    exactly = replace(
+        sightings, seen=replace(_poses_seen(sightings), T_instr_target=exact.T_instr_ee)
+    )
 
     rigid = nominal(arm)
     T_aligned = align_nominal(rigid, poses.take(grid))
@@ -126,7 +132,7 @@ def calibrated_record(
                 model: model_deviations(found, against).distance_mm
                 for model, found in two_levels.items()
             },
-            "complete": fitted(complete).deviations(seen).distance_mm,
+            "general": fitted(general).deviations(seen).distance_mm,
         }
         for against, seen in ((poses, sightings), (exact, exactly))
     )
@@ -146,7 +152,7 @@ def calibrated_record(
                 model: _two_level_record(found, departing.truth)
                 for model, found in two_levels.items()
             },
-            "complete": _complete_record(complete),
+            "general": _general_record(general),
         },
         "poses": {
             "pose": made.pose.tolist(),
@@ -206,7 +212,7 @@ def observations_of(sightings: Sightings) -> PoseObservations:
     return PoseObservations(
         sightings.pose,
         sightings.states,
-        seen.T_cmm_target,
+        seen.T_instr_target,
         seen.cov,
         np.zeros((len(sightings), 6, 0)),
         sightings.repeats,
@@ -236,24 +242,24 @@ def _two_level_record(found: Calibration, truth: dict[str, float]) -> dict[str, 
         "starts": len(found.starts),
         "starts_agreeing": found.starts_agreeing,
         **_rank_record(found.identifiability),
-        "null_directions": [direction.weights for direction in found.open_directions],
+        "null_directions": [direction.weights for direction in found.unidentified_directions],
         "left_out": {},
         "scores": {
             name: float((value - truth[name]) / sigma)
             for name, value, sigma in zip(names, found.solution.x, std, strict=True)
-            if name in truth and name not in found.open_parameters
+            if name in truth and name not in found.not_identifiable
         },
     }
 
 
-def _complete_record(found: Complete) -> dict[str, Any]:
+def _general_record(found: GeneralCalibration) -> dict[str, Any]:
     parameters: tuple[Parameter, ...] = found.problem.parameters
     identifiability = found.fit.identifiability
     return {
         "converged": found.fit.converged,
         **_rank_record(identifiability),
         "null_directions": [
-            direction.weights for direction in open_directions(identifiability, parameters)
+            direction.weights for direction in unidentified_directions(identifiability, parameters)
         ],
         "left_out": {each.name: each.said_by for each in found.unknowns.redundant},
         "scores": {},

@@ -63,7 +63,7 @@ def _run(arguments: argparse.Namespace) -> None:
     calibration = parse_section(
         CalibrationSettings, record["settings"], where=str(arguments.calibration)
     )
-    model, x, T_cmm_base = read_fit(record, arm, arguments.calibration, cubic=True)
+    model, x, T_instr_base = read_fit(record, arm, arguments.calibration, cubic=True)
     setting = setting_of(campaign, arm, calibration, settings)
     grid = observations(table, kind="grid", average=False, covariance="instrument")
     judge = _by_blocks if _left_out(grid) else _by_repeats
@@ -71,13 +71,13 @@ def _run(arguments: argparse.Namespace) -> None:
         table, from_order = with_arrivals(table)
         grid = observations(table, kind="grid", average=False, covariance="instrument")
     held_out = observations(table, kind="holdout")
-    if record.get("model") == "complete":
-        from pa10cal.stages.complete_record import as_modelled, read_complete
+    if record.get("model") == "general":
+        from pa10cal.stages.general_record import as_modelled, read_general
 
-        fitted = read_complete(record, arm, arguments.calibration)
-        grid, held_out = (as_modelled(poses, fitted, setting.burden) for poses in (grid, held_out))
+        fitted = read_general(record, arm, arguments.calibration)
+        grid, held_out = (as_modelled(poses, fitted, setting.payload) for poses in (grid, held_out))
     outcome = judge(
-        grid, held_out, Baseline(with_bends(model), x, T_cmm_base), setting, settings, record
+        grid, held_out, Baseline(with_bends(model), x, T_instr_base), setting, settings, record
     )
     header = {"campaign": campaign.name, "provenance": campaign.provenance}
     verdict = {
@@ -122,7 +122,7 @@ class _Outcome:
 
 def _left_out(grid: PoseObservations) -> bool:
     """Tell whether effects are judged by blocks of poses left out, and not by repeats."""
-    from pa10cal.discovery.left_out.survey import enough
+    from pa10cal.discovery.blocked_cv.survey import enough
     from pa10cal.discovery.repeatability import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
 
     repeats = repeated(grid)
@@ -188,13 +188,13 @@ def _by_blocks(
     """Judge effects by how well blocks of poses are predicted that were left out."""
     import numpy as np
 
-    from pa10cal.discovery.left_out.discover import discover_left_out
-    from pa10cal.discovery.left_out.fill import fill
-    from pa10cal.stages.left_out_analysis import left_out_analysis
-    from pa10cal.stages.left_out_record import left_out_extended, left_out_verdict
+    from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
+    from pa10cal.discovery.blocked_cv.fill import fill
+    from pa10cal.stages.blocked_cv_analysis import blocked_analysis
+    from pa10cal.stages.blocked_cv_record import blocked_extended, blocked_verdict
     from pa10cal.stages.suggestion_record import filling_records, filling_table
 
-    found = discover_left_out(
+    found = discover_by_blocks(
         grid,
         held_out,
         baseline,
@@ -205,13 +205,13 @@ def _by_blocks(
     )
     ahead = fill(found.survey, found.seen, settings.suggestions, settings.random_seed)
     verdict = {
-        **left_out_verdict(found, settings.error_rate),
+        **blocked_verdict(found, settings.error_rate),
         "suggested_poses": filling_records(ahead),
     }
     return _Outcome(
         verdict,
-        left_out_extended(found),
-        left_out_analysis(found),
+        blocked_extended(found),
+        blocked_analysis(found),
         filling_table(ahead, baseline.model.chain.arm.n),
     )
 

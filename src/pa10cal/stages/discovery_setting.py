@@ -6,7 +6,7 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.description import Arm
-from pa10cal.arm.statics import Burden
+from pa10cal.arm.statics import Payload
 from pa10cal.campaign.description import Campaign
 from pa10cal.discovery.problem import Setting, Uncertainties
 from pa10cal.settings import CalibrationSettings, DiscoverySettings
@@ -20,7 +20,7 @@ def setting_of(
 ) -> Setting:
     """Return what the search needs to know besides the poses."""
     return Setting(
-        burden=burden_of(campaign, arm),
+        payload=payload_of(campaign, arm),
         p_ee_targets_m=MM * campaign.p_ee_balls_mm,
         reference_temperature_C=campaign.reference_temperature_C,
         flexible_joints=calibration.flexible_joints,
@@ -43,11 +43,11 @@ def with_bends(model: Model) -> Model:
     return Model(Chain.of(arm, bends=long_links(arm)), model.terms)
 
 
-def burden_of(campaign: Campaign, arm: Arm) -> Burden | None:
+def payload_of(campaign: Campaign, arm: Arm) -> Payload | None:
     """Return what the arm carries; None where the masses of its links are not known."""
     if arm.mass_kg is None:
         return None
-    return Burden(
+    return Payload(
         mass_kg=campaign.tool.mass_kg,
         com_m=MM * np.array(campaign.tool.com_mm),
         load_point_m=MM * np.array(campaign.tool.load_point_mm),

@@ -64,8 +64,8 @@ def _run(arguments: argparse.Namespace) -> None:
         )
         print(f"{campaign.name}: no held-out rows to evaluate")
         return
-    if record.get("model") == "complete":
-        _judge_complete(arguments, header, record, campaign, table)
+    if record.get("model") == "general":
+        _judge_general(arguments, header, record, campaign, table)
         return
     held_out = observations(table, kind="holdout")
     rigid = nominal(arm)
@@ -79,8 +79,8 @@ def _run(arguments: argparse.Namespace) -> None:
         "cubic": read_fit(record, arm, arguments.calibration, cubic=True),
     }
     judged = {
-        name: judge(model.predict(held_out.states, x), T_cmm_base, held_out)
-        for name, (model, x, T_cmm_base) in fits.items()
+        name: judge(model.predict(held_out.states, x), T_instr_base, held_out)
+        for name, (model, x, T_instr_base) in fits.items()
     }
     if arguments.extended is not None:
         judged["extended"] = _extended(arguments, record, campaign, table)
@@ -98,31 +98,31 @@ def _run(arguments: argparse.Namespace) -> None:
     _say(campaign.name, models, len(held_out))
 
 
-def _judge_complete(
+def _judge_general(
     arguments: argparse.Namespace,
     header: dict[str, Any],
     record: dict[str, Any],
     campaign: Campaign,
     table: pd.DataFrame,
 ) -> None:
-    """Judge the models of a complete calibration on what the instrument saw."""
+    """Judge the models of a general calibration on what the instrument saw."""
     from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
     from pa10cal.settings import CalibrationSettings, DiscoverySettings, parse_section
-    from pa10cal.stages.complete_evaluation import (
-        complete_models,
+    from pa10cal.stages.blocked_cv_model import extended_model
+    from pa10cal.stages.discovery_setting import setting_of
+    from pa10cal.stages.general_evaluation import (
+        general_models,
         held_out_with_torques,
         judged_record,
     )
-    from pa10cal.stages.discovery_setting import setting_of
-    from pa10cal.stages.left_out_model import extended_model
 
     arm = load_arm(campaign.robot, arguments.campaign_dir)
     held_out = held_out_with_torques(table, campaign, arm)
     models = {
         name: judged_record(model, held_out)
-        for name, model in complete_models(record, arm, arguments.calibration).items()
+        for name, model in general_models(record, arm, arguments.calibration).items()
     }
     if arguments.extended is not None:
         extended = extended_model(arguments.extended, record, arm, arguments.calibration)
@@ -176,19 +176,21 @@ def _extended(
     extended = read_record(
         arguments.extended, EXTENDED, ("effects", "x", "targets_off_m"), campaign.name
     )
-    baseline, model, x, T_cmm_base = read_extended(extended, with_bends(model), arguments.extended)
+    baseline, model, x, T_instr_base = read_extended(
+        extended, with_bends(model), arguments.extended
+    )
     if extended.get("arrival_from_order"):
         table, _ = with_arrivals(table)
     poses = complete_about(
         observations(table, kind="holdout"),
         baseline,
-        Baseline(model, x, T_cmm_base),
+        Baseline(model, x, T_instr_base),
         setting_of(campaign, arm, calibration, DiscoverySettings()),
     )
     coordinates = poses.by_apparatus.shape[2]
     places_m = read_vector(extended, "targets_off_m", coordinates, arguments.extended)
-    T_base_ee = as_read(model.predict(poses.states, x), T_cmm_base, poses, places_m)
-    return judge(T_base_ee, T_cmm_base, poses)
+    T_base_ee = as_read(model.predict(poses.states, x), T_instr_base, poses, places_m)
+    return judge(T_base_ee, T_instr_base, poses)
 
 
 def _twist_record(found: HeldOut) -> dict[str, Any]:

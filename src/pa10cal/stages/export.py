@@ -55,7 +55,7 @@ def _run(arguments: argparse.Namespace) -> None:
             remedy="do what the line says",
         )
     arm = load_arm(record["robot"], arguments.campaign_dir)
-    model, x, T_cmm_base = read_fit(record, arm, arguments.calibration, cubic=True)
+    model, x, T_instr_base = read_fit(record, arm, arguments.calibration, cubic=True)
     parameters, effects, warnings = record["parameters"], [], record["warnings"]
     if arguments.extended is not None:
         extended = read_record(
@@ -67,7 +67,7 @@ def _run(arguments: argparse.Namespace) -> None:
         # With nothing missing the calibrated model stays as it is.
         if extended["effects"]:
             x = read_vector(extended, "x", len(x), arguments.extended)
-            T_cmm_base = read_pose_matrix(extended, "T_cmm_base", arguments.extended)
+            T_instr_base = read_pose_matrix(extended, "T_instr_base", arguments.extended)
             parameters, effects = extended["parameters"], extended["named"]
             warnings = extended["warnings"]
     zeros, zero = np.zeros((1, arm.n)), np.zeros(1)
@@ -80,7 +80,7 @@ def _run(arguments: argparse.Namespace) -> None:
         "robot": arm.name,
         "calibration": record["load"],
         "parameters": parameters,
-        "T_cmm_base": T_cmm_base.tolist(),
+        "T_instr_base": T_instr_base.tolist(),
         "effects": effects,
         "warnings": warnings,
     }

@@ -17,7 +17,7 @@ from pa10cal.discovery.fit import Fit, apparatus_m, covariance_of, possible_size
 from pa10cal.discovery.problem import Baseline
 from pa10cal.errors import RecordError
 from pa10cal.stages.records import read_pose_matrix, read_vector
-from pa10cal.terms.effects.effect import Effect, Surroundings
+from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.family import candidates
 from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
 from pa10cal.terms.model import Model
@@ -39,20 +39,20 @@ def extended_record(found: Discovery) -> dict[str, Any]:
         ],
         "parameters": parameter_records(found, extended),
         "x": extended.x[extended.own_columns()][:-6].tolist(),
-        "T_cmm_base": base_of(extended).tolist(),
+        "T_instr_base": base_of(extended).tolist(),
         "targets_off_m": apparatus_m(found.problem, extended).tolist(),
         "baseline": {
             "x": found.problem.baseline.x.tolist(),
-            "T_cmm_base": found.problem.baseline.T_cmm_base.tolist(),
+            "T_instr_base": found.problem.baseline.T_instr_base.tolist(),
         },
-        "surroundings": surroundings_record(found.problem.surroundings),
+        "context": surroundings_record(found.problem.context),
     }
 
 
 def read_extended(
     record: dict[str, Any], baseline_model: Model, path: Path
 ) -> tuple[Baseline, Model, Array, Array]:
-    """Return the baseline, and the extended model, its parameters and T_cmm_base.
+    """Return the baseline, and the extended model, its parameters and T_instr_base.
 
     Args:
         record: what `extended_record` wrote.
@@ -64,7 +64,7 @@ def read_extended(
     """
     arm = baseline_model.chain.arm
     try:
-        around = _surroundings(record["surroundings"], arm)
+        around = _surroundings(record["context"], arm)
         known = {(effect.id, effect.of): effect for effect in candidates(around)}
         effects = [_in_form(known[e["id"], e["of"]], e.get("form")) for e in record["effects"]]
         amounts = [
@@ -84,9 +84,9 @@ def read_extended(
         ) from None
     model = Model(baseline_model.chain, (*baseline_model.terms, *effects))
     baseline = Baseline(
-        baseline_model, baseline_x, read_pose_matrix(record["baseline"], "T_cmm_base", path)
+        baseline_model, baseline_x, read_pose_matrix(record["baseline"], "T_instr_base", path)
     )
-    return baseline, model, x, read_pose_matrix(record, "T_cmm_base", path)
+    return baseline, model, x, read_pose_matrix(record, "T_instr_base", path)
 
 
 def form_record(effect: Effect) -> dict[str, Any] | None:
@@ -104,11 +104,11 @@ def _in_form(effect: Effect, form: dict[str, Any] | None) -> Effect:
 
 
 def base_of(found: Fit) -> Array:
-    """Return T_cmm_base (4, 4) with the fit's own small motions of the base."""
+    """Return T_instr_base (4, 4) with the fit's own small motions of the base."""
     moved = np.eye(4)
     moved[:3, 3] = found.x[-6:-3]
     moved[:3, :3] = Rotation.from_euler("XYZ", found.x[-3:]).as_matrix()
-    T: Array = found.level.T_cmm_base @ moved
+    T: Array = found.level.T_instr_base @ moved
     return T
 
 
@@ -143,11 +143,11 @@ def records_of(report: Report, covariance: Array) -> dict[str, dict[str, Any]]:
     }
 
 
-def surroundings_record(surroundings: Surroundings) -> dict[str, Any]:
+def surroundings_record(context: CandidateContext) -> dict[str, Any]:
     """Return what decides where effects may sit, but for the arm."""
     return {
-        field.name: _plain(getattr(surroundings, field.name))
-        for field in fields(Surroundings)
+        field.name: _plain(getattr(context, field.name))
+        for field in fields(CandidateContext)
         if field.name != "arm"
     }
 
@@ -158,18 +158,18 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _surroundings(record: dict[str, Any], arm: Arm) -> Surroundings:
+def _surroundings(record: dict[str, Any], arm: Arm) -> CandidateContext:
     def array(name: str) -> Array:
         return np.array([np.nan if entry is None else entry for entry in record[name]], dtype=float)
 
     first, last = record["time_span_s"]
-    return Surroundings(
+    return CandidateContext(
         arm=arm,
         flexible_joints=tuple(record["flexible_joints"]),
         reference_temperature_C=float(record["reference_temperature_C"]),
         tau_span_Nm=array("tau_span_Nm"),
-        T_cmm_base=array("T_cmm_base"),
-        p_cmm_middle_m=array("p_cmm_middle_m"),
+        T_instr_base=array("T_instr_base"),
+        p_instr_middle_m=array("p_instr_middle_m"),
         q_span_rad=array("q_span_rad"),
         time_span_s=(float(first), float(last)),
     )

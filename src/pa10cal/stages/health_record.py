@@ -30,7 +30,7 @@ def health_record(health: Health, pose: NDArray[np.str_]) -> dict[str, Any]:
         "rank": ended.identifiability.rank,
         "unknowns": len(ended.parameters),
         "condition": ended.identifiability.condition,
-        "open_parameters": sorted(ended.open_parameters),
+        "not_identifiable": sorted(ended.not_identifiable),
         "correlated_pairs": [
             {"parameters": [pair.first, pair.second], "correlation": pair.correlation}
             for pair in health.pairs

@@ -67,7 +67,7 @@ def _targets(poses: MeasuredPoses) -> list[str]:
     count = poses.ball_touches.size
     if poses.ball_touches.any():
         return [f"{count} balls"]
-    seen = int(np.isfinite(poses.p_cmm_balls_mm[..., 0]).sum())
+    seen = int(np.isfinite(poses.p_instr_balls_mm[..., 0]).sum())
     return [f"targets {', '.join(poses.ball_names)} seen {seen} times of {count}"]
 
 

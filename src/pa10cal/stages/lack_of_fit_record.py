@@ -99,8 +99,8 @@ def _test(found: PureErrorTest | None) -> dict[str, Any] | None:
         return None
     return {
         "chi_square": found.chi_square,
-        "freedoms": found.freedoms,
-        "pure_error_freedoms": found.pure_freedoms,
+        "dof": found.dof,
+        "pure_error_dof": found.pure_dof,
         "F": found.ratio,
         "p_value": found.p_value,
     }

@@ -82,7 +82,7 @@ def _by_end_effector(
 
     def positions(*kinds: PoseObservations) -> tuple[Any, Any]:
         """Measured and nominal positions of the end-effector."""
-        measured = np.vstack([poses.T_cmm_ee[:, :3, 3] for poses in kinds])
+        measured = np.vstack([poses.T_instr_ee[:, :3, 3] for poses in kinds])
         nominal = np.vstack([chain.forward(poses.states.q_rad)[:, :3, 3] for poses in kinds])
         return measured, nominal
 
@@ -99,7 +99,7 @@ def _by_end_effector(
     record = line_record(seed)
     if tracked:
         T_base_ee = chain.forward(unloaded.states.q_rad)
-        found = target_on_base(seed.T_cmm_base, T_base_ee, unloaded.T_cmm_ee)
+        found = target_on_base(seed.T_instr_base, T_base_ee, unloaded.T_instr_ee)
         record["T_ee_target"] = found.tolist()
     return record
 
@@ -114,9 +114,11 @@ def _by_targets(unloaded: Sightings, chain: Chain, campaign: Campaign) -> dict[s
 
     seen, T_base_ee = unloaded.seen, chain.forward(unloaded.states.q_rad)
     if isinstance(seen, SeenPoses):
-        return poses_record(hand_eye_from_poses(T_base_ee, seen.T_cmm_target), len(unloaded))
+        return poses_record(hand_eye_from_poses(T_base_ee, seen.T_instr_target), len(unloaded))
     if isinstance(seen, SeenPoints):
-        found = hand_eye_from_points(T_base_ee, seen.p_cmm_m, seen.p_ee_stated_m, names=seen.names)
+        found = hand_eye_from_points(
+            T_base_ee, seen.p_instr_m, seen.p_ee_stated_m, names=seen.names
+        )
         record = points_record(found, seen.names, len(unloaded))
         return record | {"target_stated": seen.p_ee_stated_m is not None}
     names = campaign.ball_names if len(campaign.ball_names) == 1 else ("target",)

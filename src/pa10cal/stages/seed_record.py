@@ -35,7 +35,7 @@ def line_record(seed: LineSeed) -> dict[str, Any]:
 
     def line(found: StraightLine) -> dict[str, Any]:
         return {
-            "direction_cmm": found.direction_cmm.tolist(),
+            "direction_instr": found.direction_instr.tolist(),
             "direction_u_rad": found.direction_u_rad,
             "length_mm": 1e3 * found.length_m,
             "bend_rms_mm": 1e3 * found.bend_rms_m,
@@ -44,7 +44,7 @@ def line_record(seed: LineSeed) -> dict[str, Any]:
 
     return {
         "method": "straight_lines",
-        **_frame(seed.T_cmm_base),
+        **_frame(seed.T_instr_base),
         "x_direction_u_rad": seed.line_x.direction_u_rad,
         "y_direction_u_rad": seed.line_y.direction_u_rad,
         "line_x": line(seed.line_x),
@@ -60,7 +60,7 @@ def nominal_record(seed: NominalSeed) -> dict[str, Any]:
     """Return what it says of a rigid fit of the nominal model's positions."""
     return {
         "method": "rigid_fit_nominal",
-        **_frame(seed.T_cmm_base),
+        **_frame(seed.T_instr_base),
         "x_direction_u_rad": float(seed.axis_u_rad[0]),
         "y_direction_u_rad": float(seed.axis_u_rad[1]),
         "origin_scatter_mm": 1e3 * seed.residual_rms_m,
@@ -97,11 +97,11 @@ def ranging_record(found: Ranging, name: str, poses: int) -> dict[str, Any]:
     """
     import numpy as np
 
-    T_cmm_base = np.eye(4)
-    T_cmm_base[:3, 3] = -found.p_base_point_m
+    T_instr_base = np.eye(4)
+    T_instr_base[:3, 3] = -found.p_base_point_m
     return {
         "method": "ranging",
-        **_frame(T_cmm_base),
+        **_frame(T_instr_base),
         "p_base_point_m": found.p_base_point_m.tolist(),
         "p_ee_targets_m": {name: found.p_ee_target_m.tolist()},
         "held_as_stated": list(found.held),
@@ -113,7 +113,7 @@ def ranging_record(found: Ranging, name: str, poses: int) -> dict[str, Any]:
 
 def _hand_eye(found: HandEye, poses: int) -> dict[str, Any]:
     return {
-        **_frame(found.T_cmm_base),
+        **_frame(found.T_instr_base),
         "x_direction_u_rad": float(found.axis_u_rad[0]),
         "y_direction_u_rad": float(found.axis_u_rad[1]),
         "held_as_stated": list(found.held),
@@ -123,9 +123,9 @@ def _hand_eye(found: HandEye, poses: int) -> dict[str, Any]:
     }
 
 
-def _frame(T_cmm_base: Any) -> dict[str, Any]:
+def _frame(T_instr_base: Any) -> dict[str, Any]:
     return {
-        "R_cmm_base": T_cmm_base[:3, :3].tolist(),
-        "origin_cmm_m": T_cmm_base[:3, 3].tolist(),
-        "T_cmm_base": T_cmm_base.tolist(),
+        "R_instr_base": T_instr_base[:3, :3].tolist(),
+        "origin_cmm_m": T_instr_base[:3, 3].tolist(),
+        "T_instr_base": T_instr_base.tolist(),
     }

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Burden
-from pa10cal.calibration.complete.complete import with_torques
-from pa10cal.calibration.complete.unknowns import Unknowns
+from pa10cal.arm.statics import Payload
+from pa10cal.calibration.general.calibrate import with_torques
+from pa10cal.calibration.general.unknowns import Unknowns
 from pa10cal.campaign.seen import SeenDistances, SeenPoints, SeenPoses, Sightings
 from pa10cal.cell.individual_arm import (
     IndividualArm,
@@ -41,12 +41,12 @@ def sightings_of(campaign: SightedCampaign) -> Sightings:
     seen: SeenPoses | SeenPoints | SeenDistances
     if isinstance(campaign.seen, SeenPose):
         variances = np.repeat([u_m**2, plan.attitude_rad**2], 3)
-        seen = SeenPoses(campaign.seen.T_cmm_target, np.tile(np.diag(variances), (count, 1, 1)))
+        seen = SeenPoses(campaign.seen.T_instr_target, np.tile(np.diag(variances), (count, 1, 1)))
     elif isinstance(campaign.seen, SeenTargets):
-        targets, p_cmm_m = campaign.truth.individual.targets, campaign.seen.p_cmm_m
-        cov_m2 = np.where(np.isnan(p_cmm_m[..., None]), np.nan, u_m**2 * np.eye(3))
+        targets, p_instr_m = campaign.truth.individual.targets, campaign.seen.p_instr_m
+        cov_m2 = np.where(np.isnan(p_instr_m[..., None]), np.nan, u_m**2 * np.eye(3))
         stated_m = targets.p_ee_stated_m if plan.states_targets else None
-        seen = SeenPoints(targets.names, p_cmm_m, cov_m2, stated_m)
+        seen = SeenPoints(targets.names, p_instr_m, cov_m2, stated_m)
     else:
         seen = SeenDistances(campaign.seen.d_m, np.full(count, u_m))
     states = PoseStates(
@@ -73,16 +73,16 @@ def exact_sightings(
     """
     wanted = plan.model_copy(update={"poses": poses, **_EXACT})
     found = sightings_of(measure_individual(individual, wanted, random_seed))
-    states, _ = with_torques(individual.arm, found.states, burden_of_individual(individual))
+    states, _ = with_torques(individual.arm, found.states, payload_of_individual(individual))
     return replace(found, states=states)
 
 
-def burden_of_individual(individual: IndividualArm) -> Burden | None:
+def payload_of_individual(individual: IndividualArm) -> Payload | None:
     """Return what an individual carries; None where the masses of its links are not known."""
     if individual.arm.mass_kg is None:
         return None
     payload = individual.linkage.payload
-    return Burden(payload.mass_kg, payload.com_m, payload.load_point_m, GRAVITY_M_S2)
+    return Payload(payload.mass_kg, payload.com_m, payload.load_point_m, GRAVITY_M_S2)
 
 
 def draw_by_unknowns(
@@ -117,7 +117,7 @@ def draw_by_unknowns(
         departures,
         plan=plan,
         springs=free.linkage.springs,
-        T_cmm_base=free.T_cmm_base,
+        T_instr_base=free.T_instr_base,
         targets=targets,
     )
     individual = replace(individual, T_ee_target=T_ee_target)
@@ -128,7 +128,7 @@ def truth_of(individual: IndividualArm, departures: Mapping[str, float]) -> Know
     """Return what an individual hides, its links departing by the parameters named."""
     return KnownTruth(
         departures,
-        individual.T_cmm_base,
+        individual.T_instr_base,
         individual.T_ee_target,
         individual.targets.p_ee_m,
         individual.linkage.springs.k_lin,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pa10cal.discovery.left_out.fill import FillingPose
+from pa10cal.discovery.blocked_cv.fill import FillingPose
 from pa10cal.discovery.suggest import Separation, Suggestion
 
 

@@ -32,8 +32,8 @@ def _describe(parser: argparse.ArgumentParser) -> None:
 def _run(arguments: argparse.Namespace) -> None:
     from dataclasses import replace
 
-    from pa10cal.calibration.complete.complete import with_torques
-    from pa10cal.calibration.complete.transfer import refit_frames
+    from pa10cal.calibration.general.calibrate import with_torques
+    from pa10cal.calibration.general.transfer import refit_frames
     from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.sightings import sightings
@@ -43,13 +43,13 @@ def _run(arguments: argparse.Namespace) -> None:
     from pa10cal.files.output import write_json
     from pa10cal.files.schemas import CALIBRATION, TRANSFER
     from pa10cal.settings import CalibrationSettings, DiscoverySettings, parse_section
-    from pa10cal.stages.complete_evaluation import (
-        complete_models,
+    from pa10cal.stages.blocked_cv_model import extended_model
+    from pa10cal.stages.discovery_setting import payload_of, setting_of
+    from pa10cal.stages.general_evaluation import (
+        general_models,
         held_out_with_torques,
         judged_record,
     )
-    from pa10cal.stages.discovery_setting import burden_of, setting_of
-    from pa10cal.stages.left_out_model import extended_model
     from pa10cal.stages.records import read_record
 
     campaign = read_campaign(arguments.campaign_dir)
@@ -58,12 +58,12 @@ def _run(arguments: argparse.Namespace) -> None:
     record = read_record(
         arguments.calibration, CALIBRATION, ("model", "robot", "settings", "status")
     )
-    if record["model"] != "complete" or record["robot"] != campaign.robot:
+    if record["model"] != "general" or record["robot"] != campaign.robot:
         raise RecordError(
             "the calibration cannot be carried over",
             where=str(arguments.calibration),
             value=f"{record['model']} model of {record['robot']}",
-            allowed=f"a complete model of {campaign.robot}",
+            allowed=f"a general model of {campaign.robot}",
             remedy="give the combined calibration of another campaign of the same robot",
         )
     if record["status"] != "converged":
@@ -78,13 +78,13 @@ def _run(arguments: argparse.Namespace) -> None:
     def sighted(rows: pd.DataFrame) -> tuple[Sightings, Sightings]:
         """Return grid and held-out poses with torques, as springs need them."""
         grid = sightings(rows, campaign, "grid")
-        states, _ = with_torques(arm, grid.states, burden_of(campaign, arm))
+        states, _ = with_torques(arm, grid.states, payload_of(campaign, arm))
         return replace(grid, states=states), held_out_with_torques(rows, campaign, arm)
 
     grid, held_out = sighted(table)
     judged = {
         name: judged_record(refit_frames(model, grid), held_out)
-        for name, model in complete_models(record, arm, arguments.calibration).items()
+        for name, model in general_models(record, arm, arguments.calibration).items()
     }
     if arguments.extended is not None:
         extended = extended_model(arguments.extended, record, arm, arguments.calibration)

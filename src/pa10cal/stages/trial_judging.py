@@ -72,7 +72,7 @@ class CalibratedCampaign:
         poses = average_repeats(self.readings)
         found = self.calibration
         T_base_ee = found.level.model.predict(poses.states, found.solution.x)
-        return deviations(T_base_ee, found.T_cmm_base, poses).position_mm
+        return deviations(T_base_ee, found.T_instr_base, poses).position_mm
 
 
 def calibrated(raw: Path, settings: JudgingSettings) -> CalibratedCampaign:
@@ -117,7 +117,7 @@ def judge(known: CalibratedCampaign, settings: JudgingSettings) -> dict[str, Any
     discovery = discover(
         known.readings,
         held_out if len(held_out) else None,
-        Baseline(with_bends(found.level.model), found.solution.x, found.T_cmm_base),
+        Baseline(with_bends(found.level.model), found.solution.x, found.T_instr_base),
         setting_of(known.campaign, known.arm, settings.calibration, settings.discovery),
         error_rate,
     )

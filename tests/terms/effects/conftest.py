@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from pa10cal.arm.state import Carried, PoseStates, Seen
+from pa10cal.arm.state import PoseStates, Seen, StaticLoads
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.effect import Effect, Surroundings
+from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.family import candidates
 
 POSES, TARGETS = 6, 3
@@ -26,28 +26,28 @@ def some_states() -> PoseStates:
         load_N=rng.choice([0.0, 44.0], POSES),
         temperature_C=rng.uniform(19.0, 27.0, POSES),
         time_s=np.sort(rng.uniform(100.0, 4e4, POSES)),
-        carried=Carried(
+        static_loads=StaticLoads(
             link_Nm=rng.uniform(-60.0, 60.0, (POSES, arm.n, 3)),
             base_Nm=rng.uniform(-100.0, 100.0, (POSES, 3)),
             joint_Nm=rng.uniform(-60.0, 60.0, (POSES, arm.n)),
             down_ee=down / np.linalg.norm(down, axis=1, keepdims=True),
         ),
         seen=Seen(
-            p_cmm_targets_m=rng.uniform(0.0, 0.9, (POSES, TARGETS, 3)),
+            p_instr_targets_m=rng.uniform(0.0, 0.9, (POSES, TARGETS, 3)),
             pose_by_targets=rng.normal(size=(POSES, 6, 3 * TARGETS)),
         ),
     )
 
 
-def some_surroundings() -> Surroundings:
+def some_surroundings() -> CandidateContext:
     states = some_states()
-    return Surroundings(
+    return CandidateContext(
         arm=load_arm("pa10_6ce"),
         flexible_joints=(2, 3, 5),
         reference_temperature_C=21.0,
         tau_span_Nm=np.abs(states.tau_Nm).max(0),
-        T_cmm_base=np.eye(4),
-        p_cmm_middle_m=np.array([0.4, 0.5, 0.6]),
+        T_instr_base=np.eye(4),
+        p_instr_middle_m=np.array([0.4, 0.5, 0.6]),
         q_span_rad=np.stack([states.q_rad.min(0), states.q_rad.max(0)], axis=-1),
         time_span_s=(100.0, 4e4),
     )
@@ -76,7 +76,7 @@ def arm():
 
 
 @pytest.fixture
-def surroundings() -> Surroundings:
+def context() -> CandidateContext:
     return some_surroundings()
 
 

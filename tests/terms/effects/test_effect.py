@@ -150,7 +150,7 @@ def term_zeros(term):
 
 def test_says_what_it_misses(effect, states):
     x = amount(effect)
-    bare = replace(states, carried=None, seen=None)
+    bare = replace(states, static_loads=None, seen=None)
     if effect.id in BENT | READ:
         with pytest.raises(CalibrationError, match=f"{effect.id} of {effect.of}"):
             effect.shift(bare, x)

@@ -64,9 +64,9 @@ def test_holds_the_vocabulary_and_its_rivals():
     assert generic == sorted(generic)
 
 
-def test_every_effect_sits_where_it_may_and_reports_what_readers_know(surroundings):
+def test_every_effect_sits_where_it_may_and_reports_what_readers_know(context):
     places = {name: places for name, (places, _) in VOCABULARY.items()} | UNNAMED
-    found = candidates(surroundings)
+    found = candidates(context)
     assert {name: tuple(e.of for e in found if e.id == name) for name in places} == places
     for effect in found:
         if not effect.generic:
@@ -74,13 +74,13 @@ def test_every_effect_sits_where_it_may_and_reports_what_readers_know(surroundin
             assert [p.name for p in report.parameters] == VOCABULARY[effect.id][1]
 
 
-def test_parameters_are_told_apart(surroundings):
-    names = [p.name for effect in candidates(surroundings) for p in effect.parameters]
+def test_parameters_are_told_apart(context):
+    names = [p.name for effect in candidates(context) for p in effect.parameters]
     assert len(names) == len(set(names)) > 200
 
 
-def test_terms_are_what_the_model_takes_them_for(surroundings):
-    found = candidates(surroundings)
+def test_terms_are_what_the_model_takes_them_for(context):
+    found = candidates(context)
     assert {e.id for e in found if yields(e)} == {
         "direction_map",
         "joint_compliance",
@@ -91,12 +91,12 @@ def test_terms_are_what_the_model_takes_them_for(surroundings):
     assert carried == {"friction_torque": False, "torque_gain": False, "torque_map": True}
 
 
-def test_where_nothing_can_show_nothing_is_tried(surroundings):
+def test_where_nothing_can_show_nothing_is_tried(context):
     slides = np.array([False, False, False, False, True, False])
     found = candidates(
         replace(
-            surroundings,
-            arm=replace(surroundings.arm, prismatic=slides),
+            context,
+            arm=replace(context.arm, prismatic=slides),
             tau_span_Nm=np.array([50.0, 0.0, np.nan, 0.1, 5.0, 0.2]),
             q_span_rad=np.tile([0.3, 0.3], (6, 1)),
             time_span_s=(7.0, 7.0),
@@ -118,10 +118,10 @@ def fresh_family():
 
 
 @pytest.mark.usefixtures("fresh_family")
-def test_a_new_file_is_a_new_effect(tmp_path, monkeypatch, surroundings):
+def test_a_new_file_is_a_new_effect(tmp_path, monkeypatch, context):
     (tmp_path / "third_harmonic.py").write_text(NEW)
     monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
     assert {kind.id for kind in every_effect()} == {*VOCABULARY, *UNNAMED, "third_harmonic"}
-    found = [e for e in candidates(surroundings) if e.id == "third_harmonic"]
+    found = [e for e in candidates(context) if e.id == "third_harmonic"]
     assert [e.of for e in found] == list(JOINTS)
     assert found[1].parameters[0].name == "third_harmonic_2_A"

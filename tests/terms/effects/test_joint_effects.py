@@ -61,8 +61,8 @@ def test_springs_see_the_torque_without_friction_and_gain(at, arm, states):
     logged_Nm[:, 1] += 4.0 * states.arrival[:, 1]
     logged_Nm[:, 2] *= 1.06
     # The gain is of the torque that the weights ask for, which here is the true one.
-    carried = replace(states.carried, joint_Nm=states.tau_Nm)
-    logged = replace(states, tau_Nm=logged_Nm, carried=carried)
+    carried = replace(states.static_loads, joint_Nm=states.tau_Nm)
+    logged = replace(states, tau_Nm=logged_Nm, static_loads=carried)
     spring = JointSpring(2, 100.0), JointSpring(3, 50.0)
     springs_x = [term.solved(2e4, 1e7) for term in spring]
     x = np.concatenate([*springs_x, solved(friction, tau_c=4.0), solved(gain, g=0.06)])
@@ -109,11 +109,9 @@ def test_soft_windup_is_steep_at_zero_torque_and_saturates(at, states):
     np.testing.assert_allclose(shift, expected, rtol=1e-9)
 
 
-def test_soft_windup_is_looked_for_at_the_torques_carried(at, surroundings):
+def test_soft_windup_is_looked_for_at_the_torques_carried(at, context):
     starts = np.array(at("soft_windup", "joint 2").starts)
-    np.testing.assert_allclose(
-        starts[:, 1], surroundings.tau_span_Nm[1] * np.array([0.1, 0.3, 1.0])
-    )
-    little = replace(surroundings, tau_span_Nm=0.011 * surroundings.arm.torque_limit_Nm)
+    np.testing.assert_allclose(starts[:, 1], context.tau_span_Nm[1] * np.array([0.1, 0.3, 1.0]))
+    little = replace(context, tau_span_Nm=0.011 * context.arm.torque_limit_Nm)
     (effect,) = [e for e in type(at("soft_windup", "joint 2")).everywhere(little) if e.joint == 2]
     np.testing.assert_allclose([start[1] for start in effect.starts], [0.005 * 232, 0.011 * 232])

@@ -110,7 +110,7 @@ def test_every_knot_is_reported_under_a_name_of_its_own():
     assert plausible == pytest.approx(np.sqrt((FINE.prior_factor**2).sum(axis=1)[0]))
 
 
-def test_without_a_stated_smoothness_it_is_what_twelve_knots_can_follow(surroundings):
-    (usual,) = (e for e in JointErrorMap.everywhere(surroundings) if e.of == "joint 2")
+def test_without_a_stated_smoothness_it_is_what_twelve_knots_can_follow(context):
+    (usual,) = (e for e in JointErrorMap.everywhere(context) if e.of == "joint 2")
     assert usual == JointErrorMap("joint 2")
     assert (usual.knots, usual.fading, len(usual.parameters)) == (12, None, 12)

@@ -33,9 +33,9 @@ class CmmScale(InstrumentEffect):
 
     s: Triple = Field(description="relative excess of each axis")
 
-    def read_too_much_m(self, p_cmm_m: Array) -> Array:
+    def read_too_much_m(self, p_instr_m: Array) -> Array:
         """Return s_k times coordinate k."""
-        extra: Array = p_cmm_m * np.array(self.s)
+        extra: Array = p_instr_m * np.array(self.s)
         return extra
 
 
@@ -46,8 +46,8 @@ class CmmSquareness(InstrumentEffect):
 
     xy: Finite = Field(description="angle off square [rad]")
 
-    def read_too_much_m(self, p_cmm_m: Array) -> Array:
+    def read_too_much_m(self, p_instr_m: Array) -> Array:
         """Return x + xy y in place of x."""
-        extra = np.zeros_like(p_cmm_m)
-        extra[..., 0] = self.xy * p_cmm_m[..., 1]
+        extra = np.zeros_like(p_instr_m)
+        extra[..., 0] = self.xy * p_instr_m[..., 1]
         return extra

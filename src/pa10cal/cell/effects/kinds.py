@@ -208,5 +208,5 @@ class InstrumentEffect(Effect):
     places: ClassVar[tuple[str, ...]] = ("instrument",)
 
     @abstractmethod
-    def read_too_much_m(self, p_cmm_m: Array) -> Array:
-        """Return what the instrument adds to the true points `p_cmm_m` (..., 3)."""
+    def read_too_much_m(self, p_instr_m: Array) -> Array:
+        """Return what the instrument adds to the true points `p_instr_m` (..., 3)."""

@@ -87,10 +87,10 @@ class BowedAxis(InstrumentEffect):
             raise ValueError("another axis than `axis`")
         return along
 
-    def read_too_much_m(self, p_cmm_m: Array) -> Array:
+    def read_too_much_m(self, p_instr_m: Array) -> Array:
         """Return sag (u^2 + 0.2 u^3), u the distance from the middle over half_m."""
-        u = (p_cmm_m[..., self.along] - self.centre_m) / self.half_m
-        extra = np.zeros_like(p_cmm_m)
+        u = (p_instr_m[..., self.along] - self.centre_m) / self.half_m
+        extra = np.zeros_like(p_instr_m)
         extra[..., self.axis] = self.sag * (u**2 + BOW_CUBIC * u**3)
         return extra
 

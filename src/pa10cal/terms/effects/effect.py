@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.arm.state import Carried, PoseStates, Seen
+from pa10cal.arm.state import PoseStates, Seen, StaticLoads
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.term import Parameter, Report, report_as_solved
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class CandidateContext:
     """What decides where an effect may sit.
 
     Attributes:
@@ -26,8 +26,8 @@ class Surroundings:
         flexible_joints: joints, from 1, to which the model gives a spring.
         reference_temperature_C: temperature at which lengths are nominal.
         tau_span_Nm: (n,) largest torque that each joint carried.
-        T_cmm_base: (4, 4) about where the base stands in the instrument's frame.
-        p_cmm_middle_m: (3,) middle of the measured places in the instrument's frame.
+        T_instr_base: (4, 4) about where the base stands in the instrument's frame.
+        p_instr_middle_m: (3,) middle of the measured places in the instrument's frame.
         q_span_rad: (n, 2) lowest and highest angle that each joint took.
         time_span_s: first and last reading of the campaign.
     """
@@ -36,8 +36,8 @@ class Surroundings:
     flexible_joints: tuple[int, ...]
     reference_temperature_C: float
     tau_span_Nm: Array
-    T_cmm_base: Array
-    p_cmm_middle_m: Array
+    T_instr_base: Array
+    p_instr_middle_m: Array
     q_span_rad: Array
     time_span_s: tuple[float, float]
 
@@ -68,7 +68,7 @@ class Effect(ABC):
 
     @classmethod
     @abstractmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return the effect at every place where it may sit."""
 
     @property
@@ -139,9 +139,9 @@ class JointEffect(NamedEffect):
     """An effect that may sit at every joint that turns, and turns it further."""
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at every joint that turns."""
-        return tuple(cls(f"joint {joint}") for joint in turning_joints(surroundings))
+        return tuple(cls(f"joint {joint}") for joint in turning_joints(context))
 
     @property
     def joint(self) -> int:
@@ -154,9 +154,9 @@ class JointEffect(NamedEffect):
         return (f"theta_{self.joint}",)
 
 
-def turning_joints(surroundings: Surroundings) -> tuple[int, ...]:
+def turning_joints(context: CandidateContext) -> tuple[int, ...]:
     """Return the joints, from 1, that turn."""
-    slides = surroundings.arm.prismatic
+    slides = context.arm.prismatic
     return tuple(joint for joint, it in enumerate(slides, start=1) if not it)
 
 
@@ -165,20 +165,20 @@ def joint_of(place: str) -> int:
     return int(place.removeprefix("joint "))
 
 
-def carried_in(states: PoseStates, effect: Effect) -> Carried:
+def static_loads_in(states: PoseStates, effect: Effect) -> StaticLoads:
     """Return what weights bend the structure with.
 
     Raises:
         CalibrationError: when that was not worked out for these poses.
     """
-    if states.carried is None:
+    if states.static_loads is None:
         raise CalibrationError(
             "the effect needs the moments that weights put on the structure",
             where=f"{effect.id} of {effect.of}",
             allowed="poses of an arm and a tool whose masses are known",
             remedy="describe the masses, or leave the effect out",
         )
-    return states.carried
+    return states.static_loads
 
 
 def seen_in(states: PoseStates, effect: Effect) -> Seen:

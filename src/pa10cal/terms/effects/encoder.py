@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.errors import CalibrationError
-from pa10cal.terms.effects.effect import Effect, Surroundings, joint_of, turning_joints
+from pa10cal.terms.effects.effect import CandidateContext, Effect, joint_of, turning_joints
 from pa10cal.terms.term import Parameter, Report
 
 Array = NDArray[np.float64]
@@ -30,15 +30,14 @@ class JointHarmonic(Effect):
 
     @classmethod
     @abstractmethod
-    def order_of(cls, surroundings: Surroundings, joint: int) -> float:
+    def order_of(cls, context: CandidateContext, joint: int) -> float:
         """Return the cycles a turn at a joint, from 1."""
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at every joint that turns."""
         return tuple(
-            cls(f"joint {joint}", cls.order_of(surroundings, joint))
-            for joint in turning_joints(surroundings)
+            cls(f"joint {joint}", cls.order_of(context, joint)) for joint in turning_joints(context)
         )
 
     @property
@@ -80,9 +79,9 @@ class TransmissionError(JointHarmonic):
     id: ClassVar[str] = "transmission_error"
 
     @classmethod
-    def order_of(cls, surroundings: Surroundings, joint: int) -> float:
+    def order_of(cls, context: CandidateContext, joint: int) -> float:
         """Return twice the gear ratio; nan where that is not known."""
-        return 2.0 * float(surroundings.arm.gear_ratio[joint - 1])
+        return 2.0 * float(context.arm.gear_ratio[joint - 1])
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return sine and cosine of order q_j, (P, 1, 2).
@@ -107,9 +106,9 @@ class EncoderEccentricity(JointHarmonic):
     id: ClassVar[str] = "encoder_eccentricity"
 
     @classmethod
-    def order_of(cls, surroundings: Surroundings, joint: int) -> float:
+    def order_of(cls, context: CandidateContext, joint: int) -> float:
         """Return one."""
-        del surroundings, joint
+        del context, joint
         return 1.0
 
 
@@ -120,7 +119,7 @@ class EncoderEllipticity(JointHarmonic):
     id: ClassVar[str] = "encoder_ellipticity"
 
     @classmethod
-    def order_of(cls, surroundings: Surroundings, joint: int) -> float:
+    def order_of(cls, context: CandidateContext, joint: int) -> float:
         """Return two."""
-        del surroundings, joint
+        del context, joint
         return 2.0

@@ -8,7 +8,7 @@ from functools import cache
 from importlib import import_module
 
 from pa10cal.terms import effects
-from pa10cal.terms.effects.effect import Effect, Surroundings
+from pa10cal.terms.effects.effect import CandidateContext, Effect
 
 
 @cache
@@ -27,6 +27,6 @@ def every_effect() -> tuple[type[Effect], ...]:
     return tuple(sorted(found, key=lambda kind: (kind.generic, kind.id)))
 
 
-def candidates(surroundings: Surroundings) -> tuple[Effect, ...]:
+def candidates(context: CandidateContext) -> tuple[Effect, ...]:
     """Return every effect at every place of an arm where it may sit."""
-    return tuple(effect for kind in every_effect() for effect in kind.everywhere(surroundings))
+    return tuple(effect for kind in every_effect() for effect in kind.everywhere(context))

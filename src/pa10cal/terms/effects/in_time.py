@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.effects.effect import NamedEffect, Surroundings
+from pa10cal.terms.effects.effect import CandidateContext, NamedEffect
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
@@ -30,9 +30,9 @@ class BaseDrift(NamedEffect):
     id: ClassVar[str] = "base_drift"
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the base."""
-        return (cls("base", surroundings.time_span_s[0]),)
+        return (cls("base", context.time_span_s[0]),)
 
     @property
     def known(self) -> tuple[Parameter, ...]:
@@ -67,12 +67,12 @@ class ThermalGrowth(NamedEffect):
     id: ClassVar[str] = "thermal_growth"
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it for the arm as a whole."""
-        chain = Chain.of(surroundings.arm)
+        chain = Chain.of(context.arm)
         ends = [0, *(int(column) for column in chain.joint_columns)]
         pedestal = range(ends[0], ends[2] if len(ends) > 2 else len(chain.motions))
-        links = (range(ends[row], ends[row + 1]) for row in long_links(surroundings.arm))
+        links = (range(ends[row], ends[row + 1]) for row in long_links(context.arm))
         columns = [
             column
             for link in (pedestal, *links)
@@ -84,7 +84,7 @@ class ThermalGrowth(NamedEffect):
                 "arm",
                 tuple(chain.motions[column].coordinate for column in columns),
                 tuple(float(chain.nominal[column]) for column in columns),
-                surroundings.reference_temperature_C,
+                context.reference_temperature_C,
             ),
         )
 

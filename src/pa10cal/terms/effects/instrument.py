@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import TOOL
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.effects.effect import NamedEffect, Surroundings, seen_in
+from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, seen_in
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
@@ -25,9 +25,9 @@ class FalseReading(NamedEffect):
     """
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the instrument."""
-        del surroundings
+        del context
         return (cls("instrument"),)
 
     @property
@@ -36,14 +36,14 @@ class FalseReading(NamedEffect):
         return TOOL
 
     @abstractmethod
-    def field(self, p_cmm_m: Array) -> Array:
+    def field(self, p_instr_m: Array) -> Array:
         """Return e(p) a unit of each parameter, (P, B, 3, k), at places p (P, B, 3)."""
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return what the field makes of the measured pose, (P, 6, k)."""
         seen = seen_in(states, self)
-        count, targets, _ = seen.p_cmm_targets_m.shape
-        field = self.field(seen.p_cmm_targets_m).reshape(count, 3 * targets, len(x))
+        count, targets, _ = seen.p_instr_targets_m.shape
+        field = self.field(seen.p_instr_targets_m).reshape(count, 3 * targets, len(x))
         derivative: Array = seen.pose_by_targets @ field
         return derivative
 
@@ -59,9 +59,9 @@ class CmmScale(FalseReading):
         """Return the error of each axis."""
         return tuple(Parameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz")
 
-    def field(self, p_cmm_m: Array) -> Array:
+    def field(self, p_instr_m: Array) -> Array:
         """Return each coordinate along its own axis, (P, B, 3, 3)."""
-        return p_cmm_m[..., None] * np.eye(3)
+        return p_instr_m[..., None] * np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class CmmSquareness(FalseReading):
         """Return the angle."""
         return (Parameter("xy", "rad", 3e-6, plausible=1e-4),)
 
-    def field(self, p_cmm_m: Array) -> Array:
+    def field(self, p_instr_m: Array) -> Array:
         """Return the y coordinate along x, (P, B, 3, 1)."""
-        field: Array = p_cmm_m[..., 1:2] * np.array([1.0, 0.0, 0.0])
+        field: Array = p_instr_m[..., 1:2] * np.array([1.0, 0.0, 0.0])
         return field[..., None]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.effects.effect import JointEffect, NamedEffect, Surroundings, turning_joints
+from pa10cal.terms.effects.effect import CandidateContext, JointEffect, NamedEffect, turning_joints
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
@@ -61,10 +61,10 @@ class WristCoupling(NamedEffect):
     id: ClassVar[str] = "wrist_coupling"
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the wrist, where the last two joints turn."""
-        last = surroundings.arm.n
-        return (cls("wrist", last),) if {last - 1, last} <= {*turning_joints(surroundings)} else ()
+        last = context.arm.n
+        return (cls("wrist", last),) if {last - 1, last} <= {*turning_joints(context)} else ()
 
     @property
     def known(self) -> tuple[Parameter, ...]:

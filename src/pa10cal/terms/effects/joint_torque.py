@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.effects.effect import JointEffect, Surroundings, carried_in, turning_joints
+from pa10cal.terms.effects.effect import (
+    CandidateContext,
+    JointEffect,
+    static_loads_in,
+    turning_joints,
+)
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
@@ -58,12 +63,11 @@ class FrictionTorque(FalseTorque):
     id: ClassVar[str] = "friction_torque"
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at every joint that turns."""
-        rated_Nm = surroundings.rated_Nm
+        rated_Nm = context.rated_Nm
         return tuple(
-            cls(f"joint {joint}", float(rated_Nm[joint - 1]))
-            for joint in turning_joints(surroundings)
+            cls(f"joint {joint}", float(rated_Nm[joint - 1])) for joint in turning_joints(context)
         )
 
     @property
@@ -92,4 +96,4 @@ class TorqueGain(FalseTorque):
 
     def per_unit(self, states: PoseStates) -> Array:
         """Return the torque of the weights, (P,)."""
-        return carried_in(states, self).joint_Nm[:, self.joint - 1]
+        return static_loads_in(states, self).joint_Nm[:, self.joint - 1]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.effects.effect import JointEffect, Surroundings, turning_joints
+from pa10cal.terms.effects.effect import CandidateContext, JointEffect, turning_joints
 from pa10cal.terms.term import Parameter, Report
 
 Array = NDArray[np.float64]
@@ -34,13 +34,13 @@ class JointCompliance(JointEffect):
     id: ClassVar[str] = "joint_compliance"
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at every joint that turns and has no spring."""
-        rated_Nm = surroundings.rated_Nm
+        rated_Nm = context.rated_Nm
         return tuple(
             cls(f"joint {joint}", float(rated_Nm[joint - 1]))
-            for joint in turning_joints(surroundings)
-            if joint not in surroundings.flexible_joints
+            for joint in turning_joints(context)
+            if joint not in context.flexible_joints
         )
 
     @property
@@ -93,12 +93,12 @@ class SoftWindup(JointEffect):
     id: ClassVar[str] = "soft_windup"
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at every joint that turns and carried torque."""
-        rated_Nm, span_Nm = surroundings.rated_Nm, surroundings.tau_span_Nm
+        rated_Nm, span_Nm = context.rated_Nm, context.tau_span_Nm
         return tuple(
             cls(f"joint {joint}", float(rated_Nm[joint - 1]), float(span_Nm[joint - 1]))
-            for joint in loaded_joints(surroundings)
+            for joint in loaded_joints(context)
         )
 
     @property
@@ -142,7 +142,7 @@ class SoftWindup(JointEffect):
         return states.tau_Nm[:, self.joint - 1]
 
 
-def loaded_joints(surroundings: Surroundings) -> tuple[int, ...]:
+def loaded_joints(context: CandidateContext) -> tuple[int, ...]:
     """Return the joints, from 1, that turn and carried torque worth the name."""
-    loaded = surroundings.tau_span_Nm > _LOADED_SHARE * surroundings.rated_Nm
-    return tuple(joint for joint in turning_joints(surroundings) if loaded[joint - 1])
+    loaded = context.tau_span_Nm > _LOADED_SHARE * context.rated_Nm
+    return tuple(joint for joint in turning_joints(context) if loaded[joint - 1])

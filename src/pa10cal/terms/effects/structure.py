@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import bend_coordinates, link_spans_m, long_links
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.effects.effect import NamedEffect, Surroundings, carried_in
+from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, static_loads_in
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
@@ -33,10 +33,10 @@ class LinkEffect(NamedEffect):
     places: ClassVar[tuple[str, ...]] = _LONG_LINKS
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the long links that may have it."""
-        spans_m = link_spans_m(surroundings.arm)
-        rows = long_links(surroundings.arm)
+        spans_m = link_spans_m(context.arm)
+        rows = long_links(context.arm)
         return tuple(
             cls(place, row, (float(x), float(y), float(z)))
             for place, row in zip(_LONG_LINKS, rows, strict=False)  # a short arm has fewer
@@ -57,7 +57,7 @@ class LinkEffect(NamedEffect):
 
     def moment_Nm(self, states: PoseStates) -> Array:
         """Return the moment that the link carries at its end, along that end's axes, (P, 3)."""
-        return carried_in(states, self).link_Nm[:, self.row - 1]
+        return static_loads_in(states, self).link_Nm[:, self.row - 1]
 
 
 @dataclass(frozen=True)
@@ -117,9 +117,9 @@ class BaseCompliance(NamedEffect):
     id: ClassVar[str] = "base_compliance"
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the base."""
-        del surroundings
+        del context
         return (cls("base"),)
 
     @property
@@ -135,7 +135,7 @@ class BaseCompliance(NamedEffect):
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the overturning moments, each for its own tilt, (P, 2, 2)."""
         del x
-        return carried_in(states, self).base_Nm[:, :2, None] * np.eye(2)
+        return static_loads_in(states, self).base_Nm[:, :2, None] * np.eye(2)
 
 
 @dataclass(frozen=True)
@@ -145,9 +145,9 @@ class ToolSag(NamedEffect):
     id: ClassVar[str] = "tool_sag"
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the tool."""
-        del surroundings
+        del context
         return (cls("tool"),)
 
     @property
@@ -163,4 +163,4 @@ class ToolSag(NamedEffect):
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the direction of gravity across the tool's axis, (P, 2, 1)."""
         del x
-        return carried_in(states, self).down_ee[:, :2, None]
+        return static_loads_in(states, self).down_ee[:, :2, None]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.effects.effect import JointEffect, NamedEffect, Surroundings, turning_joints
+from pa10cal.terms.effects.effect import CandidateContext, JointEffect, NamedEffect, turning_joints
 from pa10cal.terms.effects.instrument import FalseReading
 from pa10cal.terms.effects.joint_windup import loaded_joints
 from pa10cal.terms.term import Parameter
@@ -32,19 +32,19 @@ class PlaceMap(FalseReading):
     each parameter [m] is the error along one axis where its monomial is one.
 
     Attributes:
-        middle_cmm_m: where the coordinates are counted from, in the instrument's frame.
+        middle_instr_m: where the coordinates are counted from, in the instrument's frame.
     """
 
-    middle_cmm_m: tuple[float, float, float]
+    middle_instr_m: tuple[float, float, float]
     id: ClassVar[str] = "place_map"
     generic: ClassVar[bool] = True
     unit_m: ClassVar[float] = 0.3
     plausible_m: ClassVar[dict[int, float]] = {1: 3e-5, 2: 1e-4, 3: 3e-5}
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the instrument."""
-        x, y, z = surroundings.p_cmm_middle_m
+        x, y, z = context.p_instr_middle_m
         return (cls("instrument", (float(x), float(y), float(z))),)
 
     @property
@@ -61,12 +61,12 @@ class PlaceMap(FalseReading):
             for factors in _monomials()
         )
 
-    def field(self, p_cmm_m: Array) -> Array:
+    def field(self, p_instr_m: Array) -> Array:
         """Return the monomials along each axis, (P, B, 3, 57)."""
-        place = (p_cmm_m - np.array(self.middle_cmm_m)) / self.unit_m
+        place = (p_instr_m - np.array(self.middle_instr_m)) / self.unit_m
         values = np.stack([place[..., list(factors)].prod(-1) for factors in _monomials()], -1)
         field: Array = np.eye(3)[:, :, None] * values[..., None, None, :]
-        return field.reshape(*p_cmm_m.shape, -1)
+        return field.reshape(*p_instr_m.shape, -1)
 
 
 def _monomials() -> Iterator[tuple[int, ...]]:
@@ -93,12 +93,12 @@ class TorqueMap(JointEffect):
     degrees: ClassVar[int] = 4
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at every joint that turns and was moved."""
-        spans_rad, rated_Nm = surroundings.q_span_rad, surroundings.rated_Nm
+        spans_rad, rated_Nm = context.q_span_rad, context.rated_Nm
         return tuple(
             cls(f"joint {joint}", (float(low), float(high)), float(rated_Nm[joint - 1]))
-            for joint in turning_joints(surroundings)
+            for joint in turning_joints(context)
             for low, high in (spans_rad[joint - 1],)
             if high - low > _LEAST_SPAN
         )
@@ -151,11 +151,11 @@ class WindupMap(JointEffect):
     degrees: ClassVar[int] = 5
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at every joint that turns and carried torque."""
         return tuple(
-            cls(f"joint {joint}", float(surroundings.tau_span_Nm[joint - 1]))
-            for joint in loaded_joints(surroundings)
+            cls(f"joint {joint}", float(context.tau_span_Nm[joint - 1]))
+            for joint in loaded_joints(context)
         )
 
     @property
@@ -197,17 +197,17 @@ class DirectionMap(JointEffect):
     generic: ClassVar[bool] = True
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at every joint that turned."""
-        loaded = loaded_joints(surroundings)
-        spans = surroundings.q_span_rad
+        loaded = loaded_joints(context)
+        spans = context.q_span_rad
         return tuple(
             cls(
                 f"joint {joint}",
-                float(surroundings.tau_span_Nm[joint - 1]) if joint in loaded else 0.0,
+                float(context.tau_span_Nm[joint - 1]) if joint in loaded else 0.0,
                 (float(spans[joint - 1, 0]), float(spans[joint - 1, 1])),
             )
-            for joint in turning_joints(surroundings)
+            for joint in turning_joints(context)
             if np.ptp(spans[joint - 1]) > _LEAST_SPAN
         )
 
@@ -261,9 +261,9 @@ class DriftMap(NamedEffect):
     degrees: ClassVar[int] = 3
 
     @classmethod
-    def everywhere(cls, surroundings: Surroundings) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the base, where the campaign took time."""
-        first, last = surroundings.time_span_s
+        first, last = context.time_span_s
         return (cls("base", (first, last)),) if last - first > _LEAST_SPAN else ()
 
     @property

@@ -1,1 +1,0 @@
-"""The complete model: every parameter that arm and instrument can tell, and no other."""

@@ -1,0 +1,242 @@
+"""Calibration with the general model, whatever the arm and the instrument."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm
+from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import Payload, statics
+from pa10cal.calibration.general.fit import Fit, fit
+from pa10cal.calibration.general.problem import Problem
+from pa10cal.calibration.general.start import Start, turned
+from pa10cal.calibration.general.tilts import Settled, tilts_not_shown
+from pa10cal.calibration.general.unknowns import Unknowns, choose_unknowns
+from pa10cal.campaign.seen import Sightings
+from pa10cal.errors import CalibrationError
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import Offsets, Tolerances
+
+Array = NDArray[np.float64]
+TorqueSource = Literal["logged", "masses", "none"]
+
+#: Part of the largest torque that a joint's torque must vary by for its spring to be looked for.
+_LEAST_TORQUE_SHARE = 0.02
+#: Less than this is none.
+_NO_TORQUE_NM = 1e-9
+#: A usual stiffness, from which springs start [N m/rad].
+_USUAL_STIFFNESS = 5e4
+
+
+@dataclass(frozen=True)
+class GeneralOptions:
+    """How to calibrate; see `settings.GeneralSettings`.
+
+    Attributes:
+        links: whether the geometry of the links is sought; else frames and targets alone.
+        springs: joints with a linear spring; None for those whose torque varies.
+        robust: whether poses far outside the scatter weigh less.
+        tolerances: of the link parameters.
+        max_iterations: bound on the steps.
+    """
+
+    links: bool = True
+    springs: tuple[int, ...] | None = None
+    robust: bool = True
+    tolerances: Tolerances = field(default_factory=Tolerances)
+    max_iterations: int = 50
+
+
+@dataclass(frozen=True)
+class GeneralCalibration:
+    """A calibrated general model.
+
+    Attributes:
+        arm: the nominal arm.
+        start: where frames and targets were thought to be, and how the attitude is turned.
+        unknowns: geometric parameters chosen, and what was left out.
+        settled: tilts of parallel axes left at zero, as the readings do not show them.
+        springs: joints with a spring.
+        torques_from: `logged`, `masses`, or `none`.
+        problem: what was solved.
+        fit: where it ended.
+        seconds: time taken.
+    """
+
+    arm: Arm
+    start: Start
+    unknowns: Unknowns
+    settled: tuple[Settled, ...]
+    springs: tuple[int, ...]
+    torques_from: TorqueSource
+    problem: Problem
+    fit: Fit
+    seconds: float
+
+
+def calibrate_general(
+    arm: Arm,
+    sightings: Sightings,
+    start: Start,
+    payload: Payload | None = None,
+    options: GeneralOptions | None = None,
+) -> GeneralCalibration:
+    """Calibrate the general model.
+
+    Args:
+        arm: the nominal arm.
+        sightings: P poses to fit.
+        start: about where base, tool and targets are.
+        payload: what the arm carries; None where it is not known. Springs need torques, logged or
+            of the masses that the description of the arm states.
+        options: how to calibrate; None for the defaults.
+
+    Raises:
+        CalibrationError: when there are too few poses, or springs are asked for whose torques are
+            not known.
+    """
+    began = time.perf_counter()
+    options = options or GeneralOptions()
+    states, source = with_torques(arm, sightings.states, payload)
+    sightings = replace(sightings, states=states)
+    springs = _springs(arm, sightings, source, options.springs)
+    tau_Nm = np.abs(sightings.states.tau_Nm).max(axis=0)
+    sightings = turned(sightings, start)
+    unknowns = choose_unknowns(
+        arm, options.tolerances, sightings.seen, start.T_instr_base, start.places_m
+    )
+    if not options.links:
+        unknowns = replace(unknowns, links=Offsets((), ()))
+    terms = tuple(JointSpring(joint, float(tau_Nm[joint - 1]), cubic=False) for joint in springs)
+    model = Model(Chain.of(arm), (unknowns.links, *terms, unknowns.tool, unknowns.base))
+    problem = Problem(model, unknowns.places, start.places_m, start.T_instr_base, sightings)
+    _check_enough(problem)
+    x_start = problem.start(_model_start(problem.model, start))
+    found = fit(problem, x_start, robust=options.robust, max_iterations=options.max_iterations)
+    settled = tilts_not_shown(problem, found)
+    if settled:
+        names = {each.parameter.name for each in settled}
+        kept = np.array([parameter.name not in names for parameter in problem.parameters])
+        problem, x_start = _without(problem, names), found.x[kept]
+        unknowns = replace(unknowns, links=_links_of(problem))
+        fewer = fit(problem, x_start, robust=options.robust, max_iterations=options.max_iterations)
+        # That they are zero is not known: what the others are known to is what it was with them.
+        found = replace(fewer, covariance=found.covariance[np.ix_(kept, kept)])
+    seconds = time.perf_counter() - began
+    return GeneralCalibration(
+        arm, start, unknowns, settled, springs, source, problem, found, seconds
+    )
+
+
+def _without(problem: Problem, names: set[str]) -> Problem:
+    """Return the problem with some departures of links left at zero."""
+    links = _links_of(problem)
+    pairs = [
+        (parameter, coordinate)
+        for parameter, coordinate in zip(links.parameters, links.coordinates, strict=True)
+        if parameter.name not in names
+    ]
+    fewer = Offsets(tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs))
+    return replace(problem, model=Model(problem.model.chain, (fewer, *problem.model.terms[1:])))
+
+
+def _links_of(problem: Problem) -> Offsets:
+    """Return the departures of links, the first term of the model."""
+    links = problem.model.terms[0]
+    assert isinstance(links, Offsets)
+    return links
+
+
+def with_torques(
+    arm: Arm, states: PoseStates, payload: Payload | None
+) -> tuple[PoseStates, TorqueSource]:
+    """Return states with torques, and where those come from.
+
+    Logged ones where every pose has them; else those of the masses described; else none (nan).
+    """
+    if np.all(np.isfinite(states.tau_Nm)):
+        return states, "logged"
+    if payload is None or arm.mass_kg is None:
+        return states, "none"
+    chain = Chain.of(arm)
+    weights = statics(chain, chain.coordinates(states.q_rad), states.load_N, payload)
+    return replace(states, tau_Nm=weights.torque_Nm), "masses"
+
+
+def _springs(
+    arm: Arm, sightings: Sightings, source: TorqueSource, wanted: tuple[int, ...] | None
+) -> tuple[int, ...]:
+    """Return the joints to give a spring."""
+    if wanted == ():
+        return ()
+    if source == "none":
+        if wanted is None:
+            return ()
+        raise CalibrationError(
+            f"joint {wanted[0]} is to have a spring, but its torques are not known",
+            where=f"tau{wanted[0]}_Nm",
+            allowed="torques logged in every pose, or the masses of the links in the arm's "
+            "description",
+            remedy=f"log the torques, describe mass_kg and com_m of {arm.name}, or leave the joint "
+            "out of general.springs (an empty list calibrates a rigid arm)",
+        )
+    if wanted is not None:
+        for joint in wanted:
+            if not 1 <= joint <= arm.n or arm.prismatic[joint - 1]:
+                raise CalibrationError(
+                    "no such turning joint",
+                    where="general.springs",
+                    value=joint,
+                    allowed=f"turning joints of 1 to {arm.n}",
+                    remedy="correct the list",
+                )
+            if not np.any(np.abs(sightings.states.tau_Nm[:, joint - 1]) > _NO_TORQUE_NM):
+                raise CalibrationError(
+                    f"joint {joint} carries no torque in any pose, so its spring shows nowhere",
+                    where="general.springs",
+                    value=joint,
+                    allowed="joints that weights load",
+                    remedy="leave the joint out, or measure with a load that it carries",
+                )
+        return tuple(sorted(set(wanted)))
+    span = np.ptp(sightings.states.tau_Nm, axis=0)
+    turning = ~arm.prismatic
+    least = _LEAST_TORQUE_SHARE * float(np.max(span[turning], initial=0.0))
+    return tuple(
+        int(joint) + 1 for joint in np.flatnonzero(turning & (span > max(least, _NO_TORQUE_NM)))
+    )
+
+
+def _model_start(model: Model, start: Start) -> Array:
+    """Return nominal geometry with usual springs and the tool where it is thought to be."""
+    parts = []
+    for term in model.terms:
+        if isinstance(term, JointSpring):
+            parts.append(term.solved(_USUAL_STIFFNESS, 0.0))
+        else:
+            values = np.zeros(len(term.parameters))
+            for k, parameter in enumerate(term.parameters):
+                if parameter.name in ("tool_x", "tool_y", "tool_z"):
+                    values[k] = start.p_ee_target_m["xyz".index(parameter.name[-1])]
+            parts.append(values)
+    return np.concatenate(parts)
+
+
+def _check_enough(problem: Problem) -> None:
+    unknowns, rows = len(problem.parameters), int(problem.components_seen.sum())
+    if rows < unknowns:
+        a_pose = rows / max(1, len(problem.sightings))
+        raise CalibrationError(
+            "fewer equations than unknowns",
+            where="grid poses",
+            value=f"{len(problem.sightings)} poses with {rows} readings, {unknowns} unknowns",
+            allowed=f"at least {int(np.ceil(unknowns / max(a_pose, 1e-9)))} poses like these",
+            remedy="measure more poses",
+        )

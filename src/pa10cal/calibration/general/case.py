@@ -1,0 +1,256 @@
+"""Everything that is worked out with the general model for one load case."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import BASE, Chain, end_pose
+from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import Payload
+from pa10cal.calibration.accuracy import Accuracy
+from pa10cal.calibration.general.calibrate import (
+    GeneralCalibration,
+    GeneralOptions,
+    calibrate_general,
+    with_torques,
+)
+from pa10cal.calibration.general.deviation import (
+    SeenDeviations,
+    accuracy_by_load,
+    accuracy_seen,
+    deviations_seen,
+    spread_mm,
+)
+from pa10cal.calibration.general.instrument import kinds
+from pa10cal.calibration.general.start import Start, turned
+from pa10cal.calibration.general.suspected_outliers import SuspectedOutlier, suspected_outliers
+from pa10cal.calibration.health import Errors, FitSummary, Health, health
+from pa10cal.calibration.identifiability import Direction, not_identifiable, unidentified_directions
+from pa10cal.campaign.seen import Sightings
+from pa10cal.errors import CalibrationError
+from pa10cal.terms.model import Model
+
+Array = NDArray[np.float64]
+
+#: Part of the spread of the places seen that no calibrated arm is off by.
+_NO_FIT = 0.05
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A general model with its parameters, ready to predict what the instrument sees.
+
+    Attributes:
+        model: chain and terms: links, springs, tool; the base frame is apart.
+        x: (k,) its parameters.
+        T_instr_base: (4, 4) base frame.
+        R_ee_target: (3, 3) by which measured attitudes are turned.
+        places_m: (t,) places of the targets in the end-effector frame.
+    """
+
+    model: Model
+    x: Array
+    T_instr_base: Array
+    R_ee_target: Array
+    places_m: Array
+
+    def deviations(self, sightings: Sightings) -> SeenDeviations:
+        """Compare predictions with sightings whose torques are known where springs need them."""
+        start = Start(self.T_instr_base, np.zeros(3), self.R_ee_target, self.places_m)
+        seen = turned(sightings, start).seen
+        T_base_ee = self.model.predict(sightings.states, self.x)
+        return deviations_seen(T_base_ee, self.T_instr_base, self.places_m, seen)
+
+
+@dataclass(frozen=True)
+class GeneralCase:
+    """One load case, worked out with the general model.
+
+    Attributes:
+        load: `combined`, `general`, or a load such as `44N`.
+        full: links, springs, frames.
+        geometry: the same without springs; `full` itself where it has none.
+        nominal: frames and targets alone.
+        grid: poses of every load, with torques.
+        residuals: of the full model on `grid`.
+        before, after: nominal and full model on `grid`, for every load.
+        geometry_after: geometry alone on `grid`, for every load.
+        unidentified_directions, not_identifiable: what the poses leave open.
+        suspected_outliers: poses far outside the scatter of the others.
+        health: whether it is good.
+        seconds: time taken.
+    """
+
+    load: str
+    full: GeneralCalibration
+    geometry: GeneralCalibration
+    nominal: GeneralCalibration
+    grid: Sightings
+    residuals: SeenDeviations
+    before: dict[float, Accuracy]
+    after: dict[float, Accuracy]
+    geometry_after: dict[float, Accuracy]
+    unidentified_directions: tuple[Direction, ...]
+    not_identifiable: frozenset[str]
+    suspected_outliers: tuple[SuspectedOutlier, ...]
+    health: Health
+    seconds: float
+
+
+def work_out_general(
+    arm: Arm,
+    grid: Sightings,
+    held_out: Sightings | None,
+    rows: NDArray[np.bool_],
+    start: Start,
+    load: str,
+    payload: Payload | None,
+    options: GeneralOptions,
+) -> GeneralCase:
+    """Work out one load case.
+
+    Args:
+        arm: the nominal arm.
+        grid: grid poses of every load.
+        held_out: poses held out, only judged; None where there are none.
+        rows: (P,) those of the grid poses to fit.
+        start: about where frames and targets are.
+        load: name of the load case.
+        payload: what the arm carries, None where it is not known.
+        options: how to calibrate.
+
+    Raises:
+        CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
+            described does not fit the readings at all.
+    """
+    began = time.perf_counter()
+    used = grid.take(rows)
+    full = calibrate_general(arm, used, start, payload, options)
+    geometry = full
+    if full.springs:
+        geometry = calibrate_general(arm, used, start, payload, replace(options, springs=()))
+    nominal = calibrate_general(
+        arm, used, start, payload, replace(options, links=False, springs=())
+    )
+    grid = replace(grid, states=with_torques(arm, grid.states, payload)[0])
+    load_N = grid.states.load_N
+    found = fitted(full).deviations(grid)
+    _refuse_another_arm(full, accuracy_seen(found.take(rows)).rms_mm, spread_mm(used.seen))
+    off = None
+    if held_out is not None and len(held_out):
+        held_out = replace(held_out, states=with_torques(arm, held_out.states, payload)[0])
+        off = accuracy_seen(fitted(full).deviations(held_out))
+    parameters = full.problem.parameters
+    names = {parameter.name for parameter in parameters}
+    openly = not_identifiable(full.fit.identifiability, parameters) & names
+    doubts = suspected_outliers(full.problem, full.fit)
+    trusted = np.setdiff1d(np.flatnonzero(rows), np.flatnonzero(rows)[[d.row for d in doubts]])
+    errors = Errors(
+        train_rms_mm=accuracy_seen(found.take(trusted)).rms_mm,
+        held_out=off,
+        noise_mm=_noise_mm(full),
+        spread_mm=spread_mm(used.seen),
+        suspected_outliers=len(doubts),
+    )
+    return GeneralCase(
+        load=load,
+        full=full,
+        geometry=geometry,
+        nominal=nominal,
+        grid=grid,
+        residuals=found,
+        before=accuracy_by_load(fitted(nominal).deviations(grid), load_N),
+        after=accuracy_by_load(found, load_N),
+        geometry_after=accuracy_by_load(fitted(geometry).deviations(grid), load_N),
+        unidentified_directions=unidentified_directions(full.fit.identifiability, parameters),
+        not_identifiable=openly,
+        suspected_outliers=doubts,
+        health=health(_fit_summary(full, openly), errors),
+        seconds=time.perf_counter() - began,
+    )
+
+
+def _refuse_another_arm(general: GeneralCalibration, left_mm: float, spread_mm: float) -> None:
+    """Refuse readings that are not of the arm described."""
+    rank = general.fit.identifiability.rank
+    if rank and left_mm < _NO_FIT * spread_mm:
+        return
+    raise CalibrationError(
+        "the arm as described does not fit the readings",
+        where=general.arm.name,
+        value=f"{left_mm:.1f} mm rms left, where the places seen spread by {spread_mm:.0f} mm",
+        allowed=f"errors below {100 * _NO_FIT:.0f} % of that spread",
+        remedy="check robot, order, signs and zeros of the joints, and units",
+    )
+
+
+def fitted(general: GeneralCalibration) -> FittedModel:
+    """Return a calibrated model with its base motions taken into the base frame."""
+    problem, x = general.problem, general.fit.x
+    model = Model(problem.model.chain, problem.model.terms[:-1])
+    of_model = problem.of_model(x)
+    count = len(model.parameters)
+    return FittedModel(
+        model=model,
+        x=of_model[:count],
+        T_instr_base=problem.T_instr_base @ base_motion(problem.model, of_model[count:]),
+        R_ee_target=general.start.R_ee_target,
+        places_m=problem.places_at(x),
+    )
+
+
+def base_motion(model: Model, x_base: Array) -> Array:
+    """Return the pose (4, 4) that the base's small motions come to."""
+    values = dict(zip(model.terms[-1].coordinates, x_base, strict=True))
+    bare = np.zeros((1, len(BASE)))
+    bare[0] = [values.get(name, 0.0) for name in BASE]
+    chain = Chain.of(model.chain.arm)
+    at = np.tile(chain.nominal, (2, 1))
+    at[1, chain.columns(BASE)] += bare[0]
+    still, moved = end_pose(chain, at)
+    motion: Array = moved @ np.linalg.inv(still)
+    return motion
+
+
+def _fit_summary(general: GeneralCalibration, openly: frozenset[str]) -> FitSummary:
+    fit, parameters = general.fit, general.problem.parameters
+    columns = kinds(general.problem.seen)[0][1]
+    root = np.sqrt(fit.weights)[:, None, None]
+    # Of several targets the uncertainty of one is meant, as the error is that of one.
+    share = np.sqrt(_targets_seen(general))[:, None, None]
+    return FitSummary(
+        converged=fit.converged,
+        reason=fit.reason,
+        iterations=fit.iterations,
+        at_bound=tuple(
+            parameter.name for parameter, held in zip(parameters, fit.at_bound, strict=True) if held
+        ),
+        parameters=parameters,
+        covariance=fit.covariance,
+        identifiability=fit.identifiability,
+        white=(root * fit.whitener) @ fit.jacobian,
+        position=fit.jacobian[:, columns] / share,
+        not_identifiable=openly,
+    )
+
+
+def _noise_mm(general: GeneralCalibration) -> float:
+    """Return what the stated noise explains of the root mean square error."""
+    problem = general.problem
+    columns = kinds(problem.seen)[0][1]
+    variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns]
+    seen = problem.components_seen[:, columns]
+    per_pose = np.where(seen, variances, 0.0).sum(axis=1) / _targets_seen(general)
+    return float(1e3 * np.sqrt(per_pose.mean()))
+
+
+def _targets_seen(general: GeneralCalibration) -> Array:
+    """Return how many targets were seen in each pose, (P,)."""
+    problem = general.problem
+    columns = kinds(problem.seen)[0][1]
+    targets: Array = np.maximum(1.0, problem.components_seen[:, columns].sum(axis=1) // 3)
+    return targets

@@ -1,0 +1,118 @@
+"""The general model of a campaign as a least-squares problem on one level."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.calibration.general.instrument import (
+    Seen,
+    compare,
+    components_seen,
+    place_parameters,
+    stated_covariance,
+)
+from pa10cal.campaign.seen import Sightings
+from pa10cal.terms.model import Model
+from pa10cal.terms.term import Parameter
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of the problem at one point.
+
+    Attributes:
+        residual: (P, b) predicted less seen [m, rad].
+        jacobian: (P, b, k) exact derivative by all unknowns.
+    """
+
+    residual: Array
+    jacobian: Array
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A model, what was seen, and where the frames stand about.
+
+    Attributes:
+        model: chain and terms: links, springs, tool, base.
+        places: coordinates of targets that are unknowns, as indices into `place_parameters`.
+        places_m: (t,) about where the targets sit.
+        T_instr_base: (4, 4) where the base is when its term is zero.
+        sightings: P poses, an attitude turned so that the tool's own is near that of the chain.
+    """
+
+    model: Model
+    places: NDArray[np.intp]
+    places_m: Array
+    T_instr_base: Array
+    sightings: Sightings
+
+    @property
+    def seen(self) -> Seen:
+        """Return what was seen."""
+        return self.sightings.seen
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return all k unknowns, those of the model first."""
+        everywhere = place_parameters(self.seen)
+        return (*self.model.parameters, *(everywhere[k] for k in self.places))
+
+    @cached_property
+    def scale(self) -> Array:
+        """Return the typical size of each unknown, (k,)."""
+        return np.array([parameter.scale for parameter in self.parameters])
+
+    @cached_property
+    def stated_covariance(self) -> Array:
+        """Return the covariance (P, b, b) that the instrument states."""
+        return stated_covariance(self.seen)
+
+    @cached_property
+    def components_seen(self) -> NDArray[np.bool_]:
+        """Return which components were seen, (P, b)."""
+        return components_seen(self.seen)
+
+    def start(self, x_model: Array) -> Array:
+        """Return a point (k,) with targets about where they sit."""
+        return np.concatenate([x_model, self.places_m[self.places]])
+
+    def places_at(self, x: Array) -> Array:
+        """Return the places of targets (t,) at a point."""
+        places_m = self.places_m.copy()
+        places_m[self.places] = x[len(x) - len(self.places) :]
+        return places_m
+
+    def of_model(self, x: Array) -> Array:
+        """Return the parameters of the model at a point."""
+        return x[: len(x) - len(self.places)]
+
+    def predict(self, x: Array) -> Array:
+        """Return the end of the chain in the instrument's frame, (P, 4, 4)."""
+        predicted: Array = self.T_instr_base @ self.model.predict(
+            self.sightings.states, self.of_model(x)
+        )
+        return predicted
+
+    def residual(self, x: Array) -> Array:
+        """Return predicted less seen, (P, b)."""
+        return compare(self.predict(x), self.places_at(x), self.seen).residual
+
+    def rows(self, x: Array) -> Rows:
+        """Return residuals and exact derivatives."""
+        predicted = self.model.predict_with_jacobian(self.sightings.states, self.of_model(x))
+        found = compare(self.T_instr_base @ predicted.T_base_ee, self.places_at(x), self.seen)
+        R = self.T_instr_base[:3, :3]
+        by_end = np.concatenate([found.by_end[..., :3] @ R, found.by_end[..., 3:] @ R], axis=2)
+        by_model = by_end @ predicted.jacobian
+        if not len(self.places):
+            return Rows(found.residual, by_model)
+        return Rows(
+            found.residual, np.concatenate([by_model, found.by_place[..., self.places]], axis=2)
+        )

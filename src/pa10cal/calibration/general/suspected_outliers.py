@@ -1,0 +1,79 @@
+"""Poses that a fit doubts, each with why; they stay in it, with less weight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from pa10cal.calibration.general.fit import Fit
+from pa10cal.calibration.general.instrument import kinds
+from pa10cal.calibration.general.problem import Problem
+
+Array = NDArray[np.float64]
+
+#: Probability that any pose is suspected in a campaign without a wrong one.
+_ERROR_RATE = 0.01
+#: A pose with less weight than this is listed in any case.
+_LITTLE_WEIGHT = 0.5
+
+
+@dataclass(frozen=True)
+class SuspectedOutlier:
+    """A pose far outside the scatter of the others.
+
+    Attributes:
+        row: of the poses fitted.
+        pose: label.
+        load_N: external load.
+        distance: of its residual, in standard deviations over all its components.
+        weight: with which it stayed in the fit.
+        why: what is off, and by how much.
+    """
+
+    row: int
+    pose: str
+    load_N: float
+    distance: float
+    weight: float
+    why: str
+
+
+def suspected_outliers(problem: Problem, fit: Fit) -> tuple[SuspectedOutlier, ...]:
+    """List the poses a fit doubts, the worst first."""
+    count = len(fit.distance)
+    seen = problem.components_seen.sum(axis=1)
+    limit = np.sqrt(chdtri(np.maximum(seen, 1), _ERROR_RATE / count))
+    rows = np.flatnonzero((fit.distance > limit) | (fit.weights < _LITTLE_WEIGHT))
+    rows = rows[np.argsort(-fit.distance[rows])]
+    sizes = {
+        kind: np.sqrt(
+            fit.scatter[kind] ** 2
+            + np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns].mean(axis=1)
+        )
+        for kind, columns in kinds(problem.seen)
+    }
+    return tuple(
+        SuspectedOutlier(
+            row=int(row),
+            pose=str(problem.sightings.pose[row]),
+            load_N=float(problem.sightings.states.load_N[row]),
+            distance=float(fit.distance[row]),
+            weight=float(fit.weights[row]),
+            why=_why(problem, fit, sizes, int(row)),
+        )
+        for row in rows
+    )
+
+
+def _why(problem: Problem, fit: Fit, sizes: dict[str, Array], row: int) -> str:
+    """Say which kind of component is furthest off."""
+    found = []
+    for kind, columns in kinds(problem.seen):
+        off = float(np.linalg.norm(fit.residual[row, columns]))
+        text = f"{np.degrees(off):.3f} deg" if kind == "attitude" else f"{1e3 * off:.3f} mm"
+        times = off / float(sizes[kind][row])
+        found.append((times, f"{kind} off by {text}, {times:.0f} times the scatter of one axis"))
+    return max(found)[1]

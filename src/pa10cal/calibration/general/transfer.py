@@ -1,0 +1,73 @@
+"""A calibrated arm in another place: only base and tool are found anew."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pa10cal.calibration.general.case import FittedModel, base_motion
+from pa10cal.calibration.general.fit import fit
+from pa10cal.calibration.general.problem import Problem
+from pa10cal.calibration.general.start import find_start, turned
+from pa10cal.calibration.general.unknowns import choose_unknowns
+from pa10cal.campaign.seen import Sightings
+from pa10cal.errors import CalibrationError
+from pa10cal.terms.fixed import Fixed
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import Tolerances
+
+
+def refit_frames(model: FittedModel, sightings: Sightings) -> FittedModel:
+    """Fit base and tool, or targets, of a calibrated model to other sightings of the same arm.
+
+    Args:
+        model: the calibrated model; everything in it but base, tool and targets stays.
+        sightings: P poses of the arm, with what its terms need.
+
+    Raises:
+        CalibrationError: when the fit does not converge, or the poses do not fix the frames.
+    """
+    arm = model.model.chain.arm
+    start = find_start(arm, sightings)
+    unknowns = choose_unknowns(
+        arm, Tolerances(), sightings.seen, start.T_instr_base, start.places_m
+    )
+    fixed, first = [], 0
+    for term in model.model.terms:
+        width = len(term.parameters)
+        if not _is_tool(term.coordinates):
+            fixed.append(Fixed(term, model.x[first : first + width]))
+        first += width
+    chain = model.model.chain
+    with_frames = Model(chain, (*fixed, unknowns.tool, unknowns.base))
+    problem = Problem(
+        with_frames, unknowns.places, start.places_m, start.T_instr_base, turned(sightings, start)
+    )
+    x_model = np.zeros(len(with_frames.parameters))
+    for k, parameter in enumerate(with_frames.parameters):
+        if parameter.name in ("tool_x", "tool_y", "tool_z"):
+            x_model[k] = start.p_ee_target_m["xyz".index(parameter.name[-1])]
+    found = fit(problem, problem.start(x_model))
+    if not found.converged:
+        raise CalibrationError(
+            "base and tool were not found",
+            where="grid poses",
+            value=found.reason,
+            allowed="poses that fix base and tool",
+            remedy="measure more poses, with attitudes further apart",
+        )
+    of_model = problem.of_model(found.x)
+    tool = len(unknowns.tool.parameters)
+    return replace(
+        model,
+        model=Model(chain, (*fixed, unknowns.tool)),
+        x=of_model[:tool],
+        T_instr_base=start.T_instr_base @ base_motion(with_frames, of_model[tool:]),
+        R_ee_target=start.R_ee_target,
+        places_m=problem.places_at(found.x),
+    )
+
+
+def _is_tool(coordinates: tuple[str, ...]) -> bool:
+    return bool(coordinates) and all(name.startswith("tool.") for name in coordinates)

@@ -1,0 +1,197 @@
+"""Which parameters arm and instrument can tell: complete, since every one that shows is there, and
+minimal, since none repeats what others say.
+
+Candidates are taken one after the other, frames first, then targets, then the links from the base
+outward; one whose effect is a combination of those before it is left out. One that could be said
+only by large motions of others takes the place of the last of these: along axes that are all but
+parallel, the height of tool or target says the same as the links only by being metres off. That is
+a matter of arm and instrument alone, so it is settled at random joint positions within the limits,
+before any reading; what the measured poses then leave open is another question, answered by the
+rank.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import TOOL, Chain
+from pa10cal.arm.description import Arm
+from pa10cal.arm.state import PoseStates
+from pa10cal.calibration.general.instrument import Seen, compare, ideal, place_parameters
+from pa10cal.campaign.seen import SeenPoses
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import Offsets, Tolerances, base_frame, link_departures
+from pa10cal.terms.term import Parameter
+
+Array = NDArray[np.float64]
+
+#: Joint positions at which redundancy is judged.
+_CONFIGURATIONS = 60
+_RANDOM_SEED = 1
+#: Part of a column that the columns before it must leave: exact redundancy leaves 1e-13.
+_LEAST_LEFT = 1e-8
+#: A parameter is not said by another that has to move the target so many times further.
+_MOST_TIMES = 5.0
+#: Joints without a stated limit are taken through so much.
+_WIDEST_RAD = np.pi
+
+
+@dataclass(frozen=True)
+class Redundant:
+    """A parameter left out, and those that say the same.
+
+    Attributes:
+        name: the parameter.
+        said_by: name to part, in its own unit for one unit of the parameter.
+    """
+
+    name: str
+    said_by: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """The geometric parameters of a complete and minimal model.
+
+    Attributes:
+        links: departures kept.
+        tool: motions of the tool kept; none where the instrument has targets of its own.
+        base: motions of the base kept.
+        places: coordinates of targets kept, as indices into `place_parameters`.
+        redundant: what was left out, with those that say the same.
+    """
+
+    links: Offsets
+    tool: Offsets
+    base: Offsets
+    places: NDArray[np.intp]
+    redundant: tuple[Redundant, ...]
+
+
+def tool_frame() -> Offsets:
+    """Build the six small motions of the tool at the end of the chain."""
+    parameters = tuple(
+        Parameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3) for name in TOOL
+    )
+    return Offsets(parameters, TOOL)
+
+
+def choose_unknowns(
+    arm: Arm, tolerances: Tolerances, seen: Seen, T_instr_base: Array, places_m: Array
+) -> Unknowns:
+    """Choose the parameters that arm and instrument can tell.
+
+    Args:
+        arm: the nominal arm.
+        tolerances: of the link parameters.
+        seen: what the instrument sees; its readings play no part.
+        T_instr_base: (4, 4) about where the base stands.
+        places_m: (t,) about where the targets sit.
+    """
+    links, base, tool = link_departures(arm, tolerances), base_frame(), tool_frame()
+    has_tool = isinstance(seen, SeenPoses)
+    frames = (base, tool) if has_tool else (base,)
+    model = Model(Chain.of(arm), (*frames, links))
+    states = _random_states(arm)
+    predicted = model.predict_with_jacobian(states, np.zeros(len(model.parameters)))
+    T_instr_ee = T_instr_base @ predicted.T_base_ee
+    found = compare(T_instr_ee, places_m, ideal(T_instr_ee, places_m, seen))
+    by_model = found.by_end @ _along_instrument(predicted.jacobian, T_instr_base)
+    at = sum(len(frame.parameters) for frame in frames)
+    parameters = (*model.parameters[:at], *place_parameters(seen), *model.parameters[at:])
+    columns = np.concatenate([by_model[..., :at], found.by_place, by_model[..., at:]], axis=2)
+    columns = columns.reshape(-1, len(parameters)) * [p.scale for p in parameters]
+    base_first = len(base.parameters)
+    kept = _well_said(columns, _independent(columns), base_first)
+    redundant = _redundant(columns, kept, parameters)
+    names = {parameters[k].name for k in kept}
+    first_place = at
+    places = [k - first_place for k in kept if first_place <= k < first_place + len(places_m)]
+    return Unknowns(
+        links=_only(links, names),
+        tool=_only(tool, names) if has_tool else Offsets((), ()),
+        base=_only(base, names),
+        places=np.array(places, dtype=np.intp),
+        redundant=redundant,
+    )
+
+
+def _along_instrument(jacobian: Array, T_instr_base: Array) -> Array:
+    """Turn velocities (P, 6, k) along base axes to the instrument's."""
+    R = T_instr_base[:3, :3]
+    turned: Array = np.concatenate([R @ jacobian[:, :3], R @ jacobian[:, 3:]], axis=1)
+    return turned
+
+
+def _independent(columns: Array) -> list[int]:
+    """Return the columns, in order, that are no combinations of those before them."""
+    basis = np.zeros((len(columns), 0))
+    kept: list[int] = []
+    for k, column in enumerate(columns.T):
+        size = np.linalg.norm(column)
+        left = column - basis @ (basis.T @ column)
+        left -= basis @ (basis.T @ left)  # once more, against rounding
+        length = np.linalg.norm(left)
+        if size > 0.0 and length > _LEAST_LEFT * size:
+            basis = np.column_stack([basis, left / length])
+            kept.append(k)
+    return kept
+
+
+def _well_said(columns: Array, kept: list[int], first: int) -> list[int]:
+    """Exchange columns kept, none before `first`, for those that they say only by large motions.
+
+    Every exchange makes the volume that unit columns span larger by the motion's size (Gu and
+    Eisenstat, 1996), so that they come to an end.
+    """
+    size = np.linalg.norm(columns, axis=0)
+    unit = columns / np.where(size > 0.0, size, 1.0)
+    while True:
+        others = [k for k in np.flatnonzero(size) if k not in kept]
+        parts = np.abs(np.linalg.lstsq(unit[:, kept], unit[:, others], rcond=1e-12)[0])
+        parts[np.array(kept) < first] = 0.0
+        if not parts.size or parts.max() <= _MOST_TIMES:
+            return kept
+        worst = int(np.argmax(parts.max(axis=0)))
+        last = int(np.flatnonzero(parts[:, worst] > _MOST_TIMES)[-1])
+        kept = sorted([*kept[:last], *kept[last + 1 :], int(others[worst])])
+
+
+def _redundant(
+    columns: Array, kept: list[int], parameters: tuple[Parameter, ...]
+) -> tuple[Redundant, ...]:
+    """Return the parameters left out, and what those kept say of them."""
+    others = [k for k in range(len(parameters)) if k not in kept]
+    scale = np.array([parameter.scale for parameter in parameters])
+    parts = np.linalg.lstsq(columns[:, kept], columns[:, others], rcond=1e-12)[0]
+    parts = np.where(np.abs(parts) > 1e-6, parts, 0.0) * scale[kept][:, None] / scale[others]
+    return tuple(
+        Redundant(
+            parameters[k].name,
+            {parameters[kept[j]].name: float(part[j]) for j in np.flatnonzero(part)},
+        )
+        for k, part in zip(others, parts.T, strict=True)
+    )
+
+
+def _only(offsets: Offsets, names: set[str]) -> Offsets:
+    pairs = [
+        (parameter, coordinate)
+        for parameter, coordinate in zip(offsets.parameters, offsets.coordinates, strict=True)
+        if parameter.name in names
+    ]
+    return Offsets(tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs))
+
+
+def _random_states(arm: Arm) -> PoseStates:
+    generator = np.random.default_rng(_RANDOM_SEED)
+    low, high = arm.limits_rad.T
+    turning = ~arm.prismatic
+    low = np.where(turning, np.maximum(low, -_WIDEST_RAD), low)
+    high = np.where(turning, np.minimum(high, _WIDEST_RAD), high)
+    q_rad = generator.uniform(low, high, (_CONFIGURATIONS, arm.n))
+    zeros, zero = np.zeros_like(q_rad), np.zeros(_CONFIGURATIONS)
+    return PoseStates(q_rad, zeros, zeros, zero, zero, zero)

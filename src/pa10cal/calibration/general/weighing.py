@@ -1,0 +1,192 @@
+"""How poses weigh in a fit: by what the instrument states, by their scatter, less when far off.
+
+Rows are weighed by the instrument's stated covariance plus a scatter of its own for positions and
+for attitudes, found from the residuals: what the model leaves is then no smaller than it is, and
+positions and attitudes weigh as they deserve. Poses far outside that scatter weigh less, the less
+the further off they are, so that a wrong one neither pulls nor widens; none is left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri, ndtri, stdtrit
+
+from pa10cal.calibration.general.instrument import kinds
+from pa10cal.calibration.general.problem import Problem, Rows
+
+Array = NDArray[np.float64]
+
+#: Change of a scatter, relative to its size, that counts as none.
+_SAME_SCATTER = 1e-3
+#: Share of undisturbed poses that weigh less than fully.
+_TAIL = 1e-3
+#: Readings for each unknown from which on typical residuals are about as large as their errors.
+_ENOUGH = 2.0
+#: No reading is taken for finer than this [m, rad], so that exact ones have a weight.
+_FINEST = 1e-12
+#: Intervals of 95 % are this many standard uncertainties to either side.
+_HALF_WIDTH_95 = float(ndtri(0.975))
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """What residuals show beyond the stated uncertainty, by kind of component.
+
+    Attributes:
+        size: standard deviation of it [m, rad].
+        stated: what the instrument states [m, rad], on average.
+        dof: readings that it was found from, less what the fit took up.
+    """
+
+    size: dict[str, float]
+    stated: dict[str, float]
+    dof: dict[str, float]
+
+    def is_about(self, other: Scatter) -> bool:
+        """Tell whether nothing but small parts of it have changed."""
+        return all(
+            abs(size - other.size[kind]) <= _SAME_SCATTER * max(size, self.stated[kind])
+            for kind, size in self.size.items()
+        )
+
+    @property
+    def stated_part(self) -> float:
+        """What is stated of the standard deviation of a reading, of the kind most of it is."""
+        return max(
+            (self.stated[kind] + _FINEST) / float(np.hypot(self.stated[kind] + _FINEST, size))
+            for kind, size in self.size.items()
+        )
+
+    @property
+    def widening(self) -> float:
+        """Student's half-width over that of the normal distribution, of the least certain kind.
+
+        The stated part of a variance counts as known, as Welch and Satterthwaite have it.
+        """
+        found = [
+            max(1.0, self.dof[kind]) * ((size**2 + self.stated[kind] ** 2) / size**2) ** 2
+            for kind, size in self.size.items()
+            if size > 0.0
+        ]
+        return float(stdtrit(min(found), 0.975)) / _HALF_WIDTH_95 if found else 1.0
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Rows made independent and of unit variance, each pose by its weight.
+
+    Attributes:
+        residual: (P, b) predicted less seen.
+        rows: (P, b, k) its derivative by the unknowns.
+        normal: (k, k) their normal equations.
+        weights: (P,) of the poses, 1 where the robust loss leaves them alone.
+        distance: (P,) Mahalanobis distance of each pose's residual, without its weight.
+        whitener: (P, b, b) that makes stated errors and scatter independent and of unit size.
+    """
+
+    residual: Array
+    rows: Array
+    normal: Array
+    weights: Array
+    distance: Array
+    whitener: Array
+
+
+def weigh(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) -> Weighed:
+    """Weigh the rows of a problem.
+
+    Args:
+        problem: the model and what was seen.
+        rows: of the problem at some point.
+        scatter: beyond the stated uncertainty.
+        robust: whether poses far outside the scatter weigh less.
+    """
+    whitener = _whitener(problem, scatter.size)
+    white = np.einsum("pij,pj->pi", whitener, rows.residual)
+    distance = np.sqrt(np.sum(white**2, axis=1))
+    weights: Array = np.ones(len(distance))
+    if robust:
+        enough = problem.components_seen.sum() >= _ENOUGH * rows.jacobian.shape[2]
+        limit = _limit(problem, distance, scatter.stated_part if enough else 1.0)
+        weights = (limit / np.maximum(distance, limit)) ** 2
+    root = np.sqrt(weights)
+    weighed = (root[:, None, None] * whitener) @ rows.jacobian
+    flat = weighed.reshape(-1, weighed.shape[2])
+    return Weighed(root[:, None] * white, weighed, flat.T @ flat, weights, distance, whitener)
+
+
+def _limit(problem: Problem, distance: Array, least: float) -> Array:
+    """Return the distance (P,) beyond which a pose weighs less, by its components seen.
+
+    It goes by the scatter, or by the typical pose where that lies closer: many wrong ones make the
+    scatter too wide to show any of them. It is at least this part of the former.
+    """
+    seen = np.maximum(problem.components_seen.sum(axis=1), 1)
+    numbers = np.arange(1, seen.max() + 1)
+    limits, medians = np.sqrt(chdtri(numbers, _TAIL)), chdtri(numbers, 0.5)
+    typical = float(np.sqrt(np.median(distance**2 / medians[seen - 1])))
+    return np.asarray(limits[seen - 1] * min(1.0, max(typical, least)))
+
+
+def _whitener(problem: Problem, scatter: dict[str, float]) -> Array:
+    """Return (P, b, b) that makes stated errors and scatter independent and of unit size."""
+    own = np.zeros(problem.stated_covariance.shape[1])
+    for kind, rows in kinds(problem.seen):
+        own[rows] = scatter[kind] ** 2 + _FINEST**2
+    total = problem.stated_covariance + np.diag(own)
+    inverse: Array = np.linalg.inv(np.linalg.cholesky(total))
+    return inverse
+
+
+def _stated_sizes(problem: Problem) -> dict[str, float]:
+    """Return the stated standard uncertainty of each kind, on average."""
+    variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
+    return {
+        kind: float(np.sqrt(variances[:, rows][problem.components_seen[:, rows]].mean()))
+        for kind, rows in kinds(problem.seen)
+    }
+
+
+def first_scatter(problem: Problem, rows: Rows) -> Scatter:
+    """Return a scatter to set out with: that of the start itself, which stray poses do not set."""
+    found = {}
+    for kind, columns in kinds(problem.seen):
+        size = np.abs(rows.residual[:, columns][problem.components_seen[:, columns]])
+        found[kind] = float(np.median(size) / 0.6745)
+    return Scatter(found, _stated_sizes(problem), dict.fromkeys(found, 0.0))
+
+
+def refreshed(
+    problem: Problem, rows: Rows, weighed: Weighed, parts: Array, before: Scatter
+) -> Scatter:
+    """Return the scatter of each kind that residuals show beyond what the instrument states.
+
+    A residual is smaller than the error behind it by what the fit took up, its leverage. Components
+    count by their precision, and poses far off by the square of their weight: in the end not at
+    all, where the weight alone would let them widen the scatter without bound.
+
+    Args:
+        problem: the model and what was seen.
+        rows: of the problem.
+        weighed: the same, weighed with the scatter so far.
+        parts: (k, r) of which A A^T is the covariance of the unknowns.
+        before: the scatter so far.
+    """
+    leverage = np.sum((weighed.rows @ parts) ** 2, axis=2)
+    variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
+    sizes, dof = {}, {}
+    for kind, columns in kinds(problem.seen):
+        seen, stated = problem.components_seen[:, columns], variances[:, columns]
+        counts = np.where(seen, weighed.weights[:, None] ** 2, 0.0)
+        left = counts * (1.0 - leverage[:, columns])
+        precise = (stated + before.size[kind] ** 2 + _FINEST**2) ** -2.0
+        over = counts * rows.residual[:, columns] ** 2 - left * stated
+        dof[kind] = float(np.sum(left))
+        sizes[kind] = 0.0
+        if dof[kind] > 1.0:
+            excess = float(np.sum(precise * over) / np.sum(precise * left))
+            sizes[kind] = float(np.sqrt(max(0.0, excess)))
+    return Scatter(sizes, before.stated, dof)

@@ -1,0 +1,220 @@
+"""The whole search on a campaign of many different poses, by blocks of poses left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate
+from pa10cal.discovery.blocked_cv.family import askable, family
+from pa10cal.discovery.blocked_cv.finest import finest
+from pa10cal.discovery.blocked_cv.gaps import PartedGap, compare, errors_by_name
+from pa10cal.discovery.blocked_cv.judge import (
+    Evidence,
+    LeftOver,
+    Remainder,
+    alternatives,
+    evidence,
+    left_over,
+    remainders,
+    without_rivals,
+)
+from pa10cal.discovery.blocked_cv.linear import Place, left
+from pa10cal.discovery.blocked_cv.noise import Noise, noise_of
+from pa10cal.discovery.blocked_cv.reference import noise_squares, weighed_rows
+from pa10cal.discovery.blocked_cv.refit import Refit, refit
+from pa10cal.discovery.blocked_cv.rows import Rows
+from pa10cal.discovery.blocked_cv.search import Search, Step
+from pa10cal.discovery.blocked_cv.seen import AnglesSeen, angles_seen
+from pa10cal.discovery.blocked_cv.survey import Survey, survey
+from pa10cal.discovery.candidates import NotTestable
+from pa10cal.discovery.naming import Named
+from pa10cal.discovery.problem import Baseline, Setting
+from pa10cal.terms.effects.effect import Effect
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One effect that was found.
+
+    Attributes:
+        effect: which, and where.
+        x, covariance: its parameters as the vocabulary has them, and their covariance.
+        alternatives: effects that predict as well in its place.
+        evidence: what speaks for it.
+    """
+
+    effect: Effect
+    x: Array
+    covariance: Array
+    alternatives: tuple[Effect, ...]
+    evidence: Evidence
+
+
+@dataclass(frozen=True, eq=False)
+class BlockedDiscovery:
+    """What became of a campaign.
+
+    Attributes:
+        survey: the campaign as it was judged.
+        verdict: `none`, `named`, `ambiguous` or `unexplained`.
+        findings: effects of the vocabulary, in the order found.
+        rivals: what helps and has no name.
+        remainders: what else was tried on what is left, the most helpful first.
+        left_over: what is left of blocks left out, against noise.
+        candidates: how many effects and rivals were tried.
+        least_gain: sum of squares by which one must help at least.
+        not_testable: effects that these data cannot show.
+        steps: of the search, each with what it left of the rows of blocks left out.
+        extended: the model with the findings.
+        noise: of single readings.
+        seen: angles that the fit has seen.
+        train, holdout: the gap before and after; None without held-out poses.
+        named: errors as the findings join the model one by one.
+    """
+
+    survey: Survey
+    verdict: str
+    findings: tuple[Finding, ...]
+    rivals: tuple[Effect, ...]
+    remainders: tuple[Remainder, ...]
+    left_over: LeftOver
+    candidates: int
+    least_gain: float
+    not_testable: tuple[NotTestable, ...]
+    steps: tuple[Step, ...]
+    extended: Refit
+    noise: Noise
+    seen: AnglesSeen
+    train: PartedGap
+    holdout: PartedGap | None
+    named: tuple[Named, ...]
+
+
+def discover_by_blocks(
+    readings: PoseObservations,
+    held_out: PoseObservations | None,
+    baseline: Baseline,
+    setting: Setting,
+    error_rate: float,
+    *,
+    torques_logged: bool = False,
+) -> BlockedDiscovery:
+    """Search a campaign of many different poses for missing effects.
+
+    Args:
+        readings: the poses of the fit, attitudes and torques as the model has them.
+        held_out: held-out poses, used for nothing but the gap; None where there are none.
+        baseline: the calibrated model; its chain has the bends of the long links.
+        setting: what is known besides the poses.
+        error_rate: probability allowed of naming anything where nothing is missing.
+        torques_logged: whether the torques are those of a log.
+
+    Raises:
+        DiscoveryError: when there are too few poses.
+    """
+    campaign = survey(readings, baseline, setting, torques_logged=torques_logged)
+    asked, unknown = askable(campaign)
+    rows = weighed_rows(campaign, asked, SPACINGS[-1][0])
+    searched = _search(rows, error_rate)
+    fine, finer_steps = finest(rows, searched.members)
+    effects = tuple(member.effect for member in fine.members)
+    _, amounts = fine.fit(len(effects))
+    extended = refit(campaign, effects, amounts, rows.weighing)
+    place = Place(extended.model, extended.x, extended.T_instr_base)
+    noise = noise_of(campaign.poses, left(place, campaign.poses))
+    after = left_over(rows, searched.errors_mm, noise.floor_mm)
+    findings = tuple(
+        Finding(effect, *_reported(extended, effect), others, proof)
+        for effect, others, proof in zip(
+            effects, searched.alternatives, searched.evidence, strict=True
+        )
+    )
+    seen = angles_seen(campaign.poses.states.q_rad, ~campaign.context.arm.prismatic)
+    train = compare(campaign, extended, seen, campaign.poses, noise.floor_mm)
+    holdout = None
+    if held_out is not None and len(held_out):
+        holdout = compare(campaign, extended, seen, held_out, noise.floor_mm)
+    return BlockedDiscovery(
+        survey=campaign,
+        verdict=_verdict(findings, after),
+        findings=findings,
+        rivals=searched.rivals,
+        remainders=searched.remainders,
+        left_over=after,
+        candidates=searched.candidates,
+        least_gain=searched.least_gain,
+        not_testable=(*unknown, *searched.hidden),
+        steps=(*searched.steps, *finer_steps),
+        extended=extended,
+        noise=noise,
+        seen=seen,
+        train=train,
+        holdout=holdout,
+        named=errors_by_name(campaign, fine, train, holdout),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Searched:
+    """What the search found, without its products, which are large."""
+
+    members: tuple[Candidate, ...]
+    rivals: tuple[Effect, ...]
+    remainders: tuple[Remainder, ...]
+    evidence: tuple[Evidence, ...]
+    alternatives: tuple[tuple[Effect, ...], ...]
+    errors_mm: Array
+    hidden: tuple[NotTestable, ...]
+    steps: tuple[Step, ...]
+    candidates: int
+    least_gain: float
+
+
+def _search(rows: Rows, error_rate: float) -> _Searched:
+    """Search, and judge what was found."""
+    products = rows.products()
+    candidates, hidden = family(rows, products)
+    poses = rows.survey.poses
+    noise = noise_squares(rows, noise_of(poses, left(rows.place, poses)))
+    search = Search(products, rows.own, candidates, noise, error_rate)
+    chosen = search.run()
+    remaining = remainders(search, chosen)
+    nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
+    chosen = without_rivals(chosen)
+    proofs, errors_mm = evidence(rows, chosen)
+    return _Searched(
+        members=chosen.members,
+        rivals=nameless,
+        remainders=remaining,
+        evidence=proofs,
+        alternatives=tuple(
+            alternatives(search, chosen, member) for member in range(len(chosen.members))
+        ),
+        errors_mm=errors_mm,
+        hidden=hidden,
+        steps=tuple(search.steps),
+        candidates=len({candidate.name for candidate in candidates}),
+        least_gain=search.least_gain,
+    )
+
+
+def _reported(extended: Refit, effect: Effect) -> tuple[Array, Array]:
+    """Return the parameters of an effect as the vocabulary has them, and their covariance."""
+    columns = extended.columns_of(effect)
+    report = effect.report(extended.x[columns])
+    covariance = extended.covariance[columns, columns]
+    return report.values, report.jacobian @ covariance @ report.jacobian.T
+
+
+def _verdict(findings: tuple[Finding, ...], after: LeftOver) -> str:
+    if after.over_floor:
+        return "unexplained"
+    if not findings:
+        return "none"
+    return "ambiguous" if any(finding.alternatives for finding in findings) else "named"

@@ -1,0 +1,109 @@
+"""The family of candidates of a survey, and what its poses can tell of each.
+
+All of it is settled before residuals are looked at.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.discovery.blocked_cv.candidate import Candidate, map_candidates
+from pa10cal.discovery.blocked_cv.products import Products
+from pa10cal.discovery.blocked_cv.rows import Asked, Rows
+from pa10cal.discovery.blocked_cv.selection import Columns, solve
+from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.candidates import LEAST_SHARE, LEAST_SIGNAL, NotTestable
+from pa10cal.errors import CalibrationError
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.term import shows_torque
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+def askable(survey: Survey) -> tuple[tuple[Asked, ...], tuple[NotTestable, ...]]:
+    """Return effects that can be worked out with what is known of the poses, and the others.
+
+    Each effect at each of its shapes; maps are not among them.
+    """
+    asked: list[Asked] = []
+    refused = []
+    for effect in candidates(survey.context):
+        if isinstance(effect, JointErrorMap):
+            continue
+        why = _unknown(survey, effect)
+        if why is None:
+            asked += [Asked(effect, shape) for shape in range(len(effect.starts))]
+        else:
+            refused.append(NotTestable(effect, why, by_these_poses=False))
+    return tuple(asked), tuple(refused)
+
+
+def family(rows: Rows, products: Products) -> tuple[tuple[Candidate, ...], tuple[NotTestable, ...]]:
+    """Return the candidates that these poses can show, and the effects that they cannot."""
+    total = products.summed().gram
+    own = rows.own
+    shown, refused = [], {}
+    named = [
+        Candidate(asked, Columns(at, np.ones(len(at))))
+        for asked, at in zip(rows.asked, rows.of_asked(), strict=True)
+    ]
+    for candidate in (*named, *map_candidates(rows)):
+        why = _hidden(rows, total, own, candidate)
+        if why is None:
+            shown.append(candidate)
+        else:
+            refused[candidate.name] = NotTestable(_plain(candidate.effect), why)
+    names = {candidate.name for candidate in shown}
+    return tuple(shown), tuple(found for name, found in refused.items() if name not in names)
+
+
+def _hidden(rows: Rows, gram: Array, own: Index, candidate: Candidate) -> str | None:
+    """Return why the poses cannot show a candidate, None where they can."""
+    at, sizes = candidate.columns.at, candidate.columns.sizes
+    across = gram[np.ix_(own, at)] * sizes
+    whole = gram[np.ix_(at, at)] * np.outer(sizes, sizes)
+    if not np.trace(whole) > 0.0:
+        return _why_silent(rows.survey.poses.states, candidate.asked)
+    followed = solve(gram[np.ix_(own, own)], across, np.eye(len(own)))
+    left = whole - across.T @ followed
+    share = float(np.sqrt(max(np.trace(left), 0.0) / np.trace(whole)))
+    signal = float(np.sqrt(max(np.linalg.eigvalsh(left)[-1], 0.0)))
+    if share < LEAST_SHARE:
+        return f"{100 * share:.1f} % left after the model's own parameters"
+    if signal * 10.0 < LEAST_SIGNAL:
+        return "ten times its plausible size would not rise above the noise"
+    return None
+
+
+def _why_silent(states: PoseStates, asked: Asked) -> str:
+    """Return why an effect moves nothing at all in these poses."""
+    arrived = replace(states, arrival=np.ones_like(states.arrival))
+    if np.any(asked.effect.derivative(arrived, asked.start)):
+        return "the direction of arrival is not known"
+    return "the poses do not exercise it"
+
+
+def _unknown(survey: Survey, effect: Effect) -> str | None:
+    """Return why an effect cannot be worked out with what was logged, None where it can."""
+    states = survey.poses.states
+    if shows_torque(effect) and not survey.torques_logged:
+        return "the torques were not logged"
+    try:
+        columns = [effect.derivative(states, start) for start in effect.starts]
+    except CalibrationError as error:
+        return error.what
+    if not all(np.all(np.isfinite(values)) for values in columns):
+        return "what it depends on was not logged"
+    return None
+
+
+def _plain(effect: Effect) -> Effect:
+    """Return the map of a joint in its usual form, whatever its spacing; others as they are."""
+    return JointErrorMap(effect.of) if isinstance(effect, JointErrorMap) else effect

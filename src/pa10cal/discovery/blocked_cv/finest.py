@@ -1,0 +1,153 @@
+"""Members of the search in rows of their own, each map with its own B-splines, as fine as helps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate, standard_error
+from pa10cal.discovery.blocked_cv.linear import map_columns
+from pa10cal.discovery.blocked_cv.products import Products, products
+from pa10cal.discovery.blocked_cv.rows import Asked, Rows
+from pa10cal.discovery.blocked_cv.search import Step
+from pa10cal.discovery.blocked_cv.selection import predicted_squares, solve
+from pa10cal.discovery.blocked_cv.survey import BLOCKS
+from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines_by_knots
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: Spacings beyond those of the search, tried once it is known which joints have a map.
+FINER_KNOTS = (216, 360)
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """Members with maps of some spacing each, by linear least squares about the calibrated model.
+
+    Attributes:
+        members: the members.
+        squares: (B,) what is left of blocks left out.
+        total: products over all blocks: own parameters, effects, B-splines of one map after the
+            other.
+        prior: (N, N) precision expected of these columns.
+        at: columns of each member.
+    """
+
+    members: tuple[Candidate, ...]
+    squares: Array
+    total: Products
+    prior: Array
+    at: tuple[Index, ...]
+
+    def fit(self, count: int) -> tuple[Array, tuple[Array, ...]]:
+        """Return what the first few members ask for.
+
+        Args:
+            count: how many.
+
+        Returns:
+            Own parameters (k,), beyond those calibrated and in their possible sizes; parameters of
+            each member's effect.
+        """
+        own = np.setdiff1d(np.arange(len(self.prior)), np.concatenate([np.zeros(0, int), *self.at]))
+        at = np.concatenate([own, *self.at[:count]])
+        there = np.ix_(at, at)
+        x = np.zeros(len(self.prior))
+        x[at] = solve(self.total.gram[there], self.total.projection[at], self.prior[there])
+        return x[own], tuple(
+            _amounts(member.asked, x[columns])
+            for member, columns in zip(self.members[:count], self.at, strict=False)
+        )
+
+
+def finest(rows: Rows, members: tuple[Candidate, ...]) -> tuple[Level, tuple[Step, ...]]:
+    """Make maps of the search's finest spacing finer, all at once, while blocks left out gain.
+
+    Returns:
+        The finest level that helps, and what each left of the blocks left out.
+    """
+    rows = replace(rows, asked=tuple(member.asked for member in members if not member.is_map))
+    best = level(rows, members)
+    steps: list[Step] = []
+    for knots in FINER_KNOTS:
+        if not any(_has_finest(member) for member in members):
+            break
+        ahead = level(rows, tuple(_with_knots(member, knots) for member in members))
+        gain = best.squares - ahead.squares
+        if gain.sum() <= standard_error(gain):
+            break
+        best = ahead
+        steps.append(Step(best.members, best.squares))
+    return best, tuple(steps)
+
+
+def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
+    """Solve members with every block left out.
+
+    Args:
+        rows: with the members' effects asked, in their order, maps aside.
+        members: the members.
+    """
+    maps = [member.effect for member in members if isinstance(member.effect, JointErrorMap)]
+    inside = _products(rows, maps)
+    total = inside.summed()
+    dense = len(total.projection) - sum(each.knots for each in maps)
+    factors = [b_splines_by_knots(each.knots) @ each.prior_factor for each in maps]
+    inverses = [np.linalg.inv(factor) for factor in factors]
+    prior = block_diag(np.eye(dense), *(inverse.T @ inverse for inverse in inverses))
+    every, squares = np.arange(len(prior)), np.empty(BLOCKS)
+    for b in range(BLOCKS):
+        gram, projection = inside.gram[b], inside.projection[b]
+        x = solve(total.gram - gram, total.projection - projection, prior)
+        squares[b] = predicted_squares(inside, b, every, x)
+    of_maps = iter(pairwise(dense + np.cumsum([0, *(each.knots for each in maps)])))
+    of_effects = iter(rows.of_asked())
+    at = tuple(
+        np.arange(*next(of_maps)) if member.is_map else next(of_effects) for member in members
+    )
+    return Level(members, squares, total, prior, at)
+
+
+def _products(rows: Rows, maps: list[JointErrorMap]) -> Products:
+    """Return the products of own parameters, effects, and B-splines of some maps."""
+    columns = len(rows.own) + sum(each.effect.linear for each in rows.asked)
+    total = columns + sum(each.knots for each in maps)
+    at = [rows.joints.index(each.joint) for each in maps]
+    knots = [each.knots for each in maps]
+    gram = np.empty((BLOCKS, total, total))
+    projection, squares = np.empty((BLOCKS, total)), np.empty(BLOCKS)
+    for b in range(BLOCKS):
+        block = rows.block(b)
+        splines = map_columns(block.screws[:, :, at], block.q_rad[:, at], knots)
+        gram[b], projection[b], squares[b] = products(block.data, block.dense, splines)
+    return Products(gram, projection, squares)
+
+
+def _amounts(asked: Asked, found: Array) -> Array:
+    """Return the parameters of an effect for what was found of its columns."""
+    effect = asked.effect
+    if isinstance(effect, JointErrorMap):
+        knots = np.linalg.solve(b_splines_by_knots(effect.knots), found)
+        return np.asarray(knots, dtype=np.float64)
+    x = asked.start.copy()
+    x[: effect.linear] += effect.prior_factor @ found
+    return x
+
+
+def _has_finest(member: Candidate) -> bool:
+    """Tell whether a member is a map as fine as the search has them."""
+    effect = member.effect
+    return isinstance(effect, JointErrorMap) and effect.knots >= SPACINGS[-1][0]
+
+
+def _with_knots(member: Candidate, knots: int) -> Candidate:
+    """Return a map with so many knots, if it had as many as the search has; others as they are."""
+    effect = member.effect
+    if not (_has_finest(member) and isinstance(effect, JointErrorMap)):
+        return member
+    return Candidate(Asked(replace(effect, knots=knots)), member.columns)

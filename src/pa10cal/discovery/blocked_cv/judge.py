@@ -1,0 +1,191 @@
+"""What the search comes to: evidence of each effect, what may stand in its place, what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.discovery.blocked_cv.candidate import Chosen, both_kinds_agree, standard_error
+from pa10cal.discovery.blocked_cv.rows import Rows
+from pa10cal.discovery.blocked_cv.search import Search
+from pa10cal.discovery.blocked_cv.survey import BLOCKS
+from pa10cal.terms.effects.effect import Effect
+
+Array = NDArray[np.float64]
+
+#: What is left counts as more than noise where it is so many times as large.
+_OVER_FLOOR = 1.15
+#: Standard errors over blocks by which it has to be larger.
+_SURELY = 3.0
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """How well blocks left out are predicted without an effect and with it.
+
+    Attributes:
+        rms_without_mm, rms_with_mm: root mean square of the position error there.
+        blocks, improved: how many blocks, and in how many the weighed sum of squares came down.
+        gain: part by which the weighed sum of squares came down.
+        gain_std: its standard error, from how it scatters between blocks.
+    """
+
+    rms_without_mm: float
+    rms_with_mm: float
+    blocks: int
+    improved: int
+    gain: float
+    gain_std: float
+
+    @property
+    def z(self) -> float:
+        """Gain in standard errors."""
+        return self.gain / max(self.gain_std, np.finfo(float).tiny)
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """Something with which what is left still goes, or does not.
+
+    Attributes:
+        effect: the smooth unknown function, or effect, that was tried.
+        gain: part by which it brings down the weighed sum of squares of blocks left out.
+        gain_std: its standard error.
+        helps: whether that is enough to say that it is there.
+        kinds_agree: whether it makes neither positions nor attitudes worse; what does is no effect
+            by that name. None where it does not help.
+    """
+
+    effect: Effect
+    gain: float
+    gain_std: float
+    helps: bool
+    kinds_agree: bool | None
+
+
+@dataclass(frozen=True)
+class LeftOver:
+    """Position error of blocks left out, against noise.
+
+    Attributes:
+        mean_mm: mean position error.
+        std_mm: its standard error, over blocks.
+        rms_mm: root mean square.
+        floor_mm: mean error that noise alone leaves.
+    """
+
+    mean_mm: float
+    std_mm: float
+    rms_mm: float
+    floor_mm: float
+
+    @property
+    def over_floor(self) -> bool:
+        """Whether more is left than noise explains."""
+        excess = self.mean_mm - self.floor_mm
+        return self.mean_mm > _OVER_FLOOR * self.floor_mm and excess > _SURELY * self.std_mm
+
+
+def evidence(rows: Rows, chosen: Chosen) -> tuple[tuple[Evidence, ...], Array]:
+    """Return the evidence of each member, and what is left of every block.
+
+    Returns:
+        One entry a member; position errors (P,) [mm] of the blocks left out.
+    """
+    state = chosen.state
+    solutions = np.stack(
+        [state.solution, *(state.solution_without(k + 1) for k in range(len(chosen.members)))]
+    )
+    count = rows.survey.block.size
+    errors_mm = np.empty((count, len(solutions)))
+    for b in range(BLOCKS):
+        x = np.zeros((len(state.total.projection), len(solutions)))
+        x[state.at] = solutions[:, b].T
+        left = rows.left_of(b, x)[:, :3]
+        errors_mm[rows.survey.block == b] = 1e3 * np.linalg.norm(left, axis=1)
+    rms = np.sqrt(np.mean(errors_mm**2, axis=0))
+    found = []
+    for k, without in enumerate(state.without_each()):
+        gain = without - chosen.squares
+        whole = float(without.sum())
+        found.append(
+            Evidence(
+                rms_without_mm=float(rms[k + 1]),
+                rms_with_mm=float(rms[0]),
+                blocks=BLOCKS,
+                improved=int(np.sum(gain > 0.0)),
+                gain=float(gain.sum()) / whole,
+                gain_std=standard_error(gain) / whole,
+            )
+        )
+    return tuple(found), errors_mm[:, 0]
+
+
+def left_over(rows: Rows, errors_mm: Array, floor_mm: float) -> LeftOver:
+    """Return the position error of blocks left out, against noise."""
+    means = np.array([errors_mm[rows.survey.block == b].mean() for b in range(BLOCKS)])
+    return LeftOver(
+        mean_mm=float(errors_mm.mean()),
+        std_mm=float(means.std(ddof=1) / np.sqrt(BLOCKS)),
+        rms_mm=float(np.sqrt(np.mean(errors_mm**2))),
+        floor_mm=floor_mm,
+    )
+
+
+def alternatives(search: Search, chosen: Chosen, member: int) -> tuple[Effect, ...]:
+    """Return the effects that predict as well in one's place, within a standard error.
+
+    One that leaves it needed all the same is no alternative. The map of a joint can always do what
+    a named form of that joint does, and is none.
+    """
+    own = chosen.members[member]
+    less = chosen.reduced(member)
+    others = [
+        other
+        for other in search.others(chosen)
+        if not other.effect.generic
+        and not (other.is_map and own.effect.coordinates == other.effect.coordinates)
+    ]
+    if not others:
+        return ()
+    columns = [other.columns for other in others]
+    instead, beside = less.state.with_each(columns), chosen.state.with_each(columns)
+    close: dict[tuple[str, str], Effect] = {}
+    for other, alone, both in zip(others, instead, beside, strict=True):
+        lost = alone - chosen.squares
+        if lost.sum() <= standard_error(lost) and not search.helps(alone, both):
+            close.setdefault(other.name, other.effect)
+    return tuple(close.values())
+
+
+def remainders(search: Search, chosen: Chosen) -> tuple[Remainder, ...]:
+    """Return what is left to be found: how much each candidate not chosen would still bring."""
+    others = search.others(chosen)
+    if not others:
+        return ()
+    found = chosen.state.with_each([other.columns for other in others])
+    best: dict[tuple[str, str], Remainder] = {}
+    whole = float(chosen.squares.sum())
+    for other, squares in zip(others, found, strict=True):
+        gain = chosen.squares - squares
+        helps = search.helps(chosen.squares, squares)
+        entry = Remainder(
+            effect=other.effect,
+            gain=float(gain.sum()) / whole,
+            gain_std=standard_error(gain) / whole,
+            helps=helps,
+            kinds_agree=both_kinds_agree(chosen, chosen.extended(other)) if helps else None,
+        )
+        if other.name not in best or entry.gain > best[other.name].gain:
+            best[other.name] = entry
+    return tuple(sorted(best.values(), key=lambda entry: -entry.gain))
+
+
+def without_rivals(chosen: Chosen) -> Chosen:
+    """Return the set without what has no name."""
+    for k in reversed(range(len(chosen.members))):
+        if chosen.members[k].effect.generic:
+            chosen = chosen.reduced(k)
+    return chosen

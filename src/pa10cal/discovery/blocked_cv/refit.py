@@ -1,0 +1,203 @@
+"""The whole non-linear fit with the effects found: weighed, robust, maps kept sparse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
+
+from pa10cal.discovery.blocked_cv.linear import Place, by_joints, by_terms, left, map_columns
+from pa10cal.discovery.blocked_cv.products import in_terms_of, products
+from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.blocked_cv.weighing import Weighing, weigh
+from pa10cal.discovery.fit import possible_sizes
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines_by_knots
+from pa10cal.terms.model import Model
+from pa10cal.terms.term import Term
+
+Array = NDArray[np.float64]
+
+_MOST_STEPS = 6
+#: A step this small, in standard uncertainties, ends the fit.
+_ARRIVED = 0.1
+_MOST_HALVINGS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """The calibrated model with effects, fitted anew.
+
+    Attributes:
+        effects: the effects in it.
+        model: chain and terms: those of the calibrated model, then the effects.
+        x: (k,) its parameters.
+        T_instr_base: (4, 4) base frame.
+        covariance: (k + 6, k + 6) of the parameters and of small motions of the base; those of the
+            calibrated model, effect by effect, base.
+        weighing: what each pose counted.
+        converged: whether the last step was small.
+    """
+
+    effects: tuple[Effect, ...]
+    model: Model
+    x: Array
+    T_instr_base: Array
+    covariance: Array
+    weighing: Weighing
+    converged: bool
+
+    def columns_of(self, effect: Effect) -> slice:
+        """Return where the parameters of one of the effects stand."""
+        place = self.effects.index(effect)
+        after = sum(len(each.parameters) for each in self.effects[place:])
+        first = len(self.x) - after
+        return slice(first, first + len(effect.parameters))
+
+
+def refit(
+    survey: Survey, effects: tuple[Effect, ...], starts: tuple[Array, ...], weighing: Weighing
+) -> Refit:
+    """Fit the calibrated model with effects to all poses of a survey.
+
+    Args:
+        survey: the campaign.
+        effects: what to add.
+        starts: parameters of each to set out from.
+        weighing: what each pose counts at first.
+    """
+    fit = _Fit(survey, effects)
+    x = np.concatenate([survey.baseline.x, *starts, np.zeros(6)])
+    lower, upper = fit.bounds
+    x, converged = np.clip(x, lower, upper), False
+    for _ in range(_MOST_STEPS):
+        gradient, information = fit.normal(x, weighing)
+        held = ((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0))
+        covariance = _inverse(information, ~held)
+        step = -covariance @ gradient
+        x, whole = fit.ahead(x, step, weighing, (lower, upper))
+        std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+        residual = left(fit.place(x), survey.poses)
+        weighing = weigh(residual, fit.dof(covariance), survey.poses.cov_ee)
+        if whole and float(np.abs(step / std)[~held].max()) < _ARRIVED:
+            converged = True
+            break
+    gradient, information = fit.normal(x, weighing)
+    covariance = _inverse(information, ~held)
+    baseline = survey.baseline
+    return Refit(
+        effects=effects,
+        model=Model(baseline.model.chain, (*baseline.model.terms, *effects)),
+        x=x[:-6],
+        T_instr_base=moved_base(baseline.T_instr_base, x[-6:]),
+        covariance=covariance,
+        weighing=weighing,
+        converged=converged,
+    )
+
+
+def moved_base(T_instr_base: Array, small: Array) -> Array:
+    """Return a base frame moved by the six small motions (6,) that a model's base term makes."""
+    moved = np.eye(4)
+    moved[:3, 3] = small[:3]
+    moved[:3, :3] = Rotation.from_euler("XYZ", small[3:]).as_matrix()
+    T: Array = T_instr_base @ moved
+    return T
+
+
+class _Fit:
+    """Normal equations of the fit, in the order of the model's parameters."""
+
+    def __init__(self, survey: Survey, effects: tuple[Effect, ...]) -> None:
+        self._survey = survey
+        self._model = survey.model(effects)
+        self._maps = [each for each in effects if isinstance(each, JointErrorMap)]
+        stops = np.cumsum([0, *(len(term.parameters) for term in self._model.terms)])
+        places = [np.arange(*ends) for ends in pairwise(stops)]
+        is_map = [isinstance(term, JointErrorMap) for term in self._model.terms]
+        self._dense: list[Term] = []
+        self._dense_at, map_at = [], []
+        for term, place, sparse in zip(self._model.terms, places, is_map, strict=True):
+            if sparse:
+                map_at.append(place)
+            else:
+                self._dense.append(term)
+                self._dense_at.append(place)
+        self._order = np.concatenate([*self._dense_at, *map_at])
+        own = survey.baseline
+        sizes = possible_sizes(self._model)
+        prior = [np.diag(sizes[: len(own.x)] ** -2.0)]
+        for effect in effects:
+            factor = np.linalg.inv(effect.prior_factor)
+            shapes = np.zeros((len(effect.parameters) - effect.linear,) * 2)
+            prior.append(block_diag(factor.T @ factor, shapes))
+        self._prior = block_diag(*prior, np.diag(sizes[-6:] ** -2.0))
+        self._middle = np.zeros(len(sizes))
+        self._middle[: len(own.x)] = own.x
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the ends of the physical range of every parameter."""
+        parameters = self._model.parameters
+        return (
+            np.array([-np.inf if p.lower is None else p.lower for p in parameters]),
+            np.array([np.inf if p.upper is None else p.upper for p in parameters]),
+        )
+
+    def place(self, x: Array) -> Place:
+        """Return the model at a point."""
+        return Place(self._model, x, self._survey.baseline.T_instr_base)
+
+    def normal(self, x: Array, weighing: Weighing) -> tuple[Array, Array]:
+        """Return half the gradient of the sum of squares, and the normal equations."""
+        at, poses = self.place(x), self._survey.poses
+        whiten = weighing.whiteners(np.arange(len(poses)))
+        points = [x[place] for place in self._dense_at]
+        dense = whiten @ np.concatenate(by_terms(at, poses, self._dense, points), axis=2)
+        screws = whiten @ by_joints(at, poses, [each.joint for each in self._maps])
+        q_rad = poses.states.q_rad[:, [each.joint - 1 for each in self._maps]]
+        gram, projection, _ = products(
+            (whiten @ left(at, poses)[:, :, None]).ravel(),
+            dense.reshape(-1, dense.shape[2]),
+            map_columns(screws, q_rad, [each.knots for each in self._maps]),
+        )
+        bases = [b_splines_by_knots(each.knots) for each in self._maps]
+        gram, projection = in_terms_of(gram, projection, dense.shape[2], bases)
+        order = np.argsort(self._order)
+        gram, projection = gram[np.ix_(order, order)], projection[order]
+        return projection + self._prior @ (x - self._middle), gram + self._prior
+
+    def ahead(
+        self, x: Array, step: Array, weighing: Weighing, ends: tuple[Array, Array]
+    ) -> tuple[Array, bool]:
+        """Return the point after a step, halved while it leads uphill, and whether it is whole."""
+        here = self._cost(x, weighing)
+        for halving in range(_MOST_HALVINGS):
+            new = np.clip(x + step / 2.0**halving, *ends)
+            if self._cost(new, weighing) <= here * (1.0 + 1e-9):
+                return new, halving == 0
+        return x, True  # no direction leads down: rounding
+
+    def dof(self, covariance: Array) -> float:
+        """Return how many parameters the data determine, the others being as expected."""
+        return float(len(covariance) - np.sum(self._prior * covariance))
+
+    def _cost(self, x: Array, weighing: Weighing) -> float:
+        every = np.arange(len(self._survey.poses))
+        white = weighing.whiteners(every) @ left(self.place(x), self._survey.poses)[:, :, None]
+        off = x - self._middle
+        return float(np.sum(white**2) + off @ self._prior @ off)
+
+
+def _inverse(information: Array, free: NDArray[np.bool_]) -> Array:
+    """Return the inverse of the normal equations of free parameters, zero for the others."""
+    own = np.ix_(free, free)
+    scale = 1.0 / np.sqrt(np.diag(information)[free])
+    factor = cho_factor(information[own] * np.outer(scale, scale))
+    inverse = np.zeros_like(information)
+    inverse[own] = cho_solve(factor, np.diag(scale)) * scale[:, None]
+    return inverse

@@ -1,0 +1,185 @@
+"""Weighed rows of a survey: the data, the model's own parameters, effects, and fine maps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.discovery.blocked_cv.linear import Place, by_joints, by_terms, left, map_columns
+from pa10cal.discovery.blocked_cv.products import Products, in_terms_of, products
+from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
+from pa10cal.discovery.blocked_cv.weighing import Weighing
+from pa10cal.discovery.fit import possible_sizes
+from pa10cal.terms.effects.effect import Effect, turning_joints
+from pa10cal.terms.effects.joint_error_map import b_splines_by_knots, harmonics_at_knots
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """An effect at one of its shapes.
+
+    Attributes:
+        effect: which, and where.
+        shape: number of its start.
+    """
+
+    effect: Effect
+    shape: int = 0
+
+    @property
+    def start(self) -> Array:
+        """Return the parameters at which it is linearised."""
+        return self.effect.starts[self.shape]
+
+
+@dataclass(frozen=True)
+class BlockRows:
+    """Weighed rows of one block of p poses.
+
+    Attributes:
+        data: (6 p,) measured less predicted.
+        dense: (6 p, d) columns of own parameters and effects, each in its size.
+        screws: (p, 6, j) how the rows follow the angle of every turning joint.
+        q_rad: (p, j) these angles.
+    """
+
+    data: Array
+    dense: Array
+    screws: Array
+    q_rad: Array
+
+    def maps(self, knots: Sequence[int]) -> csr_array:
+        """Return the columns of the B-splines of every turning joint's map, K of each given."""
+        return map_columns(self.screws, self.q_rad, knots)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows about the calibrated model, in columns: own parameters, effects, harmonics of maps.
+
+    Attributes:
+        survey: the campaign.
+        weighing: what each pose counts.
+        asked: effects, in the order of their columns.
+        knots: K of the maps, whose columns are the K - 1 harmonics of each turning joint.
+    """
+
+    survey: Survey
+    weighing: Weighing
+    asked: tuple[Asked, ...]
+    knots: int
+
+    @cached_property
+    def place(self) -> Place:
+        """Return the calibrated model."""
+        baseline = self.survey.baseline
+        x = np.concatenate([baseline.x, np.zeros(6)])
+        return Place(self.survey.model(), x, baseline.T_instr_base)
+
+    @cached_property
+    def joints(self) -> tuple[int, ...]:
+        """Return the joints, from 1, that have maps."""
+        return turning_joints(self.survey.context)
+
+    @cached_property
+    def basis(self) -> Array:
+        """Return the coefficients of B-splines (K, K - 1) of every harmonic of unit amplitude."""
+        found: Array = b_splines_by_knots(self.knots) @ harmonics_at_knots(self.knots)[:, 1:]
+        return found
+
+    @property
+    def own(self) -> Index:
+        """Return the columns of the model's own parameters."""
+        return np.arange(len(self.place.x))
+
+    def of_asked(self) -> list[Index]:
+        """Return the columns of each effect."""
+        stops = len(self.own) + np.cumsum([0, *(each.effect.linear for each in self.asked)])
+        return [np.arange(*ends) for ends in pairwise(stops)]
+
+    def of_map(self, joint: int) -> Index:
+        """Return the columns of the map of a joint, from 1."""
+        first = len(self.own) + sum(each.effect.linear for each in self.asked)
+        harmonics = self.knots - 1
+        first += self.joints.index(joint) * harmonics
+        return np.arange(first, first + harmonics)
+
+    def products(self) -> Products:
+        """Return the products of all columns, block by block."""
+        total = len(self.own) + sum(each.effect.linear for each in self.asked)
+        total += len(self.joints) * (self.knots - 1)
+        gram = np.empty((2, BLOCKS, total, total))
+        projection, squares = np.empty((2, BLOCKS, total)), np.empty((2, BLOCKS))
+        for b in range(BLOCKS):
+            rows = self.block(b)
+            maps = rows.maps([self.knots] * len(self.joints))
+            for kind, at in enumerate(_kinds(len(rows.data))):
+                of_splines, with_data, squares[kind, b] = products(
+                    rows.data[at], rows.dense[at], maps[at]
+                )
+                gram[kind, b], projection[kind, b] = in_terms_of(
+                    of_splines, with_data, rows.dense.shape[1], [self.basis] * len(self.joints)
+                )
+        gram[1] += gram[0]
+        projection[1] += projection[0]
+        positions = Products(gram[0], projection[0], squares[0])
+        return Products(gram[1], projection[1], squares.sum(axis=0), positions)
+
+    def block(self, b: int) -> BlockRows:
+        """Return the rows of one block."""
+        here = np.flatnonzero(self.survey.block == b)
+        poses, whiten = self.survey.poses.take(here), self.weighing.whiteners(here)
+        dense = whiten @ np.concatenate([self._own(poses), *self._effects(poses)], axis=2)
+        screws = whiten @ by_joints(self.place, poses, self.joints)
+        q_rad = poses.states.q_rad[:, [joint - 1 for joint in self.joints]]
+        data = -whiten @ left(self.place, poses)[:, :, None]
+        return BlockRows(data.ravel(), dense.reshape(-1, dense.shape[2]), screws, q_rad)
+
+    def left_of(self, b: int, x: Array) -> Array:
+        """Return what m sets of parameters (N, m) leave of a block, measured less predicted.
+
+        Returns:
+            (p, 6, m) position [m] and attitude [rad], neither whitened nor weighed.
+        """
+        rows = self.block(b)
+        first = rows.dense.shape[1]
+        harmonics = x[first:].reshape(len(self.joints), self.knots - 1, x.shape[1])
+        splines = np.einsum("kh,jhm->jkm", self.basis, harmonics, optimize=True)
+        columns = rows.maps([self.knots] * len(self.joints))
+        maps = columns @ splines.reshape(columns.shape[1], x.shape[1])
+        left_over = rows.data[:, None] - rows.dense @ x[:first] - maps
+        whiteners = self.weighing.whiteners(np.flatnonzero(self.survey.block == b))
+        found: Array = np.linalg.solve(whiteners, left_over.reshape(len(whiteners), 6, -1))
+        return found
+
+    def _own(self, poses: PoseObservations) -> Array:
+        model, x = self.place.model, self.place.x
+        stops = np.cumsum([0, *(len(term.parameters) for term in model.terms)])
+        points = [x[first:last] for first, last in pairwise(stops)]
+        columns = np.concatenate(by_terms(self.place, poses, model.terms, points), axis=2)
+        found: Array = columns * possible_sizes(model)
+        return found
+
+    def _effects(self, poses: PoseObservations) -> Sequence[Array]:
+        effects = [each.effect for each in self.asked]
+        found = by_terms(self.place, poses, effects, [each.start for each in self.asked])
+        return [
+            columns[:, :, : effect.linear] @ effect.prior_factor
+            for effect, columns in zip(effects, found, strict=True)
+        ]
+
+
+def _kinds(count: int) -> tuple[Index, Index]:
+    """Return which of so many rows are of positions, and which of attitudes."""
+    place = np.arange(count) % 6
+    return np.flatnonzero(place < 3), np.flatnonzero(place >= 3)

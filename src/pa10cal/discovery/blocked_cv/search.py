@@ -1,0 +1,221 @@
+"""The search by blocks left out: what joins, what leaves, how smooth maps are, what has a name.
+
+An effect has to predict the blocks left out better than the model does without it: by more than
+three standard errors of the gain, as it scatters from block to block; by more than chance makes of
+the best of so many candidates; and by a part of what is left over the noise, so that an effect of
+little worth is not named where something else is missing that it may stand in for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.discovery.blocked_cv.candidate import (
+    Candidate,
+    Chosen,
+    both_kinds_agree,
+    standard_error,
+    within_bounds,
+)
+from pa10cal.discovery.blocked_cv.products import Products
+from pa10cal.discovery.blocked_cv.rows import Asked
+from pa10cal.discovery.blocked_cv.selection import Columns, start
+from pa10cal.discovery.search import threshold
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: Standard errors over blocks by which an effect must help.
+STANDARD_ERRORS = 3.0
+#: Part of what is left over the noise that an effect must be worth.
+LEAST_SHARE = 0.05
+_MOST_ROUNDS = 3
+_MOST_NAMES = 4
+#: Standard errors by which all names of a place together may fall behind a map, to be tried.
+_HOPELESS = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One step of the search.
+
+    Attributes:
+        members: what is in the model after it.
+        squares: (B,) what is then left of each block.
+    """
+
+    members: tuple[Candidate, ...]
+    squares: Array
+
+
+class Search:
+    """Looks for the set of effects that predicts left-out blocks best."""
+
+    def __init__(
+        self,
+        products: Products,
+        own: Index,
+        family: Sequence[Candidate],
+        noise: float,
+        error_rate: float,
+    ) -> None:
+        """Take what is judged.
+
+        Args:
+            products: of all columns, block by block.
+            own: columns of the calibrated model.
+            family: candidates.
+            noise: sum of squares that noise alone leaves.
+            error_rate: probability allowed of naming anything where nothing is missing.
+        """
+        self.family = tuple(family)
+        self.noise = noise
+        names = {candidate.name for candidate in family}
+        self.least_gain = 2.0 * threshold(max(len(names), 1), error_rate)
+        self.steps: list[Step] = []
+        self._nothing = Chosen((), start(products, [Columns(own, np.ones(len(own)))]))
+
+    def run(self) -> Chosen:
+        """Search until the set stays."""
+        chosen = self._noted(self._nothing)
+        settled: list[Asked] | None = None
+        for _ in range(_MOST_ROUNDS):
+            chosen = self._backward(self._forward(chosen))
+            if settled == [candidate.asked for candidate in chosen.members]:
+                break
+            chosen = self._prefer_named(self._backward(self._smoothed(chosen)))
+            settled = [candidate.asked for candidate in chosen.members]
+        return chosen
+
+    def helps(self, before: Array, after: Array) -> bool:
+        """Tell whether sums of squares (B,) of blocks left out come down enough."""
+        gain = before - after
+        total = float(gain.sum())
+        left_over = max(float(after.sum()) - self.noise, 0.0)
+        return total > max(
+            self.least_gain, LEAST_SHARE * left_over
+        ) and total > STANDARD_ERRORS * standard_error(gain)
+
+    def others(self, chosen: Chosen) -> list[Candidate]:
+        """Return the candidates of which no form is in the set."""
+        there = {candidate.name for candidate in chosen.members}
+        return [candidate for candidate in self.family if candidate.name not in there]
+
+    def _forward(self, chosen: Chosen) -> Chosen:
+        """Add what helps most, while anything helps enough."""
+        while others := self.others(chosen):
+            found = chosen.state.with_each([candidate.columns for candidate in others])
+            for k in np.argsort(found.sum(axis=1)):
+                if not self.helps(chosen.squares, found[k]):
+                    continue
+                ahead = chosen.extended(others[k])
+                if within_bounds(ahead) and both_kinds_agree(chosen, ahead):
+                    break
+            else:
+                return chosen
+            chosen = self._noted(ahead)
+        return chosen
+
+    def _smoothed(self, chosen: Chosen) -> Chosen:
+        """Choose spacing and smoothness of each map anew, the others being there."""
+        for name in [candidate.name for candidate in chosen.members if candidate.is_map]:
+            place = [candidate.name for candidate in chosen.members].index(name)
+            forms = [candidate for candidate in self.family if candidate.name == name]
+            less = chosen.reduced(place)
+            found = less.state.with_each([form.columns for form in forms]).sum(axis=1)
+            best = forms[int(np.argmin(found))]
+            if best.asked != chosen.members[place].asked:
+                chosen = self._noted(less.extended(best))
+        return chosen
+
+    def _backward(self, chosen: Chosen) -> Chosen:
+        """Take out what is not missed, the least needed first."""
+        while chosen.members:
+            found = chosen.state.without_each()
+            idle = [k for k, each in enumerate(found) if not self.helps(each, chosen.squares)]
+            if not idle:
+                return chosen
+            least = min(idle, key=lambda k: float(found[k].sum()))
+            chosen = self._noted(chosen.reduced(least))
+        return chosen
+
+    def _prefer_named(self, chosen: Chosen) -> Chosen:
+        """Put named forms of the same place where they do as well as a map or a rival."""
+        for candidate in chosen.members:
+            if candidate.is_named:
+                continue
+            named = self._named_instead(chosen, chosen.members.index(candidate))
+            if named is not None:
+                chosen = self._noted(named)
+        return chosen
+
+    def _named_instead(self, chosen: Chosen, place: int) -> Chosen | None:
+        """Return the set with names in one's place that do as well, None without.
+
+        All names of the place together show first whether they can do its work at all.
+        """
+        candidate, tried = chosen.members[place], chosen.reduced(place)
+        there = len(tried.members)
+        every = self._names_at(tried, candidate.effect)
+        if not every:
+            return None
+        lost = tried.state.with_each([_together(every)])[0] - chosen.squares
+        if lost.sum() > _HOPELESS * standard_error(lost):
+            return None
+        for _ in range(_MOST_NAMES):
+            names = self._names_at(tried, candidate.effect)
+            if not names:
+                return None
+            found = tried.state.with_each([name.columns for name in names])
+            tried = tried.extended(names[int(np.argmin(found.sum(axis=1)))])
+            if self._as_good(tried, chosen, candidate):
+                return tried if within_bounds(tried) and self._all_help(tried, there) else None
+        return None
+
+    def _as_good(self, named: Chosen, chosen: Chosen, candidate: Candidate) -> bool:
+        """Tell whether names do as well: as a map, within a standard error of what they lose.
+
+        As a rival without a name, where it does not help enough over them to be found at all.
+        """
+        lost = named.squares - chosen.squares
+        if candidate.is_map:
+            return bool(lost.sum() <= standard_error(lost))
+        return not self.helps(named.squares, chosen.squares)
+
+    def _all_help(self, chosen: Chosen, first: int) -> bool:
+        """Tell whether members from some number on are all needed."""
+        found = chosen.state.without_each()[first:]
+        return all(self.helps(each, chosen.squares) for each in found)
+
+    def _names_at(self, chosen: Chosen, effect: Effect) -> list[Candidate]:
+        """Return the named candidates that may do the work of a map or a rival."""
+        return [
+            other
+            for other in self.others(chosen)
+            if other.is_named and _same_place(other.effect, effect)
+        ]
+
+    def _noted(self, chosen: Chosen) -> Chosen:
+        self.steps.append(Step(chosen.members, chosen.squares))
+        return chosen
+
+
+def _together(candidates: Sequence[Candidate]) -> Columns:
+    """Return the columns of candidates as if they were one."""
+    return Columns(
+        np.concatenate([candidate.columns.at for candidate in candidates]),
+        np.concatenate([candidate.columns.sizes for candidate in candidates]),
+    )
+
+
+def _same_place(named: Effect, other: Effect) -> bool:
+    """Tell whether a named form may do the work of a map or a rival."""
+    if isinstance(other, JointErrorMap):
+        return named.coordinates == other.coordinates
+    return named.of == other.of

@@ -1,0 +1,96 @@
+"""A campaign of many different poses made ready: in order of time, and in blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.discovery.problem import Baseline, Setting, complete, context_of
+from pa10cal.errors import DiscoveryError
+from pa10cal.terms.effects.effect import CandidateContext, Effect
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import base_frame
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: Blocks of poses, each left out in turn.
+BLOCKS = 10
+#: A block of fewer poses says too little of how well it is predicted.
+_LEAST_POSES = 10
+
+
+@dataclass(frozen=True)
+class Survey:
+    """P different poses and the calibrated model.
+
+    Attributes:
+        poses: in order of time; their states hold what weights do and how they were seen.
+        block: (P,) number of the block of each pose, from 0: stretches of time of even size.
+        baseline: the calibrated model, its chain with the bends of the long links.
+        setting: what is known besides the poses.
+        context: where effects may sit.
+        torques_logged: whether the torques are those of a log, and not of described masses.
+    """
+
+    poses: PoseObservations
+    block: Index
+    baseline: Baseline
+    setting: Setting
+    context: CandidateContext
+    torques_logged: bool
+
+    @property
+    def cells(self) -> PoseObservations:
+        """Return the poses, each a cell of its own."""
+        return self.poses
+
+    def model(self, effects: tuple[Effect, ...] = ()) -> Model:
+        """Return the calibrated model with effects, and small motions of the base last."""
+        model = self.baseline.model
+        return Model(model.chain, (*model.terms, *effects, base_frame()))
+
+
+def survey(
+    readings: PoseObservations, baseline: Baseline, setting: Setting, *, torques_logged: bool
+) -> Survey:
+    """Make a campaign ready.
+
+    Args:
+        readings: the poses of the fit, attitudes and torques as the model has them.
+        baseline: the calibrated model, its chain with the bends of the long links.
+        setting: what is known besides the poses.
+        torques_logged: whether the torques are those of a log.
+
+    Raises:
+        DiscoveryError: when blocks of so few poses would tell nothing.
+    """
+    if not enough(len(readings)):
+        raise DiscoveryError(
+            "too few poses to judge effects by blocks of poses left out",
+            where="grid poses",
+            value=len(readings),
+            allowed=f"at least {BLOCKS * _LEAST_POSES} poses",
+            remedy="measure more poses, or measure poses repeatedly",
+        )
+    springs = [term.joint for term in baseline.model.terms if isinstance(term, JointSpring)]
+    setting = replace(setting, flexible_joints=tuple(springs))
+    poses = readings.take(np.argsort(readings.states.time_s, kind="stable"))
+    poses = complete(poses, baseline, setting)
+    return Survey(
+        poses=poses,
+        block=np.arange(len(poses)) * BLOCKS // len(poses),
+        baseline=baseline,
+        setting=setting,
+        context=context_of(poses, baseline, setting),
+        torques_logged=torques_logged,
+    )
+
+
+def enough(poses: int) -> bool:
+    """Tell whether there are so many poses that blocks of them can be left out."""
+    return poses >= BLOCKS * _LEAST_POSES

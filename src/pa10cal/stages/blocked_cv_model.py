@@ -1,0 +1,92 @@
+"""The extended model of a general calibration, read back and given what it needs to predict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+from pa10cal.arm.state import PoseStates
+from pa10cal.calibration.general.case import FittedModel
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.campaign.seen import SeenPoses, Sightings
+from pa10cal.discovery.blocked_cv.seen import AnglesSeen
+from pa10cal.discovery.problem import Baseline, Setting, complete_about
+from pa10cal.files.schemas import EXTENDED
+from pa10cal.stages.blocked_cv_record import read_angles
+from pa10cal.stages.discovery_setting import with_bends
+from pa10cal.stages.extended_record import read_extended
+from pa10cal.stages.general_record import read_general
+from pa10cal.stages.records import read_record
+
+
+@dataclass(frozen=True, eq=False)
+class ExtendedModel:
+    """A general model with the effects that were missing.
+
+    Attributes:
+        fitted: the model, ready to predict.
+        baseline: the calibrated model without them.
+        seen: angles that the poses of its fit have seen; None where it was judged by repeats.
+        arrival_from_order: whether directions of arrival are those of the order of poses.
+    """
+
+    fitted: FittedModel
+    baseline: Baseline
+    seen: AnglesSeen | None
+    arrival_from_order: bool
+
+    def extrapolated(self, states: PoseStates) -> NDArray[np.bool_] | None:
+        """Return which poses leave the angles seen, (P,); None where that is not known."""
+        return None if self.seen is None else ~self.seen.inside(states.q_rad)
+
+    def completed(self, sightings: Sightings, setting: Setting) -> Sightings:
+        """Return sightings whose states hold what the effects depend on.
+
+        Args:
+            sightings: poses with torques, as springs need them.
+            setting: what is known of their campaign besides the poses.
+        """
+        seen = sightings.seen
+        if not isinstance(seen, SeenPoses):
+            return sightings
+        poses = PoseObservations(
+            pose=sightings.pose,
+            states=sightings.states,
+            T_instr_ee=seen.T_instr_target,
+            cov_ee=seen.cov,
+            by_apparatus=np.zeros((len(sightings), 6, 0)),
+            repeats=sightings.repeats,
+        )
+        about = Baseline(self.fitted.model, self.fitted.x, self.fitted.T_instr_base)
+        poses = complete_about(poses, self.baseline, about, setting)
+        return replace(sightings, states=poses.states)
+
+
+def extended_model(
+    path: Path, calibration: dict[str, Any], arm: Arm, calibration_path: Path
+) -> ExtendedModel:
+    """Read the extended model of a general calibration.
+
+    Args:
+        path: what discovery wrote.
+        calibration: the calibration's record.
+        arm: the nominal arm.
+        calibration_path: where that was read from, for the message.
+
+    Raises:
+        RecordError: when it is of another campaign or cannot be restored.
+    """
+    record = read_record(path, EXTENDED, ("effects", "x"), calibration["campaign"])
+    fitted = read_general(calibration, arm, calibration_path)
+    baseline, model, x, T_instr_base = read_extended(record, with_bends(fitted.model), path)
+    return ExtendedModel(
+        fitted=FittedModel(model, x, T_instr_base, fitted.R_ee_target, fitted.places_m),
+        baseline=baseline,
+        seen=read_angles(record, str(path)),
+        arrival_from_order=bool(record.get("arrival_from_order", False)),
+    )

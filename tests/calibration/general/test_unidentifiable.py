@@ -1,0 +1,180 @@
+"""What arm, instrument or poses leave open is named, and does not go astray."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_general
+from pa10cal.calibration.general.case import fitted, work_out_general
+from pa10cal.calibration.general.start import find_start
+from pa10cal.campaign.seen import SeenPoints
+from pa10cal.files.arms import load_arm
+
+KINDS = ("pose", "point", "points", "distance")
+NOISE_M = 5e-5
+
+
+def worked_out(robot, sightings):
+    arm = load_arm(robot)
+    every = np.ones(len(sightings), dtype=bool)
+    start = find_start(arm, sightings)
+    options = GeneralOptions()
+    return work_out_general(arm, sightings, None, every, start, "combined", None, options)
+
+
+def calibrated(robot, sightings):
+    arm = load_arm(robot)
+    return calibrate_general(arm, sightings, find_start(arm, sightings))
+
+
+def left_out(found):
+    return {each.name: each.said_by for each in found.unknowns.redundant}
+
+
+def std_of(found):
+    std = np.sqrt(np.diag(found.fit.covariance))
+    return {p.name: sigma for p, sigma in zip(found.problem.parameters, std, strict=True)}
+
+
+def held(joint, angle_rad, jitter_rad=0.0):
+    """Hold a joint but for some jitter."""
+
+    def posed(q_rad):
+        jitter = np.random.default_rng(joint).standard_normal(len(q_rad))
+        q_rad[:, joint - 1] = angle_rad + jitter_rad * jitter
+        return q_rad
+
+    return posed
+
+
+# A joint that a servo holds jitters; what its reading tells by that is nothing.
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("jitter_rad", [0.0, 1e-7, 1e-6, 1e-5, 1e-4])
+def test_a_joint_that_never_moved(see, kind, jitter_rad):
+    posed = held(3, 0.4, jitter_rad)
+    case = worked_out("ur10", see("ur10", kind, noise_m=NOISE_M, posed=posed))
+    fit, parameters = case.full.fit, case.full.problem.parameters
+    assert fit.converged
+    assert fit.identifiability.rank < len(parameters)
+    # Link 2 and link 3 are one: what is between them shows as one length, one height, one angle.
+    named = set().union(*(direction.weights for direction in case.unidentified_directions))
+    assert {"delta_a_2", "delta_a_3", "delta_theta_2", "delta_theta_3"} <= named
+    assert named <= {
+        f"delta_{kind}_{row}"
+        for kind in ("a", "alpha", "beta", "theta", "d")
+        for row in (2, 3, 4)
+    }  # fmt: skip
+    assert case.health.verdict == "usable"
+    assert "open" in case.health.line
+    # What is open stays about where it was; what is not is known.
+    off = np.abs(fit.x / case.full.problem.scale)[["delta" in p.name for p in parameters]]
+    assert off.max() < 10.0
+    std = std_of(case.full)
+    assert std["delta_theta_3"] > 10.0 * 5e-4
+    assert std["base_z"] < 1e-3
+    assert std["delta_a_1"] < 0.25e-3
+
+
+def test_the_joint_that_never_moved_is_not_claimed_to_be_known_elsewhere(see):
+    """Intervals of predictions where it does move are as wide as what is open."""
+    found = calibrated("ur10", see("ur10", "pose", noise_m=NOISE_M, posed=held(3, 0.4)))
+    others = see("ur10", "pose", count=40)
+    rows = replace(found.problem, sightings=others).rows(found.fit.x).jacobian[:, :3]
+    wide = np.sqrt(np.einsum("pbk,kl,pbl->pb", rows, found.fit.covariance, rows))
+    assert np.median(wide) > 20.0 * NOISE_M
+    error_m = 1e-3 * fitted(found).deviations(others).distance_mm
+    assert np.all(error_m < 3.0 * np.linalg.norm(wide, axis=1))
+
+
+def test_poses_of_one_attitude(see):
+    """A SCARA that does not turn its shaft: tool and base cannot be told apart."""
+
+    def posed(q_rad):
+        q_rad[:, 3] = 0.3 - q_rad[:, 0] - q_rad[:, 1]
+        return q_rad
+
+    case = worked_out("gx4_351s", see("gx4_351s", "pose", noise_m=NOISE_M, size=0.0, posed=posed))
+    assert case.full.fit.converged
+    assert case.full.fit.identifiability.rank < len(case.full.problem.parameters)
+    named = set().union(*(direction.weights for direction in case.unidentified_directions))
+    assert {"base_x", "base_y", "tool_x", "tool_y"} <= named
+    assert case.health.verdict == "usable"
+    again = see("gx4_351s", "pose", count=40, size=0.0, posed=posed)
+    assert fitted(case.full).deviations(again).distance_mm.max() < 0.15
+
+
+def test_a_target_on_the_last_axis(see):
+    """The last joint moves it nowhere: of seven lengths and angles beyond joint 5 five show."""
+    on_axis_m = np.array([[0.0, 0.0, 0.11]])
+    case = worked_out("ur10", see("ur10", "point", noise_m=NOISE_M, targets_m=on_axis_m))
+    names = left_out(case.full)
+    assert names["delta_d_6"] == {"target_T1_z": pytest.approx(1.0)}
+    assert max(map(abs, names["delta_theta_6"].values())) < 1e-3  # an angle, by a place on the axis
+    rank, unknowns = case.full.fit.identifiability.rank, len(case.full.problem.parameters)
+    assert (rank, unknowns) == (25, 27)
+    named = set().union(*(direction.weights for direction in case.unidentified_directions))
+    assert {"delta_theta_5", "delta_d_5"} <= named
+    assert named <= {"delta_theta_5", "delta_d_5", "delta_a_5", "delta_alpha_5", "target_T1_z"}
+    assert case.full.fit.converged
+    near = see("ur10", "point", count=40, targets_m=on_axis_m)
+    assert fitted(case.full).deviations(near).distance_mm.max() < 0.15
+
+
+def test_a_distance_shows_the_fixed_point_and_not_the_attitude_of_the_base(see):
+    found = calibrated("ur10", see("ur10", "distance", count=80, noise_m=NOISE_M))
+    names = left_out(found)
+    for turn in ("base_rx", "base_ry", "base_rz", "delta_theta_1"):
+        assert set(names[turn]) <= {"base_x", "base_y", "base_z"}
+        assert names[turn]
+    assert names["delta_d_1"] == {"base_z": pytest.approx(1.0)}
+    assert names["delta_a_6"] == {"target_x": pytest.approx(1.0)}
+
+
+def test_parallel_axes_of_a_scara_say_the_same(see):
+    names = left_out(calibrated("gx4_351s", see("gx4_351s", "pose")))
+    one = pytest.approx(1.0)
+    assert names["tool_z"] == names["delta_d_4"] == {"base_z": one}
+    assert names["delta_theta_1"] == {"base_rz": one}
+    assert names["delta_theta_3"] == names["delta_theta_4"] == {"tool_rz": one}
+    assert names["delta_a_3"] == {"delta_a_2": one}
+    assert names["delta_a_4"] == {"tool_x": one}
+    assert names["delta_alpha_4"] == {"tool_rx": one}
+    assert len(names) == 8
+
+
+@given(
+    st.sampled_from(["pa10_6ce", "ur10", "irb120", "iiwa14", "gx4_351s"]), st.sampled_from(KINDS)
+)
+@settings(max_examples=12, deadline=None)
+def test_what_is_left_out_moves_what_says_the_same(see, robot, kind):
+    """Said in full, and by no more than a few times as much."""
+    found = calibrated(robot, see(robot, kind, count=80))
+    names = {p.name for p in found.problem.parameters} | {e.parameter.name for e in found.settled}
+    for name, said_by in left_out(found).items():
+        assert said_by, name
+        assert set(said_by) <= names
+        assert max(map(abs, said_by.values())) < 4.0
+
+
+def test_poses_in_one_plane_leave_no_length_astray(see):
+    """All targets within a millimetre of a plane: whatever is open, nothing is metres off."""
+
+    def posed(q_rad):
+        q_rad[:, 0] = 0.2 + 1e-3 * q_rad[:, 0]
+        q_rad[:, 4] = np.pi / 2
+        q_rad[:, 5] = 0.1
+        return q_rad
+
+    sightings = see("ur10", "point", count=80, noise_m=NOISE_M, posed=posed)
+    assert isinstance(sightings.seen, SeenPoints)
+    case = worked_out("ur10", sightings)
+    assert case.full.fit.converged
+    assert case.unidentified_directions
+    off = case.full.fit.x / case.full.problem.scale
+    links = ["delta" in parameter.name for parameter in case.full.problem.parameters]
+    assert np.abs(off[links]).max() < 30.0
+    again = see("ur10", "point", count=40, posed=posed)
+    assert fitted(case.full).deviations(again).distance_mm.max() < 0.15

@@ -1,0 +1,72 @@
+"""The whole fit with effects, against dense least squares."""
+
+import numpy as np
+import pytest
+
+from made_up_survey import Hidden, at_joint, observe
+from pa10cal.discovery.blocked_cv.linear import Place, left
+from pa10cal.discovery.blocked_cv.refit import moved_base, refit
+from pa10cal.discovery.blocked_cv.weighing import unweighed
+from pa10cal.terms.effects.encoder import EncoderEccentricity
+from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
+from pa10cal.terms.effects.joint_windup import JointCompliance
+
+FINE = JointErrorMap("joint 3", 24, Fading(1e-4, 6.0))
+DISK = EncoderEccentricity("joint 2", 1.0)
+
+
+@pytest.fixture(scope="module")
+def hidden():
+    def turn(states):
+        q = states.q_rad
+        return at_joint(2, 1e-3 * np.sin(q[:, 1])) + at_joint(3, 2e-4 * np.sin(4.0 * q[:, 2]))
+
+    return observe(Hidden(turn=turn), poses=200, held_out=0)
+
+
+@pytest.fixture(scope="module")
+def found(hidden):
+    weighing = unweighed(hidden.readings.cov_ee)
+    return refit(hidden.survey, (DISK, FINE), (np.zeros(2), np.zeros(24)), weighing)
+
+
+def test_it_comes_to_rest_at_the_truth(hidden, found):
+    assert found.converged
+    x = found.x[found.columns_of(DISK)]
+    std = np.sqrt(np.diag(found.covariance)[found.columns_of(DISK)])
+    assert np.all(np.abs(x - [1e-3, 0.0]) < 4.0 * std)
+    knots_rad = 2.0 * np.pi * np.arange(24) / 24
+    off = found.x[found.columns_of(FINE)] - 2e-4 * np.sin(4.0 * knots_rad)
+    inside = np.abs(np.mod(knots_rad + np.pi, 2.0 * np.pi) - np.pi) < 2.0
+    assert np.std(off[inside]) < 2e-5
+    place = Place(found.model, found.x, found.T_instr_base)
+    residual = left(place, hidden.survey.poses)
+    assert np.std(residual[:, :3]) == pytest.approx(2e-5, rel=0.1)
+
+
+def test_nothing_near_fits_better(hidden, found):
+    survey = hidden.survey
+    whiten = found.weighing.whiteners(np.arange(len(survey.poses)))
+
+    def cost(x):
+        place = Place(found.model, x, found.T_instr_base)
+        return float(np.sum((whiten @ left(place, survey.poses)[:, :, None]) ** 2))
+
+    here = cost(found.x)
+    rng = np.random.default_rng(8)
+    root = np.linalg.cholesky(found.covariance[:-6, :-6] + 1e-20 * np.eye(len(found.x)))
+    for _ in range(5):
+        assert cost(found.x + root @ rng.standard_normal(len(found.x))) > here - 1.0
+
+
+def test_a_parameter_stays_within_its_physical_range(hidden):
+    spring = JointCompliance("joint 4", 56.0)
+    weighing = unweighed(hidden.readings.cov_ee)
+    found = refit(hidden.survey, (DISK, spring), (np.zeros(2), np.zeros(1)), weighing)
+    assert found.x[found.columns_of(spring)][0] >= 0.0
+
+
+def test_a_moved_base_is_the_base_times_a_small_motion():
+    T = moved_base(np.eye(4), np.array([1.0, 2.0, 3.0, 0.0, 0.0, np.pi / 2]))
+    np.testing.assert_allclose(T[:3, 3], [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(T[:3, 0], [0.0, 1.0, 0.0], atol=1e-15)

@@ -1,0 +1,129 @@
+"""Rows of a survey: derivatives against differences, products against dense rows."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from made_up_survey import observe
+from pa10cal.discovery.blocked_cv.family import askable, family
+from pa10cal.discovery.blocked_cv.linear import Place, by_joints, by_terms, left, map_columns
+from pa10cal.discovery.blocked_cv.products import in_terms_of, products
+from pa10cal.discovery.blocked_cv.rows import Asked, Rows
+from pa10cal.discovery.blocked_cv.weighing import unweighed
+from pa10cal.terms.effects.joint_error_map import (
+    Fading,
+    JointErrorMap,
+    b_splines_by_knots,
+    harmonics_at_knots,
+)
+
+
+@pytest.fixture(scope="module")
+def few():
+    """The least survey there is."""
+    return observe(poses=100, held_out=0).survey
+
+
+@pytest.fixture(scope="module")
+def rows(few):
+    wanted = {("encoder_eccentricity", "joint 2"), ("cmm_squareness", "instrument")}
+    asked = [each for each in askable(few)[0] if (each.effect.id, each.effect.of) in wanted]
+    return Rows(few, unweighed(few.poses.cov_ee), tuple(asked), 36)
+
+
+def test_left_follows_parameters_as_differences_show(few):
+    effect = JointErrorMap("joint 3", 24, Fading(1e-4, 4.0))
+    model = few.model((effect,))
+    x = np.concatenate([few.baseline.x, np.linspace(-1e-4, 1e-4, 24), np.full(6, 1e-4)])
+    at = Place(model, x, few.baseline.T_instr_base)
+    stops = np.cumsum([0, *(len(term.parameters) for term in model.terms)])
+    points = [x[first:last] for first, last in pairwise(stops)]
+    exact = np.concatenate(by_terms(at, few.poses, model.terms, points), axis=2)
+    scale = model.scale
+    for k in range(0, len(x), 5):
+        step = np.zeros(len(x))
+        step[k] = 1e-2 * scale[k]
+        ends = [left(replace(at, x=x + sign * step), few.poses) for sign in (1, -1)]
+        difference = (ends[0] - ends[1]) / (2.0 * step[k])
+        np.testing.assert_allclose(exact[:, :, k], difference, atol=2e-6, rtol=2e-5)
+
+
+def test_sparse_columns_of_a_map_are_those_of_the_term(few):
+    effect = JointErrorMap("joint 4", 36)
+    at = Place(few.model(), np.append(few.baseline.x, np.zeros(6)), few.baseline.T_instr_base)
+    dense = by_terms(at, few.poses, [effect], [np.zeros(36)])[0].reshape(-1, 36)
+    screws = by_joints(at, few.poses, [4])
+    splines = map_columns(screws, few.poses.states.q_rad[:, [3]], [36])
+    assert splines.nnz == 4 * len(dense)
+    np.testing.assert_allclose(splines @ b_splines_by_knots(36), dense, atol=1e-12)
+
+
+def test_products_are_those_of_dense_rows(rows):
+    found = rows.products()
+    for b in (0, 9):
+        block = rows.block(b)
+        maps = block.maps([rows.knots] * len(rows.joints)).toarray()
+        turned = maps.reshape(len(maps), len(rows.joints), -1) @ rows.basis
+        every = np.concatenate([block.dense, turned.reshape(len(maps), -1)], axis=1)
+        np.testing.assert_allclose(found.gram[b], every.T @ every, rtol=1e-9, atol=1e-6)
+        np.testing.assert_allclose(found.projection[b], every.T @ block.data, rtol=1e-8, atol=1e-6)
+        place = np.arange(len(every)) % 6 < 3
+        np.testing.assert_allclose(
+            found.of_positions.gram[b], every[place].T @ every[place], rtol=1e-9, atol=1e-6
+        )
+        assert found.squares[b] == pytest.approx(block.data @ block.data)
+
+
+def test_products_in_terms_of_other_parameters_are_those_of_turned_columns():
+    rng = np.random.default_rng(3)
+    dense, first, second = (rng.standard_normal((50, n)) for n in (3, 8, 5))
+    bases = [rng.standard_normal((8, 6)), rng.standard_normal((5, 5))]
+    data = rng.standard_normal(50)
+    gram, projection, squares = products(data, dense, csr_array(np.hstack([first, second])))
+    turned = np.hstack([dense, first @ bases[0], second @ bases[1]])
+    gram, projection = in_terms_of(gram, projection, 3, bases)
+    np.testing.assert_allclose(gram, turned.T @ turned, atol=1e-10)
+    np.testing.assert_allclose(projection, turned.T @ data, atol=1e-10)
+    assert squares == pytest.approx(data @ data)
+
+
+def test_left_of_is_the_data_less_what_the_columns_say(rows):
+    rng = np.random.default_rng(4)
+    found = rows.products()
+    x = 1e-2 * rng.standard_normal((len(found.projection[0]), 2))
+    here = np.flatnonzero(rows.survey.block == 3)
+    whitened = rows.weighing.whiteners(here) @ rows.left_of(3, x)
+    for k in range(2):
+        squares = float(np.sum(whitened[:, :, k] ** 2))
+        said = found.squares[3] - 2.0 * found.projection[3] @ x[:, k]
+        assert squares == pytest.approx(said + x[:, k] @ found.gram[3] @ x[:, k], rel=1e-9)
+
+
+def test_columns_stand_where_rows_say(rows):
+    eccentric, square = rows.of_asked()
+    assert [each.effect.id for each in rows.asked] == ["cmm_squareness", "encoder_eccentricity"]
+    own = len(rows.own)
+    assert (eccentric.tolist(), square.tolist()) == ([own], [own + 1, own + 2])
+    assert rows.of_map(1)[0] == own + 3
+    assert rows.of_map(6)[-1] + 1 == len(rows.products().projection[0])
+    assert rows.basis.shape == (36, 35)
+    np.testing.assert_allclose(
+        np.linalg.solve(b_splines_by_knots(36), rows.basis),
+        harmonics_at_knots(36)[:, 1:],
+        atol=1e-12,
+    )
+
+
+def test_the_family_has_every_map_in_every_form_and_says_what_it_lacks(few):
+    asked, unknown = askable(few)
+    assert all(isinstance(each, Asked) for each in asked)
+    assert {entry.why for entry in unknown} == {"the torques were not logged"}
+    rows = Rows(few, unweighed(few.poses.cov_ee), asked, 144)
+    found, hidden = family(rows, rows.products())
+    maps = [each for each in found if each.is_map]
+    assert len(maps) == 6 * 9
+    assert {each.effect.of for each in maps} == {f"joint {joint}" for joint in range(1, 7)}
+    assert ("joint_compliance", "joint 1") in {(e.effect.id, e.effect.of) for e in hidden}

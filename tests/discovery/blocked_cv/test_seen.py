@@ -1,0 +1,89 @@
+"""Angles that the poses of a fit have seen, by laws, and poses that would show others."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pa10cal.discovery.blocked_cv.fill import fill
+from pa10cal.discovery.blocked_cv.seen import LEAST_POSES, WITHIN_RAD, AnglesSeen, angles_seen
+
+TURN = 2.0 * np.pi
+
+
+def counted(angle, around):
+    """How many angles lie close by, on the circle."""
+    apart = np.abs(np.mod(around - angle + np.pi, TURN) - np.pi)
+    return int(np.sum(apart <= WITHIN_RAD))
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.lists(st.floats(-7.0, 7.0), min_size=6, max_size=60),
+    st.lists(st.floats(-7.0, 7.0), min_size=1, max_size=20),
+)
+def test_an_angle_is_seen_where_enough_poses_lie_close_by(poses, asked):
+    # Gathered, so that some angles are seen at all.
+    around = np.concatenate([np.array(poses) / 10.0, np.array(poses)])
+    seen = angles_seen(around[:, None], np.array([True]))
+    for angle in asked:
+        wanted = counted(angle, around) >= LEAST_POSES
+        edge = any(
+            counted(angle + nudge, around) != counted(angle, around) for nudge in (-1e-9, 1e-9)
+        )
+        if not edge:
+            assert seen.inside(np.array([[angle]]))[0] == wanted
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(-3, 3), st.floats(-3.0, 3.0))
+def test_whole_turns_make_no_difference(turns, angle):
+    around = np.linspace(-0.1, 0.4, 200)
+    seen = angles_seen(around[:, None], np.array([True]))
+    here, there = (seen.inside(np.array([[a]]))[0] for a in (angle, angle + turns * TURN))
+    assert here == there or counted(angle, around) == LEAST_POSES
+
+
+def test_all_joints_must_keep_to_what_was_seen():
+    q_rad = np.column_stack([np.linspace(0.0, 1.0, 300), np.linspace(-0.1, 0.1, 300)])
+    seen = angles_seen(q_rad, np.array([True, True]))
+    asked = np.array([[0.5, 0.0], [0.5, 0.5], [1.5, 0.0], [0.5 + TURN, -TURN]])
+    assert seen.inside(asked).tolist() == [True, False, False, True]
+    assert seen.each(asked)[1].tolist() == [True, False]
+
+
+def test_a_sliding_joint_has_seen_its_span():
+    q = np.array([[0.2], [0.5]])
+    seen = angles_seen(q, np.array([False]))
+    assert seen.inside(np.array([[0.1], [0.2], [0.4], [0.6]])).tolist() == [
+        False,
+        True,
+        True,
+        False,
+    ]
+
+
+def test_too_few_poses_have_seen_nothing():
+    seen = angles_seen(np.zeros((LEAST_POSES - 1, 1)), np.array([True]))
+    assert not seen.inside(np.zeros((1, 1)))[0]
+
+
+class TestFill:
+    def test_suggested_poses_take_joints_to_angles_not_seen(self, nothing_hidden):
+        survey = nothing_hidden.survey
+        seen = angles_seen(survey.poses.states.q_rad, np.ones(6, dtype=bool))
+        found = fill(survey, seen, 5)
+        assert len(found) == 5
+        for pose in found:
+            new = ~seen.each(pose.q_rad[None])[0]
+            assert pose.joints == tuple(np.flatnonzero(new) + 1)
+        joints = [len(pose.joints) for pose in found]
+        assert joints == sorted(joints, reverse=True)
+        limits = survey.context.arm.limits_rad
+        q_rad = np.array([pose.q_rad for pose in found])
+        assert np.all((q_rad > limits[:, 0]) & (q_rad < limits[:, 1]))
+
+    @pytest.mark.parametrize("count", [0, 3])
+    def test_there_are_none_where_all_was_seen(self, nothing_hidden, count):
+        whole = AnglesSeen((np.array([[0.0, TURN]]),) * 6, (True,) * 6)
+        assert fill(nothing_hidden.survey, whole, count) == ()

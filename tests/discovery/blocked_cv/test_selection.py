@@ -1,0 +1,83 @@
+"""Sets solved by block elimination against least squares written out."""
+
+import numpy as np
+import pytest
+
+from pa10cal.discovery.blocked_cv.products import Products
+from pa10cal.discovery.blocked_cv.selection import Columns, start
+
+BLOCKS, ROWS = 5, 40
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """Columns and data of some blocks, and their products."""
+    rng = np.random.default_rng(11)
+    columns = rng.standard_normal((BLOCKS, ROWS, 14)) * np.geomspace(1e-3, 1e3, 14)
+    data = rng.standard_normal((BLOCKS, ROWS)) + columns[:, :, 4] / 5.0
+    products = Products(
+        np.einsum("bri,brj->bij", columns, columns),
+        np.einsum("bri,br->bi", columns, data),
+        np.sum(data**2, axis=1),
+    )
+    return (
+        columns,
+        data,
+        Products(products.gram, products.projection, products.squares, of_positions=products),
+    )
+
+
+OWN = Columns(np.arange(3), np.array([1e3, 1e3, 1e3]))
+ONE = Columns(np.array([4]), np.array([2.0]))
+TWO = Columns(np.array([7, 9]), np.array([0.5, 0.01]))
+THREE = Columns(np.array([3, 8, 12]), np.array([10.0, 0.1, 1e-3]))
+
+
+def by_hand(rows, members):
+    """Sums of squares of blocks left out, each by its own least squares."""
+    columns, data, _ = rows
+    at = np.concatenate([each.at for each in members])
+    prior = np.diag(1.0 / np.concatenate([each.sizes for each in members]))
+    found = []
+    for b in range(BLOCKS):
+        rest = [other for other in range(BLOCKS) if other != b]
+        matrix = np.concatenate([columns[rest][:, :, at].reshape(-1, len(at)), prior])
+        target = np.concatenate([data[rest].ravel(), np.zeros(len(at))])
+        x = np.linalg.lstsq(matrix, target, rcond=None)[0]
+        found.append(np.sum((data[b] - columns[b][:, at] @ x) ** 2))
+    return np.array(found)
+
+
+def test_squares_are_those_of_least_squares(rows):
+    members = (OWN, ONE, TWO)
+    state = start(rows[2], members)
+    np.testing.assert_allclose(state.squares, by_hand(rows, members), rtol=1e-9)
+    np.testing.assert_allclose(state.position_squares, state.squares)
+
+
+def test_a_member_more_is_as_if_it_had_been_there(rows):
+    state = start(rows[2], (OWN, ONE))
+    grown = state.extended(TWO).extended(THREE)
+    np.testing.assert_allclose(grown.squares, by_hand(rows, (OWN, ONE, TWO, THREE)), rtol=1e-8)
+
+
+def test_a_member_less_is_as_if_it_had_never_been_there(rows):
+    state = start(rows[2], (OWN, ONE, TWO, THREE))
+    less = state.reduced(2)
+    assert less.members == (OWN, ONE, THREE)
+    np.testing.assert_allclose(less.squares, by_hand(rows, less.members), rtol=1e-8)
+
+
+def test_candidates_are_judged_without_joining(rows):
+    state = start(rows[2], (OWN, ONE))
+    found = state.with_each([TWO, THREE])
+    np.testing.assert_allclose(found[0], by_hand(rows, (OWN, ONE, TWO)), rtol=1e-8)
+    np.testing.assert_allclose(found[1], by_hand(rows, (OWN, ONE, THREE)), rtol=1e-8)
+
+
+def test_members_are_judged_without_leaving(rows):
+    state = start(rows[2], (OWN, ONE, TWO))
+    found = state.without_each()
+    np.testing.assert_allclose(found[0], by_hand(rows, (OWN, TWO)), rtol=1e-8)
+    np.testing.assert_allclose(found[1], by_hand(rows, (OWN, ONE)), rtol=1e-8)
+    assert np.all(state.solution_without(2)[:, -2:] == 0.0)
