@@ -5,8 +5,8 @@ from __future__ import annotations
 import platform
 from pathlib import Path
 
+from pa10cal.commands.command_line import limit_threads
 from pa10cal.files.output import write_text
-from pa10cal.stages.command import limit_threads
 
 
 def main() -> None:

@@ -129,7 +129,7 @@ def test_imports_run_downward(package):
 
 def test_every_package_has_its_place():
     packages = {path.parent.relative_to(PACKAGE).parts[0] for path in PACKAGE.glob("*/*.py")}
-    assert packages - {"stages"} <= set(MAY_IMPORT)
+    assert packages - {"commands", "stages"} <= set(MAY_IMPORT)
     table = re.findall(r"^\| `(\w+)/` ", (ROOT / "docs/architecture.md").read_text("utf-8"), re.M)
     assert packages <= set(table)
 
@@ -167,7 +167,7 @@ def test_no_module_is_longer_than_400_lines():
     assert not [path for path, length in lengths.items() if length > 400]
 
 
-def test_rules_only_call_stages():
+def test_rules_only_call_commands():
     rules = [ROOT / "Snakefile", *(ROOT / "workflow/rules").glob("*.smk")]
     for path in rules:
         text = path.read_text("utf-8")
@@ -201,20 +201,20 @@ def test_lock_holds_every_dependency_of_the_project():
 
 
 @pytest.mark.parametrize(
-    "stage",
+    "command",
     [
-        "ingest",
-        "seed",
-        "calibrate",
-        "montecarlo",
-        "discover",
-        "trial_judging",
-        "evaluate",
-        "export",
-        "figures",
+        "commands/ingest",
+        "commands/seed",
+        "commands/calibrate",
+        "commands/montecarlo",
+        "commands/discover",
+        "stages/trial_judging",
+        "commands/evaluate",
+        "commands/export",
+        "commands/figures",
     ],
 )
-def test_estimating_stages_know_nothing_of_the_cell_or_its_truth(stage):
-    path = PACKAGE / "stages" / f"{stage}.py"
+def test_estimating_commands_know_nothing_of_the_cell_or_its_truth(command):
+    path = PACKAGE / f"{command}.py"
     assert not [module for module in imports_of(path) if module.startswith("pa10cal.cell")]
     assert "truth" not in path.read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from pa10cal.stages import simulate
+from pa10cal.commands.command_line import run_command
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = ROOT / "data" / "raw" / "lightcap2008"
@@ -22,7 +22,7 @@ def written(tmp_path_factory):
     argv = ["--name", "lightcap2008", "--settings", settings]
     argv += ["--kcub-reading", config["kcub_reading"]]
     argv += ["--out", str(folder / "raw"), "--truth", str(folder / "truth.json")]
-    assert simulate.main(argv) == 0
+    assert run_command("simulate", argv) == 0
     return folder
 
 

@@ -1,7 +1,7 @@
-"""The workflow itself: which jobs it plans, what it passes to stages, what a change runs again.
+"""The workflow itself: which jobs it plans, what it passes to commands, what a change runs again.
 
-The planning tests use the project as it is. The running tests use a copy whose stages are stand-ins
-that take the same command lines and write little files, so that only the workflow is on trial.
+The planning tests use the project as it is. The running tests use a copy whose commands are
+stand-ins that take the same options and write little files, so that only the workflow is on trial.
 """
 
 import json
@@ -12,7 +12,6 @@ import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
-from textwrap import dedent
 
 import pytest
 import yaml
@@ -26,7 +25,7 @@ from pa10cal.figures.catalogue import (
     TRIAL_TABLES,
 )
 from pa10cal.settings import BlindTrialsSettings
-from workflow_stand_ins import STAND_IN, STAND_INS
+from workflow_stand_ins import STAND_INS, stand_in
 
 ROOT = Path(__file__).parents[1]
 SETTINGS = BlindTrialsSettings()
@@ -74,7 +73,7 @@ def plan(tmp_path):
 
 @pytest.fixture
 def checkout(tmp_path):
-    """Lay out a copy of the project with stand-in stages and one campaign; return a runner."""
+    """Lay out a copy of the project with stand-in commands and one campaign; return a runner."""
     place = tmp_path / "check out"
     package = place / "src/pa10cal"
     shutil.copytree(
@@ -83,10 +82,8 @@ def checkout(tmp_path):
     shutil.copytree(ROOT / "workflow", place / "workflow")
     for name in ("Snakefile", "config.yaml", "README.md"):
         shutil.copy(ROOT / name, place)
-    for stage, (options, body) in STAND_INS.items():
-        lines = "".join(f"    {line}\n" for line in dedent(body).splitlines())
-        text = STAND_IN.format(stage=stage, options=options, body=lines)
-        (package / f"stages/{stage}.py").write_text(text)
+    for command in STAND_INS:
+        (package / f"commands/{command}.py").write_text(stand_in(command))
     (package / "calibration/probe.py").write_text("ANSWER = 1\n")
     (package / "figures").mkdir()
     for name in ("__init__", *PICTURES, *TRIAL_PICTURES, *CURVE_PICTURES):

@@ -1,6 +1,8 @@
-"""Stages that take the command lines of the real ones and write little files."""
+"""Commands that take the options of the real ones and write little files."""
 
-#: Stage, the options it is called with, and what the stand-in writes. Several values follow a +;
+from textwrap import dedent
+
+#: Command, the options it is called with, and what the stand-in writes. Several values follow a +;
 #: one with a ? may be left out.
 STAND_INS = {
     "ingest": (
@@ -125,22 +127,27 @@ STAND_INS = {
 STAND_IN = """
 import json, sys
 from pathlib import Path
+from types import SimpleNamespace
 from pa10cal.errors import RawDataError
 from pa10cal.files.output import write_text
-from pa10cal.stages.command import run_stage
 
-def describe(parser):
-    for option in {options}:
-        name, needed = option.rstrip("+?"), not option.endswith("?")
-        parser.add_argument(name, required=needed, nargs="+" if option.endswith("+") else None)
-
-def run(a):
-    print("{stage} at work", file=sys.stderr)
+def {command}(*, {parameters}) -> None:
+    a = SimpleNamespace(**locals())
+    print("{command} at work", file=sys.stderr)
     json.loads(getattr(a, "settings", "{{}}"))
-    if hasattr(a, "out") and {stage!r} != "simulate":
+    if hasattr(a, "out") and {command!r} != "simulate":
         write_text(Path(a.out), json.dumps(vars(a)))
 {body}
-
-def main(argv=None):
-    return run_stage({stage!r}, describe, run, argv)
 """
+
+
+def stand_in(command):
+    """Return the text of a module in place of a command's."""
+    options, body = STAND_INS[command]
+    kinds = {"?": "str | None = None", "+": "tuple[str, ...]"}
+    parameters = ", ".join(
+        f"{option[2:].rstrip('+?').replace('-', '_')}: {kinds.get(option[-1], 'str')}"
+        for option in options
+    )
+    lines = "".join(f"    {line}\n" for line in dedent(body).splitlines())
+    return STAND_IN.format(command=command, parameters=parameters, body=lines)

@@ -11,8 +11,8 @@ from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_gene
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.start import find_start
 from pa10cal.campaign.seen import SeenPoints, Sightings
+from pa10cal.commands.command_line import limit_threads
 from pa10cal.files.arms import load_arm
-from pa10cal.stages.command import limit_threads
 from pa10cal.terms.offsets import Tolerances
 
 

@@ -260,6 +260,23 @@ class Settings(Section):
         return results_dir
 
 
+class PictureSettings(Section):
+    """The settings that pictures read."""
+
+    figures: FigureSettings = FigureSettings()
+    kcub_reading: Literal["text_e7", "table_e8"] = "text_e7"
+    montecarlo: MonteCarloSettings = MonteCarloSettings()
+    evaluation: EvaluationSettings = EvaluationSettings()
+
+
+class JudgingSettings(Section):
+    """The settings by which a campaign is judged."""
+
+    ingest: IngestSettings = IngestSettings()
+    calibration: CalibrationSettings = CalibrationSettings()
+    discovery: DiscoverySettings = DiscoverySettings()
+
+
 def parse_settings(raw: object, *, where: str) -> Settings:
     """Check a mapping against `Settings`.
 
@@ -281,14 +298,19 @@ def parse_section(section: type[_S], raw: object, *, where: str) -> _S:
         raise refusal(section, error, where) from None
 
 
-def read_settings_argument(section: type[_S], argument: str) -> _S:
+def read_settings_argument(section: type[_S], argument: str, *, where: str = "--settings") -> _S:
     """Read a section from the command line: a JSON object, or the path of a YAML file.
+
+    Args:
+        section: what to read.
+        argument: what was given.
+        where: the option it was given with.
 
     Raises:
         SettingsError: when it is neither, or its content does not fit `section`.
     """
     inline = argument.lstrip().startswith("{")
-    where = "--settings" if inline else argument
+    where = where if inline else argument
     try:
         text = argument if inline else Path(argument).read_text(encoding="utf-8")
         raw = json.loads(text) if inline else yaml.safe_load(text)

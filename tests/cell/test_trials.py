@@ -12,9 +12,9 @@ from pa10cal.cell.mechanism import Mechanism
 from pa10cal.cell.poses import place_poses
 from pa10cal.cell.references import OUTSIDE_REFERENCES, REFERENCES, Site
 from pa10cal.cell.trials import KINDS, LINKS, TILT_SEEDS, draw_trials
+from pa10cal.commands.command_line import run_command
 from pa10cal.errors import SettingsError
 from pa10cal.settings import CellPosesSettings, SimulateSettings
-from pa10cal.stages import simulate
 
 NOTHING_HIDDEN = ("null", "wrong_noise", "wrong_mass")
 SHORT = {"repeats": 1, "loads_N": (0.0, 44.0), "holdout_points": 1, "holdout_repeats": 1}
@@ -169,7 +169,7 @@ def test_the_stage_writes_the_trials_of_the_other_kinds(tmp_path, kind):
         raw = trial.settings.model_copy(update=SHORT).model_dump_json()
         out, truth = tmp_path / trial.name, tmp_path / f"{trial.name}.json"
         argv = ["--name", trial.name, "--settings", raw, "--out", str(out), "--truth", str(truth)]
-        assert simulate.main(argv) == 0
+        assert run_command("simulate", argv) == 0
         record = json.loads(truth.read_text())
         assert [(one["id"], one["of"]) for one in record["hidden_effects"]] == hidden(trial)
         text = (out / "campaign.yaml").read_text()

@@ -10,9 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from pa10cal.campaign.description import read_campaign
+from pa10cal.commands.command_line import run_command
 from pa10cal.figures.results import PictureSettings, Results
 from pa10cal.figures.style import looks
-from pa10cal.stages import calibrate, discover, evaluate, ingest, montecarlo, seed, simulate
 
 CAMPAIGN = Path(__file__).parents[2] / "data/raw/cell-null"
 PLANES_MM = (300, 500, 700)
@@ -26,8 +26,8 @@ KNOTS = 24
 AMPLITUDE_RAD, PHASE_RAD, ORDER = 4e-4, 0.7, 100.0
 
 
-def _run(stage, *words):
-    assert stage.main([str(word) for word in words]) == 0
+def _run(command, *words):
+    assert run_command(command, [str(word) for word in words]) == 0
 
 
 def _discover(place):
@@ -36,7 +36,7 @@ def _discover(place):
     out = {name: place / f"discovery/{name}.json" for name in ("verdict", "analysis", "extended")}
     out["suggested"] = place / "discovery/suggested_poses.csv"
     words = [word for name, path in out.items() for word in (f"--{name}", path)]
-    _run(discover, "--campaign-dir", CAMPAIGN, *given, *words)
+    _run("discover", "--campaign-dir", CAMPAIGN, *given, *words)
 
 
 def _results(folder, raw, settings=None) -> Results:
@@ -59,19 +59,19 @@ def folder(tmp_path_factory) -> Path:
     place = tmp_path_factory.mktemp("results") / "cell-null"
     poses, base_frame = place / "ingest/poses.parquet", place / "seed/base_frame.json"
     raw = ("--campaign-dir", CAMPAIGN)
-    _run(ingest, *raw, "--out", poses, "--quarantine", place / "ingest/quarantine.csv")
-    _run(seed, *raw, "--poses", poses, "--out", base_frame)
+    _run("ingest", *raw, "--out", poses, "--quarantine", place / "ingest/quarantine.csv")
+    _run("seed", *raw, "--poses", poses, "--out", base_frame)
     for load in ("0N", "22N", "44N", "combined", "general"):
         out = place / f"calibration/{load}.json"
         given = ("--poses", poses, "--base-frame", base_frame, "--load", load)
-        _run(calibrate, *raw, *given, "--settings", LITTLE_CALIBRATION, "--out", out)
+        _run("calibrate", *raw, *given, "--settings", LITTLE_CALIBRATION, "--out", out)
     given = ("--poses", poses, "--calibration", place / "calibration/combined.json")
-    _run(evaluate, *raw, *given, "--out", place / "evaluation/holdout.json")
+    _run("evaluate", *raw, *given, "--out", place / "evaluation/holdout.json")
     _discover(place)
     for plane in PLANES_MM:
         words = ("--campaign", "cell-null", "--robot", "pa10_6ce", "--plane-mm", plane)
         out = place / f"montecarlo/z{plane}.json"
-        _run(montecarlo, *words, "--settings", LITTLE_DRAWING, "--out", out)
+        _run("montecarlo", *words, "--settings", LITTLE_DRAWING, "--out", out)
     return place
 
 
@@ -95,7 +95,7 @@ def named(results, tmp_path_factory) -> Results:
     given = ("--poses", path, "--base-frame", place / "seed/base_frame.json", "--load", "combined")
     out = place / "calibration/combined.json"
     words = ("--settings", LITTLE_CALIBRATION, "--out", out)
-    _run(calibrate, "--campaign-dir", CAMPAIGN, *given, *words)
+    _run("calibrate", "--campaign-dir", CAMPAIGN, *given, *words)
     _discover(place)
     return replace(results, folder=place)
 
@@ -120,17 +120,17 @@ def _sighted(kind, place) -> Results:
     plan = {"instrument": kind, "poses": 60, "loads_N": loads_N}
     settings = json.dumps({"robot": robot, "without_touches": plan})
     truth = ("--truth", place / "truth.json")
-    _run(simulate, "--name", kind, "--settings", settings, "--out", raw, *truth)
+    _run("simulate", "--name", kind, "--settings", settings, "--out", raw, *truth)
     poses, base_frame = folder / "ingest/poses.parquet", folder / "seed/base_frame.json"
     given = ("--campaign-dir", raw, "--poses", poses)
     quarantine = ("--quarantine", folder / "ingest/quarantine.csv")
-    _run(ingest, "--campaign-dir", raw, "--out", poses, *quarantine)
-    _run(seed, *given, "--out", base_frame)
+    _run("ingest", "--campaign-dir", raw, "--out", poses, *quarantine)
+    _run("seed", *given, "--out", base_frame)
     combined = folder / "calibration/combined.json"
     begun = ("--base-frame", base_frame, "--load", "combined")
-    _run(calibrate, *given, *begun, "--out", combined)
+    _run("calibrate", *given, *begun, "--out", combined)
     out = folder / "evaluation/holdout.json"
-    _run(evaluate, *given, "--calibration", combined, "--out", out)
+    _run("evaluate", *given, "--calibration", combined, "--out", out)
     return _results(folder, raw)
 
 

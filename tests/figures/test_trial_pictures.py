@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from pa10cal.cell.references import OUTSIDE_REFERENCES, REFERENCES
+from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.errors import RecordError
 from pa10cal.figures import (
     trials_confusion,
@@ -21,8 +22,6 @@ from pa10cal.figures.catalogue import TRIAL_FIGURES, TRIAL_TABLES
 from pa10cal.figures.style import WIDTH_MM
 from pa10cal.figures.trial_scores import Rate, Scores, read_scores
 from pa10cal.files.schemas import TRIAL_TRUTH, VERDICT
-from pa10cal.stages import score_trials, trial_figures
-from pa10cal.stages.command import REFUSED
 
 DRAWN = (trials_confusion, trials_power, trials_false_names, trials_intervals)
 LEAST_POINTS = 8.0
@@ -95,7 +94,7 @@ def write_scores(folder, kinds):
         path.write_text("".join(json.dumps(record) + "\n" for record in records), "utf-8")
     out = folder / "scores.json"
     words = ["--verdicts", str(paths[0]), "--truths", str(paths[1]), "--scores", str(out)]
-    assert score_trials.main([*words, "--trials", str(folder / "trials.csv")]) == 0
+    assert run_command("score_trials", [*words, "--trials", str(folder / "trials.csv")]) == 0
     return out
 
 
@@ -194,7 +193,7 @@ def test_the_table_has_a_row_a_bar_with_its_figure(full):
 def test_the_stage_writes_pictures_and_tables(full, tmp_path):
     for name in (*TRIAL_FIGURES, *TRIAL_TABLES):
         words = ["--figure", name, "--scores", str(full), "--settings", '{"png_dpi": 60}']
-        assert trial_figures.main([*words, "--out-dir", str(tmp_path)]) == 0
+        assert run_command("trial_figures", [*words, "--out-dir", str(tmp_path)]) == 0
     written = sorted(path.name for path in tmp_path.iterdir())
     expected = [f"{name}.{ending}" for name in TRIAL_FIGURES for ending in ("svg", "pdf", "png")]
     expected += [f"{name}.{ending}" for name in TRIAL_TABLES for ending in ("csv", "md", "html")]
@@ -204,7 +203,7 @@ def test_the_stage_writes_pictures_and_tables(full, tmp_path):
 
 def test_the_stage_refuses_another_name_and_other_records(full, tmp_path, capsys):
     words = ["--scores", str(full), "--out-dir", str(tmp_path)]
-    assert trial_figures.main(["--figure", "l_curve", *words]) == REFUSED
+    assert run_command("trial_figures", ["--figure", "l_curve", *words]) == REFUSED
     assert "no such figure" in capsys.readouterr().err
     other = tmp_path / "other.json"
     other.write_text(json.dumps({"schema": VERDICT}))

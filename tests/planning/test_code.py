@@ -21,12 +21,12 @@ def test_a_leaf_is_itself_and_its_packages():
 def test_follows_imports_and_brings_the_data_of_a_package():
     files = files_of("pa10cal.files.arms")
     assert {"files/arms.py", "files/arms/pa10_6ce.yaml", "arm/description.py", "errors.py"} <= files
-    assert not [path for path in files if path.startswith(("calibration/", "stages/"))]
+    assert not [path for path in files if path.startswith(("calibration/", "commands/", "stages/"))]
 
 
 def test_follows_imports_inside_functions():
-    files = files_of("pa10cal.stages.calibrate")
-    assert {"calibration/load_case.py", "arm/chain.py", "stages/command.py"} <= files
+    files = files_of("pa10cal.commands.calibrate")
+    assert {"calibration/load_case.py", "arm/chain.py", "settings.py"} <= files
     assert not [path for path in files if path.startswith(("cell/", "figures/", "montecarlo/"))]
 
 
@@ -41,5 +41,5 @@ def test_the_order_does_not_depend_on_the_run():
 
 
 def test_refuses_a_module_that_is_not_there():
-    with pytest.raises(ModuleNotFoundError, match=r"pa10cal\.stages\.nothing"):
-        source_files("pa10cal.stages.nothing")
+    with pytest.raises(ModuleNotFoundError, match=r"pa10cal\.commands\.nothing"):
+        source_files("pa10cal.commands.nothing")

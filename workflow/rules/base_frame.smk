@@ -4,7 +4,7 @@ rule base_frame:
         campaign=raw("campaign.yaml"),
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
-        code=code_of("stages.seed"),
+        code=code_of("commands.seed"),
     output:
         result("seed/base_frame.json"),
     log:

@@ -27,7 +27,7 @@ rule blind_trials_reduced:
 rule judge_trials:
     """Some trials of one kind: hidden, measured, judged; the truth goes into a file apart."""
     input:
-        code=code_of("stages.blind_trials"),
+        code=code_of("commands.blind_trials"),
     output:
         verdicts=trial_result("trials/{kind}_{first}_{trials}.verdicts.jsonl"),
         truths=trial_result("trials/{kind}_{first}_{trials}.truths.jsonl"),
@@ -52,7 +52,7 @@ rule score_trials:
     input:
         verdicts=trial_chunks("verdicts.jsonl"),
         truths=trial_chunks("truths.jsonl"),
-        code=code_of("stages.score_trials"),
+        code=code_of("commands.score_trials"),
     output:
         scores=trial_result("scores.json"),
         trials=trial_result("trials.csv"),
@@ -72,7 +72,7 @@ for name, title in {**TRIAL_FIGURES, **TRIAL_TABLES}.items():
             name
         input:
             scores=trial_result("scores.json"),
-            code=code_of("stages.trial_figures", f"figures.{name}"),
+            code=code_of("commands.trial_figures", f"figures.{name}"),
         output:
             **(
                 {

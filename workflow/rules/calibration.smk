@@ -5,7 +5,7 @@ rule calibrate:
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         base_frame=result("seed/base_frame.json"),
-        code=code_of("stages.calibrate"),
+        code=code_of("commands.calibrate"),
     output:
         result("calibration/{load}.json"),
     log:

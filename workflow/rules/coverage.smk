@@ -8,7 +8,7 @@ rule coverage:
 rule coverage_papers_model:
     """The paper's robot, touched, calibrated with the paper's model."""
     input:
-        code=code_of("stages.coverage"),
+        code=code_of("commands.coverage"),
     output:
         coverage_result("coverage.json"),
     log:
@@ -25,7 +25,7 @@ rule coverage_papers_model:
 rule coverage_general_model:
     """Other arms under other instruments, calibrated with the general model."""
     input:
-        code=code_of("stages.coverage_general"),
+        code=code_of("commands.coverage_general"),
     output:
         record=coverage_result("coverage_general.json"),
         table=coverage_result("coverage_general.csv"),

@@ -42,7 +42,7 @@ rule curve:
 rule lay_curve:
     """A shape as links: where they join, their axes and joint angles."""
     input:
-        code=code_of("stages.curve"),
+        code=code_of("commands.curve"),
     output:
         record=curve_result("{shape}/curve.json"),
         tables=expand(
@@ -64,7 +64,7 @@ rule draw_curve_shape:
     """The chain along a curve, and its joint angles."""
     input:
         rules.lay_curve.output,
-        code=code_of("stages.draw_curve"),
+        code=code_of("commands.draw_curve"),
     output:
         svg=reported_curve("{shape}/figures/curve_shape.svg", "curve_shape", "{shape}"),
         pdf=curve_result("{shape}/figures/curve_shape.pdf"),
@@ -86,7 +86,7 @@ rule draw_curve_gait:
     """A chain that moves: some shapes, joint angles over time, and a film."""
     input:
         rules.lay_curve.output,
-        code=code_of("stages.draw_curve"),
+        code=code_of("commands.draw_curve"),
     output:
         svg=reported_curve("{shape}/figures/curve_gait.svg", "curve_gait", "{shape}"),
         pdf=curve_result("{shape}/figures/curve_gait.pdf"),
@@ -108,7 +108,7 @@ rule draw_curve_gait:
 rule calibrate_chain:
     """The chain as an arm of the virtual cell, posed along curves and calibrated."""
     input:
-        code=code_of("stages.curve_calibration"),
+        code=code_of("commands.curve_calibration"),
     output:
         curve_result("calibration.json"),
     log:
@@ -128,7 +128,7 @@ for name, title in {**CURVE_FIGURES, **CURVE_TABLES}.items():
             name
         input:
             record=curve_result("calibration.json"),
-            code=code_of("stages.draw_curve_calibration", f"figures.{name}"),
+            code=code_of("commands.draw_curve_calibration", f"figures.{name}"),
         output:
             **(
                 {

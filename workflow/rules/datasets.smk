@@ -36,7 +36,7 @@ rule import_ipa_robot_accuracy:
     """The campaigns ur10-a and ur10-c."""
     input:
         rules.fetch_ipa_robot_accuracy.output,
-        code=code_of("stages.import_data", "datasets.readers.ipa_robot_accuracy"),
+        code=code_of("commands.import_data", "datasets.readers.ipa_robot_accuracy"),
     output:
         [
             os.path.join(_literal(SETTINGS.raw_dir), campaign, name)

@@ -5,7 +5,7 @@ rule discover:
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
-        code=code_of("stages.discover"),
+        code=code_of("commands.discover"),
     output:
         verdict=result("discovery/verdict.json"),
         analysis=result("discovery/analysis.json"),

@@ -6,7 +6,7 @@ rule evaluate:
         poses=result("ingest/poses.parquet"),
         calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
         extended=extended_model,
-        code=code_of("stages.evaluate"),
+        code=code_of("commands.evaluate"),
     output:
         result("evaluation/holdout.json"),
     log:

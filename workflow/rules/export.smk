@@ -4,7 +4,7 @@ rule export:
         calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
         extended=extended_model,
         arm=arm_of_campaign,
-        code=code_of("stages.export"),
+        code=code_of("commands.export"),
     output:
         model=result("model/model.yaml"),
         urdf=result("model/robot.urdf"),

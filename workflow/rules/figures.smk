@@ -183,7 +183,7 @@ for name, picture in {**FIGURES, **TABLES}.items():
             campaign=raw("campaign.yaml"),
             arm=arm_of_campaign,
             results=needs(*picture["needs"]),
-            code=code_of("stages.figures", f"figures.{name}"),
+            code=code_of("commands.figures", f"figures.{name}"),
         output:
             **(figure_files if name in FIGURES else table_files)(name, picture["title"]),
         log:

@@ -4,7 +4,7 @@ checkpoint ingest:
         campaign=raw("campaign.yaml"),
         arm=arm_of_campaign,
         logs=logs_of_campaign,
-        code=code_of("stages.ingest"),
+        code=code_of("commands.ingest"),
     output:
         poses=result("ingest/poses.parquet"),
         quarantine=result("ingest/quarantine.csv"),

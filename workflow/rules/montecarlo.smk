@@ -3,7 +3,7 @@ rule montecarlo:
     input:
         campaign=ancient(raw("campaign.yaml")),  # its name and robot are parameters below
         arm=arm_of_campaign,
-        code=code_of("stages.montecarlo"),
+        code=code_of("commands.montecarlo"),
     output:
         result("montecarlo/z{plane}.json"),
     log:

@@ -13,7 +13,7 @@ rule simulate:
 rule simulate_campaign:
     """One campaign of the virtual cell, and apart from it the truth that no estimate may read."""
     input:
-        code=code_of("stages.simulate"),
+        code=code_of("commands.simulate"),
     output:
         campaign=f"{SIMULATED}/campaign.yaml",
         cmm=f"{SIMULATED}/cmm.csv.gz",
@@ -36,7 +36,7 @@ rule simulate_campaign:
 rule simulate_sighted:
     """One campaign of any arm under an instrument that does not touch, and its truth apart."""
     input:
-        code=code_of("stages.simulate"),
+        code=code_of("commands.simulate"),
     output:
         campaign=f"{SIMULATED}/campaign.yaml",
         poses=f"{SIMULATED}/poses.csv",

@@ -10,7 +10,7 @@ rule transfer:
         extended=lambda wildcards: expand(
             result("discovery/extended.json"), campaign=wildcards.source
         ),
-        code=code_of("stages.transfer"),
+        code=code_of("commands.transfer"),
     output:
         result("evaluation/transfer_{source}.json"),
     log:

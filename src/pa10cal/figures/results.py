@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from pa10cal.figures.record_files import as_record, check_converged, read_conten
 from pa10cal.figures.records import BaseFrame, Calibration, HeldOut, Plane, Record
 from pa10cal.files import schemas
 from pa10cal.files.arms import load_arm
-from pa10cal.settings import EvaluationSettings, FigureSettings, MonteCarloSettings, Section
+from pa10cal.settings import PictureSettings
 
 Array = NDArray[np.float64]
 
@@ -34,15 +34,6 @@ _MOST_LETTERS = 400
 _SENTENCE_END = re.compile(r"(?<=[\w)]{3}\.)\s+(?=[A-Z])")
 #: How a provenance begins that tells of no measurement.
 _SYNTHETIC = re.compile(r"(synthetic|simulated|virtual cell)\b", re.IGNORECASE)
-
-
-class PictureSettings(Section):
-    """The settings that pictures read."""
-
-    figures: FigureSettings = FigureSettings()
-    kcub_reading: Literal["text_e7", "table_e8"] = "text_e7"
-    montecarlo: MonteCarloSettings = MonteCarloSettings()
-    evaluation: EvaluationSettings = EvaluationSettings()
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ def source_files(*modules: str) -> tuple[Path, ...]:
     folder (arm descriptions, say); what lies outside pa10cal is pinned by the lock and left out.
 
     Args:
-        modules: full names, such as `pa10cal.stages.ingest`.
+        modules: full names, such as `pa10cal.commands.ingest`.
 
     Raises:
         ModuleNotFoundError: when a module named here is not in the package.

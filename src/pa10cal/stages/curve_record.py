@@ -16,7 +16,8 @@ from pa10cal.curve.points import Points
 from pa10cal.curve.roll_map import RollMap
 from pa10cal.files.output import whole_files, write_json
 from pa10cal.files.schemas import CURVE
-from pa10cal.stages.curve_setting import CurveSettings, limits_of
+from pa10cal.settings_curve import CurveSettings
+from pa10cal.stages.curve_setting import limits_of
 
 Array = NDArray[np.float64]
 

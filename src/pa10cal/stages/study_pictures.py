@@ -1,8 +1,7 @@
-"""What stages that draw one picture of a study share."""
+"""What commands that draw one picture of a study share."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -17,15 +16,10 @@ class Study(Protocol):
         """Return what stands below every picture."""
 
 
-def describe_picture(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that every such stage takes."""
-    parser.add_argument("--figure", required=True, help="name of a figure or table of the study")
-    parser.add_argument("--settings", default="{}", help="section figures: JSON or YAML file")
-    parser.add_argument("--out-dir", type=Path, required=True)
-
-
 def draw_picture(
-    arguments: argparse.Namespace,
+    name: str,
+    out_dir: Path,
+    png_dpi: int,
     figures: tuple[str, ...],
     tables: tuple[str, ...],
     read: Callable[[], Study],
@@ -34,7 +28,9 @@ def draw_picture(
     """Draw one figure or write one table of a study.
 
     Args:
-        arguments: with those of `describe_picture`.
+        name: of the figure or table.
+        out_dir: folder for it.
+        png_dpi: resolution of a figure's PNG.
         figures, tables: names of the modules that there are.
         read: reads the study, once the name is known to be right.
         of: what the study is of, for messages.
@@ -43,9 +39,7 @@ def draw_picture(
         SettingsError: when there is no picture of that name.
     """
     from pa10cal.errors import SettingsError
-    from pa10cal.settings import FigureSettings, read_settings_argument
 
-    name = arguments.figure
     if name not in (*figures, *tables):
         raise SettingsError(
             f"no such figure or table of {of}",
@@ -54,18 +48,17 @@ def draw_picture(
             allowed=", ".join((*figures, *tables)),
             remedy="correct the name",
         )
-    settings = read_settings_argument(FigureSettings, arguments.settings)
     study = read()
     # By name, so that a picture is drawn anew only when its own module changes.
     module = import_module(f"pa10cal.figures.{name}")
     if name in tables:
         from pa10cal.figures.table import write_table
 
-        write_table(module.tabulate(study), study.footer, arguments.out_dir, name)
+        write_table(module.tabulate(study), study.footer, out_dir, name)
     else:
         from pa10cal.figures.style import looks, write_figure
 
         with looks():
             figure = module.draw(study)
-            write_figure(figure, study.footer, arguments.out_dir, name, settings.png_dpi)
+            write_figure(figure, study.footer, out_dir, name, png_dpi)
     print(f"{of}: {name}")

@@ -24,26 +24,13 @@ from pa10cal.discovery.discover import discover
 from pa10cal.discovery.problem import Baseline
 from pa10cal.files.arms import load_arm
 from pa10cal.files.schemas import VERDICT
-from pa10cal.settings import (
-    CalibrationSettings,
-    DiscoverySettings,
-    IngestSettings,
-    Section,
-)
+from pa10cal.settings import CalibrationSettings, JudgingSettings
 from pa10cal.stages.calibration_record import study_of
 from pa10cal.stages.discovery_setting import setting_of, with_bends
 from pa10cal.stages.verdict_record import verdict_record
 from pa10cal.terms.baseline import baseline
 
 Array = NDArray[np.float64]
-
-
-class JudgingSettings(Section):
-    """The settings by which a campaign is judged."""
-
-    ingest: IngestSettings = IngestSettings()
-    calibration: CalibrationSettings = CalibrationSettings()
-    discovery: DiscoverySettings = DiscoverySettings()
 
 
 @dataclass(frozen=True)

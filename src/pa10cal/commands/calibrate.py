@@ -1,0 +1,145 @@
+"""Command `calibrate`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pa10cal.settings import CalibrationSettings
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from pa10cal.arm.description import Arm
+    from pa10cal.campaign.description import Campaign
+
+#: Load case of the general model beside the paper's: all loads together.
+GENERAL = "general"
+
+
+def calibrate(
+    *,
+    campaign_dir: Path,
+    poses: Path,
+    base_frame: Path,
+    load: str,
+    out: Path,
+    settings: CalibrationSettings = CalibrationSettings(),
+) -> None:
+    """Calibrate the arm on one load case, by the paper's model or the general one.
+
+    Args:
+        campaign_dir: folder of raw files.
+        poses: table of poses (.parquet).
+        base_frame: base frame that the command seed wrote (.json).
+        load: a load such as 44N; combined; or general.
+        out: calibration to write (.json).
+        settings: section calibration.
+    """
+    from pa10cal.campaign.description import read_campaign
+    from pa10cal.campaign.table import read_pose_table
+    from pa10cal.files.arms import load_arm
+    from pa10cal.files.output import write_json
+    from pa10cal.files.schemas import CALIBRATION
+    from pa10cal.planning.campaign import takes_general_model
+
+    campaign = read_campaign(campaign_dir)
+    arm = load_arm(campaign.robot, campaign_dir)
+    table = read_pose_table(poses, campaign.name)
+    general = load == GENERAL or takes_general_model(settings.model, campaign.instrument.kind)
+    work = _by_general_model if general else _by_papers_model
+    record = work(campaign, arm, table, base_frame, load, settings)
+    header = {
+        "schema": CALIBRATION,
+        "campaign": campaign.name,
+        "provenance": campaign.provenance,
+        "robot": campaign.robot,
+    }
+    write_json(out, {**header, **record, "settings": settings.model_dump(mode="json")})
+    _say(f"{campaign.name} {load}", record)
+
+
+def _by_papers_model(
+    campaign: Campaign,
+    arm: Arm,
+    table: pd.DataFrame,
+    base_frame: Path,
+    load: str,
+    settings: CalibrationSettings,
+) -> dict[str, Any]:
+    """Work out a load case on two levels, with the paper's unknowns."""
+    from pa10cal.calibration.load_case import work_out
+    from pa10cal.campaign.table import observations
+    from pa10cal.errors import CalibrationError
+    from pa10cal.files.schemas import BASE_FRAME
+    from pa10cal.stages.calibration_record import load_case_record, study_of
+    from pa10cal.stages.records import read_pose_matrix, read_record
+
+    if campaign.instrument.kind not in ("touch_trigger_cmm", "pose"):
+        raise CalibrationError(
+            "the paper's model needs positions and attitudes of the end-effector",
+            where="calibration.model",
+            value=settings.model,
+            allowed=f"auto or general for an instrument of kind {campaign.instrument.kind}",
+            remedy="set calibration.model to auto",
+        )
+    seed = read_record(base_frame, BASE_FRAME, ("T_instr_base",), campaign.name)
+    held_out = observations(table, kind="holdout")
+    case = work_out(
+        arm,
+        observations(table, kind="grid", average=False),
+        held_out if len(held_out) else None,
+        read_pose_matrix(seed, "T_instr_base", base_frame),
+        load,
+        1e-3 * settings.apparatus_uncertainty_mm,
+        study_of(settings),
+    )
+    return load_case_record(case)
+
+
+def _by_general_model(
+    campaign: Campaign,
+    arm: Arm,
+    table: pd.DataFrame,
+    base_frame: Path,
+    load: str,
+    settings: CalibrationSettings,
+) -> dict[str, Any]:
+    """Work out a load case with every parameter that arm and instrument can tell."""
+    from pa10cal.calibration.general.case import work_out_general
+    from pa10cal.calibration.load_case import COMBINED, rows_of_load
+    from pa10cal.campaign.sightings import sightings
+    from pa10cal.files.schemas import BASE_FRAME
+    from pa10cal.stages.discovery_setting import payload_of
+    from pa10cal.stages.general_record import general_options, general_record, read_start
+    from pa10cal.stages.records import read_record
+
+    seed = read_record(base_frame, BASE_FRAME, ("T_instr_base",), campaign.name)
+    grid = sightings(table, campaign, "grid")
+    held_out = sightings(table, campaign, "holdout")
+    case = work_out_general(
+        arm,
+        grid,
+        held_out if len(held_out) else None,
+        rows_of_load(grid.states.load_N, COMBINED if load == GENERAL else load),
+        read_start(seed, grid.seen, base_frame),
+        load,
+        payload_of(campaign, arm),
+        general_options(settings),
+    )
+    return general_record(case)
+
+
+def _say(title: str, record: dict[str, Any]) -> None:
+    after = ", ".join(
+        f"{load} {errors['after']['mean_mm']:.3f}/{errors['after']['peak_mm']:.3f} mm"
+        for load, errors in record["errors"].items()
+    )
+    print(
+        f"{title}: {record['status']}, rank {record['rank']} of {record['unknowns']}, "
+        f"mean/peak after: {after}"
+    )
+    print(f"{title}: {record['health']['verdict']}: {record['health']['line']}")
+    for warning in (text for text in record["warnings"] if text != record["health"]["line"]):
+        print(f"{title}: note: {warning}", file=sys.stderr)

@@ -1,0 +1,234 @@
+"""The command line of every command, built from its function's signature and docstring.
+
+A command is a function without a result: positional parameters are positional arguments, keyword
+parameters are options, one without a default is required, and a `bool` is a switch. The docstring
+gives the help: its text stands above the arguments, its `Args:` section beside each of them. A
+parameter whose type is a section of the settings takes a JSON object or the path of a YAML file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import os
+import re
+import sys
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from pa10cal import __version__
+from pa10cal.errors import Pa10calError
+from pa10cal.near_miss import remedy_for
+
+#: Exit codes: refused input, settings or use; a fault of the program itself; stopped by Ctrl-C.
+REFUSED = 2
+FAULT = 3
+INTERRUPTED = 130
+
+#: Commands in the order of the workflow. Each is a function in a module, both of the same name.
+COMMANDS = (
+    "fetch",
+    "import",
+    "import_arm",
+    "simulate",
+    "ingest",
+    "seed",
+    "calibrate",
+    "montecarlo",
+    "discover",
+    "evaluate",
+    "transfer",
+    "export",
+    "figures",
+    "blind_trials",
+    "score_trials",
+    "trial_figures",
+    "curve",
+    "draw_curve",
+    "curve_calibration",
+    "draw_curve_calibration",
+    "coverage",
+    "coverage_general",
+)
+
+#: Commands whose function cannot have their name, since it is a word of Python.
+_FUNCTIONS = {"import": "import_data"}
+
+Command = Callable[..., None]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command that `argv` names and return the exit code of the process.
+
+    Args:
+        argv: arguments without the program's name; None for the process's own.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    if words in (["-h"], ["--help"]):
+        print(_usage())
+        return 0
+    if words == ["--version"]:
+        print(f"pa10cal {__version__}")
+        return 0
+    if not words or words[0] not in COMMANDS:
+        print(_usage(), file=sys.stderr)
+        if words:
+            remedy = remedy_for(words[0], COMMANDS, "see the list above")
+            print(f"pa10cal: no such command (got {words[0]!r}); {remedy}", file=sys.stderr)
+        return REFUSED
+    limit_threads()
+    return run_command(words[0], words[1:])
+
+
+def limit_threads() -> None:
+    """Keep BLAS on one thread a process, unless the user has said otherwise.
+
+    Works only before numpy is first imported, so commands import it late.
+    """
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
+def command_named(name: str) -> Command:
+    """Return the function of one of `COMMANDS`."""
+    function = _FUNCTIONS.get(name, name)
+    found: Command = getattr(import_module(f"pa10cal.commands.{function}"), function)
+    return found
+
+
+def run_command(name: str, argv: Sequence[str], command: Command | None = None) -> int:
+    """Parse `argv`, call the command, and turn an error into one message and an exit code.
+
+    Args:
+        name: one of `COMMANDS`, shown in usage and in front of messages.
+        argv: arguments after the command's name.
+        command: the function; None for that of `name`.
+
+    Returns:
+        0, `REFUSED`, `FAULT` or `INTERRUPTED`.
+    """
+    command = command or command_named(name)
+    types = get_type_hints(command)
+    given = vars(_parser(name, command, types).parse_args(argv))
+    debug: bool = given.pop("debug")
+    try:
+        command(**{key: _read(types[key], value, key) for key, value in given.items()})
+    except KeyboardInterrupt:
+        print(f"pa10cal {name}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except Pa10calError as error:
+        _print_traceback(debug)
+        print(f"pa10cal {name}: {error}", file=sys.stderr)
+        return REFUSED
+    except Exception as error:
+        _print_traceback(debug)
+        print(
+            f"pa10cal {name}: internal fault: {type(error).__name__}: {error}; "
+            "run again with --debug and report it",
+            file=sys.stderr,
+        )
+        return FAULT
+    return 0
+
+
+def _print_traceback(debug: bool) -> None:
+    if debug:
+        traceback.print_exc()
+
+
+def _usage() -> str:
+    """Return how to call the program, with a line for every command."""
+    width = max(map(len, COMMANDS))
+    lines = [f"  {name:<{width}}  {_summary(command_named(name))}" for name in COMMANDS]
+    return "\n".join(
+        (
+            "usage: pa10cal COMMAND [options]",
+            "       pa10cal COMMAND --help",
+            "",
+            *lines,
+        )
+    )
+
+
+def _summary(command: Command) -> str:
+    """Return the first sentence of a command's docstring, without its full stop."""
+    first, _, _ = (inspect.getdoc(command) or "").partition("\n\n")
+    return " ".join(first.split()).rstrip(".")
+
+
+def _parser(name: str, command: Command, types: Mapping[str, Any]) -> argparse.ArgumentParser:
+    """Return the parser of a command's arguments."""
+    text, meanings = _documented(inspect.getdoc(command) or "")
+    parser = argparse.ArgumentParser(prog=f"pa10cal {name}", description=text)
+    for parameter in inspect.signature(command).parameters.values():
+        _add(parser, parameter, types[parameter.name], meanings.get(parameter.name, ""))
+    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    return parser
+
+
+def _documented(docstring: str) -> tuple[str, dict[str, str]]:
+    """Return the text of a docstring, and what its `Args:` section says of each parameter."""
+    text, _, rest = docstring.partition("\nArgs:\n")
+    section, _, _ = rest.partition("\n\n")
+    meanings: dict[str, str] = {}
+    for names, meaning in re.findall(
+        r"^ {4}(\w[\w, ]*): (.*(?:\n {8,}.*)*)", section, flags=re.MULTILINE
+    ):
+        for each in names.split(", "):
+            meanings[each] = " ".join(meaning.split()).removesuffix(".")
+    return text.strip(), meanings
+
+
+def _add(
+    parser: argparse.ArgumentParser, parameter: inspect.Parameter, hint: Any, meaning: str
+) -> None:
+    """Add one parameter of a command to its parser."""
+    kind = _without_none(hint)
+    required = parameter.default is parameter.empty
+    if _is_section(kind):
+        meaning += ": a JSON object, or the path of a YAML file"
+    elif not required and parameter.default is not None and kind is not bool:
+        meaning += f" (default: {parameter.default})"
+    how: dict[str, Any] = {"help": meaning.replace("%", "%%")}
+    if not required:
+        how["default"] = parameter.default
+    if kind is bool:
+        how["action"] = "store_true"
+    elif get_origin(kind) is Literal:
+        how["choices"] = get_args(kind)
+    elif get_origin(kind) is tuple:
+        how |= {"type": get_args(kind)[0], "nargs": "+"}
+    elif _is_section(kind):
+        how["metavar"] = "SETTINGS"
+    else:
+        how["type"] = kind
+    if parameter.kind is not parameter.KEYWORD_ONLY:
+        parser.add_argument(parameter.name, **how)
+    else:
+        option = "--" + parameter.name.replace("_", "-")
+        parser.add_argument(option, dest=parameter.name, required=required, **how)
+
+
+def _read(hint: Any, value: Any, name: str) -> Any:
+    """Return the value of a parameter: a section of the settings is read, a list made a tuple."""
+    kind = _without_none(hint)
+    if _is_section(kind) and isinstance(value, str):
+        from pa10cal.settings import read_settings_argument
+
+        return read_settings_argument(kind, value, where="--" + name.replace("_", "-"))
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _without_none(hint: Any) -> Any:
+    """Return the type of a parameter that may also be None, without that."""
+    if get_origin(hint) in (Union, UnionType):
+        (hint,) = (each for each in get_args(hint) if each is not NoneType)
+    return hint
+
+
+def _is_section(kind: Any) -> bool:
+    """Tell whether a type is a section of the settings; pydantic itself is imported by those."""
+    return isinstance(kind, type) and hasattr(kind, "model_validate")

@@ -1,0 +1,206 @@
+"""Command `evaluate`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from pa10cal.arm.description import Arm
+    from pa10cal.campaign.description import Campaign
+    from pa10cal.campaign.observations import PoseObservations
+    from pa10cal.evaluation.holdout import HeldOut
+
+
+def evaluate(
+    *,
+    campaign_dir: Path,
+    poses: Path,
+    calibration: Path,
+    out: Path,
+    extended: Path | None = None,
+) -> None:
+    """Judge uncalibrated, calibrated and extended models on held-out points and loads.
+
+    Args:
+        campaign_dir: folder of raw files.
+        poses: table of poses (.parquet).
+        calibration: calibration to evaluate (.json).
+        out: errors of every model, to write (.json).
+        extended: model with the effects that discovery named (.json).
+    """
+    from pa10cal.campaign.description import read_campaign
+    from pa10cal.campaign.table import read_pose_table
+    from pa10cal.files.arms import load_arm
+    from pa10cal.files.output import write_json
+    from pa10cal.files.schemas import CALIBRATION, HOLDOUT
+    from pa10cal.stages.records import read_record
+
+    campaign = read_campaign(campaign_dir)
+    arm = load_arm(campaign.robot, campaign_dir)
+    table = read_pose_table(poses, campaign.name)
+    needs = ("parameters", *(() if extended is None else ("settings",)))
+    record = read_record(calibration, CALIBRATION, needs, campaign.name)
+    header = {
+        "schema": HOLDOUT,
+        "campaign": campaign.name,
+        "provenance": campaign.provenance,
+        "calibration": record["load"],
+    }
+    if not (table["kind"] == "holdout").any():
+        write_json(
+            out,
+            {**header, "configurations": 0, "models": {}, "note": "no held-out rows measured"},
+        )
+        print(f"{campaign.name}: no held-out rows to evaluate")
+        return
+    judge = _judge_general if record.get("model") == "general" else _judge_papers
+    configurations, models = judge(campaign, arm, table, record, calibration, extended)
+    write_json(out, {**header, "configurations": configurations, "models": models})
+    summary = ", ".join(
+        f"{model} {found['mean_mm']:.3f}/{found['peak_mm']:.3f} mm"
+        for model, found in models.items()
+    )
+    print(f"{campaign.name} held out ({configurations}): mean/peak {summary}")
+
+
+def _judge_papers(
+    campaign: Campaign,
+    arm: Arm,
+    table: pd.DataFrame,
+    record: dict[str, Any],
+    calibration: Path,
+    extended: Path | None,
+) -> tuple[int, dict[str, Any]]:
+    """Judge the paper's models on held-out poses; return how many poses, and a record a model."""
+    import numpy as np
+
+    from pa10cal.calibration.accuracy import align_nominal
+    from pa10cal.campaign.table import observations
+    from pa10cal.evaluation.holdout import judge
+    from pa10cal.stages.calibration_record import accuracy_records, read_fit
+    from pa10cal.terms.baseline import nominal
+
+    held_out = observations(table, kind="holdout")
+    rigid = nominal(arm)
+    fits = {
+        "uncalibrated": (
+            rigid,
+            np.zeros(0),
+            align_nominal(rigid, observations(table, kind="grid")),
+        ),
+        "linear": read_fit(record, arm, calibration, cubic=False),
+        "cubic": read_fit(record, arm, calibration, cubic=True),
+    }
+    judged = {
+        name: judge(model.predict(held_out.states, x), T_instr_base, held_out)
+        for name, (model, x, T_instr_base) in fits.items()
+    }
+    if extended is not None:
+        judged["extended"] = _judge_extended(campaign, arm, table, record, calibration, extended)
+    return len(held_out), {
+        name: {
+            **asdict(found.overall),
+            "per_load": accuracy_records(found.by_load),
+            "per_point": {key: asdict(value) for key, value in found.by_point.items()},
+            "tool_twist": _twist_record(found),
+            "rows": _row_records(found, held_out),
+        }
+        for name, found in judged.items()
+    }
+
+
+def _judge_general(
+    campaign: Campaign,
+    arm: Arm,
+    table: pd.DataFrame,
+    record: dict[str, Any],
+    calibration: Path,
+    extended: Path | None,
+) -> tuple[int, dict[str, Any]]:
+    """Judge the models of a general calibration on what the instrument observed."""
+    from pa10cal.campaign.arrival_order import with_arrivals
+    from pa10cal.settings import CalibrationSettings, DiscoverySettings, parse_section
+    from pa10cal.stages.blocked_cv_model import extended_model
+    from pa10cal.stages.discovery_setting import setting_of
+    from pa10cal.stages.general_evaluation import (
+        general_models,
+        held_out_with_torques,
+        judged_record,
+    )
+
+    held_out = held_out_with_torques(table, campaign, arm)
+    models = {
+        name: judged_record(model, held_out)
+        for name, model in general_models(record, arm, calibration).items()
+    }
+    if extended is not None:
+        with_effects = extended_model(extended, record, arm, calibration)
+        if with_effects.arrival_from_order:
+            held_out = held_out_with_torques(with_arrivals(table)[0], campaign, arm)
+        used = parse_section(CalibrationSettings, record["settings"], where=str(calibration))
+        setting = setting_of(campaign, arm, used, DiscoverySettings())
+        held_out = with_effects.completed(held_out, setting)
+        models["extended"] = judged_record(
+            with_effects.fitted, held_out, with_effects.extrapolated(held_out.states)
+        )
+    return len(held_out), models
+
+
+def _judge_extended(
+    campaign: Campaign,
+    arm: Arm,
+    table: pd.DataFrame,
+    record: dict[str, Any],
+    calibration: Path,
+    extended: Path,
+) -> HeldOut:
+    """Judge the model with the effects that discovery named."""
+    from pa10cal.campaign.arrival_order import with_arrivals
+    from pa10cal.campaign.table import observations
+    from pa10cal.discovery.fit import as_read
+    from pa10cal.discovery.problem import Baseline, complete_about
+    from pa10cal.evaluation.holdout import judge
+    from pa10cal.files.schemas import EXTENDED
+    from pa10cal.settings import CalibrationSettings, DiscoverySettings, parse_section
+    from pa10cal.stages.calibration_record import read_fit
+    from pa10cal.stages.discovery_setting import setting_of, with_bends
+    from pa10cal.stages.extended_record import read_extended
+    from pa10cal.stages.records import read_record, read_vector
+
+    used = parse_section(CalibrationSettings, record["settings"], where=str(calibration))
+    model, _, _ = read_fit(record, arm, calibration, cubic=True)
+    content = read_record(extended, EXTENDED, ("effects", "x", "targets_off_m"), campaign.name)
+    baseline, model, x, T_instr_base = read_extended(content, with_bends(model), extended)
+    if content.get("arrival_from_order"):
+        table, _ = with_arrivals(table)
+    poses = complete_about(
+        observations(table, kind="holdout"),
+        baseline,
+        Baseline(model, x, T_instr_base),
+        setting_of(campaign, arm, used, DiscoverySettings()),
+    )
+    coordinates = poses.by_apparatus.shape[2]
+    places_m = read_vector(content, "targets_off_m", coordinates, extended)
+    T_base_ee = as_read(model.predict(poses.states, x), T_instr_base, poses, places_m)
+    return judge(T_base_ee, T_instr_base, poses)
+
+
+def _twist_record(found: HeldOut) -> dict[str, Any]:
+    twist = found.tool_twist
+    return {**asdict(twist), "rotation_deg": twist.rotation_deg.tolist()}
+
+
+def _row_records(found: HeldOut, held_out: PoseObservations) -> list[dict[str, Any]]:
+    return [
+        {
+            "pose": str(held_out.pose[k]),
+            "load_N": float(held_out.states.load_N[k]),
+            "position_mm": found.found.position_mm[k].tolist(),
+            "rotation_deg": found.found.rotation_deg[k].tolist(),
+        }
+        for k in range(len(held_out))
+    ]

@@ -1,0 +1,20 @@
+"""Command `fetch`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
+    """Fetch a public data set, of the pinned version, and check it.
+
+    Args:
+        dataset: name of the data set.
+        out: folder for its files.
+        source: folder or address to take them from, if not where they are published.
+    """
+    from pa10cal.datasets.catalogue import dataset_named
+    from pa10cal.datasets.fetching import fetch as fetch_files
+
+    fetched = fetch_files(dataset_named(dataset), out, source or None)
+    print(f"{out}: {', '.join(fetched) or 'nothing to fetch'}; all checksums are right")

@@ -1,0 +1,56 @@
+"""Command `import_arm`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | None = None) -> None:
+    """Turn a URDF into an arm description, and compare their forward kinematics.
+
+    Args:
+        urdf: the URDF, xacro macros expanded.
+        out: description to write; its stem names the arm.
+        base: link that is the arm's base; without it, the root.
+        tip: link that is the end-effector; without it, the only tip.
+    """
+    import numpy as np
+    import yaml
+
+    from pa10cal.arm.parallel import neighbouring_axes
+    from pa10cal.errors import ArmError
+    from pa10cal.files.arm_text import arm_text
+    from pa10cal.files.arms import parse_arm
+    from pa10cal.files.output import write_text
+    from pa10cal.files.urdf import arm_from_urdf
+
+    if out.suffix != ".yaml":
+        raise ArmError(
+            "the description is a YAML file",
+            where="--out",
+            value=str(out),
+            allowed="a name that ends in .yaml",
+            remedy="rename it",
+        )
+    imported = arm_from_urdf(urdf, base, tip, name=out.stem)
+    arm = imported.arm
+    parallel = [axes for axes in neighbouring_axes(arm) if axes.parallel]
+    lines = [
+        f"From {imported.base} to {imported.tip}, joints 1 to {arm.n}: "
+        f"{', '.join(imported.joints)}.",
+        *(
+            f"Joints {axes.joints[0]} and {axes.joints[1]} are {np.degrees(axes.angle_rad):.2g} "
+            f"degrees from parallel: row {axes.row} takes beta in place of d."
+            for axes in parallel
+        ),
+        *(f"{note[0].upper()}{note[1:]}." for note in imported.notes),
+    ]
+    text = arm_text(arm, [f"Imported from {urdf.name}.", *lines])
+    parse_arm(yaml.safe_load(text), where=str(out))  # what would not be read is not written
+    write_text(out, text)
+    print(
+        "\n".join(lines) + "\n"
+        f"{out}: forward kinematics differs from that of the URDF by "
+        f"{imported.forward_kinematics_difference_m:.1e} m and "
+        f"{imported.forward_kinematics_difference_rad:.1e} rad at most"
+    )

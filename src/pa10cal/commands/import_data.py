@@ -1,0 +1,47 @@
+"""Command `import`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pa10cal.settings import IngestSettings
+
+#: Rows left out that are shown one by one; all of them are in the campaign's left_out.csv.
+SHOWN = 10
+
+
+def import_data(
+    dataset: str,
+    folder: Path,
+    *,
+    out: Path,
+    any_version: bool = False,
+    settings: IngestSettings = IngestSettings(),
+) -> None:
+    """Turn a data set of another layout into campaigns.
+
+    Args:
+        dataset: name of the data set.
+        folder: folder of its files.
+        out: folder of campaigns to write to.
+        any_version: accept files that are not the published ones, and note it in the provenance.
+        settings: section ingest.
+    """
+    from pa10cal.datasets.campaign_folder import write_campaigns
+    from pa10cal.datasets.catalogue import dataset_named
+    from pa10cal.datasets.importing import import_campaigns
+
+    campaigns = import_campaigns(
+        dataset_named(dataset),
+        folder,
+        max_left_out=settings.max_quarantined_fraction,
+        any_version=any_version,
+    )
+    places = write_campaigns(campaigns, out)
+    for campaign, place in zip(campaigns, places, strict=True):
+        parts = [f"{len(campaign.left_out)} rows left out", *campaign.notes]
+        print(f"{place}: {'; '.join(parts)}")
+        for row in campaign.left_out[:SHOWN]:
+            print(f"  left out: {row.file}:{row.line}: {row.reason} {row.value}".rstrip())
+        if len(campaign.left_out) > SHOWN:
+            print(f"  … and {len(campaign.left_out) - SHOWN} more in {place / 'left_out.csv'}")

@@ -1,0 +1,137 @@
+"""Command `seed`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pa10cal.settings import BaseFrameSettings
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from pa10cal.arm.chain import Chain
+    from pa10cal.campaign.description import Campaign
+    from pa10cal.campaign.observations import PoseObservations
+    from pa10cal.campaign.seen import Sightings
+
+
+def seed(
+    *,
+    campaign_dir: Path,
+    poses: Path,
+    out: Path,
+    settings: BaseFrameSettings = BaseFrameSettings(),
+) -> None:
+    """Locate the base frame, and targets, from straight-line moves or the nominal arm.
+
+    Args:
+        campaign_dir: folder of raw files.
+        poses: table of poses (.parquet).
+        out: base frame in the instrument's frame, to write (.json).
+        settings: section base_frame.
+    """
+    from pa10cal.arm.chain import Chain
+    from pa10cal.campaign.description import read_campaign
+    from pa10cal.campaign.sightings import sightings
+    from pa10cal.campaign.table import read_pose_table
+    from pa10cal.files.arms import load_arm
+    from pa10cal.files.output import write_json
+    from pa10cal.files.schemas import BASE_FRAME
+    from pa10cal.stages.seed_record import summary
+
+    campaign = read_campaign(campaign_dir)
+    table = read_pose_table(poses, campaign.name)
+    chain = Chain.of(load_arm(campaign.robot, campaign_dir))
+    kind = campaign.instrument.kind
+    moved = bool(table["kind"].isin(["line_x", "line_y"]).any())
+    if kind == "touch_trigger_cmm" or (kind == "pose" and moved):
+        record = _by_end_effector(table, chain, settings, poses, tracked=kind == "pose")
+    else:
+        grid = sightings(table, campaign)
+        unloaded = grid.take(grid.states.load_N == grid.states.load_N.min())
+        record = _by_targets(unloaded, chain, campaign)
+    header = {"schema": BASE_FRAME, "campaign": campaign.name, "provenance": campaign.provenance}
+    write_json(out, header | record)
+    print(f"{campaign.name}: {summary(record)}")
+
+
+def _by_end_effector(
+    table: DataFrame, chain: Chain, settings: BaseFrameSettings, where: Path, *, tracked: bool
+) -> dict[str, Any]:
+    """Find the base frame where straight moves show it, or of an end-effector that was touched."""
+    import numpy as np
+
+    from pa10cal.campaign.table import observations
+    from pa10cal.frame.hand_eye import target_on_base
+    from pa10cal.frame.nominal_fit import seed_from_nominal
+    from pa10cal.frame.straight_lines import LineLimits, seed_from_lines
+    from pa10cal.stages.seed_record import line_record, nominal_record
+
+    grid = observations(table, "grid")
+    unloaded = grid.take(grid.states.load_N == grid.states.load_N.min())
+    line_x, line_y = (observations(table, kind) for kind in ("line_x", "line_y"))
+    _refuse_one_move(len(line_x), len(line_y), where)
+
+    def positions(*kinds: PoseObservations) -> tuple[Any, Any]:
+        """Measured and nominal positions of the end-effector."""
+        measured = np.vstack([poses.T_instr_ee[:, :3, 3] for poses in kinds])
+        nominal = np.vstack([chain.forward(poses.states.q_rad)[:, :3, 3] for poses in kinds])
+        return measured, nominal
+
+    if not len(line_x):
+        return nominal_record(seed_from_nominal(*positions(unloaded)))
+    limits = LineLimits(
+        min_length_m=1e-3 * settings.min_length_mm,
+        max_bend_m=1e-3 * settings.max_bend_mm,
+        min_angle_rad=np.radians(settings.min_angle_deg),
+    )
+    seed = seed_from_lines(
+        positions(line_x), positions(line_y), positions(line_x, line_y, unloaded), limits
+    )
+    record = line_record(seed)
+    if tracked:
+        T_base_ee = chain.forward(unloaded.states.q_rad)
+        found = target_on_base(seed.T_instr_base, T_base_ee, unloaded.T_instr_ee)
+        record["T_ee_target"] = found.tolist()
+    return record
+
+
+def _by_targets(unloaded: Sightings, chain: Chain, campaign: Campaign) -> dict[str, Any]:
+    """Find base frame and targets of an instrument whose targets may be anywhere."""
+    from pa10cal.campaign.seen import SeenPoints, SeenPoses
+    from pa10cal.campaign.sightings import stated_places_m
+    from pa10cal.frame.hand_eye import hand_eye_from_points, hand_eye_from_poses
+    from pa10cal.frame.ranging import range_from_distances
+    from pa10cal.stages.seed_record import points_record, poses_record, ranging_record
+
+    seen, T_base_ee = unloaded.seen, chain.forward(unloaded.states.q_rad)
+    if isinstance(seen, SeenPoses):
+        return poses_record(hand_eye_from_poses(T_base_ee, seen.T_instr_target), len(unloaded))
+    if isinstance(seen, SeenPoints):
+        found = hand_eye_from_points(
+            T_base_ee, seen.p_instr_m, seen.p_ee_stated_m, names=seen.names
+        )
+        record = points_record(found, seen.names, len(unloaded))
+        return record | {"target_stated": seen.p_ee_stated_m is not None}
+    names = campaign.ball_names if len(campaign.ball_names) == 1 else ("target",)
+    stated_m = stated_places_m(campaign, names)
+    ranged = range_from_distances(T_base_ee, seen.d_m, None if stated_m is None else stated_m[0])
+    record = ranging_record(ranged, names[0], len(unloaded))
+    return record | {"target_stated": stated_m is not None}
+
+
+def _refuse_one_move(points_x: int, points_y: int, poses: Path) -> None:
+    """Refuse a move along one axis only, which gives no base frame."""
+    from pa10cal.errors import CalibrationError
+
+    if bool(points_x) == bool(points_y):
+        return
+    there, absent = ("line_x", "line_y") if points_x else ("line_y", "line_x")
+    raise CalibrationError(
+        f"there are {there} rows, but no {absent} rows",
+        where=str(poses),
+        allowed="both straight moves, or neither",
+        remedy=f"add the {absent} rows to the campaign, or remove its {there} rows too: the base "
+        "frame is then fitted to the nominal model",
+    )

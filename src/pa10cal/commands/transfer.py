@@ -1,0 +1,109 @@
+"""Command `transfer`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from pa10cal.campaign.seen import Sightings
+
+
+def transfer(
+    *,
+    calibration: Path,
+    campaign_dir: Path,
+    poses: Path,
+    out: Path,
+    extended: Path | None = None,
+) -> None:
+    """Judge a model of one campaign in another; only base and tool are fitted there.
+
+    Args:
+        calibration: combined calibration of the campaign that the model is of (.json).
+        campaign_dir: folder of raw files of the campaign to judge it in.
+        poses: table of poses of that campaign (.parquet).
+        out: errors of the model there, to write (.json).
+        extended: the model with the effects that discovery named (.json).
+    """
+    from dataclasses import replace
+
+    from pa10cal.calibration.general.calibrate import with_torques
+    from pa10cal.calibration.general.transfer import refit_frames
+    from pa10cal.campaign.arrival_order import with_arrivals
+    from pa10cal.campaign.description import read_campaign
+    from pa10cal.campaign.sightings import sightings
+    from pa10cal.campaign.table import read_pose_table
+    from pa10cal.errors import CalibrationError, RecordError
+    from pa10cal.files.arms import load_arm
+    from pa10cal.files.output import write_json
+    from pa10cal.files.schemas import CALIBRATION, TRANSFER
+    from pa10cal.settings import CalibrationSettings, DiscoverySettings, parse_section
+    from pa10cal.stages.blocked_cv_model import extended_model
+    from pa10cal.stages.discovery_setting import payload_of, setting_of
+    from pa10cal.stages.general_evaluation import (
+        general_models,
+        held_out_with_torques,
+        judged_record,
+    )
+    from pa10cal.stages.records import read_record
+
+    campaign = read_campaign(campaign_dir)
+    arm = load_arm(campaign.robot, campaign_dir)
+    table = read_pose_table(poses, campaign.name)
+    record = read_record(calibration, CALIBRATION, ("model", "robot", "settings", "status"))
+    if record["model"] != "general" or record["robot"] != campaign.robot:
+        raise RecordError(
+            "the calibration cannot be carried over",
+            where=str(calibration),
+            value=f"{record['model']} model of {record['robot']}",
+            allowed=f"a general model of {campaign.robot}",
+            remedy="give the combined calibration of another campaign of the same robot",
+        )
+    if record["status"] != "converged":
+        raise CalibrationError(
+            "a fit that did not converge is not carried over",
+            where=str(calibration),
+            value=record["status"],
+            allowed="converged",
+            remedy="raise calibration.max_iterations, or look at its warnings",
+        )
+
+    def sighted(rows: pd.DataFrame) -> tuple[Sightings, Sightings]:
+        """Return grid and held-out poses with torques, as springs need them."""
+        grid = sightings(rows, campaign, "grid")
+        states, _ = with_torques(arm, grid.states, payload_of(campaign, arm))
+        return replace(grid, states=states), held_out_with_torques(rows, campaign, arm)
+
+    grid, held_out = sighted(table)
+    judged = {
+        name: judged_record(refit_frames(model, grid), held_out)
+        for name, model in general_models(record, arm, calibration).items()
+    }
+    if extended is not None:
+        with_effects = extended_model(extended, record, arm, calibration)
+        used = parse_section(CalibrationSettings, record["settings"], where=str(calibration))
+        setting = setting_of(campaign, arm, used, DiscoverySettings())
+        if with_effects.arrival_from_order:
+            grid, held_out = sighted(with_arrivals(table)[0])
+        grid, held_out = (with_effects.completed(rows, setting) for rows in (grid, held_out))
+        judged["extended"] = judged_record(
+            refit_frames(with_effects.fitted, grid),
+            held_out,
+            with_effects.extrapolated(held_out.states),
+        )
+    write_json(
+        out,
+        {
+            "schema": TRANSFER,
+            "campaign": campaign.name,
+            "provenance": campaign.provenance,
+            "from": record["campaign"],
+            "configurations": len(held_out),
+            "models": judged,
+        },
+    )
+    summary = ", ".join(f"{name} {found['rms_mm']:.3f} mm" for name, found in judged.items())
+    print(f"{campaign.name}: model of {record['campaign']}, base and tool fitted: rms {summary}")

@@ -1,0 +1,205 @@
+"""Blind trials as stages: hidden, judged without the truth, scored apart."""
+
+import csv
+import json
+
+import pytest
+
+from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.files.schemas import TRIAL_TRUTH, TRIALS, VERDICT
+from pa10cal.stages import trial_judging
+
+SEED = 20081
+
+
+def lines(path):
+    return [json.loads(line) for line in path.read_text("utf-8").splitlines()]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Run trials; return the exit code and the paths of verdicts and truths."""
+
+    def stage(kind, count=1, *words):
+        folder = tmp_path_factory.mktemp(kind)
+        out = folder / "verdicts.jsonl", folder / "truths.jsonl"
+        given = ["--kind", kind, "--count", str(count), "--random-seed", str(SEED), *words]
+        code = run_command(
+            "blind_trials", [*given, "--verdicts", str(out[0]), "--truths", str(out[1])]
+        )
+        return code, *out
+
+    return stage
+
+
+@pytest.fixture(scope="module")
+def reduced(run):
+    """Nulls of both layouts, strong singles of three families, and a pair; as judged."""
+    runs = [
+        run("null", 2),
+        run("single", 1, "--first", "5", "--size", "2", "--layouts", "grid"),
+        run("single", 1, "--first", "13", "--size", "2", "--layouts", "wide"),
+        run("single", 1, "--first", "19", "--size", "2"),
+        run("pair", 1, "--first", "3", "--size", "1.5"),
+    ]
+    assert [code for code, _, _ in runs] == [0] * len(runs)
+    return [verdicts for _, verdicts, _ in runs], [truths for _, _, truths in runs]
+
+
+def score(tmp_path, verdicts, truths):
+    """Score; return the exit code, the record and the rows of the table."""
+    out = tmp_path / "scores.json", tmp_path / "trials.csv"
+    words = ["--verdicts", *map(str, verdicts), "--truths", *map(str, truths)]
+    code = run_command("score_trials", [*words, "--scores", str(out[0]), "--trials", str(out[1])])
+    if code:
+        return code, None, None
+    with out[1].open(encoding="utf-8", newline="") as table:
+        return code, json.loads(out[0].read_text("utf-8")), list(csv.DictReader(table))
+
+
+def test_a_reduced_set_is_named_right(reduced, tmp_path):
+    code, scores, rows = score(tmp_path, *reduced)
+    assert code == 0
+    assert scores["schema"] == TRIALS
+    assert scores["provenance"].startswith("synthetic")
+    assert (scores["trials"], scores["failed"]) == (6, [])
+    assert scores["nothing_hidden"]["null"]["named"]["of"] == 2
+    assert scores["nothing_hidden"]["null"]["named"]["count"] == 0
+    assert scores["nothing_hidden"]["null"]["unexplained"]["count"] == 0
+    single = scores["single"]
+    assert single["large_alone"]["of"] >= 2
+    assert single["large_alone"]["share"] == 1.0
+    assert (single["found"]["count"], single["found"]["of"]) == (3, 3)
+    assert single["wrong"]["count"] == 0
+    assert scores["several"]["pair"]["all_listed"]["share"] == 1.0
+    assert scores["several"]["pair"]["nothing_extra"]["share"] == 1.0
+    assert scores["gap"]["mean"] < 1.3
+    assert scores["intervals"]["inside"]["of"] >= 5
+    assert 0.2 < scores["intervals"]["rms"] < 2.5
+    hidden = [name for name, row in scores["confusion"]["single"].items() if row == {name: 1}]
+    assert len(hidden) == 3
+    assert len({row["campaign"] for row in rows}) == 6
+    assert [row["verdict"] for row in rows][:2] == ["none", "none"]
+
+
+@pytest.mark.parametrize(
+    ("change", "figure"),
+    [
+        (lambda said: {**said, "verdict": "none", "effects": []}, ("single", "found")),
+        (
+            lambda said: {
+                **said,
+                "effects": [{**effect, "of": "joint 9"} for effect in said["effects"]],
+            },
+            ("single", "large"),
+        ),
+        (lambda said: {"schema": VERDICT, "campaign": said["campaign"], "failed": "x"}, None),
+    ],
+    ids=["empty", "wrong place", "failed"],
+)
+def test_empty_wrong_and_failed_verdicts_are_scored_as_such(reduced, tmp_path, change, figure):
+    verdicts, truths = reduced
+    changed = tmp_path / "changed.jsonl"
+    records = [change(said) for path in verdicts for said in lines(path)]
+    changed.write_text("".join(json.dumps(record) + "\n" for record in records), "utf-8")
+    _, scores, rows = score(tmp_path, [changed], truths)
+    if figure is None:
+        assert len(scores["failed"]) == 6
+        assert scores["nothing_hidden"]["null"]["named"]["count"] == 2
+        assert {row["verdict"] for row in rows} == {"failed"}
+        assert scores["single"]["large"]["count"] == 0 < scores["single"]["large"]["of"]
+    else:
+        kind, name = figure
+        assert scores[kind][name]["count"] == 0
+    assert not all(bar["met"] for bar in scores["bars"] if bar["trials"] and bar["share"])
+
+
+def test_a_verdict_is_that_of_the_contract_and_says_nothing_of_what_was_drawn(reduced):
+    for verdicts, truths in zip(*reduced, strict=True):
+        for said, hidden in zip(lines(verdicts), lines(truths), strict=True):
+            assert said["schema"] == VERDICT
+            assert hidden["schema"] == TRIAL_TRUTH
+            assert said["campaign"] == hidden["campaign"]
+            assert said["verdict"] in ("none", "named", "ambiguous", "unexplained")
+            assert {"effects", "unexplained", "not_testable", "gap", "suggested_poses"} <= set(said)
+            assert 0.0 < said["seconds"] < 60.0
+            assert not {"kind", "layout", "hidden_effects", "moved_mm"} & set(said)
+
+
+def test_what_moves_the_residual_is_measured_against_a_twin(reduced):
+    hidden = [record for path in reduced[1] for record in lines(path)]
+    moved = {
+        record["kind"]: [effect["moved_mm"] for effect in record["hidden_effects"]]
+        for record in hidden
+    }
+    assert moved["null"] == []
+    assert len(moved["pair"]) == 2
+    assert 0.01 < max(moved["pair"]) < 1.0
+    assert moved["pair"][0] != moved["pair"][1]
+
+
+def test_the_same_trials_come_out_of_any_division_into_jobs(run, reduced):
+    whole = lines(reduced[0][0])
+    second = lines(run("null", 1, "--first", "1")[1])
+    for record in (*whole, *second):
+        for name in ("seconds", "seconds_simulating"):
+            del record[name]
+    assert second == whole[1:]
+
+
+def test_a_trial_that_fails_is_recorded_and_the_others_go_on(run, monkeypatch):
+    judge, seen = trial_judging.judge, []
+
+    def fail_first(known, settings):
+        seen.append(known)
+        if len(seen) == 1:
+            raise KeyError("a fault of the program")
+        return judge(known, settings)
+
+    monkeypatch.setattr(trial_judging, "judge", fail_first)
+    code, verdicts, truths = run("null", 2)
+    assert code == 0
+    failed, judged = lines(verdicts)
+    assert failed["failed"] == "KeyError: 'a fault of the program'"
+    assert judged["verdict"] == "none"
+    assert len(lines(truths)) == 2
+
+
+def test_when_all_trials_fail_the_stage_does(run, monkeypatch, capsys):
+    def fail(known, settings):
+        raise KeyError("a fault of the program")
+
+    monkeypatch.setattr(trial_judging, "judge", fail)
+    code, verdicts, _ = run("null", 1)
+    assert code == REFUSED
+    assert "every trial failed" in capsys.readouterr().err
+    assert "failed" in lines(verdicts)[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("null", 0), "no trial to run"),
+        (("nul", 1), "unknown kind of trial"),
+        (("null", 1, "--layouts", "grid,small"), "no such layout"),
+        (("null", 1, "--settings", '{"calibraton": {}}'), "did you mean 'calibration'"),
+    ],
+)
+def test_refuses_what_makes_no_sense(run, capsys, words, message):
+    code, verdicts, truths = run(*words)
+    assert code == REFUSED
+    assert message in capsys.readouterr().err
+    assert not verdicts.exists()
+    assert not truths.exists()
+
+
+def test_a_verdict_without_a_truth_is_refused(reduced, tmp_path, capsys):
+    verdicts, truths = reduced
+    assert score(tmp_path, verdicts, truths[1:])[0] == REFUSED
+    assert "but not both" in capsys.readouterr().err
+    assert score(tmp_path, [*verdicts, verdicts[0]], truths)[0] == REFUSED
+    assert "a second time" in capsys.readouterr().err
+    assert score(tmp_path, truths, truths)[0] == REFUSED
+    assert "another kind of record" in capsys.readouterr().err
+    assert score(tmp_path, [tmp_path / "gone"], truths)[0] == REFUSED
+    assert "cannot be read" in capsys.readouterr().err

@@ -1,0 +1,233 @@
+"""Discovery by blocks of poses left out as a stage, on a made-up tracker's campaign."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from made_up_survey import Hidden, observe, rough
+from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.errors import RecordError
+from pa10cal.stages.blocked_cv_record import METHOD, angles_record, read_angles
+
+NAME = "tracked"
+KINDS = ("verdict", "analysis", "extended", "suggested")
+OUTPUTS = ("verdict.json", "analysis.json", "extended.json", "suggested.csv")
+
+
+def read(path):
+    """Read JSON, without room for numbers that are not finite."""
+
+    def refuse(word):
+        raise ValueError(f"{word} in {path}")
+
+    return json.loads(path.read_text("utf-8"), parse_constant=refuse)
+
+
+def write_campaign(folder, seen):
+    """Write the raw files of a tracker's campaign."""
+    folder.mkdir()
+    order = np.argsort(seen.states.time_s)
+    poses = seen.take(order)
+    quaternions = Rotation.from_matrix(poses.T_instr_ee[:, :3, :3]).as_quat(scalar_first=True)
+    joints = ",".join(f"q{j}_deg" for j in range(1, 7))
+    lines = [f"time_s,pose,load_N,repeat,{joints},x_mm,y_mm,z_mm,qw,qx,qy,qz"]
+    for k, label in enumerate(poses.pose):
+        numbers = [
+            *(f"{x:.8f}" for x in np.degrees(poses.states.q_rad[k])),
+            *(f"{x:.6f}" for x in 1e3 * poses.T_instr_ee[k, :3, 3]),
+            *(f"{x:.10f}" for x in quaternions[k]),
+        ]
+        lines.append(f"{poses.states.time_s[k]:.1f},{label},0,1," + ",".join(numbers))
+    (folder / "poses.csv").write_text("\n".join(lines) + "\n")
+    description = {
+        "schema": "pa10cal-campaign/1",
+        "name": NAME,
+        "provenance": "synthetic, made up by the tests",
+        "robot": "ur10",
+        "instrument": {"kind": "pose", "uncertainty_mm": 0.02},
+        "tool": {"mass_kg": 1.0, "com_mm": [0, 0, 50], "load_point_mm": [0, 0, 0]},
+        "gravity_m_s2": [0, 0, -9.81],
+        "reference_temperature_C": 22,
+        "files": {"poses": "poses.csv"},
+        "holdout": {"last_fraction": 0.25},
+    }
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(description))
+
+
+def calibrated(folder):
+    """Run what comes before discovery."""
+    table = ["--campaign-dir", str(folder / "raw"), "--poses", str(folder / "poses.parquet")]
+    logs = ["--campaign-dir", str(folder / "raw"), "--quarantine", str(folder / "quarantine.csv")]
+    base = str(folder / "base.json")
+    assert run_command("ingest", [*logs, "--out", str(folder / "poses.parquet")]) == 0
+    assert run_command("seed", [*table, "--out", base]) == 0
+    asked = ["--base-frame", base, "--load", "combined", "--out", str(folder / "combined.json")]
+    assert run_command("calibrate", [*table, *asked]) == 0
+    return folder
+
+
+def discovered(folder, suggestions=3):
+    """Run discovery, and return its exit code."""
+    paths = {
+        "campaign-dir": folder / "raw",
+        "poses": folder / "poses.parquet",
+        "calibration": folder / "combined.json",
+        **dict(
+            zip(("verdict", "analysis", "extended", "suggested"), _outputs(folder), strict=True)
+        ),
+    }
+    words = [word for key, path in paths.items() for word in (f"--{key}", str(path))]
+    return run_command("discover", [*words, "--settings", json.dumps({"suggestions": suggestions})])
+
+
+def evaluated(folder):
+    out = folder / "holdout.json"
+    words = [
+        *("--campaign-dir", str(folder / "raw"), "--poses", str(folder / "poses.parquet")),
+        *("--calibration", str(folder / "combined.json")),
+        *("--extended", str(folder / "extended.json"), "--out", str(out)),
+    ]
+    assert run_command("evaluate", words) == 0
+    return read(out)["models"]
+
+
+def _outputs(folder):
+    return [folder / name for name in OUTPUTS]
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """A campaign with an error of joint 3 that has no name, through discovery."""
+    folder = tmp_path_factory.mktemp("work")
+    write_campaign(folder / "raw", observe(Hidden(turn=rough(3)), poses=800, held_out=0).readings)
+    calibrated(folder)
+    assert discovered(folder) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def verdict(work):
+    return read(work / "verdict.json")
+
+
+def test_the_verdict_names_the_joint_and_says_that_the_cause_is_not_known(verdict):
+    assert (verdict["schema"], verdict["campaign"]) == ("pa10cal-verdict/1", NAME)
+    assert (verdict["verdict"], verdict["method"]) == ("named", METHOD)
+    (effect,) = verdict["effects"]
+    assert (effect["id"], effect["of"], effect["alternatives"]) == (
+        "joint_error_map",
+        "joint 3",
+        [],
+    )
+    assert len(effect["parameters"]) == effect["form"]["knots"] > 12
+    assert {entry["unit"] for entry in effect["parameters"].values()} == {"rad"}
+    proof = effect["evidence"]["blocks_left_out"]
+    assert proof["improved"] == proof["blocks"] == 10
+    assert proof["z"] == pytest.approx(proof["gain"] / proof["gain_std"])
+    assert proof["rms_with_mm"] < 0.8 * proof["rms_without_mm"]
+    assert (verdict["unexplained"]["of"], verdict["unexplained"]["why"]) == (
+        "joint 3",
+        "cause not known",
+    )
+
+
+def test_it_says_what_was_assumed_and_what_cannot_be_told(verdict):
+    assert verdict["arrival_from_order"] is True
+    why = {(entry["id"], entry["of"]): entry["why"] for entry in verdict["not_testable"]}
+    assert why["friction_torque", "joint 2"] == "the torques were not logged"
+    assert "the instrument's stated uncertainty" in verdict["gap"]["noise_floor_from"]
+    tried = {(entry["id"], entry["of"]) for entry in verdict["left_over"]["tried"]}
+    assert {("place_map", "instrument"), ("drift_map", "base")} <= tried
+
+
+def test_the_gap_is_parted_into_angles_seen_and_beyond(verdict):
+    for kind, poses in (("train", 600), ("holdout", 200)):
+        gap = verdict["gap"][kind]
+        counts = [gap[part]["after"]["configurations"] for part in ("inside", "extrapolated")]
+        assert sum(counts) == gap["after"]["configurations"] == poses
+        assert gap["after"]["rms_mm"] < 0.7 * gap["before"]["rms_mm"]
+        assert gap["inside"]["after"]["rms_mm"] <= gap["extrapolated"]["after"]["rms_mm"] * 1.05
+
+
+def test_the_extended_model_evaluates_as_the_verdict_says(work, verdict):
+    found, gap = evaluated(work)["extended"], verdict["gap"]["holdout"]
+    for key in ("mean_mm", "rms_mm", "peak_mm"):
+        assert found[key] == pytest.approx(gap["after"][key], rel=1e-6)
+        assert found["inside"][key] == pytest.approx(gap["inside"]["after"][key], rel=1e-6)
+    marked = [row["extrapolated"] for row in found["rows"]]
+    assert sum(marked) == gap["extrapolated"]["after"]["configurations"]
+
+
+def test_the_extended_model_is_exported(work, verdict):
+    model = work / "model.yaml"
+    words = ["--calibration", str(work / "combined.json"), "--extended"]
+    words += [str(work / "extended.json"), "--model", str(model), "--urdf", str(work / "arm.urdf")]
+    assert run_command("export", words) == 0
+    content = yaml.safe_load(model.read_text("utf-8"))
+    (effect,) = content["effects"]
+    assert effect["parameters"] == verdict["effects"][0]["parameters"]
+
+
+def test_poses_are_suggested_that_show_other_angles(work, verdict):
+    assert len(verdict["suggested_poses"]) == 3
+    for pose in verdict["suggested_poses"]:
+        assert len(pose["q_deg"]) == 6
+        assert all("not seen" in text for text in pose["for"])
+    with (work / "suggested.csv").open(encoding="utf-8", newline="") as table:
+        rows = list(csv.DictReader(table))
+    assert [row["order"] for row in rows] == ["1", "2", "3"]
+    assert float(rows[0]["q3_deg"]) == pytest.approx(
+        verdict["suggested_poses"][0]["q_deg"][2], abs=1e-4
+    )
+
+
+def test_the_analysis_has_what_the_figures_show(work):
+    from pa10cal.figures.discovery_records import Analysis, Verdict
+
+    analysis = Analysis.model_validate(read(work / "analysis.json"))
+    assert [len(step.effects) for step in analysis.naming] == [0, 1]
+    assert len(analysis.gap.train) == 600
+    before, after = (fit.by_joint[2].rms_rad for fit in (analysis.before, analysis.after))
+    assert after < before
+    Verdict.model_validate(read(work / "verdict.json"))
+
+
+def test_a_record_of_angles_is_read_back_or_refused(work, tmp_path):
+    record = read(work / "extended.json")
+    seen = read_angles(record, "here")
+    assert angles_record(seen) == record["angles_seen"]
+    assert read_angles({}, "here") is None
+    with pytest.raises(RecordError, match="angles seen cannot be read"):
+        read_angles({"angles_seen": [{"turns": True}]}, "here")
+
+
+def test_few_poses_without_repeats_are_refused(tmp_path, capsys):
+    write_campaign(tmp_path / "raw", observe(poses=60, held_out=0).readings)
+    calibrated(tmp_path)
+    assert discovered(tmp_path) == REFUSED
+    assert "too few repeats" in capsys.readouterr().err
+    assert not any(path.exists() for path in _outputs(tmp_path))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("series", "whole_mm", "inside_mm"), [("ur10-a", 0.15, 0.10), ("ur10-c", 0.09, 0.085)]
+)
+def test_the_measured_ur10_comes_below_what_geometry_and_springs_leave(
+    series, whole_mm, inside_mm, ipa_data, tmp_path
+):
+    asked = ["ipa-robot-accuracy", str(ipa_data), "--out", str(tmp_path / "data")]
+    assert run_command("import", asked) == 0
+    (tmp_path / "raw").symlink_to(tmp_path / "data" / series)
+    calibrated(tmp_path)
+    assert discovered(tmp_path) == 0
+    found = evaluated(tmp_path)
+    assert found["extended"]["rms_mm"] < whole_mm < found["linear"]["rms_mm"]
+    assert found["extended"]["inside"]["rms_mm"] < inside_mm
+    effects = read(tmp_path / "verdict.json")["effects"]
+    maps = {effect["of"] for effect in effects if effect["id"] == "joint_error_map"}
+    assert maps == {f"joint {joint}" for joint in range(1, 7)}

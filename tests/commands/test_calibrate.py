@@ -1,0 +1,214 @@
+"""The stages from a table of poses on, called in process on a campaign without missing effect."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pa10cal.commands.command_line import run_command
+
+RAW = Path(__file__).parents[2] / "data" / "raw"
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """Ingest and seed `cell-null` once."""
+    folder = tmp_path_factory.mktemp("results")
+    campaign = ["--campaign-dir", str(RAW / "cell-null")]
+    poses, base = folder / "poses.parquet", folder / "base_frame.json"
+    quarantine = str(folder / "quarantine.csv")
+    assert run_command("ingest", [*campaign, "--out", str(poses), "--quarantine", quarantine]) == 0
+    assert run_command("seed", [*campaign, "--poses", str(poses), "--out", str(base)]) == 0
+    return folder
+
+
+def run_calibrate(work, load, out, settings=None, base="base_frame.json"):
+    return run_command(
+        "calibrate",
+        [
+            *("--campaign-dir", str(RAW / "cell-null")),
+            *("--poses", str(work / "poses.parquet")),
+            *("--base-frame", str(work / base)),
+            *("--load", load, "--out", str(out)),
+            *("--settings", json.dumps(settings or {})),
+        ],
+    )
+
+
+@pytest.fixture(scope="module")
+def combined(work):
+    out = work / "combined.json"
+    assert run_calibrate(work, "combined", out, {"inner_subsets": 3}) == 0
+    return json.loads(out.read_text())
+
+
+def test_campaign_without_missing_effect_is_calibrated_to_its_noise(combined):
+    # bar: mean <= 0.012 mm at every load
+    assert combined["status"] == "converged"
+    for errors in combined["errors"].values():
+        assert errors["after"]["mean_mm"] <= 0.012
+        assert errors["before"]["mean_mm"] > 1.0
+    assert combined["warnings"] == []
+
+
+def test_record_holds_what_other_tools_read(combined):
+    assert combined["schema"] == "pa10cal-calibration/1"
+    assert combined["campaign"] == "cell-null"
+    assert (combined["rank"], combined["unknowns"]) == (34, 36)
+    assert {"K_lin_2", "K_cub_5", "delta_beta_2", "gamma_z", "base_p_cmm_x"} <= set(
+        combined["parameters"]
+    )
+    assert len(combined["parameters"]) == 36
+    for parameter in combined["parameters"].values():
+        assert parameter["std"] > 0
+        assert {"value", "std", "unit", "tolerance"} <= set(parameter)
+    assert not combined["parameters"]["delta_theta_1"]["identifiable"]
+    assert combined["starts"] == 8
+    assert len(combined["inner_poses"]) == 8
+    assert combined["one_level"]["largest_difference"] < 1e-8
+    assert set(combined["errors"]) == {"0N", "22N", "44N"}
+
+
+def test_held_out_points_and_loads(work, combined):
+    # bar: held-out mean <= 0.04 mm
+    out = work / "holdout.json"
+    code = run_command(
+        "evaluate",
+        [
+            *("--campaign-dir", str(RAW / "cell-null")),
+            *("--poses", str(work / "poses.parquet")),
+            *("--calibration", str(work / "combined.json")),
+            *("--out", str(out)),
+        ],
+    )
+    assert code == 0
+    models = json.loads(out.read_text())["models"]
+    assert models["cubic"]["mean_mm"] <= 0.04
+    assert models["cubic"]["mean_mm"] < models["linear"]["mean_mm"]
+    assert models["uncalibrated"]["mean_mm"] > 1.0
+    assert set(models["cubic"]["per_load"]) == {"22N", "44N", "66N", "90N"}
+    assert len(models["cubic"]["per_point"]) == 10
+    rows = models["cubic"]["rows"]
+    distances = [np.linalg.norm(row["position_mm"]) for row in rows]
+    assert np.mean(distances) == pytest.approx(models["cubic"]["mean_mm"])
+
+
+def test_one_load_alone(work):
+    out = work / "22N.json"
+    settings = {"inner_subsets": 0, "starts": 2, "inner_poses": "all"}
+    assert run_calibrate(work, "22N", out, settings) == 0
+    record = json.loads(out.read_text())
+    assert record["loads_fitted"] == [22.0]
+    assert record["errors"]["22N"]["after"]["mean_mm"] <= 0.012
+
+
+@pytest.mark.parametrize(
+    ("load", "settings", "says"),
+    [
+        ("33N", {}, "0N, 22N, 44N, combined"),
+        ("combined", {"epsilom": 1}, "did you mean 'epsilon'"),
+        ("combined", {"epsilon_acts_on": "both"}, "epsilon_acts_on"),
+        ("combined", {"inner_poses": 40}, "1 to 27"),
+        ("combined", {"flexible_joints": [9]}, "1 to 6"),
+        ("combined", {"starts": 0}, "starts"),
+    ],
+)
+def test_refuses_what_it_cannot_use(work, capsys, load, settings, says):
+    out = work / "refused.json"
+    assert run_calibrate(work, load, out, settings) == 2
+    message = capsys.readouterr().err
+    assert says in message
+    assert message.count("\n") == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "{",
+        "[]",
+        "{}",
+        '{"schema": "pa10cal-base-frame/1"}',
+        '{"schema": "pa10cal-base-frame/1", "campaign": "cell-null", "T_instr_base": [[1, 2]]}',
+    ],
+)
+def test_refuses_a_damaged_seed(work, capsys, content):
+    (work / "damaged.json").write_text(content)
+    out = work / "refused.json"
+    assert run_calibrate(work, "combined", out, base="damaged.json") == 2
+    assert "damaged.json" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_parameter_at_its_bound_by_noise_is_no_alarm(work):
+    out = work / "0N.json"
+    assert run_calibrate(work, "0N", out, {"inner_subsets": 0, "starts": 2}) == 0
+    record = json.loads(out.read_text())
+    assert record["parameters"]["K_cub_3"]["at_bound"]
+    assert not record["parameters"]["K_lin_3"]["at_bound"]
+    assert len(record["warnings"]) == 1
+    assert "not to be told from the bound" in record["warnings"][0]
+
+
+def test_an_incomplete_model_is_said_to_be_one(tmp_path, capsys):
+    campaign = ["--campaign-dir", str(RAW / "lightcap2008")]
+    poses, base = tmp_path / "poses.parquet", tmp_path / "base_frame.json"
+    out, quarantine = tmp_path / "combined.json", str(tmp_path / "quarantine.csv")
+    assert run_command("ingest", [*campaign, "--out", str(poses), "--quarantine", quarantine]) == 0
+    assert run_command("seed", [*campaign, "--poses", str(poses), "--out", str(base)]) == 0
+    argv = [*campaign, "--poses", str(poses), "--base-frame", str(base), "--out", str(out)]
+    settings = '{"inner_subsets": 0, "starts": 2}'
+    assert run_command("calibrate", [*argv, "--load", "combined", "--settings", settings]) == 0
+    record = json.loads(out.read_text())
+    assert any("the model is incomplete" in warning for warning in record["warnings"])
+    assert "the model is incomplete" in capsys.readouterr().err
+
+
+def test_records_of_another_campaign_are_refused(work, combined, tmp_path, capsys):
+    other = tmp_path / "base_frame.json"
+    seed_record = json.loads((work / "base_frame.json").read_text())
+    other.write_text(json.dumps({**seed_record, "campaign": "cell-a"}))
+    argv = ["--campaign-dir", str(RAW / "cell-null"), "--poses", str(work / "poses.parquet")]
+    argv += ["--load", "combined", "--base-frame", str(other), "--out", str(tmp_path / "x.json")]
+    assert run_command("calibrate", argv) == 2
+    assert "another campaign" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", ["not json", '{"schema": "other/1"}'])
+def test_evaluation_refuses_what_is_not_a_calibration(work, capsys, content):
+    (work / "other.json").write_text(content)
+    code = run_command(
+        "evaluate",
+        [
+            *("--campaign-dir", str(RAW / "cell-null")),
+            *("--poses", str(work / "poses.parquet")),
+            *("--calibration", str(work / "other.json")),
+            *("--out", str(work / "none.json")),
+        ],
+    )
+    assert code == 2
+    assert "other.json" in capsys.readouterr().err
+
+
+def test_calibrated_model_is_exported(work, combined, tmp_path):
+    argv = ["--calibration", str(work / "combined.json"), "--model", str(tmp_path / "model.yaml")]
+    assert run_command("export", [*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 0
+    model = yaml.safe_load((tmp_path / "model.yaml").read_text())
+    assert model["parameters"] == combined["parameters"]
+    assert "synthetic" in model["provenance"] or "virtual" in model["provenance"]
+    assert "joint_6" in (tmp_path / "robot.urdf").read_text()
+
+
+def test_a_fit_that_did_not_converge_is_not_exported(work, combined, tmp_path, capsys):
+    bad = tmp_path / "bad.json"
+    bad.write_text(json.dumps({**combined, "status": "not converged"}))
+    argv = ["--calibration", str(bad), "--model", str(tmp_path / "model.yaml")]
+    assert run_command("export", [*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 2
+    assert "not converged" in capsys.readouterr().err
+    assert not list(tmp_path.glob("robot*"))
+    parameters = {k: v for k, v in combined["parameters"].items() if k != "K_lin_3"}
+    bad.write_text(json.dumps({**combined, "parameters": parameters}))
+    assert run_command("export", [*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 2
+    assert "K_lin_3" in capsys.readouterr().err

@@ -1,0 +1,208 @@
+"""What every command does with its arguments, refusals, faults and threads."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from pa10cal.commands.command_line import (
+    COMMANDS,
+    FAULT,
+    INTERRUPTED,
+    REFUSED,
+    command_named,
+    limit_threads,
+    main,
+    run_command,
+)
+from pa10cal.errors import RawDataError
+from pa10cal.settings import IngestSettings
+
+REFUSAL = RawDataError(
+    "not a number",
+    where="cmm.csv:7",
+    value="1,5",
+    allowed="a decimal point",
+    remedy="export with points",
+)
+
+
+def failing(error):
+    def command(*, load: str) -> None:
+        raise error
+
+    return command
+
+
+def called(argv, seen):
+    """Run a command that takes one argument of every kind, and return its exit code."""
+
+    def command(
+        name: str,
+        *,
+        out: Path,
+        count: int = 50,
+        size: float | None = None,
+        tables: tuple[Path, ...] = (),
+        reading: Literal["text", "table"] = "text",
+        fast: bool = False,
+        settings: IngestSettings = IngestSettings(),
+    ) -> None:
+        """Do a thing 100 % well.
+
+        In two paragraphs.
+
+        Args:
+            name: what to do it to.
+            out: where it goes,
+                in two lines.
+            count, size: how often and how large.
+            settings: the ingest section.
+        """
+        seen.update(locals())
+
+    return run_command("ingest", argv, command)
+
+
+def test_arguments_come_as_the_signature_types_them():
+    seen = {}
+    argv = ["arm", "--out", "o.json", "--tables", "a.csv", "b.csv", "--size", "2", "--fast"]
+    assert called([*argv, "--settings", '{"still_speed_deg_s": 1}'], seen) == 0
+    assert (seen["name"], seen["out"], seen["count"], seen["size"]) == (
+        "arm",
+        Path("o.json"),
+        50,
+        2.0,
+    )
+    assert seen["tables"] == (Path("a.csv"), Path("b.csv"))
+    assert (seen["reading"], seen["fast"]) == ("text", True)
+    assert seen["settings"] == IngestSettings(still_speed_deg_s=1)
+
+
+def test_what_is_not_given_keeps_its_default():
+    seen = {}
+    assert called(["arm", "--out", "o.json"], seen) == 0
+    assert (seen["size"], seen["tables"], seen["fast"]) == (None, (), False)
+    assert seen["settings"] == IngestSettings()
+
+
+def test_help_is_the_docstring(capsys):
+    with pytest.raises(SystemExit) as caught:
+        called(["--help"], {})
+    assert caught.value.code == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "usage: pa10cal ingest" in shown
+    assert "Do a thing 100 % well. In two paragraphs. positional" in shown
+    assert "--out OUT where it goes, in two lines --count" in shown
+    assert "how often and how large (default: 50)" in shown
+    assert "--reading {text,table}" in shown
+    assert "the ingest section: a JSON object, or the path of a YAML file" in shown
+    assert "--debug" in shown
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["--out", "o.json"],
+        ["arm"],
+        ["arm", "--out", "o.json", "--count", "many"],
+        ["arm", "--out", "o.json", "--reading", "other"],
+        ["arm", "--out", "o.json", "--colour", "red"],
+    ],
+)
+def test_wrong_use_is_refused_with_the_usage(argv, capsys):
+    with pytest.raises(SystemExit) as caught:
+        called(argv, {})
+    assert caught.value.code == REFUSED
+    assert "usage: pa10cal ingest" in capsys.readouterr().err
+
+
+def test_a_wrong_setting_is_refused_by_name(capsys):
+    argv = ["arm", "--out", "o.json", "--settings", '{"still_speed": 1}']
+    assert called(argv, {}) == REFUSED
+    message = capsys.readouterr().err
+    assert "pa10cal ingest: --settings: unknown key still_speed" in message
+    assert "did you mean 'still_speed_deg_s'?" in message
+
+
+def test_refusal_is_one_message_with_all_the_reader_needs(capsys):
+    assert run_command("ingest", ["--load", "0N"], failing(REFUSAL)) == REFUSED
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert shown.err == (
+        "pa10cal ingest: cmm.csv:7: not a number (got '1,5'); allowed: a decimal point; "
+        "export with points\n"
+    )
+
+
+def test_fault_is_told_from_a_refusal(capsys):
+    assert run_command("seed", ["--load", "0N"], failing(KeyError("x"))) == FAULT
+    message = capsys.readouterr().err
+    assert "internal fault: KeyError" in message
+    assert "--debug" in message
+    assert "Traceback" not in message
+
+
+def test_an_interrupted_command_says_so(capsys):
+    assert run_command("seed", ["--load", "0N"], failing(KeyboardInterrupt())) == INTERRUPTED
+    assert capsys.readouterr().err == "pa10cal seed: interrupted\n"
+
+
+@pytest.mark.parametrize(("error", "code"), [(REFUSAL, REFUSED), (KeyError("x"), FAULT)])
+def test_debug_shows_the_traceback_and_keeps_the_exit_code(error, code, capsys):
+    assert run_command("seed", ["--load", "0N", "--debug"], failing(error)) == code
+    message = capsys.readouterr().err
+    assert "Traceback (most recent call last)" in message
+    assert "in command" in message
+
+
+def test_one_thread_a_process_unless_the_user_says_otherwise(monkeypatch):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    limit_threads()
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
+    assert os.environ["OMP_NUM_THREADS"] == "2"
+
+
+def test_lists_the_commands(capsys):
+    assert main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert all(f"\n  {name} " in shown for name in COMMANDS)
+
+
+@pytest.mark.parametrize("words", [[], ["calibrat"], ["--colour"]])
+def test_without_a_command_the_list_is_shown_and_the_use_refused(words, capsys):
+    assert main(words) == REFUSED
+    assert "usage: pa10cal COMMAND" in capsys.readouterr().err
+
+
+def test_the_command_that_was_probably_meant_is_named(capsys):
+    assert main(["calibrat"]) == REFUSED
+    assert "did you mean 'calibrate'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_explains_itself_and_each_of_its_arguments(name, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main([name, "--help"])
+    assert caught.value.code == 0
+    assert f"usage: pa10cal {name}" in capsys.readouterr().out
+    documented = command_named(name).__doc__
+    arguments = [each for each in command_named(name).__annotations__ if each != "return"]
+    assert all(f"{argument}: " in documented for argument in arguments)
+
+
+def test_help_needs_no_heavy_library():
+    script = (
+        "import sys; from pa10cal.commands.command_line import COMMANDS, main\n"
+        "for words in (['--help'], *([name, '--help'] for name in COMMANDS)):\n"
+        "    try: main(words)\n"
+        "    except SystemExit: pass\n"
+        "heavy = {'numpy', 'scipy', 'pandas', 'pyarrow', 'matplotlib', 'pinocchio'}\n"
+        "sys.exit(' '.join(heavy & set(sys.modules)) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,93 @@
+"""The stages `curve_calibration` and `draw_curve_calibration`, called in process."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from pa10cal.commands.command_line import REFUSED, run_command
+
+FEW = {"individuals": 1, "postures": 80, "random_seed": 3}
+STARTS = {"starts": 2}
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    out = tmp_path_factory.mktemp("chain") / "calibration.json"
+    argv = ["--settings", json.dumps(FEW), "--calibration", json.dumps(STARTS)]
+    assert run_command("curve_calibration", [*argv, "--out", str(out)]) == 0
+    return out
+
+
+@pytest.fixture
+def found(path):
+    record = json.loads(path.read_text("utf-8"))
+    assert record["provenance"].startswith("synthetic")
+    return {(each["departs"], each["model"]): each for each in record["summaries"]}, record
+
+
+def test_errors_come_down_to_the_noise(found):
+    summaries, record = found
+    assert record["noise_floor_mm"] == pytest.approx(np.sqrt(8 / np.pi) * 0.05)
+    for departs in ("rows", "any_way"):
+        general = summaries[departs, "general"]
+        assert general["converged"] == 1
+        assert general["fitted"]["largest"] < 1.1
+        assert general["held_out"]["largest"] < 1.5
+    for model in ("two_level", "two_level_all"):
+        assert summaries["rows", model]["fitted"]["largest"] < 1.5
+    for individual in record["individuals"]:
+        assert individual["errors"]["nominal"]["fitted"]["mean_mm"] > 0.4
+        assert sum(individual["poses"]["held_out"]) == 20
+    assert 0.7 < summaries["rows", "two_level"]["rms_score"] < 1.4
+
+
+def test_rank_and_what_no_pose_tells(found):
+    summaries, record = found
+    general, paper = summaries["rows", "general"], summaries["rows", "two_level"]
+    assert (general["rank"], general["unknowns"]) == (54, 54)
+    assert general["null_directions"] == []
+    assert (paper["rank"], paper["unknowns"]) == (52, 54)
+    open_pairs = {frozenset(direction) for direction in paper["null_directions"]}
+    assert open_pairs == {
+        frozenset({"delta_d_1", "base_z"}),
+        frozenset({"delta_theta_1", "base_rz"}),
+    }
+    left_out = record["individuals"][0]["models"]["general"]["left_out"]
+    assert {"delta_d_1", "delta_theta_1", "delta_a_12", "delta_alpha_12"} <= set(left_out)
+
+
+def test_a_flange_that_departs_in_any_way_is_beyond_the_two_level_model(found):
+    summaries, _ = found
+    lacking = summaries["any_way", "two_level_all"]["held_out_true"]["mean"]
+    assert lacking > 1.2 * summaries["any_way", "general"]["held_out_true"]["mean"]
+
+
+def test_figure_and_table_are_drawn(path, tmp_path):
+    for name in ("curve_calibration", "curve_calibration_summary"):
+        argv = ["--figure", name, "--record", str(path), "--out-dir", str(tmp_path / name)]
+        assert run_command("draw_curve_calibration", argv) == 0
+    drawn = {file.suffix for file in (tmp_path / "curve_calibration").iterdir()}
+    assert drawn == {".svg", ".pdf", ".png"}
+    folder = tmp_path / "curve_calibration_summary"
+    with (folder / "curve_calibration_summary.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["rank"] for row in rows] == ["52", "52", "54"] * 2
+    said = (folder / "curve_calibration_summary.md").read_text("utf-8")
+    assert "| two-level (paper) | δd₁ − base z |" in said
+    assert "Synthetic data" in said
+
+
+def test_what_cannot_be_is_refused(tmp_path, path, capsys):
+    out = tmp_path / "c.json"
+    argv = ["--settings", '{"postures": 8}', "--out", str(out)]
+    assert run_command("curve_calibration", argv) == REFUSED
+    assert "fewer equations than unknowns" in capsys.readouterr().err
+    argv = ["--figure", "curve", "--record", str(path), "--out-dir", str(tmp_path)]
+    assert run_command("draw_curve_calibration", argv) == REFUSED
+    assert "no such figure or table" in capsys.readouterr().err
+    out.write_text("{}")
+    argv = ["--figure", "curve_calibration", "--record", str(out), "--out-dir", str(tmp_path)]
+    assert run_command("draw_curve_calibration", argv) == REFUSED
+    assert "run the curve_calibration stage again" in capsys.readouterr().err

@@ -1,0 +1,319 @@
+"""Discovery as a stage, on a small simulated campaign, and what is done with its model."""
+
+import csv
+import json
+import shutil
+
+import numpy as np
+import pytest
+import yaml
+
+from made_up_arm import Missing, at_joint, harmonic, measure
+from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.discovery.fit import as_read
+from pa10cal.stages.extended_record import base_of, extended_record, read_extended
+
+NAME = "small"
+SETTINGS = {
+    "random_seed": 7,
+    "built": "drawn",
+    "repeats": 4,
+    "holdout_points": 6,
+    "poses": {"tilt_seed": 3},
+    "hidden_effects": [
+        {"id": "transmission_error", "of": "joint 2", "parameters": {"A": 2e-4, "phi": 1.0}}
+    ],
+}
+OUTPUTS = ("verdict.json", "analysis.json", "extended.json", "suggested.csv")
+
+
+def read(path):
+    """Read JSON, without room for numbers that are not finite."""
+
+    def refuse(word):
+        raise ValueError(f"{word} in {path}")
+
+    return json.loads(path.read_text("utf-8"), parse_constant=refuse)
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """A raw campaign, its table of poses and its calibrated baseline."""
+    folder = tmp_path_factory.mktemp("work")
+    raw = str(folder / "raw")
+    table = ["--campaign-dir", raw, "--poses", str(folder / "poses.parquet")]
+    base = str(folder / "base.json")
+    quick = json.dumps({"starts": 1, "inner_subsets": 1})
+    made = ["--name", NAME, "--settings", json.dumps(SETTINGS)]
+    assert (
+        run_command("simulate", [*made, "--out", raw, "--truth", str(folder / "truth.json")]) == 0
+    )
+    logs = ["--campaign-dir", raw, "--quarantine", str(folder / "quarantine.csv")]
+    assert run_command("ingest", [*logs, "--out", str(folder / "poses.parquet")]) == 0
+    assert run_command("seed", [*table, "--out", base]) == 0
+    asked = ["--base-frame", base, "--load", "combined", "--settings", quick]
+    assert run_command("calibrate", [*table, *asked, "--out", str(folder / "combined.json")]) == 0
+    return folder
+
+
+def run_discover(work, out, settings=None, **given):
+    """Run the stage into a folder; `given` replaces paths."""
+    paths = {
+        "campaign-dir": work / "raw",
+        "poses": work / "poses.parquet",
+        "calibration": work / "combined.json",
+        "verdict": out / "verdict.json",
+        "analysis": out / "analysis.json",
+        "extended": out / "extended.json",
+        "suggested": out / "suggested.csv",
+    } | {key.replace("_", "-"): path for key, path in given.items()}
+    words = [word for key, path in paths.items() for word in (f"--{key}", str(path))]
+    return run_command(
+        "discover", [*words, "--settings", json.dumps(settings or {"suggestions": 2})]
+    )
+
+
+@pytest.fixture(scope="module")
+def found(work):
+    out = work / "discovery"
+    assert run_discover(work, out) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def verdict(found):
+    return read(found / "verdict.json")
+
+
+def run_evaluate(work, out, extended):
+    return run_command(
+        "evaluate",
+        [
+            *("--campaign-dir", str(work / "raw")),
+            *("--poses", str(work / "poses.parquet")),
+            *("--calibration", str(work / "combined.json")),
+            *("--extended", str(extended), "--out", str(out)),
+        ],
+    )
+
+
+def run_export(work, out, extended):
+    return run_command(
+        "export",
+        [
+            *("--calibration", str(work / "combined.json"), "--extended", str(extended)),
+            *("--model", str(out / "model.yaml"), "--urdf", str(out / "robot.urdf")),
+        ],
+    )
+
+
+class TestVerdict:
+    def test_names_what_was_hidden(self, verdict):
+        assert (verdict["schema"], verdict["campaign"]) == ("pa10cal-verdict/1", NAME)
+        assert verdict["provenance"].startswith("synthetic")
+        assert verdict["verdict"] == "named"
+        (effect,) = verdict["effects"]
+        assert (effect["id"], effect["of"]) == ("transmission_error", "joint 2")
+        assert effect["alternatives"] == []
+        hidden = SETTINGS["hidden_effects"][0]["parameters"]
+        assert set(effect["parameters"]) == set(hidden)
+        for key, entry in effect["parameters"].items():
+            assert set(entry) == {"value", "std", "unit"}
+            assert entry["unit"] == "rad"
+            assert abs(entry["value"] - hidden[key]) < 4.0 * entry["std"]
+
+    def test_says_what_decided(self, verdict):
+        evidence = verdict["effects"][0]["evidence"]
+        assert evidence["lost_without_it_nats"] > 10.0 * evidence["needed_nats"]
+        assert evidence["p_sign_flips_max_t"] <= evidence["p_needed"]
+        for key in ("poses_left_out", "loads_left_out"):
+            assert set(evidence[key]) == {"explained", "z"}
+            assert evidence[key]["explained"] > 0.8
+        assert verdict["search"]["needed_nats"] == pytest.approx(
+            np.log(verdict["search"]["candidates"] / verdict["search"]["error_rate"])
+        )
+
+    def test_has_the_gap_before_and_after_by_load(self, verdict):
+        gap = verdict["gap"]
+        assert gap["noise_floor_mm"] > 0.0
+        for kind in ("train", "holdout"):
+            before, after = gap[kind]["before"], gap[kind]["after"]
+            for accuracy in (before, after):
+                assert {"mean_mm", "peak_mm", "rms_mm"} <= set(accuracy)
+            assert before["mean_mm"] > 5.0 * after["mean_mm"]
+            low, high = gap[kind]["reduction"]["interval95_mm"]
+            assert 0.0 < low < gap[kind]["reduction"]["mean_mm"] < high
+        assert set(gap["train"]["per_load"]) == {"0N", "22N", "44N"}
+        assert gap["holdout"]["after"]["mean_mm"] < 2.0 * gap["noise_floor_mm"]
+
+    def test_lists_what_cannot_be_told_and_where_it_could(self, verdict, found):
+        assert verdict["unexplained"] is None
+        assert verdict["not_testable"]
+        for entry in verdict["not_testable"]:
+            assert {"id", "of", "why"} <= set(entry)
+        assert 1 <= len(verdict["suggested_poses"]) <= 2
+        with (found / "suggested.csv").open(encoding="utf-8", newline="") as table:
+            rows = list(csv.DictReader(table))
+        assert len(rows) == len(verdict["suggested_poses"])
+
+    def test_the_analysis_ends_where_the_verdict_does(self, verdict, found):
+        analysis = read(found / "analysis.json")
+        assert (analysis["campaign"], analysis["schema"]) == (NAME, "pa10cal-analysis/1")
+        assert analysis["steps"][-1]["effects"] == [{"id": "transmission_error", "of": "joint 2"}]
+        rows = analysis["gap"]["holdout"]
+        after = np.linalg.norm([row["after_mm"] for row in rows], axis=1)
+        assert after.mean() == pytest.approx(verdict["gap"]["holdout"]["after"]["mean_mm"])
+        assert {"before", "after"} <= set(analysis["parameter_shifts"][0])
+
+    def test_is_the_same_again(self, work, verdict, tmp_path):
+        assert run_discover(work, tmp_path, {"suggestions": 0}) == 0
+        again = read(tmp_path / "verdict.json")
+        assert again["suggested_poses"] == []
+        for key in ("effects", "gap", "search", "not_testable"):
+            assert again[key] == verdict[key]
+
+
+class TestExtendedModel:
+    def test_held_out_errors_are_those_of_the_verdict(self, work, found, verdict, tmp_path):
+        out = tmp_path / "holdout.json"
+        assert run_evaluate(work, out, found / "extended.json") == 0
+        models = read(out)["models"]
+        after = verdict["gap"]["holdout"]["after"]
+        for key in ("mean_mm", "peak_mm", "rms_mm"):
+            assert models["extended"][key] == pytest.approx(after[key], rel=1e-9)
+            assert models["cubic"][key] > 5.0 * models["extended"][key]
+
+    def test_it_is_exported_with_its_effects(self, work, found, verdict, tmp_path):
+        assert run_export(work, tmp_path, found / "extended.json") == 0
+        model = yaml.safe_load((tmp_path / "model.yaml").read_text("utf-8"))
+        (effect,) = model["effects"]
+        assert (effect["id"], effect["of"]) == ("transmission_error", "joint 2")
+        assert effect["parameters"] == verdict["effects"][0]["parameters"]
+        extended, baseline = read(found / "extended.json"), read(work / "combined.json")
+        assert model["parameters"] == extended["parameters"]
+        assert set(extended["parameters"]) == set(baseline["parameters"])
+        assert (tmp_path / "robot.urdf").read_text("utf-8").startswith("<?xml")
+
+    def test_with_nothing_named_the_calibrated_model_is_exported(self, work, found, tmp_path):
+        record = read(found / "extended.json") | {"effects": [], "named": []}
+        path = tmp_path / "extended.json"
+        path.write_text(json.dumps(record), "utf-8")
+        assert run_export(work, tmp_path, path) == 0
+        model = yaml.safe_load((tmp_path / "model.yaml").read_text("utf-8"))
+        assert model["effects"] == []
+        assert model["parameters"] == read(work / "combined.json")["parameters"]
+
+
+def test_the_extended_model_is_restored_as_it_was_fitted(tmp_path):
+    def log(states):
+        return at_joint(3, 3.0 * states.arrival[:, 2])
+
+    made = measure(Missing(turn=harmonic(2, 100.0, 2e-4), log=log))
+    found = made.discovery
+    extended = found.extended
+    assert {effect.id for effect in extended.effects} == {"transmission_error", "friction_torque"}
+    record = json.loads(json.dumps(extended_record(found)))
+    baseline, model, x, T_instr_base = read_extended(record, made.baseline.model, tmp_path)
+    assert model.terms[-2:] == extended.effects
+    poses = found.problem.cells
+    T = T_instr_base @ model.predict(poses.states, x)
+    expected = extended.level.T_instr_base @ extended.model.predict(poses.states, extended.x)
+    np.testing.assert_allclose(T, expected, atol=1e-12)
+    np.testing.assert_allclose(T_instr_base, base_of(extended), atol=1e-15)
+    np.testing.assert_array_equal(baseline.x, made.baseline.x)
+    places_m = np.array(record["targets_off_m"])
+    off = as_read(T_instr_base @ model.predict(poses.states, x), np.eye(4), poses, places_m) - T
+    assert 0.0 < np.abs(off).max() < 1e-4
+
+
+class TestRefused:
+    @pytest.mark.parametrize(
+        ("given", "message"),
+        [
+            ({"calibration": "gone.json"}, "the record cannot be read"),
+            ({"poses": "gone.parquet"}, "the table of poses cannot be read"),
+            ({"campaign_dir": "gone"}, "campaign.yaml"),
+            ({"calibration": "truth.json"}, "not a record of this kind"),
+        ],
+    )
+    def test_inputs_that_are_not_there(self, work, tmp_path, capsys, given, message):
+        given = {key: work / name for key, name in given.items()}
+        assert run_discover(work, tmp_path, **given) == REFUSED
+        assert message in capsys.readouterr().err
+        assert not list(tmp_path.iterdir())
+
+    def test_results_of_another_campaign(self, work, tmp_path, capsys):
+        other = tmp_path / "other.json"
+        other.write_text(json.dumps(read(work / "combined.json") | {"campaign": "other"}), "utf-8")
+        out = tmp_path / "out"
+        assert run_discover(work, out, calibration=other) == REFUSED
+        assert "another campaign" in capsys.readouterr().err
+        shutil.copytree(work / "raw", tmp_path / "raw")
+        described = yaml.safe_load((tmp_path / "raw" / "campaign.yaml").read_text("utf-8"))
+        (tmp_path / "raw" / "campaign.yaml").write_text(
+            yaml.safe_dump(described | {"name": "other"}), "utf-8"
+        )
+        assert run_discover(work, out, campaign_dir=tmp_path / "raw") == REFUSED
+        assert "another campaign" in capsys.readouterr().err
+        assert not out.exists()
+
+    @pytest.mark.parametrize(
+        ("settings", "message"),
+        [
+            ({"error_rate": 0.0}, "error_rate"),
+            ({"error_rate": 1.0}, "error_rate"),
+            ({"load_uncertainty": -0.1}, "load_uncertainty"),
+            ({"suggestions": -1}, "suggestions"),
+            ({"suggestion": 1}, "did you mean 'suggestions'"),
+        ],
+    )
+    def test_settings_out_of_range(self, work, tmp_path, capsys, settings, message):
+        assert run_discover(work, tmp_path, settings) == REFUSED
+        assert message in capsys.readouterr().err
+        assert not list(tmp_path.iterdir())
+
+    def test_an_output_that_cannot_be_written(self, work, tmp_path, capsys):
+        taken = tmp_path / "verdict.json"
+        taken.mkdir()
+        assert run_discover(work, tmp_path, {"suggestions": 0}) == REFUSED
+        assert "cannot be written" in capsys.readouterr().err
+        assert list(tmp_path.iterdir()) == [taken]  # not one of the others without it
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            lambda record: {"effects": [{**record["effects"][0], "id": "nonsense"}]},
+            lambda record: {"effects": [{**record["effects"][0], "of": "joint 9"}]},
+            lambda record: {"effects": [{**record["effects"][0], "x": [1e-4]}]},
+            lambda record: {"effects": [{**record["effects"][0], "x": ["a", "b"]}]},
+            lambda record: {"x": record["x"][:-1]},
+            lambda record: {"x": [float("nan"), *record["x"][1:]]},
+            lambda record: {"baseline": {}},
+            lambda record: {"baseline": {**record["baseline"], "x": [0.0]}},
+            lambda record: {"context": {}},
+            lambda record: {"T_instr_base": [[1.0]]},
+            lambda record: {"targets_off_m": record["targets_off_m"][:-1]},
+            lambda record: {"targets_off_m": "none"},
+            lambda record: {"campaign": "other"},
+            lambda record: {"schema": "pa10cal-verdict/1"},
+        ],
+    )
+    def test_a_spoilt_extended_model_is_not_evaluated(self, work, found, tmp_path, capsys, change):
+        record = read(found / "extended.json")
+        path = tmp_path / "extended.json"
+        path.write_text(json.dumps(record | change(record)), "utf-8")
+        out = tmp_path / "out" / "holdout.json"
+        assert run_evaluate(work, out, path) == REFUSED
+        assert str(path) in capsys.readouterr().err
+        assert not out.exists()
+
+    @pytest.mark.parametrize("key", ["effects", "parameters", "x", "named", "T_instr_base"])
+    def test_an_incomplete_extended_model_is_not_exported(self, work, found, tmp_path, capsys, key):
+        record = read(found / "extended.json")
+        del record[key]
+        path = tmp_path / "extended.json"
+        path.write_text(json.dumps(record), "utf-8")
+        out = tmp_path / "out"
+        assert run_export(work, out, path) == REFUSED
+        assert str(path) in capsys.readouterr().err
+        assert not out.exists()

@@ -1,0 +1,104 @@
+"""The stage: what it writes, what it refuses, and that threads change nothing."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from pa10cal.commands.command_line import run_command
+from pa10cal.montecarlo.sampling import BLOCK_CYCLES
+
+SMALL = {"cycles": 400, "positions": 20, "map_spacing_mm": 200}
+
+
+def arguments(out, plane_mm=500, robot="pa10_6ce", **settings):
+    words = ["--campaign", "cell-a", "--robot", robot, "--plane-mm", str(plane_mm)]
+    return [*words, "--settings", json.dumps({**SMALL, **settings}), "--out", str(out)]
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    path = tmp_path_factory.mktemp("montecarlo") / "deep/z500.json"
+    assert run_command("montecarlo", arguments(path)) == 0
+    return path
+
+
+def test_result_has_the_keys_of_the_contract(out):
+    result = json.loads(out.read_text(encoding="utf-8"))
+    assert result["schema"] == "pa10cal-montecarlo/1"
+    assert (result["campaign"], result["robot"], result["plane_mm"]) == ("cell-a", "pa10_6ce", 500)
+    assert (result["cycles"], result["positions"]) == (400, 20)
+    assert result["reach_m"] == [0.5, 0.9]
+    assert "down" in result["attitude"]
+    assert "base z axis" in result["reach_is"]
+    assert result["mean_mm"] == pytest.approx(result["closed_form_mean_mm"], rel=0.03)
+    assert result["std_mm"] == pytest.approx(result["closed_form_std_mm"], rel=0.05)
+    relative = result["mean_mm"] / result["closed_form_mean_mm"] - 1
+    assert result["closed_form_relative_difference"] == pytest.approx(relative, abs=1e-5)
+    within, between = result["std_mm"], result["std_between_mm"]
+    assert result["std_total_mm"] == pytest.approx((within**2 + between**2) ** 0.5, rel=0.02)
+
+
+def test_result_can_be_plotted(out):
+    result = json.loads(out.read_text(encoding="utf-8"))
+    trace = result["convergence"]
+    assert trace["cycles"][-1] == 400
+    assert trace["mean_mm"][-1] == result["mean_mm"]
+    assert trace["half_width95_mm"][-1] == result["half_width95_cycles_mm"]
+    assert len(trace["cycles"]) == len(trace["mean_mm"]) == len(trace["half_width95_mm"])
+    for table, rows in (("per_position", 20), ("map", None)):
+        columns = len(result[table]["columns"])
+        assert all(len(row) == columns for row in result[table]["rows"])
+        assert rows in (None, len(result[table]["rows"]))
+    x_mm, _, value = result["map"]["rows"][0]
+    assert x_mm % 200 == pytest.approx(0, abs=1e-6)
+    assert 0.1 < value < 0.3
+
+
+def test_progress_and_summary(tmp_path, capsys):
+    assert run_command("montecarlo", arguments(tmp_path / "z.json")) == 0
+    output = capsys.readouterr()
+    lines = output.err.splitlines()
+    assert 2 <= len(lines) <= 10
+    assert lines[-1].startswith("montecarlo z = 500 mm: 100 %")
+    assert "cycles/s" in lines[-1]
+    assert output.out.startswith("cell-a z = 500 mm: 0.1")
+
+
+def test_threads_change_no_byte(tmp_path):
+    """Blocks are full here, since that is where BLAS might share out the work."""
+    files = []
+    for threads in ("1", "2"):
+        path = tmp_path / f"{threads}.json"
+        words = arguments(path, cycles=BLOCK_CYCLES + 10, positions=3)
+        variables = {**os.environ, "OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads}
+        command = [sys.executable, "-m", "pa10cal", "montecarlo", *words]
+        subprocess.run(command, env=variables, check=True, capture_output=True)
+        files.append(path.read_bytes())
+    assert files[0] == files[1]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"cycles": 1}, "cycles does not fit (got 1)"),
+        ({"positions": 0}, "positions does not fit (got 0)"),
+        ({"reach_m": [0.9, 0.5]}, "the nearer first"),
+        ({"reach_m": [0.5]}, "reach_m"),
+        ({"sigma_deg": 0}, "sigma_deg does not fit (got 0)"),
+        ({"sigma_degrees": 0.01}, "did you mean 'sigma_deg'?"),
+        ({"plane_mm": 1500}, "cannot reach this plane with its flange pointing down (got 1500)"),
+        ({"reach_m": [1.3, 1.5]}, "1.3 to 1.5 m"),
+        ({"map_spacing_mm": 0.5}, "too fine"),
+        ({"robot": "pa11"}, "unknown robot (got 'pa11'); allowed: "),
+    ],
+)
+def test_refusals(tmp_path, capsys, changes, message):
+    out = tmp_path / "z.json"
+    assert run_command("montecarlo", arguments(out, **changes)) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
