@@ -107,7 +107,7 @@ def test_a_rigid_motion_of_the_curve_moves_the_points_with_it(seed, link_m):
     [
         (line(1.0), 0.1, None, 10, Ending.EXACT, 0.0, 0.0),
         (line(1.0), 0.3, None, 3, Ending.USED_UP, 0.1, 0.1),
-        (line(1.0), 0.3, 2, 2, Ending.GENERAL, 0.4, 0.4),
+        (line(1.0), 0.3, 2, 2, Ending.COMPLETE, 0.4, 0.4),
         (circle(1.0), 2.1, None, 0, Ending.INSIDE, 2 * np.pi, 0.0),
         (circle(1.0), 1.0, None, 6, Ending.EXACT, 0.0, 0.0),
         (circle(1.0), 1.9, None, 2, Ending.USED_UP, 2 * np.pi - 4 * np.arcsin(0.95), None),

@@ -32,7 +32,7 @@ _SHORTER = tuple(ulps * float(np.finfo(float).eps) for ulps in (0, 1, 2, 4, 8, 1
 class Ending(Enum):
     """How the points of a curve end."""
 
-    GENERAL = "the links asked for are laid"
+    COMPLETE = "the links asked for are laid"
     EXACT = "the last link ends at the curve's end"
     USED_UP = "what is left of the curve is shorter than a link"
     INSIDE = "what is left of the curve stays nearer than a link"
@@ -206,7 +206,7 @@ def _fit_summary(curve: Curve, link_m: float, laid: _Laid, wanted: int) -> Point
     if max(left_m, gap_m) <= len(laid.t) * same_m:
         ending = Ending.EXACT
     elif len(laid.touches) == wanted:
-        ending = Ending.GENERAL
+        ending = Ending.COMPLETE
     else:
         ending = Ending.USED_UP if left_m < link_m else Ending.INSIDE
     return Points(link_m, laid.t, laid.p_m, laid.touches, ending, left_m, gap_m)
