@@ -73,3 +73,4 @@ lock:
 
 schema: setup
 	$(BIN)/python -m pa10cal.planning.schema workflow/schemas/config.schema.json
+	$(BIN)/python -m pa10cal.results.docs

@@ -1,0 +1,1 @@
+"""One typed record per result file, used by the writer and by every reader."""

@@ -1,0 +1,285 @@
+"""`calibration/<load>.json`: a calibration with the paper's model or with the general one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, JsonValue
+
+from pa10cal.results.accuracy import Accuracy, BeforeAfter, Parameter, ResidualRows, Status
+from pa10cal.results.arrays import Shape
+from pa10cal.results.health import Health
+from pa10cal.results.record import (
+    Key,
+    LoadKey,
+    Matrix3,
+    MeasuredRecord,
+    Numbers,
+    ParameterKey,
+    Part,
+    PoseMatrix,
+    Record,
+    optional,
+)
+
+Square = Annotated[NDArray[np.float64], Shape("k", "k")]
+
+
+class CalibratedParameter(Parameter):
+    """A parameter of a calibration."""
+
+    at_bound: bool = Field(description="whether it is at the end of its physical range")
+    settled: bool | None = optional(
+        "true where it was not fitted: the start gives it better than the poses do"
+    )
+
+
+class Covariance(Part):
+    """Covariance of parameters."""
+
+    names: tuple[str, ...] = Field(description="names of the parameters, in the matrix's order")
+    matrix: Square = Field(description="covariance, in products of the parameters' units")
+
+
+class Fit(Part):
+    """How a fit ended, its parameters, and where the base frame is."""
+
+    status: Status = Field(description="whether it converged")
+    reason: str = Field(description="why it stopped")
+    cost: float = Field(description="sum of squares at its end, as the estimator weighs it")
+    iterations: int = Field(description="steps taken")
+    parameters: Mapping[ParameterKey, CalibratedParameter] = Field(
+        description="every parameter by name"
+    )
+    covariance: Covariance = Field(description="covariance of the parameters fitted")
+    T_instr_base: PoseMatrix = Field(description="base frame in the instrument's frame [m]")
+
+
+class LinearFit(Fit):
+    """The fit of the paper's model with linear springs."""
+
+    starts: int = Field(description="starts tried")
+    starts_agreeing: int = Field(description="starts that ended in this minimum")
+    after: Mapping[LoadKey, Accuracy] = Field(description="errors at each load")
+
+
+class Spring(Part):
+    """A linear joint spring of the general model."""
+
+    joint: int = Field(description="joint, from 1")
+    tau_ref_Nm: float = Field(description="torque at which its parameter is the windup [N m]")
+
+
+class Solved(Part):
+    """What restores a fit of the general model."""
+
+    links: tuple[str, ...] = Field(description="link departures fitted")
+    springs: tuple[Spring, ...] = Field(description="joint springs fitted")
+    tool: tuple[str, ...] = Field(description="motions of the tool fitted")
+    x: Numbers = Field(description="their values, in this order [rad, m]")
+    places_m: Numbers = Field(description="places of the targets, one after the other [m]")
+    R_ee_target: Matrix3 = Field(description="attitude of the target in the end-effector frame")
+
+
+class GeneralFit(Fit):
+    """A fit of the general model."""
+
+    freedoms: int = Field(description="residual degrees of freedom")
+    scatter: Mapping[Annotated[str, Key("kind")], float] = Field(
+        description="standard deviation of residuals, of `position` [m] and `attitude` [rad]"
+    )
+    solved: Solved = Field(description="what restores the model")
+
+
+class Observability(Part):
+    """Observability indices of the identified directions (Sun and Hollerbach, 2008)."""
+
+    O1: float = Field(
+        description="geometric mean of the singular values over the root of the number of poses"
+    )
+    O2: float = Field(description="smallest singular value over the largest")
+    O3: float = Field(description="smallest singular value")
+    O4: float = Field(description="smallest singular value squared over the largest")
+    O5: float = Field(description="reciprocal of the sum of reciprocals of the singular values")
+
+
+class LoadErrors(BeforeAfter):
+    """Errors at one load, of the nominal and of the calibrated model."""
+
+
+class PaperErrors(LoadErrors):
+    """Errors at one load with the paper's model."""
+
+    before_seed_frame: Accuracy = Field(
+        description="of the nominal model with the base frame of the straight moves alone"
+    )
+
+
+class GeneralErrors(LoadErrors):
+    """Errors at one load with the general model."""
+
+    geometry: Accuracy = Field(description="of the calibrated model without springs")
+
+
+class CalibrationRecord(Fit, MeasuredRecord):
+    """What `calibration/<load>.json` holds whatever the model."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-calibration/1"
+    FILE: ClassVar[str] = "calibration/<load>.json"
+    COMMAND: ClassVar[str] = "calibrate"
+
+    robot: str = Field(description="name of the arm")
+    load: str = Field(description="load case: `0N`, `22N`, ..., `combined` or `general`")
+    model: str = Field(description="which model it is: `paper` or `general`")
+    loads_fitted: tuple[float, ...] = Field(description="loads of the poses fitted [N]")
+    starts: int = Field(description="starts tried")
+    starts_agreeing: int = Field(description="starts that ended in this minimum")
+    rank: int = Field(description="directions of parameter space that the data identify")
+    unknowns: int = Field(description="parameters fitted, the base frame's too")
+    condition: float = Field(description="condition number over the identified directions")
+    singular_values: Numbers = Field(
+        description="singular values of the Jacobian in scaled parameters, descending"
+    )
+    null_directions: tuple[Mapping[ParameterKey, float], ...] = Field(
+        description="directions that are not identifiable, as weights of parameters"
+    )
+    observability: Observability = Field(description="observability indices")
+    errors: Mapping[LoadKey, LoadErrors] = Field(description="errors at each load")
+    residuals: ResidualRows = Field(description="residual of every calibration pose")
+    health: Health = Field(description="whether the calibration is good")
+    warnings: tuple[str, ...] = Field(description="what to know before the fit is trusted")
+    seconds: float = Field(description="time taken [s]")
+    settings: Mapping[Annotated[str, Key("option")], JsonValue] = Field(
+        description="section `calibration` of the settings it was run with"
+    )
+
+    @property
+    def fits(self) -> Mapping[str, Fit]:
+        """Return every fit that the file holds, by its key; the calibration itself has none."""
+        return {"": self}
+
+    @classmethod
+    def kinds(cls) -> tuple[type[Record], ...]:
+        """Return a type for each model."""
+        return (PaperCalibration, GeneralCalibration) if cls is CalibrationRecord else (cls,)
+
+    @classmethod
+    def kind_of(cls, content: dict[str, Any]) -> type[Record]:
+        """Return the type of the model named."""
+        if cls is not CalibrationRecord:
+            return cls
+        return GeneralCalibration if content.get("model") == "general" else PaperCalibration
+
+
+class WeakDirection(Part):
+    """An identified direction whose uncertainty is larger than its tolerance."""
+
+    std_over_tolerance: float = Field(description="standard uncertainty over tolerance")
+    weights: Mapping[ParameterKey, float] = Field(description="its weights of parameters")
+
+
+class InnerDependence(Part):
+    """Spread of the parameters over random choices of the inner poses."""
+
+    choices: int = Field(description="random choices tried")
+    std: Mapping[ParameterKey, float] = Field(
+        description="standard deviation over the choices, in each parameter's unit"
+    )
+    mean_mm: Numbers = Field(description="mean position error of each choice [mm]")
+
+
+class OneLevel(Part):
+    """The same model fitted on one level."""
+
+    largest_difference: float = Field(
+        description="of parameters in scaled units, with all poses on the inner level"
+    )
+    mean_mm: float = Field(description="mean position error of the one-level fit [mm]")
+    shift_over_std: Mapping[ParameterKey, float] = Field(
+        description="one-level minus two-level value, in standard uncertainties"
+    )
+
+
+class SeedDifference(Part):
+    """How far the base frame ended from its seed."""
+
+    angle_deg: float = Field(description="angle between them [deg]")
+    distance_mm: float = Field(description="distance of their origins [mm]")
+
+
+class LCurvePoint(Part):
+    """One weight of the tolerance terms."""
+
+    weight: float = Field(description="weight of the tolerance terms")
+    misfit: float = Field(description="norm of the residuals")
+    departure: float = Field(description="norm of the parameters over their tolerances")
+    mean_mm: float = Field(description="mean position error [mm]")
+
+
+class PaperCalibration(CalibrationRecord):
+    """`calibration/<load>.json` of the paper's model."""
+
+    model: Literal["paper"] = Field("paper", description="the paper's model")
+    errors: Mapping[LoadKey, PaperErrors] = Field(description="errors at each load")
+    weak_directions: tuple[WeakDirection, ...] = Field(
+        description="identified directions, but worse than their tolerance"
+    )
+    inner_poses: tuple[str, ...] = Field(description="poses that the inner level is fitted to")
+    inner_dependence: InnerDependence = Field(
+        description="how the result depends on the choice of inner poses"
+    )
+    one_level: OneLevel = Field(description="the same model fitted on one level")
+    seed_difference: SeedDifference = Field(description="base frame found, against its seed")
+    linear: LinearFit = Field(description="the fit with linear springs")
+    l_curve: tuple[LCurvePoint, ...] = Field(
+        description="misfit against departure over the weight of the tolerance terms"
+    )
+
+    @property
+    def fits(self) -> Mapping[str, Fit]:
+        """Return the fit with cubic springs, and that with linear ones."""
+        return {"": self, "linear": self.linear}
+
+
+class Redundant(Part):
+    """A parameter that others replace exactly, so it was not fitted."""
+
+    name: str = Field(description="the parameter")
+    said_by: Mapping[ParameterKey, float] = Field(
+        description="parameters that do the same, with how much of each"
+    )
+
+
+class SuspectedOutlier(Part):
+    """A pose far outside the scatter of the others."""
+
+    row: int = Field(description="row among the calibration poses, from 0")
+    pose: str = Field(description="label of the pose")
+    load_N: float = Field(description="load [N]")
+    distance: float = Field(description="distance in units of the scatter")
+    weight: float = Field(description="weight that the fit gave it, from 0 to 1")
+    why: str = Field(description="what is odd about it")
+
+
+class GeneralCalibration(GeneralFit, CalibrationRecord):
+    """`calibration/<load>.json` of the general model."""
+
+    model: Literal["general"] = Field("general", description="the general model")
+    errors: Mapping[LoadKey, GeneralErrors] = Field(description="errors at each load")
+    redundant: tuple[Redundant, ...] = Field(description="parameters not fitted, being redundant")
+    springs: tuple[int, ...] = Field(description="joints with a spring, from 1")
+    torques_from: str = Field(
+        description="where joint torques come from: `logged`, `masses` or `none`"
+    )
+    before_is: str = Field(description="what `before` is in the errors")
+    geometry: GeneralFit = Field(description="the fit without springs")
+    nominal: GeneralFit = Field(description="the fit of base and tool alone, the arm nominal")
+    doubted: tuple[SuspectedOutlier, ...] = Field(description="suspected outliers")
+
+    @property
+    def fits(self) -> Mapping[str, Fit]:
+        """Return the whole fit, that without springs, and that of the frames alone."""
+        return {"": self, "geometry": self.geometry, "nominal": self.nominal}

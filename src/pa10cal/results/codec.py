@@ -1,0 +1,154 @@
+"""Records from and to JSON files."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+from pydantic_core import from_json
+
+from pa10cal.errors import RecordError
+from pa10cal.files.output import whole_file
+from pa10cal.results.record import Record
+
+_R = TypeVar("_R", bound=Record)
+
+#: Letters of an offending value that are shown.
+_MOST_LETTERS = 80
+
+
+def read(kind: type[_R], path: Path, campaign: str | None = None) -> _R:
+    """Read a record; keys that its type does not know are passed over.
+
+    Args:
+        kind: its type.
+        path: the file.
+        campaign: whose it must be; None for any.
+
+    Raises:
+        RecordError: when the file is missing or cannot be read, is another kind of file or of
+            another campaign, lacks a key, or holds what the key does not allow.
+    """
+    try:
+        content = from_json(path.read_bytes(), allow_inf_nan=False)
+    except FileNotFoundError:
+        raise RecordError(
+            "the record is missing",
+            where=str(path),
+            allowed=f"a file that pa10cal {kind.COMMAND} wrote",
+            remedy=f"run pa10cal {kind.COMMAND} first",
+        ) from None
+    except (OSError, ValueError) as error:
+        raise RecordError(
+            "the record cannot be read",
+            where=str(path),
+            value=str(error),
+            allowed=f"a JSON file with schema {kind.SCHEMA}",
+            remedy=_again(kind),
+        ) from None
+    return _checked(kind, content, str(path), campaign)
+
+
+def read_lines(kind: type[_R], path: Path) -> list[_R]:
+    """Read a file of records, one a line.
+
+    Raises:
+        RecordError: as `read` does, naming the line.
+    """
+    try:
+        lines = path.read_bytes().splitlines()
+        contents = [from_json(line, allow_inf_nan=False) for line in lines]
+    except (OSError, ValueError) as error:
+        raise RecordError(
+            "the records cannot be read",
+            where=str(path),
+            value=str(error),
+            allowed=f"one line of schema {kind.SCHEMA} each",
+            remedy=_again(kind),
+        ) from None
+    return [
+        _checked(kind, content, f"{path}:{number}", None)
+        for number, content in enumerate(contents, start=1)
+    ]
+
+
+def write(record: Record, path: Path) -> None:
+    """Write a record, whole or not at all.
+
+    Raises:
+        OutputError: when the file cannot be written.
+    """
+    text = record.model_dump_json(indent=1)
+    with whole_file(path) as beside:
+        beside.write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+def lines(records: Iterable[Record]) -> str:
+    """Return records as text, one a line."""
+    return "".join(record.model_dump_json() + "\n" for record in records)
+
+
+def _checked(kind: type[_R], content: Any, where: str, campaign: str | None) -> _R:
+    """Return the record of what a file, or a line of it, holds."""
+    found = content.get("schema") if isinstance(content, dict) else None
+    if found != kind.SCHEMA:
+        raise RecordError(
+            "not a record of this kind",
+            where=where,
+            value=found,
+            allowed=f"schema {kind.SCHEMA}",
+            remedy=f"give a file that pa10cal {kind.COMMAND} wrote",
+        )
+    if campaign is not None and content.get("campaign") != campaign:
+        raise RecordError(
+            "the record is of another campaign",
+            where=where,
+            value=content.get("campaign"),
+            allowed=campaign,
+            remedy="give the results of this campaign, or run its commands again",
+        )
+    try:
+        record = kind.kind_of(content).model_validate(content, extra="ignore")
+    except ValidationError as error:
+        raise _refusal(kind, error, where) from None
+    assert isinstance(record, kind)
+    return record
+
+
+def _refusal(kind: type[Record], error: ValidationError, where: str) -> RecordError:
+    """Say what is wrong with the first key that is."""
+    first, *others = error.errors(include_url=False)
+    key = ".".join(str(part) for part in first["loc"])
+    more = f", and {len(others)} more" if others else ""
+    if first["type"] == "missing":
+        return RecordError(
+            f"the record lacks {key}{more}",
+            where=where,
+            allowed=f"every key of schema {kind.SCHEMA}",
+            remedy=_again(kind),
+        )
+    return RecordError(
+        f"{key or 'the record'} is not as it should be{more}",
+        where=where,
+        value=_Shortened(first["input"]),
+        allowed=first["msg"].removeprefix("Input should be ").removeprefix("Value error, "),
+        remedy=_again(kind),
+    )
+
+
+def _again(kind: type[Record]) -> str:
+    return f"run pa10cal {kind.COMMAND} again"
+
+
+class _Shortened:
+    """A value of any size, shown in brief."""
+
+    def __init__(self, value: object) -> None:
+        self._text = reprlib.repr(value)
+
+    def __repr__(self) -> str:
+        more = len(self._text) > _MOST_LETTERS
+        return f"{self._text[: _MOST_LETTERS - 4]} ..." if more else self._text

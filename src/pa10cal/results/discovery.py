@@ -1,0 +1,371 @@
+"""`discovery/verdict.json` and `extended.json`: what is missing, and the model with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from pa10cal.results.accuracy import BeforeAfter, EffectParameter, Parameter
+from pa10cal.results.arrays import Shape
+from pa10cal.results.record import (
+    LoadKey,
+    MeasuredRecord,
+    Numbers,
+    ParameterKey,
+    Part,
+    PoseMatrix,
+    Vector3,
+    optional,
+)
+
+Verdict = Literal["none", "named", "ambiguous", "unexplained"]
+
+
+class EffectName(Part):
+    """An effect and where it sits."""
+
+    id: str = Field(description="id of the effect")
+    of: str = Field(description="where it sits: `joint 2`, `forearm`, `base`, ...")
+
+    @property
+    def words(self) -> str:
+        """Return it as readers see it: `transmission error, joint 2`."""
+        return f"{self.id.replace('_', ' ')}, {self.of.replace('_', ' ')}"
+
+
+class Fading(Part):
+    """How the amplitudes of a map fade with their order."""
+
+    size_rad: float = Field(description="standard deviation of an amplitude of low order [rad]")
+    half_order: float = Field(description="order at which amplitudes are half as large")
+
+
+class MapForm(Part):
+    """Spacing and smoothness of a map that has its own."""
+
+    knots: int = Field(description="knots a turn")
+    fading: Fading = Field(description="how its amplitudes fade with their order")
+
+
+class PosesHeldOut(Part):
+    """Error of poses held out of the fit that an effect explains."""
+
+    explained: float = Field(description="part of the squared error that the effect explains")
+    z: float = Field(description="mean gain over poses, in standard errors")
+
+
+class EvidenceByRepeats(Part):
+    """Statistics that decided about an effect, against the scatter of repeats."""
+
+    lost_without_it_nats: float = Field(description="log evidence lost without the effect")
+    needed_nats: float = Field(description="log evidence needed")
+    p_sign_flips_max_t: float = Field(description="p value of the sign-flip test")
+    p_needed: float = Field(description="p value needed")
+    poses_left_out: PosesHeldOut = Field(description="cross-validation over poses")
+    loads_left_out: PosesHeldOut | None = Field(
+        description="cross-validation over loads; null where there is one load only"
+    )
+
+
+class BlocksHeldOut(Part):
+    """How well blocks of poses held out of the fit are predicted."""
+
+    rms_without_mm: float = Field(description="root mean square error without the effect [mm]")
+    rms_with_mm: float = Field(description="root mean square error with it [mm]")
+    blocks: int = Field(description="blocks of poses")
+    improved: int = Field(description="blocks that the effect predicts better")
+    gain: float = Field(description="part of the weighted squared error that it explains")
+    gain_std: float = Field(description="standard error of the gain")
+    z: float = Field(description="gain in standard errors")
+
+
+class EvidenceByBlocks(Part):
+    """Statistics that decided about an effect, by blocks of poses."""
+
+    blocks_left_out: BlocksHeldOut = Field(description="cross-validation over blocks of poses")
+
+
+class NamedEffect(EffectName):
+    """An effect that was named."""
+
+    parameters: Mapping[ParameterKey, EffectParameter] = Field(description="its parameters")
+    alternatives: tuple[EffectName, ...] = Field(
+        description="effects that explain the data as well in its place"
+    )
+
+
+class FoundEffect(NamedEffect):
+    """An effect that was named, with what decided."""
+
+    form: MapForm | None = Field(
+        description="form of a map that has its own; null for every other effect"
+    )
+    evidence: EvidenceByRepeats | EvidenceByBlocks = Field(
+        description="the statistics that decided"
+    )
+
+
+class Unexplained(Part):
+    """Something without a name."""
+
+    of: str | None = Field(description="where it sits; null where the data do not say")
+    form: str | None = Field(description="the smooth function that predicts it; null if none does")
+    shared_error_mm: float | None = Field(
+        description="its position error [mm]; null where it has been modelled by a map"
+    )
+    why: str = Field(description="why it has no name")
+
+
+class AllUnexplained(Unexplained):
+    """Everything without a name; the keys beside `all` are those of the largest."""
+
+    all: tuple[Unexplained, ...] = Field(description="every place, the largest first")
+
+
+class NotTestable(EffectName):
+    """An effect that the data cannot show."""
+
+    why: str = Field(description="why not")
+
+
+class Reduction(Part):
+    """Mean reduction of the position error, poses being the unit."""
+
+    mean_mm: float = Field(description="mean reduction [mm]")
+    interval95_mm: tuple[float, float] = Field(description="its 95 % interval [mm]")
+    poses: int = Field(description="number of poses")
+
+
+class LoadGap(BeforeAfter):
+    """The gap at one load."""
+
+    reduction: Reduction = Field(description="mean reduction of the error")
+
+
+class SetGap(LoadGap):
+    """The gap over some configurations."""
+
+    noise_floor_mm: float = Field(
+        description="mean position error that repeatability alone leaves [mm]"
+    )
+    per_load: Mapping[LoadKey, LoadGap] = Field(description="the gap at each load")
+    inside: BeforeAfter | None = Field(
+        description="inside the joint angles that the fit has seen; null where effects were judged "
+        "by repeats, or no configuration is"
+    )
+    extrapolated: BeforeAfter | None = Field(description="outside them; null likewise")
+
+
+class Gap(Part):
+    """The error before (calibrated model) and after (with the named effects)."""
+
+    noise_floor_mm: float = Field(
+        description="mean position error that repeatability alone leaves [mm]"
+    )
+    noise_floor_from: str | None = optional("what the noise floor was found from")
+    train: SetGap = Field(description="over the poses fitted")
+    holdout: SetGap | None = Field(
+        description="over held-out poses, which are never used to choose or fit; null without any"
+    )
+
+
+class Tried(EffectName):
+    """An effect tried on the remaining error."""
+
+    gain: float = Field(description="part of the remaining squared error that it explains")
+    gain_std: float = Field(description="standard error of the gain")
+    helps: bool = Field(description="whether the gain is significant")
+    positions_and_attitudes_agree: bool | None = Field(
+        description="whether both gain by it; null where that was not looked at"
+    )
+
+
+class Remaining(Part):
+    """The error that remains of blocks held out of the fit, against the noise."""
+
+    mean_mm: float = Field(description="mean position error [mm]")
+    std_mm: float = Field(description="standard error of the mean over blocks [mm]")
+    rms_mm: float = Field(description="root mean square position error [mm]")
+    floor_mm: float = Field(description="mean position error that noise leaves [mm]")
+    over_floor: bool = Field(description="whether it is significantly above the noise")
+    tried: tuple[Tried, ...] = Field(description="what else was tried, the best first")
+
+
+class SharedError(Part):
+    """Position error that all readings of a pose share."""
+
+    before: float = Field(description="of the calibrated model [mm]")
+    after: float = Field(description="with the effects [mm]")
+
+
+class SearchByRepeats(Part):
+    """How effects were sought, against the scatter of repeats."""
+
+    candidates: int = Field(description="effects tried")
+    error_rate: float = Field(description="rate of false names allowed")
+    needed_nats: float = Field(description="log evidence needed of an effect")
+    shared_error_mm: SharedError = Field(description="position error shared by readings of a pose")
+
+
+class Needed(Part):
+    """What an effect must bring."""
+
+    standard_errors: float = Field(description="gain in its standard errors, at least")
+    sum_of_squares: float = Field(description="gain in the weighted sum of squares, at least")
+    part_of_what_is_left_over_noise: float = Field(
+        description="gain as part of the remaining error above noise, at least"
+    )
+
+
+class SearchByBlocks(Part):
+    """How effects were sought, by blocks of poses."""
+
+    candidates: int = Field(description="effects tried")
+    error_rate: float = Field(description="rate of false names allowed")
+    blocks: int = Field(description="blocks of poses")
+    needed: Needed = Field(description="what an effect must bring")
+    poses_weighing_less: int = Field(description="poses with a robust weight below 1")
+    refit_converged: bool = Field(description="whether the last refit converged")
+
+
+class AnglesSeen(Part):
+    """Values of a joint that the fit has seen."""
+
+    turns: bool = Field(description="whether the joint turns; else it slides")
+    stretches: Annotated[NDArray[np.float64], Shape("stretches", 2)] = Field(
+        description="intervals seen [rad; m of a sliding joint]"
+    )
+
+
+class SuggestedPose(Part):
+    """A configuration to measure next."""
+
+    q_deg: Numbers = Field(description="joint angles [deg]")
+    q_rad: Numbers = Field(description="joint angles [rad]")
+    load_N: float = Field(description="load [N]")
+    arrive_from: Numbers | None = optional(
+        "side from which each joint arrives: -1 from smaller angles, +1 from larger ones"
+    )
+    separation_nats: float | None = optional(
+        "expected log evidence between the alternatives, with all configurations up to this one"
+    )
+    for_: tuple[str, ...] = Field(alias="for", description="what it serves")
+
+
+class Separation(Part):
+    """How far apart two explanations are expected to come."""
+
+    pair: str = Field(description="the explanations")
+    before_nats: float = Field(description="log evidence between them now")
+    after_nats: float = Field(description="expected with the suggested poses")
+    possible_nats: float = Field(description="expected with all poses considered")
+    can_be_split: bool = Field(description="whether poses can separate them at all")
+
+
+class VerdictKeys(Part):
+    """What is said of a campaign, whoever it is of."""
+
+    verdict: Verdict = Field(
+        description="`named` when every effect found stands alone; `ambiguous` when one at least "
+        "has alternatives; `unexplained` when a significant gap remains that no effect closes; "
+        "`none` when model and data agree within the repeatability"
+    )
+    method: str | None = optional("how effects were judged, where not by repeats")
+    effects: tuple[FoundEffect, ...] = Field(description="effects named, in the order found")
+    unexplained: AllUnexplained | None = Field(
+        description="what has no name; null if nothing remains"
+    )
+    not_testable: tuple[NotTestable, ...] = Field(
+        description="effects that these data cannot show, found before residuals are looked at"
+    )
+    not_told_apart: tuple[tuple[EffectName, ...], ...] = Field(
+        description="effects that these poses cannot separate, found likewise"
+    )
+    gap: Gap = Field(description="the error before and after")
+    left_over: Remaining | None = optional("remaining error of blocks held out of the fit")
+    search: SearchByRepeats | SearchByBlocks = Field(description="how effects were sought")
+    angles_seen: tuple[AnglesSeen, ...] | None = optional("values of each joint seen by the fit")
+    suggested_poses: tuple[SuggestedPose, ...] = Field(
+        description="configurations to measure next, the most useful first"
+    )
+    separations: tuple[Separation, ...] | None = optional(
+        "how far apart the suggested poses are expected to bring each pair"
+    )
+    seconds: float = Field(description="time taken [s]")
+
+
+class VerdictRecord(VerdictKeys, MeasuredRecord):
+    """`discovery/verdict.json`."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-verdict/1"
+    FILE: ClassVar[str] = "discovery/verdict.json"
+    COMMAND: ClassVar[str] = "discover"
+
+    arrival_from_order: bool = Field(
+        description="whether directions of arrival come from the order of the poses"
+    )
+
+
+class EffectValues(EffectName):
+    """An effect as the extended model has it."""
+
+    form: MapForm | None = Field(
+        description="form of a map that has its own; null for every other effect"
+    )
+    x: Numbers = Field(description="its parameters, in SI units")
+
+
+class ExtendedBaseline(Part):
+    """The calibrated model without the effects."""
+
+    x: Numbers = Field(description="its parameters [rad, m]")
+    T_instr_base: PoseMatrix = Field(description="its base frame in the instrument's frame [m]")
+
+
+class CandidateContext(Part):
+    """What decides where effects may sit."""
+
+    flexible_joints: tuple[int, ...] = Field(description="joints with a spring, from 1")
+    reference_temperature_C: float = Field(description="temperature without thermal growth [deg C]")
+    tau_span_Nm: Annotated[NDArray[np.float64], Shape("joints", missing=True)] = Field(
+        description="span of each joint torque [N m]; null where not known"
+    )
+    T_instr_base: PoseMatrix = Field(description="base frame in the instrument's frame [m]")
+    p_instr_middle_m: Vector3 = Field(description="middle of the positions measured [m]")
+    q_span_rad: Annotated[NDArray[np.float64], Shape("joints", 2, missing=True)] = Field(
+        description="smallest and largest value of each joint [rad, m]"
+    )
+    time_span_s: tuple[float, float] = Field(description="first and last time [s]")
+
+
+class ExtendedRecord(MeasuredRecord):
+    """`discovery/extended.json`."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-extended/1"
+    FILE: ClassVar[str] = "discovery/extended.json"
+    COMMAND: ClassVar[str] = "discover"
+
+    robot: str = Field(description="name of the arm")
+    calibration: str = Field(description="load case of the calibration it began with")
+    verdict: Verdict = Field(description="the verdict")
+    arrival_from_order: bool = Field(
+        description="whether directions of arrival come from the order of the poses"
+    )
+    named: tuple[NamedEffect, ...] = Field(description="effects named, with uncertainties")
+    warnings: tuple[str, ...] = Field(description="what to know before the model is trusted")
+    effects: tuple[EffectValues, ...] = Field(description="effects in the model")
+    parameters: Mapping[ParameterKey, Parameter] = Field(
+        description="every parameter of the calibrated model and the base frame, with the effects"
+    )
+    x: Numbers = Field(description="parameters of the calibrated model [rad, m]")
+    T_instr_base: PoseMatrix = Field(description="base frame in the instrument's frame [m]")
+    targets_off_m: Numbers = Field(
+        description="found minus stated places of the targets, one after the other [m]"
+    )
+    baseline: ExtendedBaseline = Field(description="the calibrated model without the effects")
+    surroundings: CandidateContext = Field(description="what decides where effects may sit")
+    angles_seen: tuple[AnglesSeen, ...] | None = optional("values of each joint seen by the fit")

@@ -1,0 +1,101 @@
+"""`evaluation/holdout.json` and `evaluation/transfer_<campaign>.json`: models on other poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, ClassVar
+
+from pydantic import Field
+
+from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.record import (
+    Column,
+    FlagColumn,
+    Key,
+    LabelColumn,
+    LoadKey,
+    MeasuredRecord,
+    Part,
+    Table,
+    Vector3,
+    VectorColumn,
+    optional,
+)
+
+
+class ToolTwist(Part):
+    """The constant rotation of the tool that explains most of the orientation error."""
+
+    rotation_deg: Vector3 = Field(description="axis times angle in the end-effector frame [deg]")
+    angle_deg: float = Field(description="its angle [deg]")
+    before_deg: float = Field(description="mean orientation error without it [deg]")
+    after_deg: float = Field(description="mean orientation error with it taken off [deg]")
+
+
+class HeldOutRows(Table):
+    """Residuals of held-out configurations: predicted minus measured, along the base axes."""
+
+    pose: LabelColumn = Field(description="label of the pose")
+    load_N: Column = Field(description="load [N]")
+    position_mm: VectorColumn = Field(description="position residual along the base axes [mm]")
+    error_mm: Column = Field(description="position error [mm]")
+    rotation_deg: VectorColumn | None = Field(
+        description="rotation residual, axis times angle, along the base axes [deg]; null where "
+        "the instrument measures no attitude"
+    )
+    extrapolated: FlagColumn | None = Field(
+        description="whether a joint leaves the angles that the fit has seen; null where the model "
+        "does not depend on that"
+    )
+
+
+class HeldOutModel(Accuracy):
+    """One model on held-out configurations."""
+
+    per_load: Mapping[LoadKey, Accuracy] = Field(description="errors at each load")
+    per_point: Mapping[Annotated[str, Key("pose")], Accuracy] = Field(
+        description="errors at each point; empty where there are very many"
+    )
+    tool_twist: ToolTwist | None = Field(
+        description="rotation of the tool that the errors show; null without attitudes"
+    )
+    inside: Accuracy | None = Field(
+        description="errors inside the joint angles that the fit has seen; null where the model "
+        "does not depend on that, or no configuration is"
+    )
+    extrapolated: Accuracy | None = Field(description="errors outside them; null likewise")
+    rows: HeldOutRows = Field(description="every held-out configuration")
+
+
+_Models = Mapping[Annotated[str, Key("model")], HeldOutModel]
+
+
+class HoldoutRecord(MeasuredRecord):
+    """`evaluation/holdout.json`."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-holdout/1"
+    FILE: ClassVar[str] = "evaluation/holdout.json"
+    COMMAND: ClassVar[str] = "evaluate"
+
+    calibration: str = Field(description="load case of the calibration judged")
+    configurations: int = Field(description="held-out configurations")
+    models: _Models = Field(
+        description="errors by model: `uncalibrated`, `geometry` (without springs), `linear`, "
+        "`cubic`, `extended` (with the effects that discovery named)"
+    )
+    note: str | None = optional("why there is no model in it")
+
+
+class TransferRecord(MeasuredRecord):
+    """`evaluation/transfer_<campaign>.json`."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-transfer/1"
+    FILE: ClassVar[str] = "evaluation/transfer_<campaign>.json"
+    COMMAND: ClassVar[str] = "transfer"
+
+    from_: str = Field(alias="from", description="campaign in which the models were calibrated")
+    configurations: int = Field(description="held-out configurations of this campaign")
+    models: _Models = Field(
+        description="errors by model, base and tool fitted in this campaign: `uncalibrated`, "
+        "`geometry`, `linear`, `extended`"
+    )

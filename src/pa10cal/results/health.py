@@ -1,0 +1,73 @@
+"""Whether a calibration is good: the `health` of its record."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from pa10cal.results.record import Part
+
+
+class CorrelatedPair(Part):
+    """Two parameters that the poses can hardly separate."""
+
+    parameters: tuple[str, str] = Field(description="names of the two parameters")
+    correlation: float = Field(description="their correlation, from -1 to 1")
+
+
+class ExpectedUncertainty(Part):
+    """Standard uncertainty of a predicted position to be expected with so many poses."""
+
+    poses: int = Field(description="number of poses")
+    u_optimal_mm: float = Field(description="with the best poses of those measured [mm]")
+    u_measured_mm: float | None = Field(
+        description="with the first poses in the order measured [mm]; null where they do not "
+        "determine the model"
+    )
+
+
+class PosesNeeded(Part):
+    """How many poses there are, and how many the uncertainty needs."""
+
+    measured: int = Field(description="number of poses fitted")
+    wanted: int | None = Field(description="number of poses needed; null where none suffices")
+    u_wanted_mm: float = Field(
+        description="standard uncertainty of a predicted position to reach [mm]"
+    )
+    u_model_mm: float | None = Field(
+        description="standard uncertainty of a predicted position now [mm]; null where not known"
+    )
+    d_optimal_order: tuple[str, ...] = Field(
+        description="labels of the poses, the most informative first"
+    )
+    expected: tuple[ExpectedUncertainty, ...] = Field(
+        description="uncertainty against the number of poses"
+    )
+
+
+class Health(Part):
+    """What to look at before a calibration is trusted."""
+
+    verdict: Literal["good", "usable", "not usable"] = Field(description="the judgement")
+    line: str = Field(description="the reason for it, in one sentence, with the remedy")
+    converged: bool = Field(description="whether the fit converged")
+    reason: str = Field(description="why the fit stopped")
+    iterations: int = Field(description="steps of the fit")
+    at_bounds: tuple[str, ...] = Field(description="parameters at the end of their physical range")
+    rank: int = Field(description="directions of parameter space that the data identify")
+    unknowns: int = Field(description="parameters fitted")
+    condition: float = Field(description="condition number over the identified directions")
+    open_parameters: tuple[str, ...] = Field(description="parameters that are not identifiable")
+    correlated_pairs: tuple[CorrelatedPair, ...] = Field(description="nearly inseparable pairs")
+    train_rms_mm: float = Field(
+        description="root mean square position error over the poses fitted [mm]"
+    )
+    held_out_rms_mm: float | None = Field(
+        description="the same over held-out poses [mm]; null where none were measured"
+    )
+    noise_mm: float | None = Field(
+        description="root mean square position error that noise alone leaves [mm]; null where it "
+        "is not known"
+    )
+    poses: PosesNeeded = Field(description="how many poses there are and how many are needed")

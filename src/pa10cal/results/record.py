@@ -1,0 +1,199 @@
+"""What records are made of: parts with described keys, arrays, tables of rows, and the record.
+
+A record is one JSON file, or one line of a file of them. Every key is a field of a frozen pydantic
+model with a description; the JSON schemas and the key tables of the docs are made from these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sized
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError
+
+from pa10cal.results.arrays import Shape
+
+
+@dataclass(frozen=True)
+class Key:
+    """Says what the keys of a mapping are, as the docs write them: `dict[Annotated[str, Key(...)]`.
+
+    Attributes:
+        name: placeholder without brackets, such as `load`.
+    """
+
+    name: str
+
+
+#: Keys of a mapping by load: `22N`.
+LoadKey = Annotated[str, Key("load")]
+#: Keys of a mapping by the name of a parameter: `delta_a_1`.
+ParameterKey = Annotated[str, Key("parameter")]
+
+Vector3 = Annotated[NDArray[np.float64], Shape(3)]
+Matrix3 = Annotated[NDArray[np.float64], Shape(3, 3)]
+PoseMatrix = Annotated[NDArray[np.float64], Shape(4, 4)]
+Numbers = Annotated[NDArray[np.float64], Shape("k")]
+#: Columns of a table, and columns of which some entries are not known.
+Column = Annotated[NDArray[np.float64], Shape("rows")]
+GappyColumn = Annotated[NDArray[np.float64], Shape("rows", missing=True)]
+VectorColumn = Annotated[NDArray[np.float64], Shape("rows", 3)]
+LabelColumn = Annotated[NDArray[np.str_], Shape("rows")]
+CountColumn = Annotated[NDArray[np.int64], Shape("rows")]
+FlagColumn = Annotated[NDArray[np.bool_], Shape("rows")]
+
+
+def optional(description: str) -> Any:
+    """Return a field whose key may be absent, and is where its value is None."""
+    return Field(default=None, exclude_if=_is_none, description=description)
+
+
+def _is_none(value: object) -> bool:
+    return value is None
+
+
+class Part(BaseModel):
+    """A part of a record; a key it does not know is refused where it is made."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        allow_inf_nan=False,
+        validate_by_name=True,
+        validate_by_alias=True,
+        serialize_by_alias=True,
+    )
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        mine, theirs = self.__dict__, other.__dict__
+        return all(_equal(value, theirs[name]) for name, value in mine.items())
+
+    __hash__ = None  # type: ignore[assignment]  # arrays have none
+
+
+class Table(Part):
+    """Rows of a file, held as columns: a JSON list of objects with the same keys."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_columns(cls, rows: Any) -> Any:
+        return _columns(cls, rows) if isinstance(rows, list | tuple) else rows
+
+    @model_validator(mode="after")
+    def _same_length(self) -> Self:
+        lengths = {name: len(column) for name, column in _given(self).items()}
+        if len(set(lengths.values())) > 1:
+            raise PydanticCustomError("table", "columns of one length, not {lengths}", locals())
+        return self
+
+    @model_serializer(mode="wrap")
+    def _as_rows(self, handler: SerializerFunctionWrapHandler) -> list[dict[str, Any]]:
+        columns = handler(self)
+        blank = [None] * len(self)
+        filled = [blank if column is None else column for column in columns.values()]
+        return [dict(zip(columns, row, strict=True)) for row in zip(*filled, strict=True)]
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Describe it as what the file holds: a list of objects."""
+        found = handler(core_schema)
+        columns = handler.resolve_ref_schema(found)
+        row = dict(columns)
+        row["properties"] = {key: _entry(of) for key, of in columns["properties"].items()}
+        columns.clear()
+        columns.update({"type": "array", "title": row.pop("title"), "items": row})
+        return found
+
+    def __len__(self) -> int:
+        return len(next(iter(_given(self).values())))
+
+
+class Record(Part):
+    """A result file, or a line of one; `schema` stands first in it."""
+
+    #: Its `schema`.
+    SCHEMA: ClassVar[str]
+    #: Where it lies, under the results of its campaign or study.
+    FILE: ClassVar[str]
+    #: The command that writes it.
+    COMMAND: ClassVar[str]
+
+    @classmethod
+    def kinds(cls) -> tuple[type[Record], ...]:
+        """Return the types among which `kind_of` chooses: itself, or one for each model."""
+        return (cls,)
+
+    @classmethod
+    def kind_of(cls, content: dict[str, Any]) -> type[Record]:
+        """Return the type that some content is of; `content` is that of a file of its schema."""
+        del content
+        return cls
+
+    @model_serializer(mode="wrap")
+    def _with_schema(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {"schema": self.SCHEMA, **handler(self)}
+
+
+class CampaignRecord(Record):
+    """A result of one campaign."""
+
+    campaign: str = Field(description="name of the campaign")
+
+
+class MeasuredRecord(CampaignRecord):
+    """A result that stands on what was measured in a campaign."""
+
+    provenance: str = Field(description="where the campaign's data come from, in its own words")
+
+
+def _equal(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        gaps = getattr(one, "dtype", None) == np.float64
+        return np.array_equal(one, other, equal_nan=gaps)
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_equal(one[key], other[key]) for key in one)
+    return bool(one == other)
+
+
+def _given(table: BaseModel) -> dict[str, Sized]:
+    """Return the columns that a table has."""
+    return {name: column for name, column in table.__dict__.items() if column is not None}
+
+
+def _columns(table: type[Table], rows: Any) -> dict[str, Any]:
+    """Return the columns of a list of rows; keys that the table does not know are passed over."""
+    columns: dict[str, Any] = {}
+    for name, field in table.model_fields.items():
+        if not field.is_required() and not any(name in row for row in rows):
+            continue
+        try:
+            column = [row[name] for row in rows]
+        except (KeyError, TypeError):
+            raise PydanticCustomError("table", "every row with {name}", {"name": name}) from None
+        columns[name] = None if rows and all(entry is None for entry in column) else column
+    return columns
+
+
+def _entry(column: JsonSchemaValue) -> JsonSchemaValue:
+    """Return the schema of an entry of a column from that of the column."""
+    said: JsonSchemaValue = {k: column[k] for k in ("description", "title") if k in column}
+    if "anyOf" in column:  # a column that may be unknown as a whole
+        return {"anyOf": [_entry(option) for option in column["anyOf"]], **said}
+    return {**cast(JsonSchemaValue, column.get("items", column)), **said}

@@ -1,0 +1,205 @@
+"""Studies of simulated campaigns: how often intervals hold the truth; a chain along curves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, JsonValue
+
+from pa10cal.results.accuracy import Distances
+from pa10cal.results.arrays import Shape
+from pa10cal.results.record import (
+    Column,
+    FlagColumn,
+    Key,
+    LabelColumn,
+    ParameterKey,
+    Part,
+    Record,
+    optional,
+)
+
+_Settings = Mapping[Annotated[str, Key("option")], JsonValue]
+_Model = Annotated[str, Key("model")]
+
+
+class ParameterCoverage(Part):
+    """How often the interval of one parameter holds the truth."""
+
+    inside: float = Field(description="share inside the 95 % interval")
+    rms: float = Field(description="root mean square of error over standard uncertainty")
+
+
+class Coverage(ParameterCoverage):
+    """How often intervals hold the truth."""
+
+    inside_interval95: tuple[float, float] = Field(description="95 % interval of the share")
+
+
+class CoverageRecord(Coverage, Record):
+    """`coverage.json`: the paper's model."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-coverage/1"
+    FILE: ClassVar[str] = "coverage.json"
+    COMMAND: ClassVar[str] = "coverage"
+
+    provenance: str = Field(description="where the data come from")
+    campaigns: int = Field(description="campaigns simulated")
+    parameters: Mapping[ParameterKey, ParameterCoverage] = Field(description="by parameter")
+
+
+class ClassCoverage(Coverage):
+    """Coverage of the parameters of one arm under one instrument."""
+
+    by_class: Mapping[Annotated[str, Key("class")], Coverage] = Field(
+        description="by class of parameters: `angles`, `lengths`, `base`, `tool`, ..."
+    )
+    by_parameter: Mapping[ParameterKey, ParameterCoverage] = Field(description="by parameter")
+
+
+class FreeDeparture(Part):
+    """Arms that depart in any way, which have no true parameters."""
+
+    campaigns: int = Field(description="campaigns simulated")
+    converged: float = Field(description="share of fits that converged")
+    predictions: Coverage = Field(description="of predicted positions")
+
+
+class CoverageCase(Part):
+    """One arm under one instrument."""
+
+    case: str = Field(description="the case in words")
+    robot: str = Field(description="name of the arm")
+    instrument: str = Field(description="kind of the instrument")
+    targets: int = Field(description="number of targets")
+    flexible_joints: tuple[int, ...] = Field(description="joints with a spring, from 1")
+    campaigns: int = Field(description="campaigns simulated")
+    converged: float = Field(description="share of fits that converged")
+    unknowns: int = Field(description="parameters fitted")
+    redundant: Mapping[ParameterKey, Mapping[ParameterKey, float]] = Field(
+        description="parameters not fitted, and those that replace them"
+    )
+    parameters: ClassCoverage = Field(description="of parameters")
+    predictions: Coverage = Field(description="of predicted positions")
+    departing_in_any_way: FreeDeparture = Field(description="arms that depart in any way")
+
+
+class CoverageGeneralRecord(Record):
+    """`coverage_general.json`: the general model, arm by arm."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-coverage-general/1"
+    FILE: ClassVar[str] = "coverage_general.json"
+    COMMAND: ClassVar[str] = "coverage_general"
+
+    provenance: str = Field(description="where the data come from")
+    settings: _Settings = Field(description="settings of the study")
+    cases: tuple[CoverageCase, ...] = Field(description="one entry an arm and instrument")
+
+
+class OverFloor(Part):
+    """Mean errors of all individuals over the noise floor."""
+
+    mean: float = Field(description="mean over individuals")
+    largest: float = Field(description="largest of them")
+    within_bar: int = Field(description="individuals within the figure to reach")
+
+
+class CurveStudySummary(Part):
+    """What became of all individuals that depart alike, with one model."""
+
+    departs: str = Field(description="how they depart: `rows` or `any_way`")
+    said: str = Field(description="the same in words")
+    model: str = Field(description="the model")
+    individuals: int = Field(description="number of individuals")
+    converged: int = Field(description="fits that converged")
+    unknowns: int = Field(description="parameters fitted")
+    rank: int = Field(description="smallest rank")
+    null_directions: tuple[Mapping[ParameterKey, float], ...] = Field(
+        description="directions that are not identifiable"
+    )
+    rms_score: float | None = Field(
+        description="root mean square of error over standard uncertainty; null without a truth"
+    )
+    fitted: OverFloor = Field(description="of poses fitted")
+    held_out: OverFloor = Field(description="of held-out poses")
+    held_out_true: OverFloor = Field(description="of held-out poses without noise")
+
+
+class ErrorsOfModel(Part):
+    """Position errors of one model of one individual."""
+
+    fitted: Distances = Field(description="of poses fitted")
+    held_out: Distances = Field(description="of held-out poses")
+    held_out_true: Distances = Field(description="of held-out poses without noise")
+
+
+class IndividualFit(Part):
+    """A calibrated model of one individual."""
+
+    converged: bool = Field(description="whether the fit converged")
+    starts: int | None = optional("starts tried")
+    starts_agreeing: int | None = optional("starts that ended in this minimum")
+    unknowns: int = Field(description="parameters fitted")
+    rank: int = Field(description="directions of parameter space identified")
+    condition: float = Field(description="condition number over these directions")
+    null_directions: tuple[Mapping[ParameterKey, float], ...] = Field(
+        description="directions that are not identifiable"
+    )
+    left_out: Mapping[ParameterKey, Mapping[ParameterKey, float]] = Field(
+        description="redundant parameters, and those that replace them"
+    )
+    scores: Mapping[ParameterKey, float] = Field(
+        description="value minus truth, in standard uncertainties"
+    )
+
+
+class ErrorsByPose(Part):
+    """Position error of every pose, model by model."""
+
+    pose: LabelColumn = Field(description="label of the pose")
+    held_out: FlagColumn = Field(description="whether it was held out")
+    nominal_mm: Column = Field(description="nominal model [mm]")
+    two_level_mm: Column = Field(description="two-level model [mm]")
+    two_level_all_mm: Column = Field(description="two-level model, all poses inside [mm]")
+    general_mm: Column = Field(description="general model [mm]")
+
+
+class Individual(Part):
+    """One arm, calibrated."""
+
+    number: int = Field(description="number of the individual, from 1")
+    departs: str = Field(description="how it departs: `rows` or `any_way`")
+    said: str = Field(description="the same in words")
+    errors: Mapping[_Model, ErrorsOfModel] = Field(description="errors by model")
+    models: Mapping[_Model, IndividualFit] = Field(description="fits by model")
+    poses: ErrorsByPose = Field(description="every pose")
+
+
+class Postures(Part):
+    """Where the links of the first individual join in every pose."""
+
+    shape: LabelColumn = Field(description="kind of curve of each pose")
+    p_m: Annotated[NDArray[np.float64], Shape("poses", "points", 3)] = Field(
+        description="where links join, in the base frame [m]"
+    )
+
+
+class CurveCalibrationRecord(Record):
+    """`curve/calibration.json`: a chain of links, posed along curves and calibrated."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-curve-calibration/1"
+    FILE: ClassVar[str] = "curve/calibration.json"
+    COMMAND: ClassVar[str] = "curve_calibration"
+
+    provenance: str = Field(description="where the data come from")
+    settings: _Settings = Field(description="settings of the study")
+    joints: int = Field(description="joints of the chain")
+    shapes_refused: int = Field(description="curves drawn that the chain cannot follow")
+    noise_floor_mm: float = Field(description="mean position error that noise leaves [mm]")
+    bar: float = Field(description="mean error over the noise floor to stay within")
+    summaries: tuple[CurveStudySummary, ...] = Field(description="by departure and model")
+    individuals: tuple[Individual, ...] = Field(description="every individual")
+    postures_of_first: Postures = Field(description="poses of the first individual")
