@@ -48,6 +48,10 @@ class CalibrationError(Pa10calError):
     """The data do not allow this calibration."""
 
 
+class TermError(Pa10calError):
+    """A term of a model cannot be made of what a file says of it."""
+
+
 class SimulationError(Pa10calError):
     """The virtual cell cannot make this campaign."""
 

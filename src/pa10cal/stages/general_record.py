@@ -28,7 +28,7 @@ from pa10cal.stages.health_record import health_record
 from pa10cal.stages.records import read_pose_matrix, read_vector
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Offsets, Tolerances, link_departures
+from pa10cal.terms.offsets import Tolerances, link_departures
 from pa10cal.terms.term import Term
 
 Array = NDArray[np.float64]
@@ -141,12 +141,12 @@ def read_general(
     fit = record if which == "full" else record[which]
     try:
         solved = fit["solved"]
-        links = _only(link_departures(arm, Tolerances()), solved["links"])
+        links = link_departures(arm, Tolerances()).only(solved["links"])
         springs = tuple(
             JointSpring(int(spring["joint"]), float(spring["tau_ref_Nm"]), cubic=False)
             for spring in solved["springs"]
         )
-        tool = _only(tool_frame(), solved["tool"])
+        tool = tool_frame().only(solved["tool"])
         x = np.array(solved["x"], dtype=float)
         places_m = np.array(solved["places_m"], dtype=float)
         R_ee_target = np.array(solved["R_ee_target"], dtype=float).reshape(3, 3)
@@ -177,15 +177,6 @@ def as_modelled(
     T[:, :3, :3] = T[:, :3, :3] @ model.R_ee_target.T
     states, _ = with_torques(model.model.chain.arm, poses.states, payload)
     return replace(poses, T_instr_ee=T, states=states)
-
-
-def _only(offsets: Offsets, names: list[str]) -> Offsets:
-    """Return some of the offsets, in the order named."""
-    at = {parameter.name: k for k, parameter in enumerate(offsets.parameters)}
-    rows = [at[name] for name in names]
-    return Offsets(
-        tuple(offsets.parameters[k] for k in rows), tuple(offsets.coordinates[k] for k in rows)
-    )
 
 
 def _fit_record(general: GeneralCalibration) -> dict[str, Any]:

@@ -27,6 +27,21 @@ class Fixed:
     x_term: Array
 
     @property
+    def id(self) -> str:
+        """Return the id of the term."""
+        return self.term.id
+
+    @property
+    def of(self) -> str:
+        """Return the place of the term."""
+        return self.term.of
+
+    @property
+    def formula(self) -> str:
+        """Return the form of the term."""
+        return self.term.formula
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Return none."""
         return ()

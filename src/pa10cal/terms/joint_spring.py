@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,17 @@ class JointSpring:
     joint: int
     tau_ref_Nm: float
     cubic: bool = True
+    id: ClassVar[str] = "joint_spring"
+
+    @property
+    def of(self) -> str:
+        """Return the joint."""
+        return f"joint {self.joint}"
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"theta_{self.joint} -= delta, tau_{self.joint} = K_lin delta + K_cub delta^3"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

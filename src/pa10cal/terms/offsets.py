@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +39,27 @@ class Offsets:
     Attributes:
         parameters: k parameters.
         coordinates: the k coordinates they shift.
+        of: `links`, `base` or `tool`.
     """
 
     parameters: tuple[Parameter, ...]
     coordinates: tuple[str, ...]
+    of: str = "links"
+    id: ClassVar[str] = "offsets"
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return "each parameter is added to the coordinate of the chain at its place in the list"
+
+    def only(self, names: Collection[str]) -> Offsets:
+        """Return the parameters that are named, with their coordinates, in the order here."""
+        kept = [k for k, parameter in enumerate(self.parameters) if parameter.name in names]
+        return replace(
+            self,
+            parameters=tuple(self.parameters[k] for k in kept),
+            coordinates=tuple(self.coordinates[k] for k in kept),
+        )
 
     def shift(self, states: PoseStates, x: Array) -> Array:
         """Return the parameters themselves, (1, k)."""
@@ -88,4 +107,4 @@ def base_frame() -> Offsets:
     parameters = tuple(
         Parameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3) for name in BASE
     )
-    return Offsets(parameters, BASE)
+    return Offsets(parameters, BASE, of="base")

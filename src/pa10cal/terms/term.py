@@ -54,6 +54,18 @@ class Term(Protocol):
     """A part of the model that adds to chain coordinates."""
 
     @property
+    def id(self) -> str:
+        """Return the name of its kind, by which a file names it."""
+
+    @property
+    def of(self) -> str:
+        """Return where it sits: `joint 2`, `forearm`, `base`, ..."""
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type, by the parameters it reports."""
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the k parameters it is solved in."""
 

@@ -138,12 +138,7 @@ def calibrate_general(
 def _without(problem: Problem, names: set[str]) -> Problem:
     """Return the problem with some departures of links left at zero."""
     links = _links_of(problem)
-    pairs = [
-        (parameter, coordinate)
-        for parameter, coordinate in zip(links.parameters, links.coordinates, strict=True)
-        if parameter.name not in names
-    ]
-    fewer = Offsets(tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs))
+    fewer = links.only({parameter.name for parameter in links.parameters} - names)
     return replace(problem, model=Model(problem.model.chain, (fewer, *problem.model.terms[1:])))
 
 

@@ -76,7 +76,7 @@ def tool_frame() -> Offsets:
     parameters = tuple(
         Parameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3) for name in TOOL
     )
-    return Offsets(parameters, TOOL)
+    return Offsets(parameters, TOOL, of="tool")
 
 
 def choose_unknowns(
@@ -111,9 +111,9 @@ def choose_unknowns(
     first_place = at
     places = [k - first_place for k in kept if first_place <= k < first_place + len(places_m)]
     return Unknowns(
-        links=_only(links, names),
-        tool=_only(tool, names) if has_tool else Offsets((), ()),
-        base=_only(base, names),
+        links=links.only(names),
+        tool=tool.only(names) if has_tool else Offsets((), ()),
+        base=base.only(names),
         places=np.array(places, dtype=np.intp),
         redundant=redundant,
     )
@@ -175,15 +175,6 @@ def _redundant(
         )
         for k, part in zip(others, parts.T, strict=True)
     )
-
-
-def _only(offsets: Offsets, names: set[str]) -> Offsets:
-    pairs = [
-        (parameter, coordinate)
-        for parameter, coordinate in zip(offsets.parameters, offsets.coordinates, strict=True)
-        if parameter.name in names
-    ]
-    return Offsets(tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs))
 
 
 def _random_states(arm: Arm) -> PoseStates:

@@ -77,6 +77,11 @@ class Effect(ABC):
         """Return its k parameters, each with its plausible size."""
 
     @property
+    @abstractmethod
+    def formula(self) -> str:
+        """Return the form in words a reader can type, by the parameters it reports."""
+
+    @property
     def linear(self) -> int:
         """Return how many parameters, from the first, it is proportional to."""
         return len(self.parameters)

@@ -50,6 +50,12 @@ class JointHarmonic(Effect):
         )
 
     @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        joint = joint_of(self.of)
+        return f"theta_{joint} += A sin({self.order:g} q_{joint} + phi)"
+
+    @property
     def coordinates(self) -> tuple[str, ...]:
         """Return the joint's angle."""
         return (f"theta_{joint_of(self.of)}",)

@@ -29,6 +29,11 @@ class BaseDrift(NamedEffect):
     start_s: float
     id: ClassVar[str] = "base_drift"
 
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"base.x, base.y, base.z += rate (time_s - {self.start_s:g}) / 3600"
+
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the base."""
@@ -65,6 +70,14 @@ class ThermalGrowth(NamedEffect):
     lengths_m: tuple[float, ...]
     reference_temperature_C: float
     id: ClassVar[str] = "thermal_growth"
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return (
+            f"{', '.join(self.lengths)} += alpha (temperature_C - "
+            f"{self.reference_temperature_C:g}) times its nominal length"
+        )
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:

@@ -55,6 +55,11 @@ class CmmScale(FalseReading):
     id: ClassVar[str] = "cmm_scale"
 
     @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return "reading of x, y, z = (1 + s_x) x, (1 + s_y) y, (1 + s_z) z"
+
+    @property
     def known(self) -> tuple[Parameter, ...]:
         """Return the error of each axis."""
         return tuple(Parameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz")
@@ -69,6 +74,11 @@ class CmmSquareness(FalseReading):
     """The instrument's x axis is not square to y: x reads x + xy y, xy in rad."""
 
     id: ClassVar[str] = "cmm_squareness"
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return "reading of x = x + xy y"
 
     @property
     def known(self) -> tuple[Parameter, ...]:

@@ -22,6 +22,11 @@ class GearRatioError(JointEffect):
     id: ClassVar[str] = "gear_ratio_error"
 
     @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"theta_{self.joint} += eps q_{self.joint}"
+
+    @property
     def known(self) -> tuple[Parameter, ...]:
         """Return the relative error."""
         return (Parameter("eps", "1", 1e-5, plausible=3e-4),)
@@ -37,6 +42,11 @@ class Backlash(JointEffect):
     """Lost motion: b s_j [rad], s_j the direction in which the joint arrived."""
 
     id: ClassVar[str] = "backlash"
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"theta_{self.joint} += b s_{self.joint}"
 
     @property
     def known(self) -> tuple[Parameter, ...]:
@@ -59,6 +69,11 @@ class WristCoupling(NamedEffect):
 
     last: int
     id: ClassVar[str] = "wrist_coupling"
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"theta_{self.last} += c q_{self.last - 1}"
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:

@@ -69,6 +69,14 @@ class JointErrorMap(JointEffect):
     id: ClassVar[str] = "joint_error_map"
 
     @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return (
+            f"theta_{self.joint} += periodic cubic spline of q_{self.joint} through the knots, "
+            f"knot k at 2 pi k / {self.knots}"
+        )
+
+    @property
     def known(self) -> tuple[Parameter, ...]:
         """Return the error at each knot."""
         width = max(2, len(str(self.knots - 1)))

@@ -62,6 +62,11 @@ class FrictionTorque(FalseTorque):
     rated_Nm: float
     id: ClassVar[str] = "friction_torque"
 
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"logged tau_{self.joint} = tau_{self.joint} + tau_c s_{self.joint}"
+
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at every joint that turns."""
@@ -88,6 +93,11 @@ class TorqueGain(FalseTorque):
     """
 
     id: ClassVar[str] = "torque_gain"
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"logged tau_{self.joint} = (1 + g) tau_{self.joint}"
 
     @property
     def known(self) -> tuple[Parameter, ...]:

@@ -33,6 +33,11 @@ class JointCompliance(JointEffect):
     rated_Nm: float
     id: ClassVar[str] = "joint_compliance"
 
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"theta_{self.joint} -= tau_{self.joint} / K"
+
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at every joint that turns and has no spring."""
@@ -91,6 +96,11 @@ class SoftWindup(JointEffect):
     rated_Nm: float
     span_Nm: float
     id: ClassVar[str] = "soft_windup"
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"theta_{self.joint} -= A tanh(tau_{self.joint} / tau0)"
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:

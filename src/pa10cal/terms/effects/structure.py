@@ -70,6 +70,14 @@ class LinkBending(LinkEffect):
     id: ClassVar[str] = "link_bending"
 
     @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return (
+            f"the end of link {self.row} turns by c M and shifts by 2/3 L (c M) x axis, "
+            "M the moment it carries across its axis"
+        )
+
+    @property
     def known(self) -> tuple[Parameter, ...]:
         """Return the compliance."""
         return (Parameter("c", "rad/(N m)", 1e-7, plausible=5e-6),)
@@ -89,6 +97,11 @@ class LinkTorsion(LinkEffect):
 
     id: ClassVar[str] = "link_torsion"
     places: ClassVar[tuple[str, ...]] = ("forearm",)
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"the end of link {self.row} turns about its axis by c times the moment about it"
 
     @property
     def known(self) -> tuple[Parameter, ...]:
@@ -115,6 +128,11 @@ class BaseCompliance(NamedEffect):
     """
 
     id: ClassVar[str] = "base_compliance"
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return "base.rx += cx M_x, base.ry += cy M_y, M the overturning moment"
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -143,6 +161,11 @@ class ToolSag(NamedEffect):
     """The tooling gives way by c [m] times the part of gravity's direction across its axis."""
 
     id: ClassVar[str] = "tool_sag"
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return "tool.x, tool.y += c times the part of the unit vector of gravity along them"
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:

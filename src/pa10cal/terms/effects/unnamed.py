@@ -41,6 +41,11 @@ class PlaceMap(FalseReading):
     unit_m: ClassVar[float] = 0.3
     plausible_m: ClassVar[dict[int, float]] = {1: 3e-5, 2: 1e-4, 3: 3e-5}
 
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return "reading of each axis += polynomial of degree 3 in the place"
+
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the instrument."""
@@ -91,6 +96,11 @@ class TorqueMap(JointEffect):
     id: ClassVar[str] = "torque_map"
     generic: ClassVar[bool] = True
     degrees: ClassVar[int] = 4
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"tau_{self.joint} += Legendre polynomials 1 to {self.degrees} of q_{self.joint}"
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -150,6 +160,11 @@ class WindupMap(JointEffect):
     generic: ClassVar[bool] = True
     degrees: ClassVar[int] = 5
 
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"theta_{self.joint} -= Legendre polynomials 1 to {self.degrees} of tau_{self.joint}"
+
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at every joint that turns and carried torque."""
@@ -195,6 +210,13 @@ class DirectionMap(JointEffect):
     span_rad: tuple[float, float]
     id: ClassVar[str] = "direction_map"
     generic: ClassVar[bool] = True
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return (
+            f"theta_{self.joint} += s_{self.joint} times Legendre polynomials of torque and angle"
+        )
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -259,6 +281,11 @@ class DriftMap(NamedEffect):
     id: ClassVar[str] = "drift_map"
     generic: ClassVar[bool] = True
     degrees: ClassVar[int] = 3
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"each motion of the base += Legendre polynomials 1 to {self.degrees} of time"
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:

@@ -1,0 +1,79 @@
+"""Terms as plain data: what a file holds of a term, and the term made of it again.
+
+A term is its `id`, its place `of`, and the constants of its form (orders, spans, knots). The values
+of its parameters belong to the fitted model, not to the term.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from functools import cache
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from pa10cal.errors import TermError
+from pa10cal.near_miss import remedy_for
+from pa10cal.terms.effects.family import every_effect
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.term import Term
+
+
+def term_to_plain(term: Term) -> dict[str, Any]:
+    """Return a term as numbers, texts, lists and mappings.
+
+    Returns:
+        `id`, `of`, and the fields of its class that shape it; `term_from_plain` gives it back.
+    """
+    constants = _adapter(type(term)).dump_python(term, mode="json")
+    return {"id": term.id, "of": term.of} | constants
+
+
+def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
+    """Return the term that `term_to_plain` described.
+
+    Args:
+        content: what it returned; other keys may stand beside.
+        where: file and place, for the message.
+
+    Raises:
+        TermError: when there is no such term, or what shapes it is missing or of the wrong kind.
+    """
+    kinds = term_kinds()
+    name = content.get("id")
+    if name not in kinds:
+        raise TermError(
+            "unknown term",
+            where=f"{where}: id",
+            value=name,
+            allowed=", ".join(kinds),
+            remedy=remedy_for(str(name), kinds, "use a version of the package that knows it"),
+        )
+    kind = kinds[name]
+    shape = {field.name: content[field.name] for field in fields(kind) if field.name in content}
+    try:
+        term: Term = _adapter(kind).validate_python(shape)
+    except ValidationError as error:
+        first = error.errors()[0]
+        missing = first["type"] == "missing"
+        raise TermError(
+            f"key {'.'.join(map(str, first['loc']))} {'is missing' if missing else first['msg']}",
+            where=f"{where}: {name} of {content.get('of')}",
+            value=None if missing else first["input"],
+            allowed=f"the keys {', '.join(field.name for field in fields(kind))}",
+            remedy="write the model again",
+        ) from None
+    return term
+
+
+@cache
+def term_kinds() -> dict[str, type[Any]]:
+    """Return every class of term by its id: constant departures, springs, effects."""
+    return {kind.id: kind for kind in (Offsets, JointSpring, *every_effect())}
+
+
+@cache
+def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
