@@ -25,6 +25,7 @@ class MadeUp(JointEffect):
 
     id: ClassVar[str] = "made_up"
     plausible: ClassVar[float] = 3e-4
+    formula = "made up"
 
     @property
     def known(self):

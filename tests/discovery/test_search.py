@@ -22,6 +22,7 @@ class Proxy(JointEffect):
     """Both waves in one: joints 2 and 3 err alike."""
 
     id: ClassVar[str] = "proxy"
+    formula = "made up"
 
     @property
     def coordinates(self):

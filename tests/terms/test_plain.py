@@ -110,7 +110,7 @@ def test_a_missing_key_is_named():
     content = term_to_plain(JointSpring(2, 60.0))
     del content["tau_ref_Nm"]
     with pytest.raises(
-        TermError, match="model.yaml: joint_spring of joint 2: key tau_ref_Nm is missing"
+        TermError, match=r"model\.yaml: joint_spring of joint 2: key tau_ref_Nm is missing"
     ):
         term_from_plain(content, where="model.yaml")
     assert replace(JointSpring(2, 60.0), cubic=False) != JointSpring(2, 60.0)

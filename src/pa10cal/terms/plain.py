@@ -6,7 +6,7 @@ of its parameters belong to the fitted model, not to the term.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import fields
 from functools import cache
 from typing import Any
@@ -27,7 +27,7 @@ def term_to_plain(term: Term) -> dict[str, Any]:
     Returns:
         `id`, `of`, and the fields of its class that shape it; `term_from_plain` gives it back.
     """
-    constants = _adapter(type(term)).dump_python(term, mode="json")
+    constants: dict[str, Any] = _adapter(type(term)).dump_python(term, mode="json")
     return {"id": term.id, "of": term.of} | constants
 
 
@@ -69,11 +69,12 @@ def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
 
 
 @cache
-def term_kinds() -> dict[str, type[Any]]:
+def term_kinds() -> dict[str, Any]:
     """Return every class of term by its id: constant departures, springs, effects."""
-    return {kind.id: kind for kind in (Offsets, JointSpring, *every_effect())}
+    kinds: tuple[Any, ...] = (Offsets, JointSpring, *every_effect())
+    return {kind.id: kind for kind in kinds}
 
 
 @cache
-def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
+def _adapter(kind: Hashable) -> TypeAdapter[Any]:
     return TypeAdapter(kind)

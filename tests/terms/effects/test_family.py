@@ -49,6 +49,7 @@ from pa10cal.terms.term import Parameter
 @dataclass(frozen=True)
 class ThirdHarmonic(JointEffect):
     id: ClassVar[str] = "third_harmonic"
+    formula = "theta_j += A sin(3 q_j)"
 
     @property
     def known(self):
