@@ -206,7 +206,7 @@ def test_the_fixed_point_of_distances_is_found(tmp_path, capsys, stated):
     np.testing.assert_allclose(record["p_base_point_m"], raw.p_base_point_m, atol=5e-4)
     place = record["p_ee_targets_m"]["S" if stated else "target"]
     np.testing.assert_allclose(place, raw.T_ee_target[:3, 3], atol=5e-4)
-    np.testing.assert_allclose(record["origin_cmm_m"], -np.array(record["p_base_point_m"]))
+    np.testing.assert_allclose(record["origin_instr_m"], -np.array(record["p_base_point_m"]))
     assert "x_direction_u_rad" not in record
     assert "fixed point at (" in capsys.readouterr().out
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pa10cal.campaign.description import Campaign
     from pa10cal.campaign.observations import PoseObservations
     from pa10cal.campaign.seen import Sightings
+    from pa10cal.results.seed import BaseFrameRecord
 
 
 def seed(
@@ -36,9 +37,8 @@ def seed(
     from pa10cal.campaign.sightings import sightings
     from pa10cal.campaign.table import read_pose_table
     from pa10cal.files.arms import load_arm
-    from pa10cal.files.output import write_json
-    from pa10cal.files.schemas import BASE_FRAME
-    from pa10cal.stages.seed_record import summary
+    from pa10cal.frame.records import summary
+    from pa10cal.results.codec import write
 
     campaign = read_campaign(campaign_dir)
     table = read_pose_table(poses, campaign.name)
@@ -46,27 +46,26 @@ def seed(
     kind = campaign.instrument.kind
     moved = bool(table["kind"].isin(["line_x", "line_y"]).any())
     if kind == "touch_trigger_cmm" or (kind == "pose" and moved):
-        record = _by_end_effector(table, chain, settings, poses, tracked=kind == "pose")
+        record = _by_end_effector(table, chain, settings, poses, campaign)
     else:
         grid = sightings(table, campaign)
         unloaded = grid.take(grid.states.load_N == grid.states.load_N.min())
         record = _by_targets(unloaded, chain, campaign)
-    header = {"schema": BASE_FRAME, "campaign": campaign.name, "provenance": campaign.provenance}
-    write_json(out, header | record)
+    write(record, out)
     print(f"{campaign.name}: {summary(record)}")
 
 
 def _by_end_effector(
-    table: DataFrame, chain: Chain, settings: BaseFrameSettings, where: Path, *, tracked: bool
-) -> dict[str, Any]:
+    table: DataFrame, chain: Chain, settings: BaseFrameSettings, where: Path, campaign: Campaign
+) -> BaseFrameRecord:
     """Find the base frame where straight moves show it, or of an end-effector that was touched."""
     import numpy as np
 
     from pa10cal.campaign.table import observations
     from pa10cal.frame.hand_eye import target_on_base
     from pa10cal.frame.nominal_fit import seed_from_nominal
+    from pa10cal.frame.records import line_record, nominal_record
     from pa10cal.frame.straight_lines import LineLimits, seed_from_lines
-    from pa10cal.stages.seed_record import line_record, nominal_record
 
     grid = observations(table, "grid")
     unloaded = grid.take(grid.states.load_N == grid.states.load_N.min())
@@ -80,7 +79,7 @@ def _by_end_effector(
         return measured, nominal
 
     if not len(line_x):
-        return nominal_record(seed_from_nominal(*positions(unloaded)))
+        return nominal_record(seed_from_nominal(*positions(unloaded)), campaign)
     limits = LineLimits(
         min_length_m=1e-3 * settings.min_length_mm,
         max_bend_m=1e-3 * settings.max_bend_mm,
@@ -89,36 +88,36 @@ def _by_end_effector(
     seed = seed_from_lines(
         positions(line_x), positions(line_y), positions(line_x, line_y, unloaded), limits
     )
-    record = line_record(seed)
-    if tracked:
+    T_ee_target = None
+    if campaign.instrument.kind == "pose":
         T_base_ee = chain.forward(unloaded.states.q_rad)
-        found = target_on_base(seed.T_instr_base, T_base_ee, unloaded.T_instr_ee)
-        record["T_ee_target"] = found.tolist()
-    return record
+        T_ee_target = target_on_base(seed.T_instr_base, T_base_ee, unloaded.T_instr_ee)
+    return line_record(seed, campaign, T_ee_target)
 
 
-def _by_targets(unloaded: Sightings, chain: Chain, campaign: Campaign) -> dict[str, Any]:
+def _by_targets(unloaded: Sightings, chain: Chain, campaign: Campaign) -> BaseFrameRecord:
     """Find base frame and targets of an instrument whose targets may be anywhere."""
     from pa10cal.campaign.seen import SeenPoints, SeenPoses
     from pa10cal.campaign.sightings import stated_places_m
     from pa10cal.frame.hand_eye import hand_eye_from_points, hand_eye_from_poses
     from pa10cal.frame.ranging import range_from_distances
-    from pa10cal.stages.seed_record import points_record, poses_record, ranging_record
+    from pa10cal.frame.records import points_record, poses_record, ranging_record
 
     seen, T_base_ee = unloaded.seen, chain.forward(unloaded.states.q_rad)
     if isinstance(seen, SeenPoses):
-        return poses_record(hand_eye_from_poses(T_base_ee, seen.T_instr_target), len(unloaded))
+        by_poses = hand_eye_from_poses(T_base_ee, seen.T_instr_target)
+        return poses_record(by_poses, len(unloaded), campaign)
     if isinstance(seen, SeenPoints):
         found = hand_eye_from_points(
             T_base_ee, seen.p_instr_m, seen.p_ee_stated_m, names=seen.names
         )
-        record = points_record(found, seen.names, len(unloaded))
-        return record | {"target_stated": seen.p_ee_stated_m is not None}
+        stated = seen.p_ee_stated_m is not None
+        return points_record(found, seen.names, len(unloaded), campaign, stated=stated)
     names = campaign.ball_names if len(campaign.ball_names) == 1 else ("target",)
     stated_m = stated_places_m(campaign, names)
     ranged = range_from_distances(T_base_ee, seen.d_m, None if stated_m is None else stated_m[0])
-    record = ranging_record(ranged, names[0], len(unloaded))
-    return record | {"target_stated": stated_m is not None}
+    stated = stated_m is not None
+    return ranging_record(ranged, names[0], len(unloaded), campaign, stated=stated)
 
 
 def _refuse_one_move(points_x: int, points_y: int, poses: Path) -> None:

@@ -26,8 +26,8 @@ class PureErrorTest(Part):
     """Lack of fit against pure error."""
 
     chi_square: float = Field(description="weighted sum of squares")
-    freedoms: float = Field(description="its degrees of freedom")
-    pure_error_freedoms: float = Field(description="degrees of freedom of pure error")
+    dof: float = Field(description="its degrees of freedom")
+    pure_error_dof: float = Field(description="degrees of freedom of pure error")
     F: float = Field(description="ratio of the mean squares")
     p_value: float = Field(description="probability of a larger F without lack of fit")
 

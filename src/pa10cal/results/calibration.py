@@ -87,7 +87,7 @@ class Solved(Part):
 class GeneralFit(Fit):
     """A fit of the general model."""
 
-    freedoms: int = Field(description="residual degrees of freedom")
+    dof: int = Field(description="residual degrees of freedom")
     scatter: Mapping[Annotated[str, Key("kind")], float] = Field(
         description="standard deviation of residuals, of `position` [m] and `attitude` [rad]"
     )
@@ -164,14 +164,22 @@ class CalibrationRecord(Fit, MeasuredRecord):
     @classmethod
     def kinds(cls) -> tuple[type[Record], ...]:
         """Return a type for each model."""
-        return (PaperCalibration, GeneralCalibration) if cls is CalibrationRecord else (cls,)
+        return (
+            (PaperCalibrationRecord, GeneralCalibrationRecord)
+            if cls is CalibrationRecord
+            else (cls,)
+        )
 
     @classmethod
     def kind_of(cls, content: dict[str, Any]) -> type[Record]:
         """Return the type of the model named."""
         if cls is not CalibrationRecord:
             return cls
-        return GeneralCalibration if content.get("model") == "general" else PaperCalibration
+        return (
+            GeneralCalibrationRecord
+            if content.get("model") == "general"
+            else PaperCalibrationRecord
+        )
 
 
 class WeakDirection(Part):
@@ -219,7 +227,7 @@ class LCurvePoint(Part):
     mean_mm: float = Field(description="mean position error [mm]")
 
 
-class PaperCalibration(CalibrationRecord):
+class PaperCalibrationRecord(CalibrationRecord):
     """`calibration/<load>.json` of the paper's model."""
 
     model: Literal["paper"] = Field("paper", description="the paper's model")
@@ -264,7 +272,7 @@ class SuspectedOutlier(Part):
     why: str = Field(description="what is odd about it")
 
 
-class GeneralCalibration(GeneralFit, CalibrationRecord):
+class GeneralCalibrationRecord(GeneralFit, CalibrationRecord):
     """`calibration/<load>.json` of the general model."""
 
     model: Literal["general"] = Field("general", description="the general model")
@@ -277,7 +285,7 @@ class GeneralCalibration(GeneralFit, CalibrationRecord):
     before_is: str = Field(description="what `before` is in the errors")
     geometry: GeneralFit = Field(description="the fit without springs")
     nominal: GeneralFit = Field(description="the fit of base and tool alone, the arm nominal")
-    doubted: tuple[SuspectedOutlier, ...] = Field(description="suspected outliers")
+    suspected_outliers: tuple[SuspectedOutlier, ...] = Field(description="suspected outliers")
 
     @property
     def fits(self) -> Mapping[str, Fit]:

@@ -58,7 +58,7 @@ class Health(Part):
     rank: int = Field(description="directions of parameter space that the data identify")
     unknowns: int = Field(description="parameters fitted")
     condition: float = Field(description="condition number over the identified directions")
-    open_parameters: tuple[str, ...] = Field(description="parameters that are not identifiable")
+    not_identifiable: tuple[str, ...] = Field(description="parameters that are not identifiable")
     correlated_pairs: tuple[CorrelatedPair, ...] = Field(description="nearly inseparable pairs")
     train_rms_mm: float = Field(
         description="root mean square position error over the poses fitted [mm]"
