@@ -12,11 +12,13 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.observations import PoseObservations
-from pa10cal.discovery.candidates import testable
 from pa10cal.discovery.discover import Discovery, discover
-from pa10cal.discovery.fit import Fit, fit
-from pa10cal.discovery.problem import Baseline, Problem, Setting, Uncertainties, prepare
-from pa10cal.discovery.search import Found, evidence_about, less
+from pa10cal.discovery.evidence.candidates import testable
+from pa10cal.discovery.evidence.fit import Fit, fit
+from pa10cal.discovery.evidence.problem import Problem, prepare
+from pa10cal.discovery.evidence.search import Found, evidence_about, less
+from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.discovery.preparation import MeasurementSetup, Uncertainties
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.rigid_fit import fit_rigid, pose_by_source
 from pa10cal.terms.baseline import baseline
@@ -91,12 +93,12 @@ class Measured:
 
     readings: PoseObservations
     held_out: PoseObservations
-    setting: Setting
-    baseline: Baseline
+    setup: MeasurementSetup
+    baseline: OperatingPoint
 
     @cached_property
     def problem(self) -> Problem:
-        return prepare(self.readings, self.baseline, self.setting)
+        return prepare(self.readings, self.baseline, self.setup)
 
     @cached_property
     def start(self) -> Fit:
@@ -121,9 +123,7 @@ class Measured:
 
     def discovered(self, **changes) -> Discovery:
         given = {"readings": self.readings, "held_out": self.held_out} | changes
-        return discover(
-            given["readings"], given["held_out"], self.baseline, self.setting, ERROR_RATE
-        )
+        return discover(given["readings"], given["held_out"], self.baseline, self.setup, ERROR_RATE)
 
     def effect(self, id_, of) -> Effect:
         (found,) = (effect for effect in self.every if (effect.id, effect.of) == (id_, of))
@@ -173,13 +173,15 @@ def measure(missing=Missing(), seed=20080427, poses=POSES, apparatus_m=5e-6, pos
     T_instr_base = np.eye(4)
     T_instr_base[:3, :3] = Rotation.from_rotvec([0.01, -0.02, 1.6]).as_matrix()
     T_instr_base[:3, 3] = [0.3, 0.2, -0.15]
-    setting = Setting(BURDEN, TARGETS_M, 21.0, FLEXIBLE, Uncertainties(apparatus_m=apparatus_m))
+    setup = MeasurementSetup(
+        BURDEN, TARGETS_M, 21.0, FLEXIBLE, Uncertainties(apparatus_m=apparatus_m)
+    )
     single = _readings(missing, model, x, T_instr_base, (poses, (0.0, 44.0)), rng, pose_m)
     held_out = _readings(missing, model, x, T_instr_base, (10, (0.0, 22.0, 66.0)), rng, pose_m)
-    nominal = Baseline(model, np.where(x == 3e-3, 2e-3, 0.0), T_instr_base)
-    found = fit(prepare(single, nominal, setting), (), (), (0.0, 0.0))
-    calibrated = Baseline(model, found.x[:-6], base_frame_of(T_instr_base, found.x[-6:]))
-    return Measured(single, average_repeats(held_out), setting, calibrated)
+    nominal = OperatingPoint(model, np.where(x == 3e-3, 2e-3, 0.0), T_instr_base)
+    found = fit(prepare(single, nominal, setup), (), (), (0.0, 0.0))
+    calibrated = OperatingPoint(model, found.x[:-6], base_frame_of(T_instr_base, found.x[-6:]))
+    return Measured(single, average_repeats(held_out), setup, calibrated)
 
 
 def _readings(missing, model, x, T_instr_base, layout, rng, pose_m) -> PoseObservations:

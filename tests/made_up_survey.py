@@ -14,7 +14,8 @@ from pa10cal.calibration.general.unknowns import tool_frame
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.blocked_cv.discover import BlockedDiscovery, discover_by_blocks
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
-from pa10cal.discovery.problem import Baseline, Setting
+from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
@@ -22,7 +23,7 @@ from pa10cal.terms.offsets import Tolerances, link_departures
 
 ARM = load_arm("ur10")
 BURDEN = Payload(1.0, np.array([0.0, 0.0, 0.05]), np.zeros(3), np.array([0.0, 0.0, -9.81]))
-SETTING = Setting(BURDEN, np.zeros((0, 3)), 22.0, (2, 3))
+SETUP = MeasurementSetup(BURDEN, np.zeros((0, 3)), 22.0, (2, 3))
 POSITION_M, ATTITUDE_RAD = 2e-5, 1e-4
 POSES, HELD_OUT = 700, 100
 ERROR_RATE = 0.01
@@ -72,15 +73,15 @@ class Surveyed:
 
     readings: PoseObservations
     held_out: PoseObservations
-    baseline: Baseline
+    baseline: OperatingPoint
 
     @cached_property
     def survey(self) -> Survey:
-        return survey(self.readings, self.baseline, SETTING, torques_logged=False)
+        return survey(self.readings, self.baseline, SETUP, torques_logged=False)
 
     @cached_property
     def discovery(self) -> BlockedDiscovery:
-        return discover_by_blocks(self.readings, self.held_out, self.baseline, SETTING, ERROR_RATE)
+        return discover_by_blocks(self.readings, self.held_out, self.baseline, SETUP, ERROR_RATE)
 
 
 def observe(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT) -> Surveyed:
@@ -126,5 +127,5 @@ def observe(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT) -> S
     )
     order = rng.permutation(poses)  # the order of rows tells nothing
     return Surveyed(
-        seen.take(order), seen.take(slice(poses, None)), Baseline(model, x, T_instr_base)
+        seen.take(order), seen.take(slice(poses, None)), OperatingPoint(model, x, T_instr_base)
     )

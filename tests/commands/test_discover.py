@@ -10,7 +10,7 @@ import yaml
 
 from made_up_arm import Missing, at_joint, harmonic, measure
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.discovery.fit import as_read
+from pa10cal.discovery.evidence.fit import as_read
 from pa10cal.stages.extended_record import base_of, extended_record, read_extended
 
 NAME = "small"

@@ -168,14 +168,14 @@ class TestANewEffect:
 def test_a_campaign_without_repeats_is_refused(null):
     _, first = np.unique(null.readings.pose, return_index=True)
     with pytest.raises(DiscoveryError, match="too few repeats"):
-        discover(null.readings.take(first), None, null.baseline, null.setting, ERROR_RATE)
+        discover(null.readings.take(first), None, null.baseline, null.setup, ERROR_RATE)
 
 
 def test_too_few_poses_are_refused(null):
     readings = null.problem.readings
     few = readings.take(np.isin(readings.pose, np.unique(readings.pose)[:5]))
     with pytest.raises(DiscoveryError, match="too few poses"):
-        discover(few, None, null.problem.baseline, null.problem.setting, ERROR_RATE)
+        discover(few, None, null.problem.baseline, null.problem.setup, ERROR_RATE)
 
 
 def test_a_spring_without_torque_is_refused(null):
@@ -186,6 +186,6 @@ def test_a_spring_without_torque_is_refused(null):
             replace(readings, states=silent),
             None,
             null.problem.baseline,
-            null.problem.setting,
+            null.problem.setup,
             ERROR_RATE,
         )

@@ -13,11 +13,13 @@ from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.clustered import mean, slope
 from pa10cal.discovery.discover import compare
-from pa10cal.discovery.fit import fit
+from pa10cal.discovery.evidence.fit import fit
+from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.joint_space import periodogram
 from pa10cal.discovery.lack_of_fit import lack_of_fit
 from pa10cal.discovery.naming import errors_by_name
-from pa10cal.discovery.problem import Baseline, Setting, prepare
+from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
 from pa10cal.stages.lack_of_fit_record import lack_of_fit_record
 from pa10cal.stages.naming_record import naming_record
@@ -30,7 +32,7 @@ from pa10cal.terms.offsets import Tolerances
 ARM = load_arm("pa10_6ce")
 FLEXIBLE = (2, 3)
 BURDEN = Payload(2.4, np.array([0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))
-SETTING = Setting(BURDEN, np.zeros((0, 3)), 21.0, FLEXIBLE)
+SETUP = MeasurementSetup(BURDEN, np.zeros((0, 3)), 21.0, FLEXIBLE)
 POSES, LOADS_N, REPEATS = 40, (0.0, 22.0, 44.0), 4
 POSITION_M, ROTATION_RAD, TORQUE_NM = 5e-6, 2e-5, 0.05
 HARMONIC = TransmissionError("joint 2", 100.0)
@@ -44,7 +46,7 @@ def model_of(*effects):
     return Model(Chain.of(ARM, bends=long_links(ARM)), (*terms, *effects))
 
 
-BASELINE = Baseline(model_of(), np.zeros(len(model_of().parameters)), np.eye(4))
+BASELINE = OperatingPoint(model_of(), np.zeros(len(model_of().parameters)), np.eye(4))
 BASELINE.x[[p.name.startswith("windup") for p in model_of().parameters]] = 3e-3
 
 
@@ -92,7 +94,7 @@ def measured(*effects, x=(), seed=20080427):
 
 
 def without_effects(readings):
-    problem = prepare(readings, BASELINE, SETTING)
+    problem = prepare(readings, BASELINE, SETUP)
     return problem, fit(problem, (), (), (0.0, 0.0))
 
 
@@ -198,8 +200,8 @@ def test_unlogged_torques_and_temperatures_are_not_made_up():
     )
     rigid = baseline(ARM, (), Tolerances())
     model = Model(Chain.of(ARM, bends=long_links(ARM)), rigid.terms)
-    start = Baseline(model, np.zeros(len(model.parameters)), np.eye(4))
-    problem = prepare(readings, start, replace(SETTING, flexible_joints=()))
+    start = OperatingPoint(model, np.zeros(len(model.parameters)), np.eye(4))
+    problem = prepare(readings, start, replace(SETUP, flexible_joints=()))
     record = lack_of_fit_record(lack_of_fit(problem, fit(problem, (), (), (0.0, 0.0))))
     assert record["torque"] is None
     assert record["by_torque"] == []

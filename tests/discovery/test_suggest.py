@@ -14,12 +14,14 @@ from pa10cal.campaign.ingest import ingest_campaign
 from pa10cal.campaign.table import observations, read_pose_table, write_pose_table
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.write import write_campaign
-from pa10cal.discovery import candidates as family
 from pa10cal.discovery.admissible import Room, draw_admissible, foresee
-from pa10cal.discovery.evidence import SIZES
-from pa10cal.discovery.fit import Fit, fit
-from pa10cal.discovery.problem import Baseline, Problem, Setting, prepare
-from pa10cal.discovery.search import evidence_about, search
+from pa10cal.discovery.evidence import candidates as family
+from pa10cal.discovery.evidence.fit import Fit, fit
+from pa10cal.discovery.evidence.likelihood import SIZES
+from pa10cal.discovery.evidence.problem import Problem, prepare
+from pa10cal.discovery.evidence.search import evidence_about, search
+from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.suggest import LEAST_NATS, plan, suggest
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
@@ -85,10 +87,10 @@ def measure(tmp_path_factory):
             1e-3 * np.array(tool.load_point_mm),
             np.array(campaign.gravity_m_s2),
         )
-        setting = Setting(
+        setup = MeasurementSetup(
             payload, 1e-3 * campaign.p_ee_balls_mm, campaign.reference_temperature_C, FLEXIBLE
         )
-        problem = prepare(readings, calibrated(readings), setting)
+        problem = prepare(readings, calibrated(readings), setup)
         start = fit(problem, (), (), (0.0, 0.0))
         shown, refused = family.testable(problem, start, candidates(problem.context))
         return Measured(problem, start, shown, tuple(entry.effect for entry in refused))
@@ -103,7 +105,7 @@ def calibrated(readings):
     options = Options(starts=1, inner_poses=None)
     found = calibrate(model, averaged, options, ErrorSources(readings, 5e-6))
     bending = Model(Chain.of(ARM, bends=long_links(ARM)), model.terms)
-    return Baseline(bending, found.solution.x, found.T_instr_base)
+    return OperatingPoint(bending, found.solution.x, found.T_instr_base)
 
 
 RATIO = ("gear_ratio_error", "joint 2", {"eps": 2e-4})
@@ -227,7 +229,7 @@ def test_drawn_configurations_keep_within_the_room(ratio):
     assert np.all((q_rad > low + 0.049 * (high - low)) & (q_rad < high - 0.049 * (high - low)))
     T = Chain.of(ARM).forward(q_rad)
     balls = T[:, None, :3, 3] + np.einsum(
-        "pij,bj->pbi", T[:, :3, :3], ratio.problem.setting.p_ee_targets_m
+        "pij,bj->pbi", T[:, :3, :3], ratio.problem.setup.p_ee_targets_m
     )
     for p_base in (T[:, None, :3, 3], balls):
         assert p_base[..., 2].min() > room.floor_m

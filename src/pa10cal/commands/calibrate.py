@@ -111,8 +111,8 @@ def _by_general_model(
     from pa10cal.calibration.load_case import COMBINED, rows_of_load
     from pa10cal.campaign.sightings import sightings
     from pa10cal.files.schemas import BASE_FRAME
-    from pa10cal.stages.discovery_setting import payload_of
     from pa10cal.stages.general_record import general_options, general_record, read_start
+    from pa10cal.stages.measurement_setup import payload_of
     from pa10cal.stages.records import read_record
 
     seed = read_record(base_frame, BASE_FRAME, ("T_instr_base",), campaign.name)

@@ -12,7 +12,8 @@ from pa10cal.settings import DiscoverySettings
 
 if TYPE_CHECKING:
     from pa10cal.campaign.observations import PoseObservations
-    from pa10cal.discovery.problem import Baseline, Setting
+    from pa10cal.discovery.operating_point import OperatingPoint
+    from pa10cal.discovery.preparation import MeasurementSetup
 
 
 def discover(
@@ -41,13 +42,13 @@ def discover(
     from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import observations, read_pose_table
-    from pa10cal.discovery.problem import Baseline
+    from pa10cal.discovery.operating_point import OperatingPoint
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import whole_files, write_json, write_text
     from pa10cal.files.schemas import ANALYSIS, CALIBRATION, EXTENDED, VERDICT
     from pa10cal.settings import CalibrationSettings, parse_section
     from pa10cal.stages.calibration_record import read_fit
-    from pa10cal.stages.discovery_setting import setting_of, with_bends
+    from pa10cal.stages.measurement_setup import setup_of, with_bends
     from pa10cal.stages.records import read_record
 
     began = time.perf_counter()
@@ -57,7 +58,7 @@ def discover(
     record = read_record(calibration, CALIBRATION, ("parameters", "settings"), campaign.name)
     used = parse_section(CalibrationSettings, record["settings"], where=str(calibration))
     model, x, T_instr_base = read_fit(record, arm, calibration, cubic=True)
-    setting = setting_of(campaign, arm, used, settings)
+    setup = setup_of(campaign, arm, used, settings)
     grid = observations(table, kind="grid", average=False, covariance="instrument")
     judge = _by_blocks if _left_out(grid) else _by_repeats
     if judge is _by_blocks:
@@ -68,9 +69,9 @@ def discover(
         from pa10cal.stages.general_record import as_modelled, read_general
 
         fitted = read_general(record, arm, calibration)
-        grid, held_out = (as_modelled(rows, fitted, setting.payload) for rows in (grid, held_out))
+        grid, held_out = (as_modelled(rows, fitted, setup.payload) for rows in (grid, held_out))
     outcome = judge(
-        grid, held_out, Baseline(with_bends(model), x, T_instr_base), setting, settings, record
+        grid, held_out, OperatingPoint(with_bends(model), x, T_instr_base), setup, settings, record
     )
     header = {"campaign": campaign.name, "provenance": campaign.provenance}
     verdict_record = {
@@ -116,7 +117,7 @@ class _Outcome:
 def _left_out(grid: PoseObservations) -> bool:
     """Tell whether effects are judged by blocks of poses left out, and not by repeats."""
     from pa10cal.discovery.blocked_cv.survey import enough
-    from pa10cal.discovery.repeatability import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
+    from pa10cal.discovery.evidence.repeatability import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
 
     repeats = repeated(grid)
     return enough(len(grid)) and repeats < max(LEAST_DIFFERENCES, LEAST_REPEATED * len(grid))
@@ -125,8 +126,8 @@ def _left_out(grid: PoseObservations) -> bool:
 def _by_repeats(
     grid: PoseObservations,
     held_out: PoseObservations,
-    baseline: Baseline,
-    setting: Setting,
+    baseline: OperatingPoint,
+    setup: MeasurementSetup,
     settings: DiscoverySettings,
     record: dict[str, Any],
 ) -> _Outcome:
@@ -146,7 +147,7 @@ def _by_repeats(
         grid,
         held_out if len(held_out) else None,
         baseline,
-        replace(setting, flexible_joints=tuple(record.get("springs", setting.flexible_joints))),
+        replace(setup, flexible_joints=tuple(record.get("springs", setup.flexible_joints))),
         settings.error_rate,
     )
     ahead = plan(
@@ -173,8 +174,8 @@ def _by_repeats(
 def _by_blocks(
     grid: PoseObservations,
     held_out: PoseObservations,
-    baseline: Baseline,
-    setting: Setting,
+    baseline: OperatingPoint,
+    setup: MeasurementSetup,
     settings: DiscoverySettings,
     record: dict[str, Any],
 ) -> _Outcome:
@@ -191,7 +192,7 @@ def _by_blocks(
         grid,
         held_out,
         baseline,
-        setting,
+        setup,
         settings.error_rate,
         torques_logged=record.get("torques_from", "logged") == "logged"
         and bool(np.isfinite(grid.states.tau_Nm).all()),

@@ -125,12 +125,12 @@ def _judge_general(
     from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.settings import CalibrationSettings, DiscoverySettings, parse_section
     from pa10cal.stages.blocked_cv_model import extended_model
-    from pa10cal.stages.discovery_setting import setting_of
     from pa10cal.stages.general_evaluation import (
         general_models,
         held_out_with_torques,
         judged_record,
     )
+    from pa10cal.stages.measurement_setup import setup_of
 
     held_out = held_out_with_torques(table, campaign, arm)
     models = {
@@ -142,8 +142,8 @@ def _judge_general(
         if with_effects.arrival_from_order:
             held_out = held_out_with_torques(with_arrivals(table)[0], campaign, arm)
         used = parse_section(CalibrationSettings, record["settings"], where=str(calibration))
-        setting = setting_of(campaign, arm, used, DiscoverySettings())
-        held_out = with_effects.completed(held_out, setting)
+        setup = setup_of(campaign, arm, used, DiscoverySettings())
+        held_out = with_effects.completed(held_out, setup)
         models["extended"] = judged_record(
             with_effects.fitted, held_out, with_effects.extrapolated(held_out.states)
         )
@@ -161,14 +161,15 @@ def _judge_extended(
     """Judge the model with the effects that discovery named."""
     from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.campaign.table import observations
-    from pa10cal.discovery.fit import as_read
-    from pa10cal.discovery.problem import Baseline, complete_about
+    from pa10cal.discovery.evidence.fit import as_read
+    from pa10cal.discovery.operating_point import OperatingPoint
+    from pa10cal.discovery.preparation import complete_about
     from pa10cal.evaluation.holdout import judge
     from pa10cal.files.schemas import EXTENDED
     from pa10cal.settings import CalibrationSettings, DiscoverySettings, parse_section
     from pa10cal.stages.calibration_record import read_fit
-    from pa10cal.stages.discovery_setting import setting_of, with_bends
     from pa10cal.stages.extended_record import read_extended
+    from pa10cal.stages.measurement_setup import setup_of, with_bends
     from pa10cal.stages.records import read_record, read_vector
 
     used = parse_section(CalibrationSettings, record["settings"], where=str(calibration))
@@ -180,8 +181,8 @@ def _judge_extended(
     poses = complete_about(
         observations(table, kind="holdout"),
         baseline,
-        Baseline(model, x, T_instr_base),
-        setting_of(campaign, arm, used, DiscoverySettings()),
+        OperatingPoint(model, x, T_instr_base),
+        setup_of(campaign, arm, used, DiscoverySettings()),
     )
     coordinates = poses.by_apparatus.shape[2]
     places_m = read_vector(content, "targets_off_m", coordinates, extended)

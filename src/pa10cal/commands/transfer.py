@@ -42,12 +42,12 @@ def transfer(
     from pa10cal.files.schemas import CALIBRATION, TRANSFER
     from pa10cal.settings import CalibrationSettings, DiscoverySettings, parse_section
     from pa10cal.stages.blocked_cv_model import extended_model
-    from pa10cal.stages.discovery_setting import payload_of, setting_of
     from pa10cal.stages.general_evaluation import (
         general_models,
         held_out_with_torques,
         judged_record,
     )
+    from pa10cal.stages.measurement_setup import payload_of, setup_of
     from pa10cal.stages.records import read_record
 
     campaign = read_campaign(campaign_dir)
@@ -85,10 +85,10 @@ def transfer(
     if extended is not None:
         with_effects = extended_model(extended, record, arm, calibration)
         used = parse_section(CalibrationSettings, record["settings"], where=str(calibration))
-        setting = setting_of(campaign, arm, used, DiscoverySettings())
+        setup = setup_of(campaign, arm, used, DiscoverySettings())
         if with_effects.arrival_from_order:
             grid, held_out = sighted(with_arrivals(table)[0])
-        grid, held_out = (with_effects.completed(rows, setting) for rows in (grid, held_out))
+        grid, held_out = (with_effects.completed(rows, setup) for rows in (grid, held_out))
         judged["extended"] = judged_record(
             refit_frames(with_effects.fitted, grid),
             held_out,

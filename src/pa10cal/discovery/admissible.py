@@ -14,11 +14,13 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import statics
 from pa10cal.calibration.levels import OneLevel
 from pa10cal.campaign.observations import PoseObservations
-from pa10cal.discovery.cells import shared_error
-from pa10cal.discovery.channel import Channel
-from pa10cal.discovery.fit import Fit
-from pa10cal.discovery.problem import Baseline, Problem, Setting, common_torques, complete
-from pa10cal.discovery.repeatability import same_circumstances
+from pa10cal.discovery.evidence.cells import shared_error
+from pa10cal.discovery.evidence.fit import Fit
+from pa10cal.discovery.evidence.noise_model import NoiseModel
+from pa10cal.discovery.evidence.problem import Problem, common_torques
+from pa10cal.discovery.evidence.repeatability import same_circumstances
+from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.discovery.preparation import MeasurementSetup, complete
 from pa10cal.errors import DiscoveryError
 
 Array = NDArray[np.float64]
@@ -31,11 +33,11 @@ class Measured(Protocol):
     """What is known of a campaign whose context are asked for."""
 
     @property
-    def baseline(self) -> Baseline:
+    def baseline(self) -> OperatingPoint:
         """Return the calibrated model."""
 
     @property
-    def setting(self) -> Setting:
+    def setup(self) -> MeasurementSetup:
         """Return what is known besides the poses."""
 
     @property
@@ -110,7 +112,7 @@ def _is_admissible(problem: Measured, q_rad: Array, room: Room) -> NDArray[np.bo
     low, high = _box(problem, room)
     within: NDArray[np.bool_] = np.all((p_instr_end > low) & (p_instr_end < high), axis=1)
     p_base_targets = p_base_end[:, None] + np.einsum(
-        "pij,bj->pbi", at.T_base_ee[:, :3, :3], problem.setting.p_ee_targets_m.reshape(-1, 3)
+        "pij,bj->pbi", at.T_base_ee[:, :3, :3], problem.setup.p_ee_targets_m.reshape(-1, 3)
     )
     tool = np.concatenate([p_base_end[:, None], p_base_targets], axis=1)
     within &= tool[..., 2].min(axis=1) > room.floor_m
@@ -156,8 +158,8 @@ def foresee(
     Raises:
         DiscoveryError: when torques were logged but the weights that make them are not known.
     """
-    baseline, setting, measured = problem.baseline, problem.setting, problem.readings.states
-    if setting.payload is None and np.all(np.isfinite(measured.tau_Nm)):
+    baseline, setup, measured = problem.baseline, problem.setup, problem.readings.states
+    if setup.payload is None and np.all(np.isfinite(measured.tau_Nm)):
         raise DiscoveryError(
             "torques cannot be foreseen in configurations that were not measured",
             where=baseline.model.chain.arm.name,
@@ -167,7 +169,7 @@ def foresee(
     count, last = len(q_rad), int(np.argmax(measured.time_s))
     states = PoseStates(
         q_rad=q_rad,
-        tau_Nm=np.full(q_rad.shape, np.nan if setting.payload is None else 0.0),
+        tau_Nm=np.full(q_rad.shape, np.nan if setup.payload is None else 0.0),
         arrival=arrival,
         load_N=load_N,
         temperature_C=np.full(count, measured.temperature_C[last]),
@@ -183,7 +185,7 @@ def foresee(
         repeats=np.full(count, repeats),
     )
     poses = _on_apparatus(poses, problem)
-    states = complete(poses, baseline, setting).states
+    states = complete(poses, baseline, setup).states
     if states.static_loads is not None:
         tau_Nm = states.static_loads.joint_Nm + found.model.torque_Nm(states, found.x)
         states = replace(states, tau_Nm=tau_Nm)
@@ -196,22 +198,22 @@ def foresee(
 
 def _weighed(problem: Problem, poses: PoseObservations) -> Problem:
     """Return the problem of other poses."""
-    baseline, setting, shared = problem.baseline, problem.setting, shared_error(poses)
-    pose = Channel.of(
+    baseline, setup, shared = problem.baseline, problem.setup, shared_error(poses)
+    pose = NoiseModel.of(
         np.linalg.inv(np.linalg.cholesky(poses.cov_ee)),
         shared,
-        setting.uncertainties.apparatus_m * poses.by_apparatus,
+        setup.uncertainties.apparatus_m * poses.by_apparatus,
     )
     torque = None
-    if problem.torque is not None and setting.payload is not None:
+    if problem.torque is not None and setup.payload is not None:
         coordinates = baseline.model.chain_coordinates(poses.states, baseline.x)
-        weights = statics(baseline.model.chain, coordinates, poses.states.load_N, setting.payload)
+        weights = statics(baseline.model.chain, coordinates, poses.states.load_N, setup.payload)
         scale = np.sqrt(poses.repeats)[:, None] / problem.noise.torque_Nm
         loads_N = np.unique(problem.cells.states.load_N)
         common = common_torques(
-            poses, weights, baseline, setting.payload, setting.uncertainties, loads_N[loads_N > 0]
+            poses, weights, baseline, setup.payload, setup.uncertainties, loads_N[loads_N > 0]
         )
-        torque = Channel.of(scale[:, :, None] * np.eye(poses.states.n), shared, common)
+        torque = NoiseModel.of(scale[:, :, None] * np.eye(poses.states.n), shared, common)
     left = np.zeros_like(poses.states.tau_Nm)
     return replace(
         problem, readings=poses, cells=poses, pose=pose, torque=torque, torque_left_Nm=left

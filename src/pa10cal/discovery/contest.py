@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.candidates import linearise
-from pa10cal.discovery.channel import Channel
-from pa10cal.discovery.evidence import SIZES
-from pa10cal.discovery.fit import Fit
+from pa10cal.discovery.evidence.candidates import linearise
+from pa10cal.discovery.evidence.fit import Fit
+from pa10cal.discovery.evidence.likelihood import SIZES
+from pa10cal.discovery.evidence.noise_model import NoiseModel
+from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.outlook import Outlook
-from pa10cal.discovery.problem import Problem
 from pa10cal.errors import DiscoveryError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
@@ -163,7 +163,7 @@ def _rows(problem: Problem, found: Fit, effects: tuple[Effect, ...], with_torque
     return found_rows
 
 
-def _weighed(channel: Channel, variance: float, rows: Array) -> Array:
+def _weighed(channel: NoiseModel, variance: float, rows: Array) -> Array:
     """Return rows (C b, k) scaled to unit variance, as (C, b, k).
 
     Errors alike in all poses are left to columns of their own: poses to come share them.

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.observations import PoseObservations
-from pa10cal.discovery.candidates import NotTestable, testable
 from pa10cal.discovery.contest import Pair
-from pa10cal.discovery.fit import Fit, apparatus_m, as_read, fit
+from pa10cal.discovery.evidence.candidates import NotTestable, testable
+from pa10cal.discovery.evidence.fit import Fit, apparatus_m, as_read, fit
+from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge
+from pa10cal.discovery.evidence.problem import Problem, prepare
+from pa10cal.discovery.evidence.search import Found, search
 from pa10cal.discovery.gap import Gap, gap
-from pa10cal.discovery.judge import Judgement, floor_mm, judge
-from pa10cal.discovery.problem import Baseline, Problem, Setting, complete_about, prepare
-from pa10cal.discovery.search import Found, search
+from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.discovery.preparation import MeasurementSetup, complete_about
 from pa10cal.errors import DiscoveryError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates
@@ -60,8 +62,8 @@ class Discovery:
 def discover(
     readings: PoseObservations,
     held_out: PoseObservations | None,
-    baseline: Baseline,
-    setting: Setting,
+    baseline: OperatingPoint,
+    setup: MeasurementSetup,
     error_rate: float,
 ) -> Discovery:
     """Search a campaign for missing effects.
@@ -70,7 +72,7 @@ def discover(
         readings: single readings of the grid poses, with the instrument's covariance.
         held_out: averaged held-out poses, used for nothing but the gap; None where there are none.
         baseline: the calibrated model; its chain has the bends of the long links.
-        setting: what is known besides the poses.
+        setup: what is known besides the poses.
         error_rate: probability allowed of naming anything where nothing is missing.
 
     Raises:
@@ -79,7 +81,7 @@ def discover(
     """
     _check_enough(readings, baseline)
     check_torques(baseline.model, readings)
-    problem = prepare(readings, baseline, setting)
+    problem = prepare(readings, baseline, setup)
     start = fit(problem, (), (), (0.0, 0.0))
     family, refused = testable(problem, start, candidates(problem.context))
     judgement = judge(search(problem, family, error_rate, start))
@@ -102,7 +104,7 @@ def discover(
     )
 
 
-def _check_enough(readings: PoseObservations, baseline: Baseline) -> None:
+def _check_enough(readings: PoseObservations, baseline: OperatingPoint) -> None:
     """Refuse poses that the model's own parameters could follow wherever they are."""
     poses = len(np.unique(readings.pose))
     unknowns = len(baseline.model.parameters) + 6
@@ -138,8 +140,8 @@ def unresolved(found: Discovery) -> tuple[Pair, ...]:
 def compare(problem: Problem, extended: Fit, poses: PoseObservations) -> Gap:
     """Return the gap of baseline and extended model on averaged poses."""
     baseline = problem.baseline
-    about = Baseline(extended.model, extended.x, extended.level.T_instr_base)
-    poses = complete_about(poses, baseline, about, problem.setting)
+    about = OperatingPoint(extended.model, extended.x, extended.level.T_instr_base)
+    poses = complete_about(poses, baseline, about, problem.setup)
     return gap(
         poses,
         (baseline.model.predict(poses.states, baseline.x), baseline.T_instr_base),

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.signal import lombscargle
 
 from pa10cal.arm.chain import end_pose_with_screws
-from pa10cal.discovery.fit import Fit
-from pa10cal.discovery.problem import Problem
+from pa10cal.discovery.evidence.fit import Fit
+from pa10cal.discovery.evidence.problem import Problem
 
 Array = NDArray[np.float64]
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.clustered import Estimate, mean, slope
-from pa10cal.discovery.fit import Fit, pose_rows, torque_rows
+from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
+from pa10cal.discovery.evidence.problem import Problem
+from pa10cal.discovery.evidence.pure_error import ChannelTest, channel_tests, left_over
 from pa10cal.discovery.joint_space import JointErrors, Periodogram, joint_errors, periodogram
-from pa10cal.discovery.problem import Problem
-from pa10cal.discovery.pure_error import ChannelTest, channel_tests, left_over
 
 Array = NDArray[np.float64]
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.discovery.discover import compare
-from pa10cal.discovery.fit import Fit, fit
+from pa10cal.discovery.evidence.fit import Fit, fit
+from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.gap import Gap
-from pa10cal.discovery.problem import Problem
 from pa10cal.terms.effects.effect import Effect
 
 

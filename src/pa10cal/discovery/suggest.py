@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from pa10cal.discovery.admissible import Room, draw_admissible, foresee
 from pa10cal.discovery.contest import Pair, outlooks
-from pa10cal.discovery.fit import Fit
+from pa10cal.discovery.evidence.fit import Fit
+from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.outlook import Outlook
-from pa10cal.discovery.problem import Problem
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]

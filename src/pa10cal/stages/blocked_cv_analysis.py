@@ -8,7 +8,7 @@ from pa10cal.calibration.base_parameters import report_base
 from pa10cal.discovery.blocked_cv.discover import BlockedDiscovery
 from pa10cal.discovery.blocked_cv.gaps import PartedGap
 from pa10cal.discovery.blocked_cv.lack import lack_of_fit
-from pa10cal.discovery.blocked_cv.linear import Place
+from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.stages.blocked_cv_record import parameters_of
 from pa10cal.stages.lack_of_fit_record import lack_of_fit_record
 from pa10cal.stages.naming_record import naming_record
@@ -20,8 +20,8 @@ def blocked_analysis(found: BlockedDiscovery) -> dict[str, Any]:
     survey, extended = found.survey, found.extended
     baseline = survey.baseline
     fits = {
-        "before": Place(baseline.model, baseline.x, baseline.T_instr_base),
-        "after": Place(extended.model, extended.x, extended.T_instr_base),
+        "before": OperatingPoint(baseline.model, baseline.x, baseline.T_instr_base),
+        "after": OperatingPoint(extended.model, extended.x, extended.T_instr_base),
     }
     rows = 6 * len(survey.poses)
     return {

@@ -15,12 +15,13 @@ from pa10cal.calibration.general.case import FittedModel
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.campaign.seen import SeenPoses, Sightings
 from pa10cal.discovery.blocked_cv.seen import AnglesSeen
-from pa10cal.discovery.problem import Baseline, Setting, complete_about
+from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.discovery.preparation import MeasurementSetup, complete_about
 from pa10cal.files.schemas import EXTENDED
 from pa10cal.stages.blocked_cv_record import read_angles
-from pa10cal.stages.discovery_setting import with_bends
 from pa10cal.stages.extended_record import read_extended
 from pa10cal.stages.general_record import read_general
+from pa10cal.stages.measurement_setup import with_bends
 from pa10cal.stages.records import read_record
 
 
@@ -36,7 +37,7 @@ class ExtendedModel:
     """
 
     fitted: FittedModel
-    baseline: Baseline
+    baseline: OperatingPoint
     seen: AnglesSeen | None
     arrival_from_order: bool
 
@@ -44,12 +45,12 @@ class ExtendedModel:
         """Return which poses leave the angles seen, (P,); None where that is not known."""
         return None if self.seen is None else ~self.seen.inside(states.q_rad)
 
-    def completed(self, sightings: Sightings, setting: Setting) -> Sightings:
+    def completed(self, sightings: Sightings, setup: MeasurementSetup) -> Sightings:
         """Return sightings whose states hold what the effects depend on.
 
         Args:
             sightings: poses with torques, as springs need them.
-            setting: what is known of their campaign besides the poses.
+            setup: what is known of their campaign besides the poses.
         """
         seen = sightings.seen
         if not isinstance(seen, SeenPoses):
@@ -62,8 +63,8 @@ class ExtendedModel:
             by_apparatus=np.zeros((len(sightings), 6, 0)),
             repeats=sightings.repeats,
         )
-        about = Baseline(self.fitted.model, self.fitted.x, self.fitted.T_instr_base)
-        poses = complete_about(poses, self.baseline, about, setting)
+        about = OperatingPoint(self.fitted.model, self.fitted.x, self.fitted.T_instr_base)
+        poses = complete_about(poses, self.baseline, about, setup)
         return replace(sightings, states=poses.states)
 
 

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.base_parameters import report_base
 from pa10cal.discovery.discover import Discovery
-from pa10cal.discovery.fit import Fit, apparatus_m, covariance_of, possible_sizes
-from pa10cal.discovery.problem import Baseline
+from pa10cal.discovery.evidence.fit import Fit, apparatus_m, covariance_of
+from pa10cal.discovery.operating_point import OperatingPoint, possible_sizes
 from pa10cal.errors import RecordError
 from pa10cal.stages.records import read_pose_matrix, read_vector
 from pa10cal.terms.effects.effect import CandidateContext, Effect
@@ -51,7 +51,7 @@ def extended_record(found: Discovery) -> dict[str, Any]:
 
 def read_extended(
     record: dict[str, Any], baseline_model: Model, path: Path
-) -> tuple[Baseline, Model, Array, Array]:
+) -> tuple[OperatingPoint, Model, Array, Array]:
     """Return the baseline, and the extended model, its parameters and T_instr_base.
 
     Args:
@@ -83,7 +83,7 @@ def read_extended(
             remedy="run the discover stage again",
         ) from None
     model = Model(baseline_model.chain, (*baseline_model.terms, *effects))
-    baseline = Baseline(
+    baseline = OperatingPoint(
         baseline_model, baseline_x, read_pose_matrix(record["baseline"], "T_instr_base", path)
     )
     return baseline, model, x, read_pose_matrix(record, "T_instr_base", path)

@@ -22,8 +22,8 @@ from pa10cal.campaign.description import Campaign
 from pa10cal.campaign.seen import SeenPoses, Sightings
 from pa10cal.campaign.sightings import sightings
 from pa10cal.evaluation.tool_twist import constant_tool_twist
-from pa10cal.stages.discovery_setting import payload_of
 from pa10cal.stages.general_record import read_general
+from pa10cal.stages.measurement_setup import payload_of
 
 Array = NDArray[np.float64]
 

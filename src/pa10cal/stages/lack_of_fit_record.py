@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.discovery.clustered import Estimate
+from pa10cal.discovery.evidence.pure_error import ChannelTest, PureErrorTest
 from pa10cal.discovery.joint_space import Periodogram
 from pa10cal.discovery.lack_of_fit import AXES, Arrival, LackOfFit, Part
-from pa10cal.discovery.pure_error import ChannelTest, PureErrorTest
 
 Array = NDArray[np.float64]
 

@@ -21,12 +21,12 @@ from pa10cal.campaign.ingest import ingest_campaign
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.campaign.table import observations, read_pose_table, write_pose_table
 from pa10cal.discovery.discover import discover
-from pa10cal.discovery.problem import Baseline
+from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.files.arms import load_arm
 from pa10cal.files.schemas import VERDICT
 from pa10cal.settings import CalibrationSettings, JudgingSettings
 from pa10cal.stages.calibration_record import study_of
-from pa10cal.stages.discovery_setting import setting_of, with_bends
+from pa10cal.stages.measurement_setup import setup_of, with_bends
 from pa10cal.stages.verdict_record import verdict_record
 from pa10cal.terms.baseline import baseline
 
@@ -104,8 +104,8 @@ def judge(known: CalibratedCampaign, settings: JudgingSettings) -> dict[str, Any
     discovery = discover(
         known.readings,
         held_out if len(held_out) else None,
-        Baseline(with_bends(found.level.model), found.solution.x, found.T_instr_base),
-        setting_of(known.campaign, known.arm, settings.calibration, settings.discovery),
+        OperatingPoint(with_bends(found.level.model), found.solution.x, found.T_instr_base),
+        setup_of(known.campaign, known.arm, settings.calibration, settings.discovery),
         error_rate,
     )
     return {

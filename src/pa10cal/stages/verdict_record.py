@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from pa10cal.calibration.accuracy import Accuracy
-from pa10cal.discovery.confirm import LeftOut
 from pa10cal.discovery.discover import Discovery
+from pa10cal.discovery.evidence.confirm import LeftOut
+from pa10cal.discovery.evidence.judge import FLIP_RATE, MAP, Finding, Unexplained, shared_error_mm
+from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.gap import Gap, Paired
-from pa10cal.discovery.judge import FLIP_RATE, MAP, Finding, Unexplained, shared_error_mm
-from pa10cal.discovery.search import threshold
 from pa10cal.terms.effects.effect import Effect
 
 

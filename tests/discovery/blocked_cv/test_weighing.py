@@ -8,7 +8,7 @@ import pytest
 from made_up_survey import ATTITUDE_RAD, POSITION_M, observe
 from pa10cal.discovery.blocked_cv.noise import nearly_same, noise_of
 from pa10cal.discovery.blocked_cv.weighing import unweighed, weigh
-from pa10cal.discovery.repeatability import LEAST_DIFFERENCES
+from pa10cal.discovery.evidence.repeatability import LEAST_DIFFERENCES
 
 POSES = 2000
 

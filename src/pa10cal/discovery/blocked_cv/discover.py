@@ -22,7 +22,6 @@ from pa10cal.discovery.blocked_cv.judge import (
     remainders,
     without_rivals,
 )
-from pa10cal.discovery.blocked_cv.linear import Place, left
 from pa10cal.discovery.blocked_cv.noise import Noise, noise_of
 from pa10cal.discovery.blocked_cv.reference import noise_squares, weighed_rows
 from pa10cal.discovery.blocked_cv.refit import Refit, refit
@@ -30,9 +29,10 @@ from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search, Step
 from pa10cal.discovery.blocked_cv.seen import AnglesSeen, angles_seen
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
-from pa10cal.discovery.candidates import NotTestable
+from pa10cal.discovery.evidence.candidates import NotTestable
 from pa10cal.discovery.naming import Named
-from pa10cal.discovery.problem import Baseline, Setting
+from pa10cal.discovery.operating_point import OperatingPoint, left
+from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -99,8 +99,8 @@ class BlockedDiscovery:
 def discover_by_blocks(
     readings: PoseObservations,
     held_out: PoseObservations | None,
-    baseline: Baseline,
-    setting: Setting,
+    baseline: OperatingPoint,
+    setup: MeasurementSetup,
     error_rate: float,
     *,
     torques_logged: bool = False,
@@ -111,14 +111,14 @@ def discover_by_blocks(
         readings: the poses of the fit, attitudes and torques as the model has them.
         held_out: held-out poses, used for nothing but the gap; None where there are none.
         baseline: the calibrated model; its chain has the bends of the long links.
-        setting: what is known besides the poses.
+        setup: what is known besides the poses.
         error_rate: probability allowed of naming anything where nothing is missing.
         torques_logged: whether the torques are those of a log.
 
     Raises:
         DiscoveryError: when there are too few poses.
     """
-    campaign = survey(readings, baseline, setting, torques_logged=torques_logged)
+    campaign = survey(readings, baseline, setup, torques_logged=torques_logged)
     asked, unknown = askable(campaign)
     rows = weighed_rows(campaign, asked, SPACINGS[-1][0])
     searched = _search(rows, error_rate)
@@ -126,7 +126,7 @@ def discover_by_blocks(
     effects = tuple(member.effect for member in fine.members)
     _, amounts = fine.fit(len(effects))
     extended = refit(campaign, effects, amounts, rows.weighing)
-    place = Place(extended.model, extended.x, extended.T_instr_base)
+    place = OperatingPoint(extended.model, extended.x, extended.T_instr_base)
     noise = noise_of(campaign.poses, left(place, campaign.poses))
     after = left_over(rows, searched.errors_mm, noise.floor_mm)
     findings = tuple(

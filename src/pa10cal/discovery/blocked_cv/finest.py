@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate, standard_error
-from pa10cal.discovery.blocked_cv.linear import map_columns
-from pa10cal.discovery.blocked_cv.products import Products, products
+from pa10cal.discovery.blocked_cv.products import Products, map_columns, products
 from pa10cal.discovery.blocked_cv.rows import Asked, Rows
 from pa10cal.discovery.blocked_cv.search import Step
 from pa10cal.discovery.blocked_cv.selection import predicted_squares, solve

@@ -13,10 +13,10 @@ from pa10cal.discovery.blocked_cv.finest import Level
 from pa10cal.discovery.blocked_cv.refit import Refit, moved_base
 from pa10cal.discovery.blocked_cv.seen import AnglesSeen
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.fit import possible_sizes
 from pa10cal.discovery.gap import Gap, gap
 from pa10cal.discovery.naming import Named
-from pa10cal.discovery.problem import Baseline, complete_about
+from pa10cal.discovery.operating_point import OperatingPoint, possible_sizes
+from pa10cal.discovery.preparation import complete_about
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 
@@ -59,8 +59,8 @@ def compare(
         noise_floor_mm: mean error that noise alone would leave.
     """
     baseline = campaign.baseline
-    about = Baseline(extended.model, extended.x, extended.T_instr_base)
-    poses = complete_about(poses, baseline, about, campaign.setting)
+    about = OperatingPoint(extended.model, extended.x, extended.T_instr_base)
+    poses = complete_about(poses, baseline, about, campaign.setup)
     found = gap(
         poses,
         (baseline.model.predict(poses.states, baseline.x), baseline.T_instr_base),

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.campaign.observations import PoseObservations
-from pa10cal.discovery.blocked_cv.linear import Place, by_joints, left
 from pa10cal.discovery.blocked_cv.noise import Noise
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.clustered import mean, slope
+from pa10cal.discovery.evidence.pure_error import ChannelTest
 from pa10cal.discovery.joint_space import POSSIBLE_RAD, JointErrors, periodogram
 from pa10cal.discovery.lack_of_fit import AXES, Arrival, Drift, JointPart, LackOfFit, Part
-from pa10cal.discovery.pure_error import ChannelTest
+from pa10cal.discovery.operating_point import OperatingPoint, by_joints, left
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ MOST_CELLS = 1200
 _HOUR_S = 3600.0
 
 
-def lack_of_fit(survey: Survey, place: Place, noise: Noise) -> LackOfFit:
+def lack_of_fit(survey: Survey, place: OperatingPoint, noise: Noise) -> LackOfFit:
     """Work out where a model and the poses disagree.
 
     There are no tests against pure error, and nothing of torques: those need repeats.
@@ -62,7 +62,7 @@ def lack_of_fit(survey: Survey, place: Place, noise: Noise) -> LackOfFit:
     )
 
 
-def _joint_errors(place: Place, cells: PoseObservations, cov_ee: Array) -> JointErrors:
+def _joint_errors(place: OperatingPoint, cells: PoseObservations, cov_ee: Array) -> JointErrors:
     """Turn what a model leaves into errors of the joints' positions, by least squares."""
     whiten = np.linalg.inv(np.linalg.cholesky(cov_ee))
     rows = whiten @ by_joints(place, cells, range(1, cells.states.n + 1))

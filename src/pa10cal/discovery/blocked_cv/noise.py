@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 from scipy.stats import norm
 
 from pa10cal.campaign.observations import PoseObservations
-from pa10cal.discovery.judge import mean_length
-from pa10cal.discovery.repeatability import LEAST_DIFFERENCES
+from pa10cal.discovery.evidence.judge import mean_length
+from pa10cal.discovery.evidence.repeatability import LEAST_DIFFERENCES
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -1,7 +1,8 @@
 """Products of weighed rows with each other, block of poses by block.
 
 All that is asked of the data afterwards, which effects help and how well poses left out are
-predicted, needs these products and no row.
+predicted, needs these products and no row. Maps of joint errors are kept as what turning the joint
+does and four B-splines of its angle: each pose touches four of a map's many columns.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
+
+from pa10cal.terms.effects.joint_error_map import b_splines
 
 Array = NDArray[np.float64]
 
@@ -85,3 +88,29 @@ def in_terms_of(
     for basis, (first, last), (own, end) in zip(bases, old, new, strict=True):
         turned[:, own:end] = half[:, first:last] @ basis
     return turned, found
+
+
+def map_columns(screws: Array, q_rad: Array, knots: Sequence[int]) -> csr_array:
+    """Return how rows follow the B-splines of every joint's map, sparse.
+
+    Args:
+        screws: (P, 6, j) how rows follow the joints' angles.
+        q_rad: (P, j) these angles.
+        knots: K1, K2, … of the maps.
+
+    Returns:
+        (6 P, K1 + K2 + …), the rows pose by pose.
+    """
+    count, rows, joints = screws.shape
+    if not joints:
+        return csr_array((count * rows, 0))
+    splines = [b_splines(each, q_rad[:, j]) for j, each in enumerate(knots)]
+    first = np.cumsum([0, *knots])
+    values = np.stack([each.data.reshape(count, 4) for each in splines], axis=1)
+    columns = np.stack(
+        [each.indices.reshape(count, 4) + first[j] for j, each in enumerate(splines)], axis=1
+    )
+    data = screws[:, :, :, None] * values[:, None]
+    indices = np.broadcast_to(columns[:, None], data.shape)
+    starts = np.arange(count * rows + 1) * 4 * joints
+    return csr_array((data.ravel(), indices.ravel(), starts), shape=(count * rows, first[-1]))

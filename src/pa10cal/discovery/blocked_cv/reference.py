@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.blocked_cv.linear import left
 from pa10cal.discovery.blocked_cv.noise import Noise
 from pa10cal.discovery.blocked_cv.rows import Asked, Rows
 from pa10cal.discovery.blocked_cv.selection import solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
 from pa10cal.discovery.blocked_cv.weighing import unweighed, weigh
+from pa10cal.discovery.operating_point import left
 from pa10cal.terms.effects.joint_error_map import Fading, harmonic_orders
 
 Array = NDArray[np.float64]

@@ -10,11 +10,16 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.spatial.transform import Rotation
 
-from pa10cal.discovery.blocked_cv.linear import Place, by_joints, by_terms, left, map_columns
-from pa10cal.discovery.blocked_cv.products import in_terms_of, products
+from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.blocked_cv.weighing import Weighing, weigh
-from pa10cal.discovery.fit import possible_sizes
+from pa10cal.discovery.operating_point import (
+    OperatingPoint,
+    by_joints,
+    by_terms,
+    left,
+    possible_sizes,
+)
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines_by_knots
 from pa10cal.terms.model import Model
@@ -148,9 +153,9 @@ class _Fit:
             np.array([np.inf if p.upper is None else p.upper for p in parameters]),
         )
 
-    def place(self, x: Array) -> Place:
+    def place(self, x: Array) -> OperatingPoint:
         """Return the model at a point."""
-        return Place(self._model, x, self._survey.baseline.T_instr_base)
+        return OperatingPoint(self._model, x, self._survey.baseline.T_instr_base)
 
     def normal(self, x: Array, weighing: Weighing) -> tuple[Array, Array]:
         """Return half the gradient of the sum of squares, and the normal equations."""

@@ -12,11 +12,16 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from pa10cal.campaign.observations import PoseObservations
-from pa10cal.discovery.blocked_cv.linear import Place, by_joints, by_terms, left, map_columns
-from pa10cal.discovery.blocked_cv.products import Products, in_terms_of, products
+from pa10cal.discovery.blocked_cv.products import Products, in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
 from pa10cal.discovery.blocked_cv.weighing import Weighing
-from pa10cal.discovery.fit import possible_sizes
+from pa10cal.discovery.operating_point import (
+    OperatingPoint,
+    by_joints,
+    by_terms,
+    left,
+    possible_sizes,
+)
 from pa10cal.terms.effects.effect import Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import b_splines_by_knots, harmonics_at_knots
 
@@ -80,11 +85,11 @@ class Rows:
     knots: int
 
     @cached_property
-    def place(self) -> Place:
+    def place(self) -> OperatingPoint:
         """Return the calibrated model."""
         baseline = self.survey.baseline
         x = np.concatenate([baseline.x, np.zeros(6)])
-        return Place(self.survey.model(), x, baseline.T_instr_base)
+        return OperatingPoint(self.survey.model(), x, baseline.T_instr_base)
 
     @cached_property
     def joints(self) -> tuple[int, ...]:

@@ -24,7 +24,7 @@ from pa10cal.discovery.blocked_cv.candidate import (
 from pa10cal.discovery.blocked_cv.products import Products
 from pa10cal.discovery.blocked_cv.rows import Asked
 from pa10cal.discovery.blocked_cv.selection import Columns, start
-from pa10cal.discovery.search import threshold
+from pa10cal.discovery.evidence.search import threshold
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.campaign.observations import PoseObservations
-from pa10cal.discovery.problem import Baseline, Setting, complete, context_of
+from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.joint_spring import JointSpring
@@ -32,15 +33,15 @@ class Survey:
         poses: in order of time; their states hold what weights do and how they were seen.
         block: (P,) number of the block of each pose, from 0: stretches of time of even size.
         baseline: the calibrated model, its chain with the bends of the long links.
-        setting: what is known besides the poses.
+        setup: what is known besides the poses.
         context: where effects may sit.
         torques_logged: whether the torques are those of a log, and not of described masses.
     """
 
     poses: PoseObservations
     block: Index
-    baseline: Baseline
-    setting: Setting
+    baseline: OperatingPoint
+    setup: MeasurementSetup
     context: CandidateContext
     torques_logged: bool
 
@@ -56,14 +57,18 @@ class Survey:
 
 
 def survey(
-    readings: PoseObservations, baseline: Baseline, setting: Setting, *, torques_logged: bool
+    readings: PoseObservations,
+    baseline: OperatingPoint,
+    setup: MeasurementSetup,
+    *,
+    torques_logged: bool,
 ) -> Survey:
     """Make a campaign ready.
 
     Args:
         readings: the poses of the fit, attitudes and torques as the model has them.
         baseline: the calibrated model, its chain with the bends of the long links.
-        setting: what is known besides the poses.
+        setup: what is known besides the poses.
         torques_logged: whether the torques are those of a log.
 
     Raises:
@@ -78,15 +83,15 @@ def survey(
             remedy="measure more poses, or measure poses repeatedly",
         )
     springs = [term.joint for term in baseline.model.terms if isinstance(term, JointSpring)]
-    setting = replace(setting, flexible_joints=tuple(springs))
+    setup = replace(setup, flexible_joints=tuple(springs))
     poses = readings.take(np.argsort(readings.states.time_s, kind="stable"))
-    poses = complete(poses, baseline, setting)
+    poses = complete(poses, baseline, setup)
     return Survey(
         poses=poses,
         block=np.arange(len(poses)) * BLOCKS // len(poses),
         baseline=baseline,
-        setting=setting,
-        context=context_of(poses, baseline, setting),
+        setup=setup,
+        context=context_of(poses, baseline, setup),
         torques_logged=torques_logged,
     )
 

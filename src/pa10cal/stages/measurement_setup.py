@@ -8,18 +8,18 @@ from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.campaign.description import Campaign
-from pa10cal.discovery.problem import Setting, Uncertainties
+from pa10cal.discovery.preparation import MeasurementSetup, Uncertainties
 from pa10cal.settings import CalibrationSettings, DiscoverySettings
 from pa10cal.terms.model import Model
 
 MM = 1e-3
 
 
-def setting_of(
+def setup_of(
     campaign: Campaign, arm: Arm, calibration: CalibrationSettings, discovery: DiscoverySettings
-) -> Setting:
+) -> MeasurementSetup:
     """Return what the search needs to know besides the poses."""
-    return Setting(
+    return MeasurementSetup(
         payload=payload_of(campaign, arm),
         p_ee_targets_m=MM * campaign.p_ee_balls_mm,
         reference_temperature_C=campaign.reference_temperature_C,

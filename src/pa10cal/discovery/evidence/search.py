@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.candidates import Linearised, alike, linearise
-from pa10cal.discovery.evidence import SIZES, Evidence, Score
-from pa10cal.discovery.fit import Fit, fit
-from pa10cal.discovery.problem import Baseline, Problem, prepare
+from pa10cal.discovery.evidence.candidates import Linearised, alike, linearise
+from pa10cal.discovery.evidence.fit import Fit, fit
+from pa10cal.discovery.evidence.likelihood import SIZES, Evidence, Score
+from pa10cal.discovery.evidence.problem import Problem, prepare
+from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -156,8 +157,8 @@ def refit(
     little wrong, and what the noise of a torque does through a joint thought rigid is missing.
     """
     first = fit(problem, effects, sizes, variances, start)
-    about = Baseline(first.model, first.x, first.level.T_instr_base)
-    problem = prepare(problem.readings, problem.baseline, problem.setting, about)
+    about = OperatingPoint(first.model, first.x, first.level.T_instr_base)
+    problem = prepare(problem.readings, problem.baseline, problem.setup, about)
     return problem, fit(problem, effects, sizes, variances, first)
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from made_up_arm import forced, measure
-from pa10cal.discovery.confirm import FLIPS, confirm
-from pa10cal.discovery.judge import FLIP_RATE
-from pa10cal.discovery.problem import prepare
-from pa10cal.discovery.search import evidence_about
+from pa10cal.discovery.evidence.confirm import FLIPS, confirm
+from pa10cal.discovery.evidence.judge import FLIP_RATE
+from pa10cal.discovery.evidence.problem import prepare
+from pa10cal.discovery.evidence.search import evidence_about
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_friction_is_confirmed_by_the_torques_it_shows_in(rubbing):
 
 def test_one_load_leaves_none_to_leave_out(wave):
     readings = wave.readings.take(wave.readings.states.load_N == 0.0)
-    problem = prepare(readings, wave.baseline, wave.setting)
+    problem = prepare(readings, wave.baseline, wave.setup)
     effect = wave.effect("transmission_error", "joint 2")
     (found,) = confirm(problem, forced(wave, (effect,), (1,), problem))
     assert found.loads is None

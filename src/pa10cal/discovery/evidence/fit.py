@@ -11,20 +11,16 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.calibration.levels import Linearisation, OneLevel
 from pa10cal.campaign.observations import PoseObservations
-from pa10cal.discovery.evidence import SIZES
-from pa10cal.discovery.minimise import minimise
-from pa10cal.discovery.problem import Problem
+from pa10cal.discovery.evidence.likelihood import SIZES
+from pa10cal.discovery.evidence.minimise import minimise
+from pa10cal.discovery.evidence.problem import Problem
+from pa10cal.discovery.operating_point import possible_sizes
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import base_frame
 from pa10cal.terms.term import shows_torque
 
 Array = NDArray[np.float64]
-
-#: Standard deviation thought possible of the model's own parameters, in their scale: wide enough
-#: to leave every direction that the data tell alone, and to settle those that they do not.
-_POSSIBLE_SCALES = 30.0
-_POSSIBLE_UNITS = {"windup": 3e-2, "cubic_share": 3.0, "base": 1.0}
 
 
 @dataclass(frozen=True)
@@ -70,19 +66,6 @@ class Fit:
         """Return the parameters of one of its effects."""
         first, last = self.effect_columns()[self.effects.index(effect)]
         return self.x[first:last]
-
-
-def possible_sizes(model: Model) -> Array:
-    """Return the standard deviation thought possible for every parameter of a model, (k,)."""
-    return np.array(
-        [
-            next(
-                (size for start, size in _POSSIBLE_UNITS.items() if p.name.startswith(start)),
-                _POSSIBLE_SCALES * p.scale,
-            )
-            for p in model.parameters
-        ]
-    )
 
 
 def fit(
@@ -142,8 +125,8 @@ def apparatus_m(problem: Problem, found: Fit) -> Array:
     They are integrated out in the fit, and are known best once it is done: the error of their
     places that the poses all share.
     """
-    u_m = problem.setting.uncertainties.apparatus_m
-    scale = problem.pose.weights(found.pose_variance).scale[:, None]
+    u_m = problem.setup.uncertainties.apparatus_m
+    scale = problem.pose.whitening(found.pose_variance).scale[:, None]
     common = scale * problem.pose.common
     left = scale * problem.pose.rows(pose_rows(found.level.linearise(found.x))[:, :, :1])
     information = common.T @ common + np.eye(common.shape[1])
@@ -203,10 +186,10 @@ class _Weighing:
         x_start: Array,
     ) -> None:
         self._problem, self._level = problem, level
-        self._pose = problem.pose.weights(variances[0])
+        self._pose = problem.pose.whitening(variances[0])
         shows = any(shows_torque(effect) for effect in effects)
         self._torque = (
-            problem.torque.weights(variances[1]) if problem.torque is not None and shows else None
+            problem.torque.whitening(variances[1]) if problem.torque is not None and shows else None
         )
         possible = possible_sizes(level.model)
         rows = np.diag(1.0 / possible)

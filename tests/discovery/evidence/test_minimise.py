@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares, lsq_linear
 
-from pa10cal.discovery.minimise import minimise
+from pa10cal.discovery.evidence.minimise import minimise
 from pa10cal.terms.term import Parameter
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pa10cal.campaign.averages import average_groups
 from pa10cal.campaign.observations import PoseObservations
-from pa10cal.discovery.repeatability import same_circumstances
+from pa10cal.discovery.evidence.repeatability import same_circumstances
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

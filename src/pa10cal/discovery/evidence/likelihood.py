@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
 
-from pa10cal.discovery.channel import Channel
+from pa10cal.discovery.evidence.noise_model import NoiseModel
 
 Array = NDArray[np.float64]
 Columns = NDArray[np.intp]
@@ -122,8 +122,8 @@ class Evidence:
 
     def __init__(
         self,
-        pose: Channel,
-        torque: Channel | None,
+        pose: NoiseModel,
+        torque: NoiseModel | None,
         pose_data: Array,
         torque_data: Array,
         own: Array,
@@ -263,7 +263,7 @@ class Evidence:
         return gram * np.outer(scale, scale), projection * scale, constant
 
 
-def _reduce(channel: Channel, columns: Array, data: Array, own: Array) -> _Reduced:
+def _reduce(channel: NoiseModel, columns: Array, data: Array, own: Array) -> _Reduced:
     """Integrate the model's own parameters and the common errors out, at every shared variance."""
     k, c = own.shape[1], channel.common.shape[1]
     rows = np.concatenate([own, columns, data[:, None], channel.common], axis=1)

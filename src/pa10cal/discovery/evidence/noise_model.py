@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.cells import SharedError
+from pa10cal.discovery.evidence.cells import SharedError
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Channel:
+class NoiseModel:
     """Rows of C cells with b components each.
 
     Attributes:
@@ -31,10 +31,10 @@ class Channel:
     whitener: Array
     shared: SharedError
     common: Array
-    _weights: dict[float, Weights] = field(default_factory=dict, repr=False, compare=False)
+    _whitenings: dict[float, Whitening] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
-    def of(cls, whitener: Array, shared: SharedError, common: Array) -> Channel:
+    def of(cls, whitener: Array, shared: SharedError, common: Array) -> NoiseModel:
         """Lay out a channel.
 
         Args:
@@ -56,17 +56,17 @@ class Channel:
         count, b, k = white.shape
         return (self.shared.turn @ white.reshape(count, b * k)).reshape(count * b, k)
 
-    def weights(self, variance: float) -> Weights:
+    def whitening(self, variance: float) -> Whitening:
         """Return the weights for a variance of the shared error, in those of one reading."""
-        if variance not in self._weights:
-            self._weights[variance] = self._weights_for(variance)
-        return self._weights[variance]
+        if variance not in self._whitenings:
+            self._whitenings[variance] = self._whitening_for(variance)
+        return self._whitenings[variance]
 
-    def _weights_for(self, variance: float) -> Weights:
+    def _whitening_for(self, variance: float) -> Whitening:
         total = 1.0 + variance * self.shared_size
         scale = 1.0 / np.sqrt(total)
         left, sizes, _ = np.linalg.svd(scale[:, None] * self.common, full_matrices=False)
-        return Weights(
+        return Whitening(
             scale=scale,
             directions=left,
             shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes**2),
@@ -75,7 +75,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Weights:
+class Whitening:
     """What makes rows of a channel independent and of unit variance.
 
     Attributes:

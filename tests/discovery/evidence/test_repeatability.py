@@ -7,7 +7,7 @@ import pytest
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.campaign.observations import PoseObservations
-from pa10cal.discovery.repeatability import (
+from pa10cal.discovery.evidence.repeatability import (
     LEAST_DIFFERENCES,
     repeatability,
     same_circumstances,

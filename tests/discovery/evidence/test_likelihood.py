@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal
 
-from pa10cal.discovery.cells import SharedError
-from pa10cal.discovery.channel import Channel
-from pa10cal.discovery.evidence import SHARED_VARIANCES, SIZES, Block, Evidence
+from pa10cal.discovery.evidence.cells import SharedError
+from pa10cal.discovery.evidence.likelihood import SHARED_VARIANCES, SIZES, Block, Evidence
+from pa10cal.discovery.evidence.noise_model import NoiseModel
 
 CELLS, OWN = 10, 3
 POSE = np.repeat(np.arange(5), 2)
@@ -19,7 +19,7 @@ def channel_of(rng, b, common):
     """Return a channel of cells that share an error two by two."""
     size, turn = np.linalg.eigh(1.0 * (POSE[:, None] == POSE))
     shared = SharedError(turn.T, np.maximum(size, 0.0))
-    return Channel.of(
+    return NoiseModel.of(
         np.tile(np.eye(b), (CELLS, 1, 1)), shared, rng.normal(size=(CELLS, b, common))
     )
 
@@ -179,7 +179,7 @@ def test_the_best_variance_is_found_where_hundreds_of_rows_have_a_part(variance)
     rng = np.random.default_rng(8)
     rows = 400
     shared = SharedError(np.eye(rows), rng.uniform(1.0, 4.0, rows))
-    channel = Channel.of(np.ones((rows, 1, 1)), shared, np.zeros((rows, 1, 0)))
+    channel = NoiseModel.of(np.ones((rows, 1, 1)), shared, np.zeros((rows, 1, 0)))
     data = np.sqrt(1.0 + variance * shared.size) * rng.normal(size=rows)
     found = Evidence(channel, None, data, np.zeros(0), np.zeros((rows, 0)), ()).score((), ())
 

@@ -9,10 +9,10 @@ import pytest
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.state import PoseStates
 from pa10cal.calibration.levels import OneLevel
-from pa10cal.discovery import candidates
-from pa10cal.discovery.candidates import LEAST_SHARE, alike, linearise
-from pa10cal.discovery.fit import fit
-from pa10cal.discovery.problem import prepare
+from pa10cal.discovery.evidence import candidates
+from pa10cal.discovery.evidence.candidates import LEAST_SHARE, alike, linearise
+from pa10cal.discovery.evidence.fit import fit
+from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import base_frame
@@ -172,7 +172,7 @@ class TestTestable:
         readings = null.problem.readings
         warm = 21.0 + 4.0 * np.sin(readings.states.time_s / 2000.0)
         readings = replace(readings, states=replace(readings.states, temperature_C=warm))
-        problem = prepare(readings, null.baseline, null.setting)
+        problem = prepare(readings, null.baseline, null.setup)
         start = fit(problem, (), (), (0.0, 0.0))
         assert candidates.testable(problem, start, (Warm("joint 2"),))[0] == (Warm("joint 2"),)
 
@@ -186,8 +186,8 @@ class TestTestable:
         assert "would not rise above the noise" in refused[Tiny("joint 2")].why
 
     def test_an_effect_that_needs_masses_is_not_where_they_are_not_known(self, null):
-        setting = replace(null.setting, payload=None)
-        problem = prepare(null.readings, null.baseline, setting)
+        setup = replace(null.setup, payload=None)
+        problem = prepare(null.readings, null.baseline, setup)
         start = fit(problem, (), (), (0.0, 0.0))
         names = [("link_bending", "forearm"), ("friction_torque", "joint 3")]
         shown, refused = candidates.testable(

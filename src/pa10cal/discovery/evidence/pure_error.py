@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import f as f_distribution
 
-from pa10cal.discovery.channel import Channel
-from pa10cal.discovery.fit import Fit, pose_rows, possible_sizes, torque_rows
-from pa10cal.discovery.problem import Problem
+from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
+from pa10cal.discovery.evidence.noise_model import NoiseModel
+from pa10cal.discovery.evidence.problem import Problem
+from pa10cal.discovery.operating_point import possible_sizes
 
 Array = NDArray[np.float64]
 
@@ -65,7 +66,7 @@ def channel_tests(problem: Problem, found: Fit) -> tuple[ChannelTest, ChannelTes
     channels = [(problem.pose, pose_rows(found.level.linearise(found.x)))]
     if problem.torque is not None:
         channels.append((problem.torque, torque_rows(problem, found.model, found.x)))
-    weighed = [channel.weights(0.0)(channel.rows(values)) for channel, values in channels]
+    weighed = [channel.whitening(0.0)(channel.rows(values)) for channel, values in channels]
     # Columns by what is thought possible of each parameter, so that those that the rows do not
     # tell take no freedom.
     by_x = [rows[:, 1:] * possible_sizes(found.model) for rows in weighed]
@@ -78,7 +79,7 @@ def channel_tests(problem: Problem, found: Fit) -> tuple[ChannelTest, ChannelTes
     return tests[0], tests[1] if len(tests) > 1 else None
 
 
-def _channel_test(channel: Channel, squares: Array, dof: Array, pure: int) -> ChannelTest:
+def _channel_test(channel: NoiseModel, squares: Array, dof: Array, pure: int) -> ChannelTest:
     shared = channel.shared_size > _NO_PART
     tests = [
         PureErrorTest(float(squares[rows].sum()), float(dof[rows].sum()), pure)
@@ -91,7 +92,7 @@ def _channel_test(channel: Channel, squares: Array, dof: Array, pure: int) -> Ch
     return ChannelTest(tests[0], tests[1], beyond / largest if beyond else 0.0)
 
 
-def left_over(channel: Channel, rows: Array, shared_variance: float) -> Array:
+def left_over(channel: NoiseModel, rows: Array, shared_variance: float) -> Array:
     """Return measured less predicted, whitened, less the errors alike in all poses, (C, b).
 
     These errors have unit variance each, by which they are held back; the error that poses share

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pa10cal.discovery.cells import SharedError
-from pa10cal.discovery.channel import Channel
+from pa10cal.discovery.evidence.cells import SharedError
+from pa10cal.discovery.evidence.noise_model import NoiseModel
 
 CELLS, B, COMMON = 7, 3, 4
 POSE = np.array([0, 0, 0, 1, 1, 2, 2])
@@ -22,7 +22,7 @@ class Made:
         size, turn = np.linalg.eigh(alike)
         common = rng.normal(size=(CELLS, B, COMMON))
         shared = SharedError(turn.T, np.maximum(size, 0.0))
-        self.channel = Channel.of(np.linalg.inv(root), shared, common)
+        self.channel = NoiseModel.of(np.linalg.inv(root), shared, common)
         self.noise = np.zeros((CELLS * B, CELLS * B))
         self.shared = np.zeros_like(self.noise)
         for i in range(CELLS):
@@ -39,7 +39,7 @@ class Made:
     def whitening(self, variance):
         """Return what rows as measured are multiplied by."""
         rows = self.channel.rows(np.eye(CELLS * B).reshape(CELLS, B, CELLS * B))
-        return self.channel.weights(variance)(rows)
+        return self.channel.whitening(variance)(rows)
 
 
 @pytest.fixture(scope="module")
@@ -56,14 +56,14 @@ def test_weighed_rows_have_unit_covariance(made, variance):
 
 @pytest.mark.parametrize("variance", VARIANCES)
 def test_the_determinant_is_that_of_the_whitened_rows(made, variance):
-    found = made.channel.weights(variance).log_determinant
+    found = made.channel.whitening(variance).log_determinant
     expected = np.linalg.slogdet(made.covariance(variance))[1] - np.linalg.slogdet(made.noise)[1]
     assert found == pytest.approx(expected)
 
 
 def test_without_shared_and_common_errors_rows_are_as_whitened(made):
     channel = made.channel
-    bare = Channel.of(channel.whitener, channel.shared, np.zeros((CELLS, B, 0)))
+    bare = NoiseModel.of(channel.whitener, channel.shared, np.zeros((CELLS, B, 0)))
     rows = np.random.default_rng(6).normal(size=(CELLS * B, 2))
-    np.testing.assert_array_equal(bare.weights(0.0)(rows), rows)
-    assert bare.weights(0.0).log_determinant == 0.0
+    np.testing.assert_array_equal(bare.whitening(0.0)(rows), rows)
+    assert bare.whitening(0.0).log_determinant == 0.0

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from pa10cal.discovery.candidates import linearise
-from pa10cal.discovery.channel import Channel
-from pa10cal.discovery.evidence import SIZES, Block
-from pa10cal.discovery.problem import Problem
-from pa10cal.discovery.search import Found
+from pa10cal.discovery.evidence.candidates import linearise
+from pa10cal.discovery.evidence.likelihood import SIZES, Block
+from pa10cal.discovery.evidence.noise_model import NoiseModel
+from pa10cal.discovery.evidence.problem import Problem
+from pa10cal.discovery.evidence.search import Found
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -109,11 +109,11 @@ def _weighed(problem: Problem, found: Found, *, turned: bool) -> _Rows:
     score = found.score
     size = dict(zip(found.fit.effects, found.fit.sizes, strict=True))
 
-    def rows_of(channel: Channel, variance: float, rows: Array) -> Array:
+    def rows_of(channel: NoiseModel, variance: float, rows: Array) -> Array:
         if turned:
-            return channel.weights(variance)(rows)
+            return channel.whitening(variance)(rows)
         cells, b, _ = channel.whitener.shape
-        weighed = channel.weights(0.0)(rows).reshape(cells, -1)
+        weighed = channel.whitening(0.0)(rows).reshape(cells, -1)
         back: Array = (channel.shared.turn.T @ weighed).reshape(cells * b, -1)
         return back
 

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.evidence import Block
-from pa10cal.discovery.fit import Fit, pose_rows, possible_sizes, torque_rows
-from pa10cal.discovery.problem import Problem
+from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
+from pa10cal.discovery.evidence.likelihood import Block
+from pa10cal.discovery.evidence.problem import Problem
+from pa10cal.discovery.operating_point import possible_sizes
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
@@ -147,10 +148,10 @@ def testable(
         else:
             refused.append(NotTestable(effect, why, by_these_poses=False))
     lin = linearise(problem, found, tuple(known))
-    pose = problem.pose.weights(0.0)
+    pose = problem.pose.whitening(0.0)
     own, _ = np.linalg.qr(np.concatenate([pose(lin.own), np.eye(lin.own.shape[1])]))
     own = own[: len(lin.own)]
-    torque = None if problem.torque is None else problem.torque.weights(0.0)
+    torque = None if problem.torque is None else problem.torque.whitening(0.0)
     shown = []
     for effect, block in zip(known, lin.blocks, strict=True):
         rows = pose(block.pose @ block.factor)
@@ -214,10 +215,10 @@ def alike(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> NDArray[
         quiet = replace(states, tau_Nm=states.static_loads.joint_Nm)
         problem = replace(problem, cells=replace(problem.cells, states=quiet))
     lin = linearise(problem, found, effects)
-    pose = problem.pose.weights(0.0)
+    pose = problem.pose.whitening(0.0)
     own, _ = np.linalg.qr(np.concatenate([pose(lin.own), np.eye(lin.own.shape[1])]))
     own = own[: len(lin.own)]
-    torque = None if problem.torque is None else problem.torque.weights(0.0)
+    torque = None if problem.torque is None else problem.torque.whitening(0.0)
     bases = []
     for block in lin.blocks:
         rows = pose(block.pose @ block.factor)

@@ -5,8 +5,8 @@ import pytest
 
 from made_up_arm import ERROR_RATE, Missing, forced, harmonic, measure
 from pa10cal.arm.state import PoseStates
-from pa10cal.discovery.judge import MAP, floor_mm, judge, mean_length, shared_error_mm
-from pa10cal.discovery.search import search
+from pa10cal.discovery.evidence.judge import MAP, floor_mm, judge, mean_length, shared_error_mm
+from pa10cal.discovery.evidence.search import search
 
 
 def name(effect):

@@ -9,16 +9,16 @@ from scipy.spatial.transform import Rotation
 from made_up_arm import TARGETS_M, Missing, at_joint, measure
 from pa10cal.calibration.levels import OneLevel
 from pa10cal.discovery.discover import compare
-from pa10cal.discovery.fit import (
+from pa10cal.discovery.evidence.fit import (
     Fit,
     apparatus_m,
     as_read,
     covariance_of,
     fit,
     pose_rows,
-    possible_sizes,
     torque_rows,
 )
+from pa10cal.discovery.operating_point import possible_sizes
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import base_frame
 
@@ -97,7 +97,7 @@ def test_a_fit_comes_to_rest_where_nothing_leads_down(wave):
     assert found.converged
 
     def cost(x):
-        rows = wave.problem.pose.weights(0.0)(
+        rows = wave.problem.pose.whitening(0.0)(
             wave.problem.pose.rows(pose_rows(found.level.linearise(x)))
         )[:, 0]
         expected = x / possible_sizes(found.model)
@@ -180,9 +180,9 @@ class TestTargetsOffTheirPlaces:
     def test_the_gap_is_taken_with_them(self, moved):
         with_places = compare(moved.problem, moved.start, moved.held_out)
         assert with_places.after.mean_mm < 1.3 * 0.0092
-        known = replace(moved.problem.setting.uncertainties, apparatus_m=1e-9)
-        setting = replace(moved.problem.setting, uncertainties=known)
-        without = compare(replace(moved.problem, setting=setting), moved.start, moved.held_out)
+        known = replace(moved.problem.setup.uncertainties, apparatus_m=1e-9)
+        setup = replace(moved.problem.setup, uncertainties=known)
+        without = compare(replace(moved.problem, setup=setup), moved.start, moved.held_out)
         assert without.after.mean_mm > 2.0 * with_places.after.mean_mm
 
     def test_nothing_off_changes_nothing(self, moved):

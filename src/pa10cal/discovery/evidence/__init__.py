@@ -1,0 +1,1 @@
+"""Effects judged by the evidence of repeated readings, the pose being its unit."""

@@ -1,0 +1,170 @@
+"""A campaign made ready for the search: cells, what they carry, and how their rows are weighed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import end_pose_with_screws
+from pa10cal.arm.statics import Payload, Statics
+from pa10cal.calibration.pose_error import pose_error
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.discovery.evidence.cells import gather, shared_error
+from pa10cal.discovery.evidence.noise_model import NoiseModel
+from pa10cal.discovery.evidence.repeatability import Repeatability, repeatability
+from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.discovery.preparation import (
+    MeasurementSetup,
+    Uncertainties,
+    complete_about,
+    context_of,
+    static_loads,
+)
+from pa10cal.terms.effects.effect import CandidateContext
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Everything that the search weighs effects by.
+
+    Attributes:
+        baseline: the calibrated model.
+        setup: what is known besides the poses.
+        readings: single readings, with what they carry.
+        cells: the same in cells.
+        noise: of single readings.
+        pose: rows of the poses.
+        torque: rows of the torques, None where they or the masses are not known.
+        torque_left_Nm: (C, n) logged torques less those of all weights (zero where not known).
+        context: where effects may sit.
+    """
+
+    baseline: OperatingPoint
+    setup: MeasurementSetup
+    readings: PoseObservations
+    cells: PoseObservations
+    noise: Repeatability
+    pose: NoiseModel
+    torque: NoiseModel | None
+    torque_left_Nm: Array
+    context: CandidateContext
+
+
+def prepare(
+    readings: PoseObservations,
+    baseline: OperatingPoint,
+    setup: MeasurementSetup,
+    about: OperatingPoint | None = None,
+) -> Problem:
+    """Make a campaign ready.
+
+    Args:
+        readings: single readings, with the instrument's covariance.
+        baseline: the calibrated model.
+        setup: what is known besides the poses.
+        about: a better model, about which noise and weights are worked out; its effects may need
+            what the readings carry. None for the baseline.
+
+    Raises:
+        DiscoveryError: when too little is repeated.
+    """
+    about = baseline if about is None else about
+    readings = complete_about(readings, baseline, about, setup)
+    noise = repeatability(readings, *_deviation_and_screws(readings, about))
+    cells = complete_about(gather(readings, noise.cov_ee), baseline, about, setup)
+    shared = shared_error(cells)
+    pose = NoiseModel.of(
+        np.linalg.inv(np.linalg.cholesky(cells.cov_ee)),
+        shared,
+        setup.uncertainties.apparatus_m * cells.by_apparatus,
+    )
+    torque, left = None, np.zeros_like(cells.states.tau_Nm)
+    if setup.payload is not None and np.all(np.isfinite(cells.states.tau_Nm)):
+        weights = static_loads(cells.states, about, setup.payload)
+        left = cells.states.tau_Nm - weights.torque_Nm
+        scale = np.sqrt(cells.repeats)[:, None] / noise.torque_Nm
+        loads_N = np.unique(cells.states.load_N)
+        common = common_torques(
+            cells, weights, about, setup.payload, setup.uncertainties, loads_N[loads_N > 0]
+        )
+        torque = NoiseModel.of(
+            scale[:, :, None] * np.eye(baseline.model.chain.arm.n), shared, common
+        )
+    return Problem(
+        baseline,
+        setup,
+        readings,
+        cells,
+        noise,
+        pose,
+        torque,
+        left,
+        context_of(cells, baseline, setup),
+    )
+
+
+def _deviation_and_screws(poses: PoseObservations, baseline: OperatingPoint) -> tuple[Array, Array]:
+    """Return measured minus predicted (P, 6) and joint screws (P, 6, n), instrument's axes."""
+    chain = baseline.model.chain
+    end = end_pose_with_screws(chain, baseline.model.chain_coordinates(poses.states, baseline.x))
+    error = pose_error(baseline.T_instr_base @ end.T, poses.T_instr_ee)
+    screws = end.screws[:, :, chain.joint_columns]
+    R = baseline.T_instr_base[:3, :3]
+    turned = np.concatenate([R @ screws[:, :3], R @ screws[:, 3:]], axis=1)
+    return -np.concatenate([error.position_m, error.chord], axis=1), turned
+
+
+def common_torques(
+    cells: PoseObservations,
+    weights: Statics,
+    baseline: OperatingPoint,
+    payload: Payload,
+    uncertainties: Uncertainties,
+    loads_N: Array,
+) -> Array:
+    """Return what errors of masses, loads and zeros do to the torques, (C, n, c), at their size.
+
+    Each of the loads `loads_N` has an error of its own.
+    """
+    arm = baseline.model.chain.arm
+    mass_kg = np.zeros(arm.n) if arm.mass_kg is None else arm.mass_kg
+    by_link = np.stack(
+        [uncertainties.mass * mass_kg, *[uncertainties.com_m * mass_kg] * 3], axis=1
+    ).ravel()
+    load_N = cells.states.load_N[:, None] * (cells.states.load_N[:, None] == loads_N)
+    by_payload = [
+        static_loads(cells.states, baseline, moved).torque_Nm - weights.torque_Nm
+        for moved in _misplaced(payload, uncertainties)
+    ]
+    rated_Nm = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0))
+    zero = np.tile(np.diag(uncertainties.torque_zero * rated_Nm), (len(cells), 1, 1))
+    return np.concatenate(
+        [
+            weights.torque_by_mass * by_link,
+            uncertainties.load * weights.torque_by_load[:, :, None] * load_N[:, None, :],
+            np.stack(by_payload, axis=2),
+            zero,
+        ],
+        axis=2,
+    )
+
+
+def _misplaced(payload: Payload, uncertainties: Uncertainties) -> list[Payload]:
+    """Return the payload with load, apparatus and gravity off by their standard uncertainties."""
+    g = payload.gravity_m_s2
+    level = uncertainties.level_rad * np.linalg.norm(g)
+    return [
+        *(
+            replace(payload, load_point_m=payload.load_point_m + uncertainties.load_point_m * axis)
+            for axis in np.eye(3)
+        ),
+        *(
+            replace(payload, com_m=payload.com_m + uncertainties.tool_com_m * axis)
+            for axis in np.eye(3)
+        ),
+        *(replace(payload, gravity_m_s2=g + level * axis) for axis in np.eye(3)[:2]),
+    ]

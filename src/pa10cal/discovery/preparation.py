@@ -1,0 +1,130 @@
+"""What is known of a campaign besides its readings, and readings made ready for the search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import BASE, TOOL
+from pa10cal.arm.state import PoseStates, Seen
+from pa10cal.arm.statics import Payload, Statics, statics
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.terms.effects.effect import CandidateContext
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Uncertainties:
+    """Standard uncertainties of what repeats cannot show.
+
+    Attributes:
+        apparatus_m: a target's place on the apparatus, per axis.
+        load: an external load, relative.
+        mass: a link's mass, relative.
+        com_m: a link's centre of mass, per axis.
+        load_point_m: where the load hangs, per axis.
+        tool_com_m: the apparatus' centre of mass, per axis.
+        level_rad: how level the base stands, about each of its horizontal axes.
+        torque_zero: zero of a logged torque, relative to the rated torque.
+    """
+
+    apparatus_m: float = 5e-6
+    load: float = 0.005
+    mass: float = 0.3
+    com_m: float = 0.03
+    load_point_m: float = 2e-3
+    tool_com_m: float = 2e-3
+    level_rad: float = 1e-3
+    torque_zero: float = 0.01
+
+
+@dataclass(frozen=True)
+class MeasurementSetup:
+    """What is known of a campaign besides its poses.
+
+    Attributes:
+        payload: apparatus, load point, gravity; None where the arm's masses are not known.
+        p_ee_targets_m: (B, 3) the instrument's targets on the apparatus, in the end-effector frame;
+            none for an instrument that gives poses.
+        reference_temperature_C: temperature at which lengths are nominal.
+        flexible_joints: joints that the model gives a spring.
+        uncertainties: of what repeats cannot show.
+    """
+
+    payload: Payload | None
+    p_ee_targets_m: Array
+    reference_temperature_C: float
+    flexible_joints: tuple[int, ...]
+    uncertainties: Uncertainties = Uncertainties()
+
+
+def complete(
+    poses: PoseObservations, baseline: OperatingPoint, setup: MeasurementSetup
+) -> PoseObservations:
+    """Add to the states of poses what they carry and how they were seen."""
+    states = replace(poses.states, seen=_seen(poses, setup.p_ee_targets_m))
+    if setup.payload is not None:
+        states = replace(
+            states, static_loads=static_loads(states, baseline, setup.payload).static_loads
+        )
+    return replace(poses, states=states)
+
+
+def complete_about(
+    poses: PoseObservations,
+    baseline: OperatingPoint,
+    about: OperatingPoint,
+    setup: MeasurementSetup,
+) -> PoseObservations:
+    """Add what poses carry by a better model, whose effects may need what the baseline says."""
+    poses = complete(poses, baseline, setup)
+    return poses if about is baseline else complete(poses, about, setup)
+
+
+def static_loads(states: PoseStates, baseline: OperatingPoint, payload: Payload) -> Statics:
+    """Return torques and moments that weights put on the arm, the base standing as it is."""
+    chain = baseline.model.chain
+    coordinates = baseline.model.chain_coordinates(states, baseline.x)
+    # Gravity is along the base's own axes; and what the instrument reads too much, which moves the
+    # tool in the model, moves no weight.
+    coordinates[:, chain.columns(BASE + TOOL)] = 0.0
+    return statics(chain, coordinates, states.load_N, payload)
+
+
+def _seen(poses: PoseObservations, p_ee_targets_m: Array) -> Seen:
+    """Return where targets were and how the pose was made of them, along end-effector axes."""
+    R, origin = poses.T_instr_ee[:, :3, :3], poses.T_instr_ee[:, :3, 3]
+    count = len(poses)
+    if not poses.by_apparatus.shape[2]:
+        direct = np.zeros((count, 6, 3))
+        direct[:, :3] = R.transpose(0, 2, 1)
+        return Seen(origin[:, None, :], direct)
+    targets = origin[:, None, :] + np.einsum("pij,bj->pbi", R, p_ee_targets_m)
+    # A target read too far by v is one whose stated place on the apparatus is short by R^T v.
+    by_place = poses.by_apparatus.reshape(count, 2, 3, -1, 3)
+    by_reading = -np.einsum("pki,pakbl,pjl->paibj", R, by_place, R, optimize=True)
+    return Seen(targets, by_reading.reshape(count, 6, -1))
+
+
+def context_of(
+    cells: PoseObservations, baseline: OperatingPoint, setup: MeasurementSetup
+) -> CandidateContext:
+    """Return what decides where effects may sit; the poses are complete."""
+    states = cells.states
+    assert states.seen is not None
+    return CandidateContext(
+        arm=baseline.model.chain.arm,
+        flexible_joints=setup.flexible_joints,
+        reference_temperature_C=setup.reference_temperature_C,
+        tau_span_Nm=np.abs(
+            states.tau_Nm if states.static_loads is None else states.static_loads.joint_Nm
+        ).max(axis=0),
+        T_instr_base=baseline.T_instr_base,
+        p_instr_middle_m=states.seen.p_instr_targets_m.reshape(-1, 3).mean(axis=0),
+        q_span_rad=np.stack([states.q_rad.min(axis=0), states.q_rad.max(axis=0)], axis=1),
+        time_span_s=(float(states.time_s.min()), float(states.time_s.max())),
+    )
