@@ -9,16 +9,11 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import SettingsError
-from pa10cal.settings import (
-    CalibrationSettings,
-    MonteCarloSettings,
-    Settings,
-    SightedPlan,
-    SimulateSettings,
-    parse_settings,
-    read_settings_argument,
-)
+from pa10cal.montecarlo.options import MonteCarloOptions
+from pa10cal.settings import Settings, SightedPlan, SimulateSettings, parse_settings
+from pa10cal.settings_reading import read_settings_argument
 
 ROOT = Path(__file__).parents[1]
 CHOSEN = {"campaigns", "simulate"}
@@ -102,14 +97,14 @@ def test_refuses_what_is_no_configuration(raw):
 )
 @hypothesis_settings(max_examples=30, deadline=None)
 def test_what_a_rule_passes_is_what_the_stage_reads(cycles, sigma_deg, planes_mm):
-    section = MonteCarloSettings(cycles=cycles, sigma_deg=sigma_deg, planes_mm=tuple(planes_mm))
-    assert read_settings_argument(MonteCarloSettings, section.model_dump_json()) == section
+    section = MonteCarloOptions(cycles=cycles, sigma_deg=sigma_deg, planes_mm=tuple(planes_mm))
+    assert read_settings_argument(MonteCarloOptions, section.model_dump_json()) == section
 
 
 def test_reads_a_section_from_a_file(tmp_path):
     path = tmp_path / "calibration.yaml"
     path.write_text("starts: 3\ninner_poses: all\n", encoding="utf-8")
-    section = read_settings_argument(CalibrationSettings, str(path))
+    section = read_settings_argument(CalibrationOptions, str(path))
     assert (section.starts, section.inner_poses) == (3, "all")
 
 
@@ -119,16 +114,16 @@ def test_refuses_a_file_that_cannot_be_read(tmp_path, content):
     if content is not None:
         path.write_text(content, encoding="utf-8")
     with pytest.raises(SettingsError, match=r"calibration\.yaml: settings cannot be read"):
-        read_settings_argument(CalibrationSettings, str(path))
+        read_settings_argument(CalibrationOptions, str(path))
 
 
 def test_refuses_json_that_is_broken():
     with pytest.raises(SettingsError, match="--settings"):
-        read_settings_argument(CalibrationSettings, '{"starts": 3')
+        read_settings_argument(CalibrationOptions, '{"starts": 3')
 
 
 def test_settings_cannot_be_changed_once_read():
-    settings = CalibrationSettings()
+    settings = CalibrationOptions()
     with pytest.raises(ValueError, match="frozen"):
         settings.starts = 3
 

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from pa10cal.evaluation.options import BlindTrialsOptions
 from pa10cal.figures.catalogue import (
     CURVE_FIGURES,
     CURVE_TABLES,
@@ -24,11 +25,10 @@ from pa10cal.figures.catalogue import (
     TRIAL_FIGURES,
     TRIAL_TABLES,
 )
-from pa10cal.settings import BlindTrialsSettings
 from workflow_stand_ins import STAND_INS, stand_in
 
 ROOT = Path(__file__).parents[1]
-SETTINGS = BlindTrialsSettings()
+SETTINGS = BlindTrialsOptions()
 PICTURES = {*FIGURES, *TABLES}
 TRIAL_PICTURES = {*TRIAL_FIGURES, *TRIAL_TABLES}
 CURVE_PICTURES = {*CURVE_FIGURES, *CURVE_TABLES}

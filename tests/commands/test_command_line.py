@@ -8,6 +8,7 @@ from typing import Literal
 
 import pytest
 
+from pa10cal.campaign.options import IngestOptions
 from pa10cal.commands.command_line import (
     COMMANDS,
     FAULT,
@@ -19,7 +20,6 @@ from pa10cal.commands.command_line import (
     run_command,
 )
 from pa10cal.errors import RawDataError
-from pa10cal.settings import IngestSettings
 
 REFUSAL = RawDataError(
     "not a number",
@@ -49,7 +49,7 @@ def called(argv, seen):
         tables: tuple[Path, ...] = (),
         reading: Literal["text", "table"] = "text",
         fast: bool = False,
-        settings: IngestSettings = IngestSettings(),
+        settings: IngestOptions = IngestOptions(),
     ) -> None:
         """Do a thing 100 % well.
 
@@ -79,14 +79,14 @@ def test_arguments_come_as_the_signature_types_them():
     )
     assert seen["tables"] == (Path("a.csv"), Path("b.csv"))
     assert (seen["reading"], seen["fast"]) == ("text", True)
-    assert seen["settings"] == IngestSettings(still_speed_deg_s=1)
+    assert seen["settings"] == IngestOptions(still_speed_deg_s=1)
 
 
 def test_what_is_not_given_keeps_its_default():
     seen = {}
     assert called(["arm", "--out", "o.json"], seen) == 0
     assert (seen["size"], seen["tables"], seen["fast"]) == (None, (), False)
-    assert seen["settings"] == IngestSettings()
+    assert seen["settings"] == IngestOptions()
 
 
 def test_help_is_the_docstring(capsys):

@@ -10,6 +10,7 @@ from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.campaign.description import read_campaign
 from pa10cal.campaign.ingest import ingest_campaign
+from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.sightings import sightings
 from pa10cal.campaign.table import read_pose_table, write_pose_table
 from pa10cal.cell.individual_arm import draw_individual
@@ -17,7 +18,7 @@ from pa10cal.cell.sighted import measure_individual, measure_sighted
 from pa10cal.cell.sighted_write import write_sighted
 from pa10cal.evaluation.known_truth import class_of, parameter_scores, prediction_scores
 from pa10cal.files.arms import load_arm
-from pa10cal.settings import IngestSettings, SightedPlan
+from pa10cal.settings import SightedPlan
 from pa10cal.stages.simulated_sightings import (
     draw_by_unknowns,
     exact_sightings,
@@ -36,7 +37,7 @@ def test_a_campaign_in_memory_is_the_one_of_its_files(tmp_path, instrument):
     made = measure_sighted(arm, plan, 5)
     write_sighted(made, tmp_path / "raw", "made")
     campaign = read_campaign(tmp_path / "raw")
-    ingested = ingest_campaign(campaign, arm, tmp_path / "raw", IngestSettings())
+    ingested = ingest_campaign(campaign, arm, tmp_path / "raw", IngestOptions())
     write_pose_table(tmp_path / "poses.parquet", ingested.poses, campaign.name)
     read = sightings(read_pose_table(tmp_path / "poses.parquet"), campaign)
     found = sightings_of(made)

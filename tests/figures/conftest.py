@@ -11,7 +11,7 @@ import pytest
 
 from pa10cal.campaign.description import read_campaign
 from pa10cal.commands.command_line import run_command
-from pa10cal.figures.results import PictureSettings, Results
+from pa10cal.figures.results import PictureOptions, Results
 from pa10cal.figures.style import looks
 
 CAMPAIGN = Path(__file__).parents[2] / "data/raw/cell-null"
@@ -49,7 +49,7 @@ def _results(folder, raw, settings=None) -> Results:
         robot=campaign.robot,
         instrument=campaign.instrument.kind,
         instrument_uncertainty_mm=campaign.instrument.uncertainty_mm,
-        settings=settings or PictureSettings(),
+        settings=settings or PictureOptions(),
     )
 
 
@@ -77,7 +77,7 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def results(folder) -> Results:
-    settings = PictureSettings.model_validate({"montecarlo": {"planes_mm": PLANES_MM}})
+    settings = PictureOptions.model_validate({"montecarlo": {"planes_mm": PLANES_MM}})
     return _results(folder, CAMPAIGN, settings)
 
 

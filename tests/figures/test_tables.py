@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pa10cal.figures import paper_against_ours, published, table1_parameters
-from pa10cal.figures.results import PictureSettings
+from pa10cal.figures.results import PictureOptions
 from pa10cal.figures.table import Grid, Table, write_table
 
 
@@ -147,7 +147,7 @@ class TestPaperAgainstOurs:
         path.write_text(json.dumps(record), encoding="utf-8")
         path = tmp_path / "part/evaluation/holdout.json"
         path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), "models": {}}))
-        settings = PictureSettings.model_validate({"montecarlo": {"planes_mm": [300]}})
+        settings = PictureOptions.model_validate({"montecarlo": {"planes_mm": [300]}})
         part = replace(results, folder=tmp_path / "part", settings=settings)
         whole = rows_of(paper_against_ours.tabulate(results))
         rows = rows_of(paper_against_ours.tabulate(part))
@@ -251,7 +251,7 @@ class TestTableOne:
 
     @pytest.mark.parametrize(("reading", "value"), [("text_e7", "38.3"), ("table_e8", "384")])
     def test_shows_the_chosen_reading_of_the_papers_cubic_stiffness(self, results, reading, value):
-        settings = PictureSettings.model_validate({"kcub_reading": reading})
+        settings = PictureOptions.model_validate({"kcub_reading": reading})
         table = table1_parameters.tabulate(replace(results, settings=settings))
         assert table.shown[0].rows[4][-1] == value
         assert any(reading[-2:] in note.replace("1e", "e") for note in table.notes)

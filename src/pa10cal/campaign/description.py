@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pydantic import Field, FiniteFloat, StringConstraints
 
 from pa10cal.errors import RawDataError
-from pa10cal.settings import Section, parse_section
+from pa10cal.settings_reading import parse_section
+from pa10cal.settings_section import Section
 
 Array = NDArray[np.float64]
 

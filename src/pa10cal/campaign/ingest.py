@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.campaign.description import DESCRIPTION_FILE, Campaign, Holdout
 from pa10cal.campaign.measured import Ingested, MeasuredPoses
+from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.poses import poses_from_touches
 from pa10cal.campaign.tracked import poses_from_tracker
 from pa10cal.errors import RawDataError
-from pa10cal.settings import IngestSettings
 
 
 def ingest_campaign(
-    campaign: Campaign, arm: Arm, folder: Path, settings: IngestSettings
+    campaign: Campaign, arm: Arm, folder: Path, settings: IngestOptions
 ) -> Ingested:
     """Read a campaign: rows of its files to configurations, held-out poses marked.
 

@@ -20,6 +20,7 @@ from pa10cal.campaign.dwell import (
 from pa10cal.campaign.grouping import TouchGroups, commonest, configurations, group_touches
 from pa10cal.campaign.logs import Samples, Touches, read_samples, read_touches
 from pa10cal.campaign.measured import Ingested, MeasuredPoses
+from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.plausibility import (
     OTHER_COMMAND,
     off_command,
@@ -28,7 +29,6 @@ from pa10cal.campaign.plausibility import (
 from pa10cal.campaign.quarantine import LeftOut, left_out, refuse_too_many
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import fit_rigid_weighted
-from pa10cal.settings import IngestSettings
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -47,7 +47,7 @@ LOST = "a dwell whose configuration is left out"
 
 
 def poses_from_touches(
-    campaign: Campaign, arm: Arm, folder: Path, settings: IngestSettings
+    campaign: Campaign, arm: Arm, folder: Path, settings: IngestOptions
 ) -> Ingested:
     """Read a campaign of a touch-trigger instrument.
 
@@ -170,7 +170,7 @@ def _unused_touches(
     balls: LocatedBalls,
     reason: NDArray[np.object_],
     file: str,
-    settings: IngestSettings,
+    settings: IngestOptions,
 ) -> tuple[LeftOut, ...]:
     """List stray touches, and the touches of configurations that cannot be used."""
     astray = np.zeros(len(touches), dtype=bool)

@@ -17,6 +17,7 @@ from pa10cal.campaign.distance_tracker import DistanceTracker
 from pa10cal.campaign.grouping import configurations
 from pa10cal.campaign.length_unit import refuse_wrong_length_unit
 from pa10cal.campaign.measured import Ingested, MeasuredPoses
+from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.outliers import (
     OFF_MODEL,
     OFF_REPEATS,
@@ -40,7 +41,6 @@ from pa10cal.campaign.pose_tracker import PoseTracker
 from pa10cal.campaign.quarantine import LeftOut, left_out, refuse_too_many
 from pa10cal.campaign.tracker import Tracker
 from pa10cal.errors import RawDataError
-from pa10cal.settings import IngestSettings
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ WARN_DEG = 10.0
 
 
 def poses_from_tracker(
-    campaign: Campaign, arm: Arm, folder: Path, settings: IngestSettings
+    campaign: Campaign, arm: Arm, folder: Path, settings: IngestOptions
 ) -> Ingested:
     """Read a campaign of an instrument that gives poses, positions of targets, or distances.
 

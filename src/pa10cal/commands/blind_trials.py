@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, get_args
 
-from pa10cal.settings import JudgingSettings
+from pa10cal.evaluation.options import JudgingOptions
 
 if TYPE_CHECKING:
     from pa10cal.cell.references import Layout
@@ -31,7 +31,7 @@ def blind_trials(
     first: int = 0,
     layouts: str = "grid,wide",
     size: float | None = None,
-    settings: JudgingSettings = JudgingSettings(),
+    settings: JudgingOptions = JudgingOptions(),
 ) -> None:
     """Hide effects in campaigns of the virtual cell, and judge these blindly.
 
@@ -107,7 +107,7 @@ def _layouts(text: str) -> tuple[Layout, ...]:
     return tuple(layout for name in names for layout in known if layout == name)
 
 
-def _try(trial: Trial, settings: JudgingSettings) -> tuple[dict[str, Any], dict[str, Any]]:
+def _try(trial: Trial, settings: JudgingOptions) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped."""
     from pa10cal.files.schemas import VERDICT
     from pa10cal.stages.trial_judging import judge
@@ -129,9 +129,7 @@ def _try(trial: Trial, settings: JudgingSettings) -> tuple[dict[str, Any], dict[
     return verdict, truth_record(trial, moved_mm, seconds)
 
 
-def _measured(
-    trial: Trial, cell: SimulateSettings, settings: JudgingSettings
-) -> CalibratedCampaign:
+def _measured(trial: Trial, cell: SimulateSettings, settings: JudgingOptions) -> CalibratedCampaign:
     """Write a raw campaign, throw the record of what it hides away, and calibrate with the rest."""
     from pa10cal.cell.campaign import simulate_campaign
     from pa10cal.cell.write import write_campaign
@@ -146,7 +144,7 @@ def _measured(
 
 
 def _moved_mm(
-    trial: Trial, number: int, known: CalibratedCampaign, settings: JudgingSettings
+    trial: Trial, number: int, known: CalibratedCampaign, settings: JudgingOptions
 ) -> float:
     """Return how far one of the hidden effects moves what the calibrated baseline leaves.
 

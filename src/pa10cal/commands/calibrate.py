@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pa10cal.settings import CalibrationSettings
+from pa10cal.calibration.options import CalibrationOptions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,7 +25,7 @@ def calibrate(
     base_frame: Path,
     load: str,
     out: Path,
-    settings: CalibrationSettings = CalibrationSettings(),
+    settings: CalibrationOptions = CalibrationOptions(),
 ) -> None:
     """Calibrate the arm on one load case, by the paper's model or the general one.
 
@@ -66,7 +66,7 @@ def _by_papers_model(
     table: pd.DataFrame,
     base_frame: Path,
     load: str,
-    settings: CalibrationSettings,
+    settings: CalibrationOptions,
 ) -> dict[str, Any]:
     """Work out a load case on two levels, with the paper's unknowns."""
     from pa10cal.calibration.load_case import work_out
@@ -104,7 +104,7 @@ def _by_general_model(
     table: pd.DataFrame,
     base_frame: Path,
     load: str,
-    settings: CalibrationSettings,
+    settings: CalibrationOptions,
 ) -> dict[str, Any]:
     """Work out a load case with every parameter that arm and instrument can tell."""
     from pa10cal.calibration.general.case import work_out_general

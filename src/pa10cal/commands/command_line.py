@@ -216,7 +216,7 @@ def _read(hint: Any, value: Any, name: str) -> Any:
     """Return the value of a parameter: a section of the settings is read, a list made a tuple."""
     kind = _without_none(hint)
     if _is_section(kind) and isinstance(value, str):
-        from pa10cal.settings import read_settings_argument
+        from pa10cal.settings_reading import read_settings_argument
 
         return read_settings_argument(kind, value, where="--" + name.replace("_", "-"))
     return tuple(value) if isinstance(value, list) else value

@@ -10,7 +10,8 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pa10cal.settings import CalibrationSettings, SimulateSettings
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.settings import SimulateSettings
 
 if TYPE_CHECKING:
     from pa10cal.calibration.load_case import Study
@@ -22,7 +23,7 @@ def coverage(
     campaigns: int = 50,
     first_seed: int = 1,
     simulate: SimulateSettings = SimulateSettings(),
-    settings: CalibrationSettings = CalibrationSettings(),
+    settings: CalibrationOptions = CalibrationOptions(),
 ) -> None:
     """Count how often intervals hold the truth of simulated campaigns, with the paper's model.
 
@@ -80,18 +81,18 @@ def coverage(
     )
 
 
-def _scores(simulate: SimulateSettings, settings: CalibrationSettings) -> dict[str, float]:
+def _scores(simulate: SimulateSettings, settings: CalibrationOptions) -> dict[str, float]:
     """Simulate, ingest and calibrate one campaign; score every identifiable parameter."""
     from pa10cal.calibration.calibrate import calibrate
     from pa10cal.calibration.uncertainty import ErrorSources
     from pa10cal.campaign.averages import average_repeats
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.ingest import ingest_campaign
+    from pa10cal.campaign.options import IngestOptions
     from pa10cal.campaign.table import observations, read_pose_table, write_pose_table
     from pa10cal.cell.campaign import simulate_campaign
     from pa10cal.cell.write import write_campaign
     from pa10cal.files.arms import load_arm
-    from pa10cal.settings import IngestSettings
     from pa10cal.stages.calibration_record import parameter_records, study_of
     from pa10cal.stages.records import read_record
     from pa10cal.terms.baseline import baseline
@@ -103,7 +104,7 @@ def _scores(simulate: SimulateSettings, settings: CalibrationSettings) -> dict[s
         made = simulate_campaign("coverage", arm, simulate, "text_e7")
         write_campaign(made, folder / "raw", folder / "truth.json")
         campaign = read_campaign(folder / "raw")
-        ingested = ingest_campaign(campaign, arm, folder / "raw", IngestSettings())
+        ingested = ingest_campaign(campaign, arm, folder / "raw", IngestOptions())
         write_pose_table(folder / "poses.parquet", ingested.poses, campaign.name)
         table = read_pose_table(folder / "poses.parquet")
         truth = read_record(folder / "truth.json", "pa10cal-truth/1")["parameters"]

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pa10cal.settings import CalibrationSettings, CoverageSettings
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.evaluation.options import CoverageOptions
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
     from pa10cal.calibration.general.unknowns import Unknowns
     from pa10cal.cell.individual_arm import IndividualArm
     from pa10cal.evaluation.coverage import Coverage
-    from pa10cal.settings import CoverageCaseSettings, SightedPlan
+    from pa10cal.evaluation.options import CoverageCase
+    from pa10cal.settings import SightedPlan
 
 #: Poses in which each calibration has to predict.
 _PREDICTED_POSES = 40
@@ -37,8 +39,8 @@ def coverage_general(
     *,
     out: Path,
     table: Path,
-    settings: CoverageSettings = CoverageSettings(),
-    calibration: CalibrationSettings = CalibrationSettings(),
+    settings: CoverageOptions = CoverageOptions(),
+    calibration: CalibrationOptions = CalibrationOptions(),
 ) -> None:
     """Count the same with the general model, arm by arm and instrument by instrument.
 
@@ -90,7 +92,7 @@ class _Study:
 
 
 def _record(
-    case: CoverageCaseSettings, settings: CoverageSettings, options: GeneralOptions
+    case: CoverageCase, settings: CoverageOptions, options: GeneralOptions
 ) -> dict[str, Any]:
     """Work out one case: the record of it."""
     from pa10cal.evaluation.coverage import coverage
@@ -169,8 +171,8 @@ def _rows(record: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def _study(
-    case: CoverageCaseSettings,
-    settings: CoverageSettings,
+    case: CoverageCase,
+    settings: CoverageOptions,
     options: GeneralOptions,
     any_way: bool,
 ) -> _Study:
@@ -228,7 +230,7 @@ def _unknowns(arm: Arm, plan: SightedPlan, options: GeneralOptions, seed: int) -
     return choose_unknowns(arm, options.tolerances, seen.seen, start.T_instr_base, start.places_m)
 
 
-def _plan(case: CoverageCaseSettings, settings: CoverageSettings) -> SightedPlan:
+def _plan(case: CoverageCase, settings: CoverageOptions) -> SightedPlan:
     from pa10cal.settings import SightedPlan
 
     return SightedPlan(

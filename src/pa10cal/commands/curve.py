@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pa10cal.settings_curve import CurveSettings
+from pa10cal.curve.options import CurveOptions
 
 if TYPE_CHECKING:
     from pa10cal.curve.curve import Curve
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pa10cal.curve.roll_map import RollMap
 
 
-def curve(*, settings: CurveSettings, out_dir: Path, points: Path | None = None) -> None:
+def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) -> None:
     """Lay a chain of links along a curve, and work out its joint angles and how it moves.
 
     Args:
@@ -57,7 +57,7 @@ def _through(path: Path, through: str) -> Curve:
     return spline_through(points_m, closed=through == "closed_spline")
 
 
-def _still(curve: Curve, settings: CurveSettings) -> Gait:
+def _still(curve: Curve, settings: CurveOptions) -> Gait:
     """Lay links along a curve: one shape, at time zero."""
     import numpy as np
 
@@ -77,7 +77,7 @@ def _still(curve: Curve, settings: CurveSettings) -> Gait:
     return Gait(np.zeros(1), (curve,), (points,), (joints,), np.array([roll_rad]), np.zeros(0))
 
 
-def _roll(chain: RollMap, settings: CurveSettings) -> float:
+def _roll(chain: RollMap, settings: CurveOptions) -> float:
     """Choose the roll of a shape."""
     import numpy as np
 
@@ -95,7 +95,7 @@ def _roll(chain: RollMap, settings: CurveSettings) -> float:
     return roll_rad if limits is None else room_at(chain, roll_rad, limits).roll_rad
 
 
-def _moving(curve: Curve, settings: CurveSettings) -> Gait:
+def _moving(curve: Curve, settings: CurveOptions) -> Gait:
     """Follow a shape that moves."""
     import numpy as np
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pa10cal.settings import CalibrationSettings, CurveStudySettings
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.curve.options import CurveStudyOptions
 
 if TYPE_CHECKING:
     from pa10cal.curve.postures import Postures
@@ -14,8 +15,8 @@ if TYPE_CHECKING:
 def curve_calibration(
     *,
     out: Path,
-    settings: CurveStudySettings = CurveStudySettings(),
-    calibration: CalibrationSettings = CalibrationSettings(),
+    settings: CurveStudyOptions = CurveStudyOptions(),
+    calibration: CalibrationOptions = CalibrationOptions(),
 ) -> None:
     """Calibrate a chain of links posed along curves, in the virtual cell.
 

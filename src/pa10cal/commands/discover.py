@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pa10cal.settings import DiscoverySettings
+from pa10cal.discovery.options import DiscoveryOptions
 
 if TYPE_CHECKING:
     from pa10cal.campaign.observations import PoseObservations
@@ -25,7 +25,7 @@ def discover(
     analysis: Path,
     extended: Path,
     suggested: Path,
-    settings: DiscoverySettings = DiscoverySettings(),
+    settings: DiscoveryOptions = DiscoveryOptions(),
 ) -> None:
     """Find which effects are missing from the calibrated model, and close the gap.
 
@@ -39,6 +39,7 @@ def discover(
         suggested: poses to measure next, to write (.csv).
         settings: section discovery.
     """
+    from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import observations, read_pose_table
@@ -46,7 +47,7 @@ def discover(
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import whole_files, write_json, write_text
     from pa10cal.files.schemas import ANALYSIS, CALIBRATION, EXTENDED, VERDICT
-    from pa10cal.settings import CalibrationSettings, parse_section
+    from pa10cal.settings_reading import parse_section
     from pa10cal.stages.calibration_record import read_fit
     from pa10cal.stages.measurement_setup import setup_of, with_bends
     from pa10cal.stages.records import read_record
@@ -56,7 +57,7 @@ def discover(
     arm = load_arm(campaign.robot, campaign_dir)
     table, from_order = read_pose_table(poses, campaign.name), False
     record = read_record(calibration, CALIBRATION, ("parameters", "settings"), campaign.name)
-    used = parse_section(CalibrationSettings, record["settings"], where=str(calibration))
+    used = parse_section(CalibrationOptions, record["settings"], where=str(calibration))
     model, x, T_instr_base = read_fit(record, arm, calibration, cubic=True)
     setup = setup_of(campaign, arm, used, settings)
     grid = observations(table, kind="grid", average=False, covariance="instrument")
@@ -128,7 +129,7 @@ def _by_repeats(
     held_out: PoseObservations,
     baseline: OperatingPoint,
     setup: MeasurementSetup,
-    settings: DiscoverySettings,
+    settings: DiscoveryOptions,
     record: dict[str, Any],
 ) -> _Outcome:
     """Judge effects against the scatter of repeats."""
@@ -176,7 +177,7 @@ def _by_blocks(
     held_out: PoseObservations,
     baseline: OperatingPoint,
     setup: MeasurementSetup,
-    settings: DiscoverySettings,
+    settings: DiscoveryOptions,
     record: dict[str, Any],
 ) -> _Outcome:
     """Judge effects by how well blocks of poses are predicted that were left out."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pa10cal.settings import FigureSettings
+from pa10cal.figures.options import FigureOptions
 
 
 def draw_curve(
@@ -12,7 +12,7 @@ def draw_curve(
     curve_dir: Path,
     out_dir: Path,
     movie: Path | None = None,
-    settings: FigureSettings = FigureSettings(),
+    settings: FigureOptions = FigureOptions(),
 ) -> None:
     """Draw what the command curve found, or show it moving.
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pa10cal.settings import FigureSettings
+from pa10cal.figures.options import FigureOptions
 
 
 def draw_curve_calibration(
-    *, figure: str, record: Path, out_dir: Path, settings: FigureSettings = FigureSettings()
+    *, figure: str, record: Path, out_dir: Path, settings: FigureOptions = FigureOptions()
 ) -> None:
     """Draw one figure or table of the chain calibrated along curves.
 

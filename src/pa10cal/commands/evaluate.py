@@ -122,8 +122,10 @@ def _judge_general(
     extended: Path | None,
 ) -> tuple[int, dict[str, Any]]:
     """Judge the models of a general calibration on what the instrument observed."""
+    from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.arrival_order import with_arrivals
-    from pa10cal.settings import CalibrationSettings, DiscoverySettings, parse_section
+    from pa10cal.discovery.options import DiscoveryOptions
+    from pa10cal.settings_reading import parse_section
     from pa10cal.stages.blocked_cv_model import extended_model
     from pa10cal.stages.general_evaluation import (
         general_models,
@@ -141,8 +143,8 @@ def _judge_general(
         with_effects = extended_model(extended, record, arm, calibration)
         if with_effects.arrival_from_order:
             held_out = held_out_with_torques(with_arrivals(table)[0], campaign, arm)
-        used = parse_section(CalibrationSettings, record["settings"], where=str(calibration))
-        setup = setup_of(campaign, arm, used, DiscoverySettings())
+        used = parse_section(CalibrationOptions, record["settings"], where=str(calibration))
+        setup = setup_of(campaign, arm, used, DiscoveryOptions())
         held_out = with_effects.completed(held_out, setup)
         models["extended"] = judged_record(
             with_effects.fitted, held_out, with_effects.extrapolated(held_out.states)
@@ -159,20 +161,22 @@ def _judge_extended(
     extended: Path,
 ) -> HeldOut:
     """Judge the model with the effects that discovery named."""
+    from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.campaign.table import observations
     from pa10cal.discovery.evidence.fit import as_read
     from pa10cal.discovery.operating_point import OperatingPoint
+    from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.discovery.preparation import complete_about
     from pa10cal.evaluation.holdout import judge
     from pa10cal.files.schemas import EXTENDED
-    from pa10cal.settings import CalibrationSettings, DiscoverySettings, parse_section
+    from pa10cal.settings_reading import parse_section
     from pa10cal.stages.calibration_record import read_fit
     from pa10cal.stages.extended_record import read_extended
     from pa10cal.stages.measurement_setup import setup_of, with_bends
     from pa10cal.stages.records import read_record, read_vector
 
-    used = parse_section(CalibrationSettings, record["settings"], where=str(calibration))
+    used = parse_section(CalibrationOptions, record["settings"], where=str(calibration))
     model, _, _ = read_fit(record, arm, calibration, cubic=True)
     content = read_record(extended, EXTENDED, ("effects", "x", "targets_off_m"), campaign.name)
     baseline, model, x, T_instr_base = read_extended(content, with_bends(model), extended)
@@ -182,7 +186,7 @@ def _judge_extended(
         observations(table, kind="holdout"),
         baseline,
         OperatingPoint(model, x, T_instr_base),
-        setup_of(campaign, arm, used, DiscoverySettings()),
+        setup_of(campaign, arm, used, DiscoveryOptions()),
     )
     coordinates = poses.by_apparatus.shape[2]
     places_m = read_vector(content, "targets_off_m", coordinates, extended)

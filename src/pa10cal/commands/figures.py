@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from pathlib import Path
 
-from pa10cal.settings import PictureSettings
+from pa10cal.figures.options import PictureOptions
 
 
 def figures(
@@ -14,7 +14,7 @@ def figures(
     campaign_dir: Path,
     results_dir: Path,
     out_dir: Path,
-    settings: PictureSettings = PictureSettings(),
+    settings: PictureOptions = PictureOptions(),
 ) -> None:
     """Draw one figure or table of a campaign.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pa10cal.settings import IngestSettings
+from pa10cal.campaign.options import IngestOptions
 
 #: Rows left out that are shown one by one; all of them are in the campaign's left_out.csv.
 SHOWN = 10
@@ -16,7 +16,7 @@ def import_data(
     *,
     out: Path,
     any_version: bool = False,
-    settings: IngestSettings = IngestSettings(),
+    settings: IngestOptions = IngestOptions(),
 ) -> None:
     """Turn a data set of another layout into campaigns.
 

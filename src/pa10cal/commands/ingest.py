@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pa10cal.settings import IngestSettings
+from pa10cal.campaign.options import IngestOptions
 
 if TYPE_CHECKING:
     from pa10cal.campaign.measured import MeasuredPoses
@@ -17,7 +17,7 @@ def ingest(
     campaign_dir: Path,
     out: Path,
     quarantine: Path,
-    settings: IngestSettings = IngestSettings(),
+    settings: IngestOptions = IngestOptions(),
 ) -> None:
     """Turn raw logs into a table of poses, and list the rows that are quarantined.
 

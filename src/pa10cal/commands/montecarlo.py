@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from pa10cal.settings import MonteCarloSettings
+from pa10cal.montecarlo.options import MonteCarloOptions
 
 _PROGRESS_LINES = 10
 
@@ -18,7 +18,7 @@ def montecarlo(
     plane_mm: int,
     out: Path,
     campaign_dir: Path | None = None,
-    settings: MonteCarloSettings = MonteCarloSettings(),
+    settings: MonteCarloOptions = MonteCarloOptions(),
 ) -> None:
     """Study the position error from resolver uncertainty in one horizontal plane.
 

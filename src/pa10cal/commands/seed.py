@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pa10cal.settings import BaseFrameSettings
+from pa10cal.frame.options import BaseFrameOptions
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -22,7 +22,7 @@ def seed(
     campaign_dir: Path,
     poses: Path,
     out: Path,
-    settings: BaseFrameSettings = BaseFrameSettings(),
+    settings: BaseFrameOptions = BaseFrameOptions(),
 ) -> None:
     """Locate the base frame, and targets, from straight-line moves or the nominal arm.
 
@@ -56,7 +56,7 @@ def seed(
 
 
 def _by_end_effector(
-    table: DataFrame, chain: Chain, settings: BaseFrameSettings, where: Path, campaign: Campaign
+    table: DataFrame, chain: Chain, settings: BaseFrameOptions, where: Path, campaign: Campaign
 ) -> BaseFrameRecord:
     """Find the base frame where straight moves show it, or of an end-effector that was touched."""
     import numpy as np

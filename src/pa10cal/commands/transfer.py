@@ -32,15 +32,17 @@ def transfer(
 
     from pa10cal.calibration.general.calibrate import with_torques
     from pa10cal.calibration.general.transfer import refit_frames
+    from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.sightings import sightings
     from pa10cal.campaign.table import read_pose_table
+    from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.errors import CalibrationError, RecordError
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
     from pa10cal.files.schemas import CALIBRATION, TRANSFER
-    from pa10cal.settings import CalibrationSettings, DiscoverySettings, parse_section
+    from pa10cal.settings_reading import parse_section
     from pa10cal.stages.blocked_cv_model import extended_model
     from pa10cal.stages.general_evaluation import (
         general_models,
@@ -84,8 +86,8 @@ def transfer(
     }
     if extended is not None:
         with_effects = extended_model(extended, record, arm, calibration)
-        used = parse_section(CalibrationSettings, record["settings"], where=str(calibration))
-        setup = setup_of(campaign, arm, used, DiscoverySettings())
+        used = parse_section(CalibrationOptions, record["settings"], where=str(calibration))
+        setup = setup_of(campaign, arm, used, DiscoveryOptions())
         if with_effects.arrival_from_order:
             grid, held_out = sighted(with_arrivals(table)[0])
         grid, held_out = (with_effects.completed(rows, setup) for rows in (grid, held_out))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pa10cal.settings import FigureSettings
+from pa10cal.figures.options import FigureOptions
 
 
 def trial_figures(
-    *, figure: str, scores: Path, out_dir: Path, settings: FigureSettings = FigureSettings()
+    *, figure: str, scores: Path, out_dir: Path, settings: FigureOptions = FigureOptions()
 ) -> None:
     """Draw one figure or table of blind trials.
 

@@ -15,12 +15,12 @@ from pa10cal.errors import RecordError
 from pa10cal.figures import published
 from pa10cal.figures.discovery_records import Analysis, Verdict
 from pa10cal.figures.general_records import GeneralCalibration
+from pa10cal.figures.options import PictureOptions
 from pa10cal.figures.poses import JointPositions, Poses, read_joints, read_poses
 from pa10cal.figures.record_files import as_record, check_converged, read_content
 from pa10cal.figures.records import BaseFrame, Calibration, HeldOut, Plane, Record
 from pa10cal.files import schemas
 from pa10cal.files.arms import load_arm
-from pa10cal.settings import PictureSettings
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class Results:
     robot: str
     instrument: str
     instrument_uncertainty_mm: float
-    settings: PictureSettings
+    settings: PictureOptions
 
     @property
     def footer(self) -> str:

@@ -9,7 +9,7 @@ from statistics import median
 from pydantic import FiniteFloat
 
 from pa10cal.errors import ArmError
-from pa10cal.settings import NonNegative, Positive, Section
+from pa10cal.settings_section import NonNegative, Positive, Section
 
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 

@@ -17,7 +17,8 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.parallel import NEARLY_PARALLEL_RAD, neighbouring_axes, with_hayati_rows
 from pa10cal.errors import ArmError
 from pa10cal.files.arm_rows import ArmRow, Triple, check_rows, refuse_far
-from pa10cal.settings import Section, parse_section
+from pa10cal.settings_reading import parse_section
+from pa10cal.settings_section import Section
 
 Array = NDArray[np.float64]
 

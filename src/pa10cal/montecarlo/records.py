@@ -12,7 +12,7 @@ from pa10cal.montecarlo.statistics import convergence, summarise
 from pa10cal.results.montecarlo import Convergence, Places, PlaneMap, PlaneRecord
 
 if TYPE_CHECKING:
-    from pa10cal.settings import MonteCarloSettings
+    from pa10cal.montecarlo.options import MonteCarloOptions
 
 _ATTITUDE = (
     "flange axis straight down, turned about the base axis with the azimuth of its place; "
@@ -23,7 +23,7 @@ _STD = "within a position: root mean square of the standard deviations of the po
 
 
 def plane_record(
-    errors: PlaneErrors, settings: MonteCarloSettings, campaign: str, robot: str, plane_mm: int
+    errors: PlaneErrors, settings: MonteCarloOptions, campaign: str, robot: str, plane_mm: int
 ) -> PlaneRecord:
     """Return the results in millimetres; `std_mm` is the spread within a place, as the paper's.
 

@@ -20,9 +20,10 @@ from pa10cal.calibration.calibrate import (
 )
 from pa10cal.calibration.identifiability import observability
 from pa10cal.calibration.load_case import LoadCase, Study, model_deviations
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import RecordError
-from pa10cal.settings import CalibrationSettings, parse_section
+from pa10cal.settings_reading import parse_section
 from pa10cal.stages.general_record import read_general
 from pa10cal.stages.health_record import health_record
 from pa10cal.stages.records import read_pose_matrix
@@ -41,7 +42,7 @@ _PULL_OF_NOISE = 2.0
 _INCOMPLETE = 3.0
 
 
-def study_of(settings: CalibrationSettings) -> Study:
+def study_of(settings: CalibrationOptions) -> Study:
     """Return models and solver options of the settings."""
     return Study(
         flexible_joints=settings.flexible_joints,
@@ -192,7 +193,7 @@ def read_fit(
     if record.get("model") == "general":
         found = read_general(record, arm, path)
         return found.model, found.x, found.T_instr_base
-    settings = parse_section(CalibrationSettings, record.get("settings"), where=str(path))
+    settings = parse_section(CalibrationOptions, record.get("settings"), where=str(path))
     fit = record if cubic else record["linear"]
     model = baseline(arm, settings.flexible_joints, _tolerances(settings), cubic=cubic)
     try:
@@ -209,7 +210,7 @@ def read_fit(
     return model, x, read_pose_matrix(fit, "T_instr_base", path)
 
 
-def _tolerances(settings: CalibrationSettings) -> Tolerances:
+def _tolerances(settings: CalibrationOptions) -> Tolerances:
     """Return the tolerances of the settings."""
     return Tolerances(**settings.tolerances.model_dump())
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from pa10cal.curve.angles import JointAngles, chain_points
 from pa10cal.curve.feasible import feasible_rolls
 from pa10cal.curve.gait import Gait
+from pa10cal.curve.options import CurveOptions
 from pa10cal.curve.points import Points
 from pa10cal.curve.roll_map import RollMap
 from pa10cal.files.output import whole_files, write_json
 from pa10cal.files.schemas import CURVE
-from pa10cal.settings_curve import CurveSettings
 from pa10cal.stages.curve_setting import limits_of
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 _PLACES, _PLACES_OF_MANY = 1000, 150
 
 
-def write_curve(folder: Path, gait: Gait, settings: CurveSettings) -> dict[str, Any]:
+def write_curve(folder: Path, gait: Gait, settings: CurveOptions) -> dict[str, Any]:
     """Write `angles.csv`, `points.csv`, `links.csv`, `shape.csv` and `curve.json`, all or none.
 
     Args:
@@ -51,7 +51,7 @@ def write_curve(folder: Path, gait: Gait, settings: CurveSettings) -> dict[str, 
     return record
 
 
-def _record(gait: Gait, settings: CurveSettings) -> dict[str, Any]:
+def _record(gait: Gait, settings: CurveOptions) -> dict[str, Any]:
     points = gait.points[0]
     limits = limits_of(settings, points.n - 1)
     free = None

@@ -6,8 +6,8 @@ import numpy as np
 
 from pa10cal.curve.curve import Curve
 from pa10cal.curve.feasible import JointLimits
+from pa10cal.curve.options import CircleShape, CurveOptions, HelixShape, LineShape, Shape
 from pa10cal.curve.shapes import circle, helix, line, serpenoid
-from pa10cal.settings_curve import CircleShape, CurveSettings, HelixShape, LineShape, Shape
 
 
 def shape_of(shape: Shape, phase_rad: float = 0.0) -> Curve:
@@ -23,7 +23,7 @@ def shape_of(shape: Shape, phase_rad: float = 0.0) -> Curve:
     return serpenoid(shape.length_m, shape.waves, amplitude_rad, phase_rad)
 
 
-def limits_of(settings: CurveSettings, joints: int) -> JointLimits | None:
+def limits_of(settings: CurveOptions, joints: int) -> JointLimits | None:
     """Return the limits of every joint, None where there are none."""
     if settings.limits is None:
         return None

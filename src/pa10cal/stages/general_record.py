@@ -20,10 +20,10 @@ from pa10cal.calibration.general.instrument import Seen, place_parameters
 from pa10cal.calibration.general.start import Start
 from pa10cal.calibration.general.unknowns import tool_frame
 from pa10cal.calibration.identifiability import not_identifiable, observability
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.campaign.seen import SeenPoints, SeenPoses
 from pa10cal.errors import RecordError
-from pa10cal.settings import CalibrationSettings
 from pa10cal.stages.health_record import health_record
 from pa10cal.stages.records import read_pose_matrix, read_vector
 from pa10cal.terms.joint_spring import JointSpring
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 Which = Literal["full", "geometry", "nominal"]
 
 
-def general_options(settings: CalibrationSettings) -> GeneralOptions:
+def general_options(settings: CalibrationOptions) -> GeneralOptions:
     """Return the options of the general model that the settings ask for."""
     springs = settings.general.springs
     return GeneralOptions(

@@ -7,16 +7,17 @@ import numpy as np
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import Campaign
+from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import MeasurementSetup, Uncertainties
-from pa10cal.settings import CalibrationSettings, DiscoverySettings
 from pa10cal.terms.model import Model
 
 MM = 1e-3
 
 
 def setup_of(
-    campaign: Campaign, arm: Arm, calibration: CalibrationSettings, discovery: DiscoverySettings
+    campaign: Campaign, arm: Arm, calibration: CalibrationOptions, discovery: DiscoveryOptions
 ) -> MeasurementSetup:
     """Return what the search needs to know besides the poses."""
     return MeasurementSetup(

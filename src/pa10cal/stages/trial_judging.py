@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.accuracy import deviations
 from pa10cal.calibration.calibrate import Calibration, calibrate
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.description import Campaign, read_campaign
@@ -22,9 +23,9 @@ from pa10cal.campaign.observations import PoseObservations
 from pa10cal.campaign.table import observations, read_pose_table, write_pose_table
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.files.schemas import VERDICT
-from pa10cal.settings import CalibrationSettings, JudgingSettings
 from pa10cal.stages.calibration_record import study_of
 from pa10cal.stages.measurement_setup import setup_of, with_bends
 from pa10cal.stages.verdict_record import verdict_record
@@ -62,7 +63,7 @@ class CalibratedCampaign:
         return deviations(T_base_ee, found.T_instr_base, poses).position_mm
 
 
-def calibrated(raw: Path, settings: JudgingSettings) -> CalibratedCampaign:
+def calibrated(raw: Path, settings: JudgingOptions) -> CalibratedCampaign:
     """Ingest a raw campaign and calibrate the cubic model on all its loads.
 
     Args:
@@ -92,7 +93,7 @@ def calibrated(raw: Path, settings: JudgingSettings) -> CalibratedCampaign:
     )
 
 
-def judge(known: CalibratedCampaign, settings: JudgingSettings) -> dict[str, Any]:
+def judge(known: CalibratedCampaign, settings: JudgingOptions) -> dict[str, Any]:
     """Return the verdict on a campaign, as the results' contract has it, without suggestions.
 
     Raises:
@@ -117,7 +118,7 @@ def judge(known: CalibratedCampaign, settings: JudgingSettings) -> dict[str, Any
     }
 
 
-def _calibrate(arm: Arm, readings: PoseObservations, settings: CalibrationSettings) -> Calibration:
+def _calibrate(arm: Arm, readings: PoseObservations, settings: CalibrationOptions) -> Calibration:
     """Calibrate from the nominal arm, and from more starts where that does not converge."""
     study = study_of(settings)
     poses = average_repeats(readings)

@@ -1,4 +1,4 @@
-"""Settings of a curve laid with links, and of the study that calibrates such a chain."""
+"""Options of a curve laid with links, and of the study that calibrates such a chain."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import Field, FiniteFloat, model_validator
 from pa10cal.settings_section import Positive, Section
 
 
-class CurveStudySettings(Section):
+class CurveStudyOptions(Section):
     """Calibration of a chain of links on two-axis joints, posed along curves, in the cell."""
 
     random_seed: Annotated[int, Field(ge=0)] = Field(
@@ -80,14 +80,14 @@ Shape = Annotated[
 _Range = tuple[FiniteFloat, FiniteFloat]
 
 
-class LimitSettings(Section):
+class LimitOptions(Section):
     """Limits of every joint [deg]."""
 
     a_deg: _Range = (-180.0, 180.0)
     b_deg: _Range = (-180.0, 180.0)
 
 
-class GaitSettings(Section):
+class GaitOptions(Section):
     """How the shape moves."""
 
     moves: Literal["wave", "roll"] = Field(
@@ -101,7 +101,7 @@ class GaitSettings(Section):
     )
 
 
-class CurveSettings(Section):
+class CurveOptions(Section):
     """A curve as links."""
 
     curve: Shape | None = Field(None, description="a shape by name, where no points are given")
@@ -116,11 +116,11 @@ class CurveSettings(Section):
     z_of_last: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = Field(
         (0.0, 0.0, 1.0), description="with roll: of_last, where z of the last link is to point"
     )
-    limits: LimitSettings | None = None
-    gait: GaitSettings | None = None
+    limits: LimitOptions | None = None
+    gait: GaitOptions | None = None
 
     @model_validator(mode="after")
-    def _whole(self) -> CurveSettings:
+    def _whole(self) -> CurveOptions:
         if self.link_m is None and self.links is None:
             raise ValueError("link_m, links, or both")
         if self.roll == "most_room" and self.limits is None:
@@ -129,7 +129,7 @@ class CurveSettings(Section):
             self._check_gait(self.gait)
         return self
 
-    def _check_gait(self, gait: GaitSettings) -> None:
+    def _check_gait(self, gait: GaitOptions) -> None:
         if self.link_m is None or self.links is None or self.links < 2:
             raise ValueError("link_m and two links or more, where the shape moves")
         if gait.period_s == 0.0:

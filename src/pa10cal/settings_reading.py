@@ -1,16 +1,65 @@
-"""What a user is told of settings that do not fit: the key, and the nearest right one."""
+"""Reading a section of the settings, and what a user is told of one that does not fit."""
 
 from __future__ import annotations
 
-from typing import Any
+import json
+from pathlib import Path
+from typing import Any, TypeVar
 
+import yaml
 from pydantic import BaseModel, ValidationError
 
 from pa10cal.errors import SettingsError
 from pa10cal.near_miss import remedy_for
 
+_S = TypeVar("_S", bound=BaseModel)
 
-def refusal(section: type[BaseModel], error: ValidationError, where: str) -> SettingsError:
+
+def parse_section(section: type[_S], raw: object, *, where: str) -> _S:
+    """Check a mapping against a section.
+
+    Args:
+        section: what it should be.
+        raw: what YAML or the command line gave.
+        where: the file or option it came from, for the message.
+
+    Raises:
+        SettingsError: naming the first offending key, its value and the nearest right name.
+    """
+    try:
+        return section.model_validate(raw)
+    except ValidationError as error:
+        raise _refusal(section, error, where) from None
+
+
+def read_settings_argument(section: type[_S], argument: str, *, where: str = "--settings") -> _S:
+    """Read a section from the command line: a JSON object, or the path of a YAML file.
+
+    Args:
+        section: what to read.
+        argument: what was given.
+        where: the option it was given with.
+
+    Raises:
+        SettingsError: when it is neither, or its content does not fit `section`.
+    """
+    inline = argument.lstrip().startswith("{")
+    where = where if inline else argument
+    try:
+        text = argument if inline else Path(argument).read_text(encoding="utf-8")
+        raw = json.loads(text) if inline else yaml.safe_load(text)
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise SettingsError(
+            "settings cannot be read",
+            where=where,
+            value=str(error),
+            allowed="a JSON object or the path of a YAML file",
+            remedy="check the path and its syntax",
+        ) from None
+    return parse_section(section, raw, where=where)
+
+
+def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> SettingsError:
     """Turn one of pydantic's findings, an unknown key first, into one message of the project.
 
     Args:

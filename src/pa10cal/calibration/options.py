@@ -1,0 +1,74 @@
+"""Options of both calibrations: the paper's two levels, and the general model."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from pa10cal.arm.tolerances import Tolerances
+from pa10cal.settings_section import NonNegative, Positive, Section
+
+
+class GeneralOptions(Section):
+    """What belongs to the general model alone, for any arm and instrument."""
+
+    springs: tuple[Annotated[int, Field(ge=1)], ...] | Literal["auto"] = Field(
+        "auto",
+        description="a list of joints from 1, those with a linear spring; or auto: those whose "
+        "torque varies",
+    )
+    robust: bool = Field(True, description="poses far outside the scatter weigh less")
+
+
+class CalibrationOptions(Section):
+    """The two-level calibration, equations (1)-(4), and the general one."""
+
+    model: Literal["auto", "paper", "general"] = Field(
+        "auto",
+        description="auto: the paper's where balls are touched, with the general one beside it, "
+        "and the general one for other instruments",
+    )
+    general: GeneralOptions = Field(
+        GeneralOptions(), description="the general model, for any arm and instrument"
+    )
+    epsilon: NonNegative = Field(1.6e-4, description="weight of the tolerance terms")
+    epsilon_acts_on: Literal["residual", "cost"] = Field(
+        "residual", description="what epsilon multiplies"
+    )
+    tolerance_terms: Literal["null_space", "all"] = Field(
+        "null_space",
+        description="null_space: the terms determine only what the data leave open; "
+        "all: on every departure, as printed",
+    )
+    tolerances: Tolerances = Field(
+        Tolerances(), description="manufacturing tolerances that scale the departures"
+    )
+    inner_poses: Annotated[int, Field(ge=1)] | Literal["all"] = Field(
+        8, description="M: poses of the inner level, or all"
+    )
+    inner_subsets: Annotated[int, Field(ge=0)] = Field(
+        20, description="random choices of the M poses tried to see how much the answer depends"
+    )
+    flexible_joints: tuple[Annotated[int, Field(ge=1)], ...] = Field(
+        (2, 3, 5), description="joints with a cubic spring; the others are rigid"
+    )
+    r_max_m: Positive = Field(1.0, description="length that normalises positions")
+    starts: Annotated[int, Field(ge=1)] = Field(8, description="initial guesses tried")
+    random_seed: Annotated[int, Field(ge=0)] = Field(
+        20080427, description="of the starts and of the inner subsets"
+    )
+    max_iterations: Annotated[int, Field(ge=1)] = Field(
+        200, description="of the outer level, for each start"
+    )
+    apparatus_uncertainty_mm: NonNegative = Field(
+        0.005,
+        description="standard uncertainty of a tooling ball's place on the apparatus, per axis",
+    )
+
+    @field_validator("flexible_joints")
+    @classmethod
+    def _each_once(cls, joints: tuple[int, ...]) -> tuple[int, ...]:
+        if len(set(joints)) < len(joints):
+            raise ValueError("each joint once")
+        return joints

@@ -1,0 +1,108 @@
+"""Options of the evaluation: held-out poses, blind trials, coverage of intervals."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, FiniteFloat, NonNegativeInt
+
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.campaign.options import IngestOptions
+from pa10cal.discovery.options import DiscoveryOptions
+from pa10cal.settings_section import Section
+
+
+class EvaluationOptions(Section):
+    """Held-out points and loads."""
+
+    calibration: str = Field(
+        "combined",
+        description="load case whose models are evaluated: combined, or a load such as 44N",
+    )
+
+
+class TrialCounts(Section):
+    """How many blind trials of each kind."""
+
+    null: NonNegativeInt = Field(200, description="nothing hidden")
+    single: NonNegativeInt = Field(
+        380, description="one effect, each of the vocabulary in turn, 0.1 to 3 times its usual size"
+    )
+    pair: NonNegativeInt = Field(100, description="two effects")
+    triple: NonNegativeInt = Field(100, description="three effects")
+    outside: NonNegativeInt = Field(100, description="one effect that no name covers")
+    wrong_noise: NonNegativeInt = Field(
+        40, description="nothing hidden, the instrument's uncertainty is misstated"
+    )
+    wrong_mass: NonNegativeInt = Field(
+        40, description="nothing hidden, a link's mass differs from the arm's description"
+    )
+
+
+class BlindTrialsOptions(Section):
+    """Campaigns of the virtual cell judged without their truth, and scored apart."""
+
+    random_seed: Annotated[int, Field(ge=0)] = Field(
+        20080427, description="draws robots, poses, noise and hidden effects"
+    )
+    trials_a_job: Annotated[int, Field(ge=1)] = Field(10, description="trials that one job runs")
+    full: TrialCounts = Field(
+        TrialCounts(), description="what `snakemake --cores 2 blind_trials` runs"
+    )
+    reduced: TrialCounts = Field(
+        TrialCounts(null=4, single=19, pair=2, triple=1, outside=4, wrong_noise=0, wrong_mass=0),
+        description="the first of them, which the default target runs",
+    )
+
+
+class CoverageCase(Section):
+    """An arm under an instrument, calibrated with the general model."""
+
+    robot: str = Field(description="an arm description")
+    instrument: Literal["pose", "points", "distance"] = Field(description="what observes it")
+    targets: Annotated[int, Field(ge=1)] = Field(1, description="targets of points")
+    flexible_joints: tuple[Annotated[int, Field(ge=1)], ...] = Field(
+        (), description="joints with a linear spring, of an arm with masses"
+    )
+
+
+class CoverageOptions(Section):
+    """Do 95 % intervals hold the truth of simulated campaigns in 95 % of cases?"""
+
+    random_seed: Annotated[int, Field(ge=0)] = Field(1, description="of the first campaign")
+    campaigns: Annotated[int, Field(ge=1)] = Field(
+        50, description="touched campaigns calibrated with the paper's model"
+    )
+    general_campaigns: Annotated[int, Field(ge=1)] = Field(
+        200, description="campaigns of each case calibrated with the general model, twice over"
+    )
+    poses: Annotated[int, Field(ge=1)] = Field(60, description="poses in each of these")
+    position_mm: Annotated[FiniteFloat, Field(ge=1e-5)] = Field(
+        0.05, description="noise of a coordinate or a distance, stated as it is"
+    )
+    attitude_rad: Annotated[FiniteFloat, Field(ge=1e-8)] = Field(
+        2e-4, description="noise of an attitude about each axis, stated as it is"
+    )
+    cases: tuple[CoverageCase, ...] = Field(
+        (
+            CoverageCase(robot="iiwa14", instrument="pose"),
+            CoverageCase(robot="iiwa14", instrument="points"),
+            CoverageCase(robot="iiwa14", instrument="distance"),
+            CoverageCase(robot="gx4_351s", instrument="pose"),
+            CoverageCase(robot="gx4_351s", instrument="points"),
+            CoverageCase(robot="gx4_351s", instrument="distance"),
+            CoverageCase(robot="ur10", instrument="points"),
+            CoverageCase(robot="ur10", instrument="distance"),
+            CoverageCase(robot="ur10", instrument="pose", flexible_joints=(2, 3, 4, 5)),
+            CoverageCase(robot="irb120", instrument="points", targets=3),
+        ),
+        description="an arm under an instrument each; targets are those of points",
+    )
+
+
+class JudgingOptions(Section):
+    """What a campaign is judged with in a blind trial."""
+
+    ingest: IngestOptions = IngestOptions()
+    calibration: CalibrationOptions = CalibrationOptions()
+    discovery: DiscoveryOptions = DiscoveryOptions()

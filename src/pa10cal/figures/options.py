@@ -1,0 +1,26 @@
+"""Options of the figures."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pa10cal.evaluation.options import EvaluationOptions
+from pa10cal.montecarlo.options import MonteCarloOptions
+from pa10cal.settings_section import Section
+
+
+class FigureOptions(Section):
+    """Looks shared by all figures."""
+
+    png_dpi: Annotated[int, Field(ge=50, le=600)] = Field(150, description="resolution of the PNG")
+
+
+class PictureOptions(Section):
+    """The settings that pictures of a campaign read."""
+
+    figures: FigureOptions = FigureOptions()
+    kcub_reading: Literal["text_e7", "table_e8"] = "text_e7"
+    montecarlo: MonteCarloOptions = MonteCarloOptions()
+    evaluation: EvaluationOptions = EvaluationOptions()
