@@ -72,5 +72,5 @@ lock:
 	  --no-header --no-emit-index-url --no-emit-find-links --output-file requirements.lock pyproject.toml
 
 schema: setup
-	$(BIN)/python -m pa10cal.planning.schema workflow/schemas/config.schema.json
+	$(BIN)/python -m pa10cal.planning.schema
 	$(BIN)/python -m pa10cal.results.docs

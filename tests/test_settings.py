@@ -36,7 +36,8 @@ def test_config_explains_every_setting():
     bare = [
         line
         for line in settings
-        if " # " not in line and not line.startswith(("  lightcap2008", "      - {id:"))
+        if " # " not in line
+        and not line.startswith(("  lightcap2008", "      - {id:", "    - {robot:"))
     ]
     assert not bare
 
@@ -71,6 +72,17 @@ def test_config_is_accepted_and_names_the_shipped_campaigns(config):
         ({"simulate": {"x": {"without_touches": {}, "repeats": 3}}}, ["repeats is for touches"]),
         ({"ingest": {"still_speed_deg_s": -1}}, ["ingest.still_speed_deg_s", "-1", "than 0"]),
         ({"campaigns": []}, ["key campaigns does not fit", "at least 1"]),
+        ({"campaigns": ["cell-a", "../b"]}, ["key campaigns.1", "'../b'", "letters, digits"]),
+        ({"simulate": {".x": {}}}, ["key simulate..x", "not beginning with '.' or '-'"]),
+        (
+            {"calibration": {"effects": [{"id": "transmision_error", "of": "joint 2"}]}},
+            ["key calibration.effects.0.id", "did you mean 'transmission_error'?"],
+        ),
+        (
+            {"calibration": {"effects": [{"id": "backlash", "off": "joint 2"}]}},
+            ["unknown key calibration.effects.0.off", "allowed: id, of;", "'of'"],
+        ),
+        ({"calibration": {"effects": "name"}}, ["key calibration.effects", "named"]),
         ({"calibration": {"epsilon_acts_on": "both"}}, ["'both'", "'residual' or 'cost'"]),
     ],
 )
@@ -167,3 +179,22 @@ def test_a_value_of_several_types_is_refused_by_its_meaning(springs, place):
     assert f"{key} does not fit (got" in message
     assert "allowed: a list of joints from 1, those with a linear spring; or auto" in message
     assert message.endswith(f"set {key.removeprefix('key ')} accordingly")
+
+
+@pytest.mark.parametrize("name", ["", "a b", "a/b", "..", ".hidden", "-r", "curve", "ä:1"])
+def test_a_name_that_is_not_fit_for_a_folder_is_refused(name):
+    with pytest.raises(SettingsError, match=r"key campaigns\.0 does not fit"):
+        parse_settings({"campaigns": [name]}, where="config.yaml")
+
+
+@pytest.mark.parametrize("name", ["c1", "cell-a", "2024_10.b", "prüfstand", "_"])
+def test_letters_digits_and_three_signs_make_a_name(name):
+    assert parse_settings({"campaigns": [name]}, where="config.yaml").campaigns == (name,)
+
+
+@pytest.mark.parametrize("effects", [[], "named", [{"id": "transmission_error", "of": "joint 2"}]])
+def test_effects_to_calibrate_with(effects):
+    raw = {"campaigns": ["c1"], "calibration": {"effects": effects}}
+    assert (
+        parse_settings(raw, where="x").model_dump(mode="json")["calibration"]["effects"] == effects
+    )

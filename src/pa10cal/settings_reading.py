@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -84,11 +85,14 @@ def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> Se
         return SettingsError(
             f"missing key {key}", where=where, allowed="a value", remedy=f"set {key}"
         )
+    # Of a value that may be of several types, its meaning says more than what one of them wants.
+    meaning = _meaning(section, location) if location != parts else ""
+    own = first["type"] == "value_error"
     return SettingsError(
         f"key {key} does not fit",
         where=where,
         value=first.get("input"),
-        allowed=(_meaning(section, location) if location != parts else "") or _wanted(first["msg"]),
+        allowed=_wanted(first["msg"]) if own else meaning or _wanted(first["msg"]),
         remedy=f"set {key} accordingly",
     )
 
@@ -115,19 +119,18 @@ def _known_keys(section: type[BaseModel], path: tuple[str, ...]) -> list[str]:
 
 
 def _section_at(section: type[BaseModel], path: tuple[str, ...]) -> type[BaseModel]:
-    current: Any = section
+    """Return the section at `path`, or the one that holds it."""
+    current = section
     for part in path:
         field = current.model_fields.get(part)
-        if field is None:  # the key of a mapping, such as a campaign's name
-            continue
-        annotation = field.annotation
-        current = next(
-            (
-                kind
-                for kind in (annotation, *getattr(annotation, "__args__", ()))
-                if isinstance(kind, type) and issubclass(kind, BaseModel)
-            ),
-            current,
-        )
-    found: type[BaseModel] = current
-    return found
+        if field is not None:  # else the key of a mapping or the place in a list
+            current = next(_sections_in(field.annotation), current)
+    return current
+
+
+def _sections_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the sections that a value of this type may be or hold."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from _sections_in(inner)

@@ -1,4 +1,4 @@
-"""The committed JSON schema is that of the settings, and it accepts config.yaml."""
+"""config.yaml and its JSON schema are those generated from the settings, and they fit."""
 
 import json
 from pathlib import Path
@@ -6,14 +6,26 @@ from pathlib import Path
 import yaml
 from jsonschema import Draft202012Validator
 
-from pa10cal.planning.schema import schema_text
+from pa10cal.planning.config_file import config_text
+from pa10cal.planning.schema import CONFIG, SCHEMA, schema_text, write_generated
 
 ROOT = Path(__file__).parents[2]
-SCHEMA = ROOT / "workflow/schemas/config.schema.json"
 
 
 def test_schema_is_up_to_date():
-    assert SCHEMA.read_text(encoding="utf-8") == schema_text(), "run: make schema"
+    assert (ROOT / SCHEMA).read_text(encoding="utf-8") == schema_text(), "run: make schema"
+
+
+def test_config_is_up_to_date_and_no_line_is_long():
+    assert (ROOT / CONFIG).read_text(encoding="utf-8") == config_text(), "run: make schema"
+    assert not [line for line in config_text().splitlines() if len(line) > 120]
+
+
+def test_both_files_are_written_anew(tmp_path):
+    (tmp_path / SCHEMA).parent.mkdir(parents=True)
+    write_generated(tmp_path)
+    assert (tmp_path / CONFIG).read_text(encoding="utf-8") == config_text()
+    assert (tmp_path / SCHEMA).read_text(encoding="utf-8") == schema_text()
 
 
 def test_schema_accepts_the_configuration_and_refuses_unknown_keys():

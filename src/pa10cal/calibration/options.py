@@ -7,7 +7,26 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 
 from pa10cal.arm.tolerances import Tolerances
+from pa10cal.near_miss import remedy_for
 from pa10cal.settings_section import NonNegative, Positive, Section
+
+
+class EffectOfPlace(Section):
+    """An effect to calibrate with."""
+
+    id: str = Field(description="of the vocabulary of effects, such as transmission_error")
+    of: str = Field(description="where it sits: joint 2, forearm, base, ...")
+
+    @field_validator("id")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        from pa10cal.terms.effects.family import every_effect  # late: it needs numpy
+
+        known = [effect.id for effect in every_effect()]
+        if name not in known:
+            remedy = remedy_for(name, known, "correct the id")
+            raise ValueError(f"one of {', '.join(known)}; {remedy}")
+        return name
 
 
 class GeneralOptions(Section):
@@ -26,11 +45,15 @@ class CalibrationOptions(Section):
 
     model: Literal["auto", "paper", "general"] = Field(
         "auto",
-        description="auto: the paper's where balls are touched, with the general one beside it, "
-        "and the general one for other instruments",
+        description="paper, general, or auto: the paper's where balls are touched, else the "
+        "general one",
     )
     general: GeneralOptions = Field(
         GeneralOptions(), description="the general model, for any arm and instrument"
+    )
+    effects: tuple[EffectOfPlace, ...] | Literal["named"] = Field(
+        (),
+        description="effects to calibrate with: {id, of} each; or named: those of the verdict",
     )
     epsilon: NonNegative = Field(1.6e-4, description="weight of the tolerance terms")
     epsilon_acts_on: Literal["residual", "cost"] = Field(
@@ -38,8 +61,8 @@ class CalibrationOptions(Section):
     )
     tolerance_terms: Literal["null_space", "all"] = Field(
         "null_space",
-        description="null_space: the terms determine only what the data leave open; "
-        "all: on every departure, as printed",
+        description="null_space: on what the data leave open alone; all: on every departure, as "
+        "printed",
     )
     tolerances: Tolerances = Field(
         Tolerances(), description="manufacturing tolerances that scale the departures"
