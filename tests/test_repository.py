@@ -47,7 +47,7 @@ MAY_IMPORT = {
     "results": {"files.output"},
     "arm": set(),
     "terms": {"arm"},
-    "frame": set(),
+    "frame": {"campaign.description"},
     "campaign": {"arm", "frame", "settings"},
     "calibration": {
         "arm",
