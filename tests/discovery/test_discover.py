@@ -25,7 +25,7 @@ def said(found):
         [name(finding.effect) for finding in judged.findings],
         [finding.x.tolist() for finding in judged.findings],
         [tuple(map(name, finding.alternatives)) for finding in judged.findings],
-        [(place.of, place.shared_mm) for place in judged.unexplained],
+        [(place.of, place.error_mm) for place in judged.unexplained],
         found.extended.x.tolist(),
     )
 
@@ -78,9 +78,7 @@ def test_a_bowed_axis_is_unexplained_at_the_instrument(bowed):
     judged = found.judgement
     assert judged.verdict == "unexplained"
     assert judged.findings == ()
-    assert [(place.of, place.generic.id) for place in judged.unexplained] == [
-        ("instrument", "place_map")
-    ]
+    assert [(place.of, place.form) for place in judged.unexplained] == [("instrument", "place_map")]
     # No name, no improvement: what only says where is not in the extended model.
     assert found.extended.effects == ()
     assert found.holdout.after.mean_mm > 3.0 * found.noise_floor_mm

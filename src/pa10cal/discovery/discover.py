@@ -11,7 +11,7 @@ from pa10cal.calibration.calibrate import check_torques
 from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.contest import Pair
-from pa10cal.discovery.evidence.candidates import NotTestable, testable
+from pa10cal.discovery.evidence.candidates import testable
 from pa10cal.discovery.evidence.fit import Fit, apparatus_m, as_read, fit
 from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge
 from pa10cal.discovery.evidence.problem import Problem, prepare
@@ -19,6 +19,7 @@ from pa10cal.discovery.evidence.search import Found, search
 from pa10cal.discovery.gap import Gap, gap
 from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about
+from pa10cal.discovery.verdict import NotTestable
 from pa10cal.errors import DiscoveryError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates

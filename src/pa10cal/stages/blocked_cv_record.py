@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.calibration.base_parameters import report_base
-from pa10cal.discovery.blocked_cv.discover import BlockedDiscovery, Finding
+from pa10cal.discovery.blocked_cv.discover import BlockedDiscovery
 from pa10cal.discovery.blocked_cv.gaps import PartedGap
-from pa10cal.discovery.blocked_cv.judge import Remainder
+from pa10cal.discovery.blocked_cv.judge import Prediction
 from pa10cal.discovery.blocked_cv.noise import NEARLY_SAME
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.seen import AnglesSeen
 from pa10cal.discovery.blocked_cv.survey import BLOCKS
 from pa10cal.discovery.operating_point import possible_sizes
+from pa10cal.discovery.verdict import Finding
 from pa10cal.errors import RecordError
 from pa10cal.stages.extended_record import form_record, records_of, surroundings_record
-from pa10cal.stages.verdict_record import gap_record, name_of
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.stages.verdict_record import gap_record, name_of, unexplained_record
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ def blocked_verdict(found: BlockedDiscovery, error_rate: float) -> dict[str, Any
         "verdict": found.verdict,
         "method": METHOD,
         "effects": [_effect(finding) for finding in found.findings],
-        "unexplained": _unexplained(found),
+        "unexplained": unexplained_record(found.findings, found.unexplained),
         "not_testable": [
             {**name_of(entry.effect), "why": entry.why}
             for entry in found.not_testable
@@ -50,8 +50,8 @@ def blocked_verdict(found: BlockedDiscovery, error_rate: float) -> dict[str, Any
             "holdout": None if found.holdout is None else _parted(found.holdout),
         },
         "left_over": {
-            **asdict(found.left_over),
-            "over_floor": found.left_over.over_floor,
+            **asdict(found.remaining),
+            "over_floor": found.remaining.over_floor,
             "tried": [
                 {
                     **name_of(entry.effect),
@@ -60,7 +60,7 @@ def blocked_verdict(found: BlockedDiscovery, error_rate: float) -> dict[str, Any
                     "helps": entry.helps,
                     "positions_and_attitudes_agree": entry.kinds_agree,
                 }
-                for entry in found.remainders
+                for entry in found.tried
             ],
         },
         "search": {
@@ -139,8 +139,8 @@ def read_angles(record: dict[str, Any], where: str) -> AnglesSeen | None:
         ) from None
 
 
-def _effect(finding: Finding) -> dict[str, Any]:
-    effect, proof = finding.effect, finding.evidence
+def _effect(finding: Finding[Prediction]) -> dict[str, Any]:
+    effect, proof = finding.effect, finding.proof
     known = effect.report(np.zeros(len(effect.parameters))).parameters
     std = np.sqrt(np.diag(finding.covariance))
     return {
@@ -153,68 +153,6 @@ def _effect(finding: Finding) -> dict[str, Any]:
         "alternatives": [name_of(other) for other in finding.alternatives],
         "evidence": {"blocks_left_out": {**asdict(proof), "z": proof.z}},
     }
-
-
-def _unexplained(found: BlockedDiscovery) -> dict[str, Any] | None:
-    """Return where something without a name sits: the largest first, all of them in a list."""
-    places = []
-    if found.left_over.over_floor:
-        places = _nameless(found)
-    maps = [f.effect for f in found.findings if isinstance(f.effect, JointErrorMap)]
-    if not places:
-        # A map says where and not why: its cause is in no row of the vocabulary.
-        places = [
-            {"of": effect.of, "form": effect.id, "shared_error_mm": None, "why": "cause not known"}
-            for effect in maps
-        ]
-    return {**places[0], "all": places} if places else None
-
-
-def _nameless(found: BlockedDiscovery) -> list[dict[str, Any]]:
-    left_mm = found.left_over.mean_mm
-    places = [
-        {
-            "of": effect.of,
-            "form": effect.id,
-            "shared_error_mm": left_mm,
-            "why": f"a smooth unknown function ({effect.id}) of {effect.of} predicts blocks left "
-            "out better than any name",
-        }
-        for effect in found.rivals
-    ]
-    places += [
-        {
-            "of": entry.effect.of,
-            "form": entry.effect.id,
-            "shared_error_mm": left_mm,
-            "why": f"what is left goes with {entry.effect.id} of {entry.effect.of}, "
-            f"{100 * entry.gain:.0f} % of it, but positions and attitudes contradict each other: "
-            "it is no effect of that name",
-        }
-        for entry in _contradicting(found)
-    ]
-    if not places:
-        why = (
-            f"blocks left out are off by {left_mm:.3f} mm in the mean where noise leaves "
-            f"{found.left_over.floor_mm:.3f} mm, and nothing that was tried surely predicts it"
-        )
-        if found.remainders:
-            nearest = found.remainders[0]
-            why += (
-                f"; nearest comes {nearest.effect.id} of {nearest.effect.of}, "
-                f"({100 * nearest.gain:.1f} ± {100 * nearest.gain_std:.1f}) % of it"
-            )
-        places = [{"of": None, "form": None, "shared_error_mm": left_mm, "why": why}]
-    return places
-
-
-def _contradicting(found: BlockedDiscovery) -> list[Remainder]:
-    """Return what helps and makes positions or attitudes worse, the best of each place."""
-    best: dict[str, Remainder] = {}
-    for entry in found.remainders:
-        if entry.helps and entry.kinds_agree is False:
-            best.setdefault(entry.effect.of, entry)
-    return list(best.values())
 
 
 def _floor_from(found: BlockedDiscovery) -> str:

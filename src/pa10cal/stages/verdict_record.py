@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -9,10 +10,11 @@ import numpy as np
 
 from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.discovery.discover import Discovery
-from pa10cal.discovery.evidence.confirm import LeftOut
-from pa10cal.discovery.evidence.judge import FLIP_RATE, MAP, Finding, Unexplained, shared_error_mm
+from pa10cal.discovery.evidence.confirm import Confirmation, LeftOut
+from pa10cal.discovery.evidence.judge import FLIP_RATE, shared_error_mm
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.gap import Gap, Paired
+from pa10cal.discovery.verdict import Finding, Unexplained, without_a_cause
 from pa10cal.terms.effects.effect import Effect
 
 
@@ -23,7 +25,7 @@ def verdict_record(found: Discovery, error_rate: float) -> dict[str, Any]:
     return {
         "verdict": judgement.verdict,
         "effects": [_effect(finding, needed) for finding in judgement.findings],
-        "unexplained": _unexplained(found),
+        "unexplained": unexplained_record(judgement.findings, judgement.unexplained),
         "not_testable": [
             {**name_of(entry.effect), "why": entry.why}
             for entry in found.not_testable
@@ -52,10 +54,10 @@ def name_of(effect: Effect) -> dict[str, str]:
     return {"id": effect.id, "of": effect.of}
 
 
-def _effect(finding: Finding, needed: float) -> dict[str, Any]:
+def _effect(finding: Finding[Confirmation], needed: float) -> dict[str, Any]:
     known = finding.effect.report(np.zeros(len(finding.effect.parameters))).parameters
     std = np.sqrt(np.diag(finding.covariance))
-    confirmation = finding.confirmation
+    confirmation = finding.proof
     return {
         **name_of(finding.effect),
         "parameters": {
@@ -78,32 +80,20 @@ def _left_out(found: LeftOut | None) -> dict[str, float] | None:
     return None if found is None else asdict(found)
 
 
-def _unexplained(found: Discovery) -> dict[str, Any] | None:
+def unexplained_record(
+    findings: Sequence[Finding[object]], unexplained: Sequence[Unexplained]
+) -> dict[str, Any] | None:
     """Return where something without a name sits: the largest first, all of them in a list."""
-    judgement = found.judgement
-    places = [_place(entry) for entry in judgement.unexplained]
-    maps = [f.effect for f in judgement.findings if f.effect.id == MAP]
-    if not places and maps:
-        # A map says where and not why: its cause is in no row of the vocabulary.
-        places = [
-            {"of": effect.of, "form": MAP, "shared_error_mm": None, "why": "cause not known"}
-            for effect in maps
-        ]
+    places = [
+        {
+            "of": entry.of,
+            "form": entry.form,
+            "shared_error_mm": entry.error_mm,
+            "why": entry.why,
+        }
+        for entry in without_a_cause(findings, unexplained)
+    ]
     return {**places[0], "all": places} if places else None
-
-
-def _place(entry: Unexplained) -> dict[str, Any]:
-    return {
-        "of": entry.of,
-        "form": None if entry.generic is None else entry.generic.id,
-        "shared_error_mm": entry.shared_mm,
-        "why": (
-            "no effect of the vocabulary explains what the readings of a pose share"
-            if entry.generic is None
-            else f"a smooth unknown function ({entry.generic.id}) of {entry.of} predicts it better "
-            "than any name"
-        ),
-    }
 
 
 def gap_record(found: Gap) -> dict[str, Any]:

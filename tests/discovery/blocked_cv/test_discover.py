@@ -15,9 +15,9 @@ def names(discovery):
 def test_where_nothing_is_hidden_nothing_is_named(nothing_hidden):
     found = nothing_hidden.discovery
     assert found.verdict == "none"
-    assert found.findings == found.rivals == ()
-    assert found.left_over.mean_mm == pytest.approx(found.left_over.floor_mm, rel=0.1)
-    assert not found.left_over.over_floor
+    assert found.findings == found.nameless == ()
+    assert found.remaining.mean_mm == pytest.approx(found.remaining.floor_mm, rel=0.1)
+    assert not found.remaining.over_floor
     before, after = found.holdout.whole.before, found.holdout.whole.after
     assert after.mean_mm == pytest.approx(before.mean_mm, rel=0.15)
     assert [step.effects for step in found.named] == [()]
@@ -30,11 +30,11 @@ def test_an_error_of_one_joint_that_has_no_name_is_the_map_of_that_joint(mapped)
     (finding,) = found.findings
     assert isinstance(finding.effect, JointErrorMap)
     assert finding.effect.knots > 12
-    assert finding.evidence.improved == finding.evidence.blocks == 10
-    assert finding.evidence.z > 10.0
-    assert finding.evidence.rms_without_mm > 1.5 * finding.evidence.rms_with_mm
+    assert finding.proof.improved == finding.proof.blocks == 10
+    assert finding.proof.z > 10.0
+    assert finding.proof.rms_without_mm > 1.5 * finding.proof.rms_with_mm
     inside = found.holdout.after_inside
-    assert inside.rms_mm < 1.3 * found.left_over.rms_mm
+    assert inside.rms_mm < 1.3 * found.remaining.rms_mm
     assert inside.mean_mm < 0.7 * found.holdout.before_inside.mean_mm
 
 
@@ -67,15 +67,15 @@ def test_a_named_form_is_the_answer_where_it_does_as_well_as_the_map(eccentric):
 def test_what_turns_the_end_and_does_not_move_it_is_no_effect_of_a_joint(twisted):
     found = twisted.discovery
     assert found.findings == ()
-    helping = [(entry.effect.of, entry.kinds_agree) for entry in found.remainders if entry.helps]
+    helping = [(entry.effect.of, entry.kinds_agree) for entry in found.tried if entry.helps]
     assert ("joint 5", False) in helping
 
 
 def test_noise_beyond_what_is_stated_is_unexplained_and_has_no_name():
     found = observe(Hidden(noise=3.0), poses=150, held_out=0).discovery
     assert found.verdict == "unexplained"
-    assert found.findings == found.rivals == ()
-    assert found.left_over.over_floor
+    assert found.findings == found.nameless == ()
+    assert found.remaining.over_floor
     assert found.holdout is None
 
 

@@ -5,8 +5,9 @@ import pytest
 
 from made_up_arm import ERROR_RATE, Missing, forced, harmonic, measure
 from pa10cal.arm.state import PoseStates
-from pa10cal.discovery.evidence.judge import MAP, floor_mm, judge, mean_length, shared_error_mm
+from pa10cal.discovery.evidence.judge import floor_mm, judge, mean_length, shared_error_mm
 from pa10cal.discovery.evidence.search import search
+from pa10cal.discovery.verdict import MAP
 
 
 def name(effect):
@@ -38,7 +39,7 @@ def test_what_stands_alone_is_named_with_its_uncertainty(wave):
     std = np.sqrt(np.diag(finding.covariance))
     assert (np.abs(finding.x - [2e-4, 1.0]) < 4.0 * std).all()
     assert (std < [1e-5, 0.05]).all()
-    assert finding.confirmation.p_flips < 0.01
+    assert finding.proof.p_flips < 0.01
 
 
 def test_rivals_that_do_as_well_stand_beside_the_name(eccentric_judged):
@@ -86,8 +87,8 @@ def test_what_no_name_explains_is_unexplained_where_it_sits(bowed):
     assert judged.verdict == "unexplained"
     assert judged.findings == ()
     (place,) = judged.unexplained
-    assert (place.of, place.generic.id) == ("instrument", "place_map")
-    assert place.shared_mm > floor_mm(bowed.problem)
+    assert (place.of, place.form) == ("instrument", "place_map")
+    assert place.error_mm > floor_mm(bowed.problem)
 
 
 def test_what_sits_nowhere_is_unexplained_all_the_same():
@@ -105,8 +106,8 @@ def test_what_sits_nowhere_is_unexplained_all_the_same():
     assert judged.verdict == "unexplained"
     assert judged.findings == ()
     (place,) = judged.unexplained
-    assert (place.of, place.generic) == (None, None)
-    assert place.shared_mm > 2.0 * floor_mm(lost.problem)
+    assert (place.of, place.form) == (None, None)
+    assert place.error_mm > 2.0 * floor_mm(lost.problem)
 
 
 def test_what_chance_does_as_well_is_no_finding(null):

@@ -13,13 +13,14 @@ from pa10cal.discovery.blocked_cv.family import askable, family
 from pa10cal.discovery.blocked_cv.finest import finest
 from pa10cal.discovery.blocked_cv.gaps import PartedGap, compare, errors_by_name
 from pa10cal.discovery.blocked_cv.judge import (
-    Evidence,
-    LeftOver,
-    Remainder,
+    Prediction,
+    Remaining,
+    Tried,
     alternatives,
-    evidence,
-    left_over,
-    remainders,
+    predictions,
+    remaining_error,
+    tried,
+    unexplained,
     without_rivals,
 )
 from pa10cal.discovery.blocked_cv.noise import Noise, noise_of
@@ -29,31 +30,13 @@ from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search, Step
 from pa10cal.discovery.blocked_cv.seen import AnglesSeen, angles_seen
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
-from pa10cal.discovery.evidence.candidates import NotTestable
 from pa10cal.discovery.naming import Named
 from pa10cal.discovery.operating_point import OperatingPoint, left
 from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.discovery.verdict import Finding, NotTestable, Unexplained, Word, reported, word_of
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Finding:
-    """One effect that was found.
-
-    Attributes:
-        effect: which, and where.
-        x, covariance: its parameters as the vocabulary has them, and their covariance.
-        alternatives: effects that predict as well in its place.
-        evidence: what speaks for it.
-    """
-
-    effect: Effect
-    x: Array
-    covariance: Array
-    alternatives: tuple[Effect, ...]
-    evidence: Evidence
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +45,12 @@ class BlockedDiscovery:
 
     Attributes:
         survey: the campaign as it was judged.
-        verdict: `none`, `named`, `ambiguous` or `unexplained`.
+        verdict: in a word.
         findings: effects of the vocabulary, in the order found.
-        rivals: what helps and has no name.
-        remainders: what else was tried on what is left, the most helpful first.
-        left_over: what is left of blocks left out, against noise.
+        unexplained: what remains without a name.
+        nameless: smooth unknown functions that the search held.
+        tried: what else was tried on the remaining error, the most helpful first.
+        remaining: position error of the blocks left out, against noise.
         candidates: how many effects and rivals were tried.
         least_gain: sum of squares by which one must help at least.
         not_testable: effects that these data cannot show.
@@ -79,11 +63,12 @@ class BlockedDiscovery:
     """
 
     survey: Survey
-    verdict: str
-    findings: tuple[Finding, ...]
-    rivals: tuple[Effect, ...]
-    remainders: tuple[Remainder, ...]
-    left_over: LeftOver
+    verdict: Word
+    findings: tuple[Finding[Prediction], ...]
+    unexplained: tuple[Unexplained, ...]
+    nameless: tuple[Effect, ...]
+    tried: tuple[Tried, ...]
+    remaining: Remaining
     candidates: int
     least_gain: float
     not_testable: tuple[NotTestable, ...]
@@ -128,11 +113,12 @@ def discover_by_blocks(
     extended = refit(campaign, effects, amounts, rows.weighing)
     place = OperatingPoint(extended.model, extended.x, extended.T_instr_base)
     noise = noise_of(campaign.poses, left(place, campaign.poses))
-    after = left_over(rows, searched.errors_mm, noise.floor_mm)
+    remaining = remaining_error(rows, searched.errors_mm, noise.floor_mm)
+    nameless = unexplained(remaining, searched.nameless, searched.tried)
     findings = tuple(
         Finding(effect, *_reported(extended, effect), others, proof)
         for effect, others, proof in zip(
-            effects, searched.alternatives, searched.evidence, strict=True
+            effects, searched.alternatives, searched.predictions, strict=True
         )
     )
     seen = angles_seen(campaign.poses.states.q_rad, ~campaign.context.arm.prismatic)
@@ -142,11 +128,12 @@ def discover_by_blocks(
         holdout = compare(campaign, extended, seen, held_out, noise.floor_mm)
     return BlockedDiscovery(
         survey=campaign,
-        verdict=_verdict(findings, after),
+        verdict=word_of(findings, nameless),
         findings=findings,
-        rivals=searched.rivals,
-        remainders=searched.remainders,
-        left_over=after,
+        unexplained=nameless,
+        nameless=searched.nameless,
+        tried=searched.tried,
+        remaining=remaining,
         candidates=searched.candidates,
         least_gain=searched.least_gain,
         not_testable=(*unknown, *searched.hidden),
@@ -165,9 +152,9 @@ class _Searched:
     """What the search found, without its products, which are large."""
 
     members: tuple[Candidate, ...]
-    rivals: tuple[Effect, ...]
-    remainders: tuple[Remainder, ...]
-    evidence: tuple[Evidence, ...]
+    nameless: tuple[Effect, ...]
+    tried: tuple[Tried, ...]
+    predictions: tuple[Prediction, ...]
     alternatives: tuple[tuple[Effect, ...], ...]
     errors_mm: Array
     hidden: tuple[NotTestable, ...]
@@ -184,15 +171,15 @@ def _search(rows: Rows, error_rate: float) -> _Searched:
     noise = noise_squares(rows, noise_of(poses, left(rows.place, poses)))
     search = Search(products, rows.own, candidates, noise, error_rate)
     chosen = search.run()
-    remaining = remainders(search, chosen)
+    others = tried(search, chosen)
     nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
     chosen = without_rivals(chosen)
-    proofs, errors_mm = evidence(rows, chosen)
+    proofs, errors_mm = predictions(rows, chosen)
     return _Searched(
         members=chosen.members,
-        rivals=nameless,
-        remainders=remaining,
-        evidence=proofs,
+        nameless=nameless,
+        tried=others,
+        predictions=proofs,
         alternatives=tuple(
             alternatives(search, chosen, member) for member in range(len(chosen.members))
         ),
@@ -205,16 +192,6 @@ def _search(rows: Rows, error_rate: float) -> _Searched:
 
 
 def _reported(extended: Refit, effect: Effect) -> tuple[Array, Array]:
-    """Return the parameters of an effect as the vocabulary has them, and their covariance."""
+    """Return the reported parameters of an effect, and their covariance."""
     columns = extended.columns_of(effect)
-    report = effect.report(extended.x[columns])
-    covariance = extended.covariance[columns, columns]
-    return report.values, report.jacobian @ covariance @ report.jacobian.T
-
-
-def _verdict(findings: tuple[Finding, ...], after: LeftOver) -> str:
-    if after.over_floor:
-        return "unexplained"
-    if not findings:
-        return "none"
-    return "ambiguous" if any(finding.alternatives for finding in findings) else "named"
+    return reported(effect, extended.x[columns], extended.covariance[columns, columns])

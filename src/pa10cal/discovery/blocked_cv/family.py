@@ -16,7 +16,8 @@ from pa10cal.discovery.blocked_cv.products import Products
 from pa10cal.discovery.blocked_cv.rows import Asked, Rows
 from pa10cal.discovery.blocked_cv.selection import Columns, solve
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.evidence.candidates import LEAST_SHARE, LEAST_SIGNAL, NotTestable
+from pa10cal.discovery.evidence.candidates import LEAST_SHARE, LEAST_SIGNAL
+from pa10cal.discovery.verdict import NotTestable
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates

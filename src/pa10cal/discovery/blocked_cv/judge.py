@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from pa10cal.discovery.blocked_cv.candidate import Chosen, both_kinds_agree, sta
 from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import BLOCKS
+from pa10cal.discovery.verdict import Unexplained
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -22,7 +24,7 @@ _SURELY = 3.0
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Prediction:
     """How well blocks left out are predicted without an effect and with it.
 
     Attributes:
@@ -46,8 +48,8 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Remainder:
-    """Something with which what is left still goes, or does not.
+class Tried:
+    """Something that was tried on the remaining error.
 
     Attributes:
         effect: the smooth unknown function, or effect, that was tried.
@@ -66,7 +68,7 @@ class Remainder:
 
 
 @dataclass(frozen=True)
-class LeftOver:
+class Remaining:
     """Position error of blocks left out, against noise.
 
     Attributes:
@@ -88,7 +90,7 @@ class LeftOver:
         return self.mean_mm > _OVER_FLOOR * self.floor_mm and excess > _SURELY * self.std_mm
 
 
-def evidence(rows: Rows, chosen: Chosen) -> tuple[tuple[Evidence, ...], Array]:
+def predictions(rows: Rows, chosen: Chosen) -> tuple[tuple[Prediction, ...], Array]:
     """Return the evidence of each member, and what is left of every block.
 
     Returns:
@@ -111,7 +113,7 @@ def evidence(rows: Rows, chosen: Chosen) -> tuple[tuple[Evidence, ...], Array]:
         gain = without - chosen.squares
         whole = float(without.sum())
         found.append(
-            Evidence(
+            Prediction(
                 rms_without_mm=float(rms[k + 1]),
                 rms_with_mm=float(rms[0]),
                 blocks=BLOCKS,
@@ -123,10 +125,10 @@ def evidence(rows: Rows, chosen: Chosen) -> tuple[tuple[Evidence, ...], Array]:
     return tuple(found), errors_mm[:, 0]
 
 
-def left_over(rows: Rows, errors_mm: Array, floor_mm: float) -> LeftOver:
+def remaining_error(rows: Rows, errors_mm: Array, floor_mm: float) -> Remaining:
     """Return the position error of blocks left out, against noise."""
     means = np.array([errors_mm[rows.survey.block == b].mean() for b in range(BLOCKS)])
-    return LeftOver(
+    return Remaining(
         mean_mm=float(errors_mm.mean()),
         std_mm=float(means.std(ddof=1) / np.sqrt(BLOCKS)),
         rms_mm=float(np.sqrt(np.mean(errors_mm**2))),
@@ -160,18 +162,18 @@ def alternatives(search: Search, chosen: Chosen, member: int) -> tuple[Effect, .
     return tuple(close.values())
 
 
-def remainders(search: Search, chosen: Chosen) -> tuple[Remainder, ...]:
+def tried(search: Search, chosen: Chosen) -> tuple[Tried, ...]:
     """Return what is left to be found: how much each candidate not chosen would still bring."""
     others = search.others(chosen)
     if not others:
         return ()
     found = chosen.state.with_each([other.columns for other in others])
-    best: dict[tuple[str, str], Remainder] = {}
+    best: dict[tuple[str, str], Tried] = {}
     whole = float(chosen.squares.sum())
     for other, squares in zip(others, found, strict=True):
         gain = chosen.squares - squares
         helps = search.helps(chosen.squares, squares)
-        entry = Remainder(
+        entry = Tried(
             effect=other.effect,
             gain=float(gain.sum()) / whole,
             gain_std=standard_error(gain) / whole,
@@ -189,3 +191,61 @@ def without_rivals(chosen: Chosen) -> Chosen:
         if chosen.members[k].effect.generic:
             chosen = chosen.reduced(k)
     return chosen
+
+
+def unexplained(
+    remaining: Remaining, nameless: Sequence[Effect], others: Sequence[Tried]
+) -> tuple[Unexplained, ...]:
+    """Return what remains without a name; nothing where noise explains it.
+
+    Args:
+        remaining: position error of the blocks left out.
+        nameless: smooth unknown functions that the search held.
+        others: what else was tried on the remaining error, the most helpful first.
+    """
+    if not remaining.over_floor:
+        return ()
+    left_mm = remaining.mean_mm
+    places = [
+        Unexplained(
+            effect.of,
+            effect.id,
+            left_mm,
+            f"a smooth unknown function ({effect.id}) of {effect.of} predicts blocks left out "
+            "better than any name",
+        )
+        for effect in nameless
+    ]
+    places += [
+        Unexplained(
+            entry.effect.of,
+            entry.effect.id,
+            left_mm,
+            f"what is left goes with {entry.effect.id} of {entry.effect.of}, "
+            f"{100 * entry.gain:.0f} % of it, but positions and attitudes contradict each other: "
+            "it is no effect of that name",
+        )
+        for entry in _contradicting(others)
+    ]
+    if places:
+        return tuple(places)
+    why = (
+        f"blocks left out are off by {left_mm:.3f} mm in the mean where noise leaves "
+        f"{remaining.floor_mm:.3f} mm, and nothing that was tried surely predicts it"
+    )
+    if others:
+        nearest = others[0]
+        why += (
+            f"; nearest comes {nearest.effect.id} of {nearest.effect.of}, "
+            f"({100 * nearest.gain:.1f} ± {100 * nearest.gain_std:.1f}) % of it"
+        )
+    return (Unexplained(None, None, left_mm, why),)
+
+
+def _contradicting(others: Sequence[Tried]) -> list[Tried]:
+    """Return what helps and makes positions or attitudes worse, the best of each place."""
+    best: dict[str, Tried] = {}
+    for entry in others:
+        if entry.helps and entry.kinds_agree is False:
+            best.setdefault(entry.effect.of, entry)
+    return list(best.values())

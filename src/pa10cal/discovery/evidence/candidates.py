@@ -15,6 +15,7 @@ from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import Block
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.operating_point import possible_sizes
+from pa10cal.discovery.verdict import NotTestable
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
@@ -27,21 +28,6 @@ LEAST_SHARE = 0.02
 ALIKE = 0.999
 #: An effect of its largest plausible size must come to this many standard deviations in all.
 LEAST_SIGNAL = 4.0
-
-
-@dataclass(frozen=True)
-class NotTestable:
-    """An effect that these data cannot show.
-
-    Attributes:
-        effect: which, and where.
-        why: the reason.
-        by_these_poses: whether other poses might show it; not where what it needs was not logged.
-    """
-
-    effect: Effect
-    why: str
-    by_these_poses: bool = True
 
 
 @dataclass(frozen=True)

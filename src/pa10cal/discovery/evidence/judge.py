@@ -13,11 +13,11 @@ from pa10cal.discovery.evidence.fit import Fit, covariance_of, fit
 from pa10cal.discovery.evidence.likelihood import Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.evidence.search import Found, ended_at, evidence_about, less, threshold
+from pa10cal.discovery.verdict import MAP, Finding, Unexplained, Word, is_named, reported, word_of
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
 
-MAP = "joint_error_map"
 #: Probability allowed that the truth is missing among an effect and its alternatives.
 MISSED_RATE = 0.03
 #: Probability allowed that chance makes as much of the family, by sign flips over poses.
@@ -31,51 +31,18 @@ _MOST_REFITS = 12
 
 
 @dataclass(frozen=True)
-class Finding:
-    """One effect that was found.
-
-    Attributes:
-        effect: which, and where.
-        x, covariance: its parameters as the vocabulary has them, and their covariance.
-        alternatives: effects that explain the data as well in its place.
-        confirmation: what speaks for it.
-    """
-
-    effect: Effect
-    x: Array
-    covariance: Array
-    alternatives: tuple[Effect, ...]
-    confirmation: Confirmation
-
-
-@dataclass(frozen=True)
-class Unexplained:
-    """What is left that no effect of the vocabulary explains.
-
-    Attributes:
-        of: where it sits, as a place of the vocabulary; None where it cannot be told.
-        generic: the smooth unknown function that predicts it best, None where none does.
-        shared_mm: position error that the cells of a pose share beyond the model.
-    """
-
-    of: str | None
-    generic: Effect | None
-    shared_mm: float
-
-
-@dataclass(frozen=True)
 class Judgement:
     """What the search comes to.
 
     Attributes:
-        verdict: `none`, `named`, `ambiguous` or `unexplained`.
+        verdict: in a word.
         findings: effects of the vocabulary, in the order found.
-        unexplained: what is left, where anything is.
+        unexplained: what remains without a name.
         found: the search, its fit holding every finding and every generic effect.
     """
 
-    verdict: str
-    findings: tuple[Finding, ...]
+    verdict: Word
+    findings: tuple[Finding[Confirmation], ...]
     unexplained: tuple[Unexplained, ...]
     found: Found
 
@@ -92,42 +59,23 @@ def judge(found: Found) -> Judgement:
         if effect.generic or confirmations[effect].p_flips > FLIP_RATE:
             continue
         columns = slice(*found.fit.effect_columns()[found.fit.effects.index(effect)])
-        report = effect.report(found.fit.of(effect))
-        findings.append(
-            Finding(
-                effect,
-                report.values,
-                report.jacobian @ covariance[columns, columns] @ report.jacobian.T,
-                rivals[effect],
-                confirmations[effect],
-            )
-        )
+        x, of_x = reported(effect, found.fit.of(effect), covariance[columns, columns])
+        findings.append(Finding(effect, x, of_x, rivals[effect], confirmations[effect]))
     unexplained = _unexplained(problem, found, confirmations)
     findings = [f for f in findings if not _bent(found, f.effect, unexplained)]
-    if unexplained:
-        verdict = "unexplained"
-    elif not findings:
-        verdict = "none"
-    else:
-        verdict = "ambiguous" if any(f.alternatives for f in findings) else "named"
-    return Judgement(verdict, tuple(findings), unexplained, found)
+    return Judgement(word_of(findings, unexplained), tuple(findings), unexplained, found)
 
 
 def _prefer_named(problem: Problem, found: Found) -> Found:
     """Put a named form in the place of a map or a generic effect that is no better."""
     for effect in found.fit.effects:
-        if _is_named(effect):
+        if is_named(effect):
             continue
-        for rival, _ in _refitted(problem, found, effect, tuple(filter(_is_named, found.family))):
+        for rival, _ in _refitted(problem, found, effect, tuple(filter(is_named, found.family))):
             return _prefer_named(
                 problem, ended_at(problem, rival, found.family, found.same, found.steps)
             )
     return found
-
-
-def _is_named(effect: Effect) -> bool:
-    """Tell whether an effect says what is wrong, and not only where."""
-    return not (effect.generic or effect.id == MAP)
 
 
 def _rivals(problem: Problem, found: Found, effect: Effect) -> tuple[Effect, ...]:
@@ -141,7 +89,7 @@ def _rivals(problem: Problem, found: Found, effect: Effect) -> tuple[Effect, ...
         for rival, score in _refitted(problem, found, effect, family)
         for each in rival.effects
         if each not in found.fit.effects
-        and not (_is_named(effect) and each.id == MAP and score.log_evidence < here - _BY_NAME)
+        and not (is_named(effect) and each.id == MAP and score.log_evidence < here - _BY_NAME)
     ]
     place = found.family.index(effect)
     alike = [found.family[k] for k in np.flatnonzero(found.same[place]) if k != place]
@@ -201,10 +149,15 @@ def _unexplained(
         shared_mm = shared_error_mm(problem, without.pose_variance)
         counts = shared_mm > floor or without.torque_variance > _of_averages(problem)
         if effect.generic and counts and confirmations[effect].p_flips <= FLIP_RATE:
-            places.append(Unexplained(effect.of, effect, shared_mm))
+            why = (
+                f"a smooth unknown function ({effect.id}) of {effect.of} predicts it better than "
+                "any name"
+            )
+            places.append(Unexplained(effect.of, effect.id, shared_mm, why))
     left_mm = shared_error_mm(problem, found.score.pose_variance)
     if not places and left_mm > floor:
-        places.append(Unexplained(None, None, left_mm))
+        why = "no effect of the vocabulary explains what the readings of a pose share"
+        places.append(Unexplained(None, None, left_mm, why))
     return tuple(places)
 
 
