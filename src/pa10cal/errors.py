@@ -52,6 +52,10 @@ class TermError(Pa10calError):
     """A term of a model cannot be made of what a file says of it."""
 
 
+class ModelError(Pa10calError):
+    """A fitted model cannot be read, or cannot predict what is asked of it."""
+
+
 class SimulationError(Pa10calError):
     """The virtual cell cannot make this campaign."""
 

@@ -92,8 +92,9 @@ def test_every_term_says_its_form():
             "unknown term.*transmision_error.*did you mean 'transmission_error'",
         ),
         ({"id": None}, "unknown term"),
-        ({"order": "many"}, "transmission_error of joint 2: key order.*many"),
-        ({"order": None}, "transmission_error of joint 2: key order"),
+        ({"form": {"order": "many"}}, "transmission_error of joint 2: key order.*many"),
+        ({"form": {"order": None}}, "transmission_error of joint 2: key order"),
+        ({"form": None}, "transmission_error of joint 2: key order is missing"),
     ],
 )
 def test_what_cannot_be_a_term_is_refused_by_name(change, message):
@@ -108,7 +109,7 @@ def test_what_cannot_be_a_term_is_refused_by_name(change, message):
 
 def test_a_missing_key_is_named():
     content = term_to_plain(JointSpring(2, 60.0))
-    del content["tau_ref_Nm"]
+    del content["form"]["tau_ref_Nm"]
     with pytest.raises(
         TermError, match=r"model\.yaml: joint_spring of joint 2: key tau_ref_Nm is missing"
     ):

@@ -30,7 +30,6 @@ def transfer(
     """
     from dataclasses import replace
 
-    from pa10cal.calibration.general.calibrate import with_torques
     from pa10cal.calibration.general.transfer import refit_frames
     from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.arrival_order import with_arrivals
@@ -42,6 +41,7 @@ def transfer(
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_json
     from pa10cal.files.schemas import CALIBRATION, TRANSFER
+    from pa10cal.fit.loads import with_torques
     from pa10cal.settings_reading import parse_section
     from pa10cal.stages.blocked_cv_model import extended_model
     from pa10cal.stages.general_evaluation import (

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arm.state import PoseStates, Seen
-from pa10cal.arm.statics import Payload, Statics, statics
+from pa10cal.arm.statics import Payload, Statics
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.fit.loads import statics_of
 from pa10cal.terms.effects.effect import CandidateContext
 
 Array = NDArray[np.float64]
@@ -87,12 +87,7 @@ def complete_about(
 
 def static_loads(states: PoseStates, baseline: OperatingPoint, payload: Payload) -> Statics:
     """Return torques and moments that weights put on the arm, the base standing as it is."""
-    chain = baseline.model.chain
-    coordinates = baseline.model.chain_coordinates(states, baseline.x)
-    # Gravity is along the base's own axes; and what the instrument reads too much, which moves the
-    # tool in the model, moves no weight.
-    coordinates[:, chain.columns(BASE + TOOL)] = 0.0
-    return statics(chain, coordinates, states.load_N, payload)
+    return statics_of(baseline.model, baseline.x, states, payload)
 
 
 def _seen(poses: PoseObservations, p_ee_targets_m: Array) -> Seen:

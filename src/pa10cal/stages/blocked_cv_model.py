@@ -14,10 +14,10 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.calibration.general.case import FittedModel
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.campaign.seen import SeenPoses, Sightings
-from pa10cal.discovery.blocked_cv.seen import AnglesSeen
 from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about
 from pa10cal.files.schemas import EXTENDED
+from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.stages.blocked_cv_record import read_angles
 from pa10cal.stages.extended_record import read_extended
 from pa10cal.stages.general_record import read_general

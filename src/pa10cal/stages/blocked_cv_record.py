@@ -15,11 +15,11 @@ from pa10cal.discovery.blocked_cv.gaps import PartedGap
 from pa10cal.discovery.blocked_cv.judge import Prediction
 from pa10cal.discovery.blocked_cv.noise import NEARLY_SAME
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
-from pa10cal.discovery.blocked_cv.seen import AnglesSeen
 from pa10cal.discovery.blocked_cv.survey import BLOCKS
 from pa10cal.discovery.operating_point import possible_sizes
 from pa10cal.discovery.verdict import Finding
 from pa10cal.errors import RecordError
+from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.stages.extended_record import form_record, records_of, surroundings_record
 from pa10cal.stages.verdict_record import gap_record, name_of, unexplained_record
 

@@ -11,7 +11,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.calibration.general.calibrate import with_torques
 from pa10cal.calibration.general.case import FittedModel
 from pa10cal.calibration.general.deviation import (
     SeenDeviations,
@@ -22,6 +21,7 @@ from pa10cal.campaign.description import Campaign
 from pa10cal.campaign.seen import SeenPoses, Sightings
 from pa10cal.campaign.sightings import sightings
 from pa10cal.evaluation.tool_twist import constant_tool_twist
+from pa10cal.fit.loads import with_torques
 from pa10cal.stages.general_record import read_general
 from pa10cal.stages.measurement_setup import payload_of
 

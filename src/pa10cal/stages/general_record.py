@@ -14,7 +14,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.calibration.base_parameters import report_base
-from pa10cal.calibration.general.calibrate import GeneralCalibration, GeneralOptions, with_torques
+from pa10cal.calibration.general.calibrate import GeneralCalibration, GeneralOptions
 from pa10cal.calibration.general.case import FittedModel, GeneralCase, fitted
 from pa10cal.calibration.general.instrument import Seen, place_parameters
 from pa10cal.calibration.general.start import Start
@@ -24,6 +24,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.campaign.seen import SeenPoints, SeenPoses
 from pa10cal.errors import RecordError
+from pa10cal.fit.loads import with_torques
 from pa10cal.stages.health_record import health_record
 from pa10cal.stages.records import read_pose_matrix, read_vector
 from pa10cal.terms.joint_spring import JointSpring

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.general.calibrate import with_torques
 from pa10cal.calibration.general.unknowns import Unknowns
 from pa10cal.campaign.seen import SeenDistances, SeenPoints, SeenPoses, Sightings
 from pa10cal.cell.individual_arm import (
@@ -25,6 +24,7 @@ from pa10cal.cell.individual_arm import (
 from pa10cal.cell.mechanism import GRAVITY_M_S2
 from pa10cal.cell.sighted import SeenPose, SeenTargets, SightedCampaign, measure_individual
 from pa10cal.evaluation.known_truth import KnownTruth
+from pa10cal.fit.loads import with_torques
 from pa10cal.settings import SightedPlan
 
 Array = NDArray[np.float64]

@@ -58,10 +58,31 @@ class Model:
     def predict_with_jacobian(self, states: PoseStates, x: Array) -> PoseJacobian:
         """Return predicted poses and their exact derivative by x."""
         end = end_pose_with_screws(self.chain, self.chain_coordinates(states, x))
+        return PoseJacobian(end.T, self.jacobian_at(states, x, end))
+
+    def jacobian_at(
+        self, states: PoseStates, x: Array, end: EndPose, without: tuple[str, ...] = ()
+    ) -> Array:
+        """Return the derivative of the pose by x, (P, 6, k), where the chain stands as it does.
+
+        Args:
+            states: P states.
+            x: (k,) parameters.
+            end: pose of the end and screws of the coordinates.
+            without: coordinates that are held, so that what moves them moves nothing.
+        """
+        if without:
+            screws = end.screws.copy()
+            screws[:, :, self.chain.columns(without)] = 0.0
+            end = EndPose(end.T, screws)
         jacobian = np.empty((len(states), 6, len(x)))
         for term, columns in self._slices:
             jacobian[:, :, columns] = self._by_term(term, x[columns], end, states, x)
-        return PoseJacobian(end.T, jacobian)
+        return jacobian
+
+    def columns_of(self, term: Term) -> slice:
+        """Return where the parameters of a term stand (ValueError where it is not of the model)."""
+        return self._slices[self.terms.index(term)][1]
 
     def by_terms(
         self, states: PoseStates, x: Array, terms: Sequence[Term], points: Sequence[Array]

@@ -25,10 +25,12 @@ def term_to_plain(term: Term) -> dict[str, Any]:
     """Return a term as numbers, texts, lists and mappings.
 
     Returns:
-        `id`, `of`, and the fields of its class that shape it; `term_from_plain` gives it back.
+        `id`, `of`, and as `form` the fields of its class that shape it; `term_from_plain` gives it
+        back.
     """
-    constants: dict[str, Any] = _adapter(type(term)).dump_python(term, mode="json")
-    return {"id": term.id, "of": term.of} | constants
+    form: dict[str, Any] = _adapter(type(term)).dump_python(term, mode="json")
+    form.pop("of", None)
+    return {"id": term.id, "of": term.of, "form": form}
 
 
 def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
@@ -52,7 +54,9 @@ def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
             remedy=remedy_for(str(name), kinds, "use a version of the package that knows it"),
         )
     kind = kinds[name]
-    shape = {field.name: content[field.name] for field in fields(kind) if field.name in content}
+    known = [field.name for field in fields(kind)]
+    given = {"of": content.get("of"), **(content.get("form") or {})}
+    shape = {name: given[name] for name in known if name in given}
     try:
         term: Term = _adapter(kind).validate_python(shape)
     except ValidationError as error:
@@ -62,7 +66,7 @@ def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
             f"key {'.'.join(map(str, first['loc']))} {'is missing' if missing else first['msg']}",
             where=f"{where}: {name} of {content.get('of')}",
             value=None if missing else first["input"],
-            allowed=f"the keys {', '.join(field.name for field in fields(kind))}",
+            allowed=f"the keys {', '.join(known)}",
             remedy="write the model again",
         ) from None
     return term

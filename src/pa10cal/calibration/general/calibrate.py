@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload, statics
+from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.fit import Fit, fit
 from pa10cal.calibration.general.problem import Problem
 from pa10cal.calibration.general.start import Start, turned
@@ -20,12 +18,12 @@ from pa10cal.calibration.general.tilts import Settled, tilts_not_shown
 from pa10cal.calibration.general.unknowns import Unknowns, choose_unknowns
 from pa10cal.campaign.seen import Sightings
 from pa10cal.errors import CalibrationError
+from pa10cal.fit.loads import TorqueSource, with_torques
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets, Tolerances
 
 Array = NDArray[np.float64]
-TorqueSource = Literal["logged", "masses", "none"]
 
 #: Part of the largest torque that a joint's torque must vary by for its spring to be looked for.
 _LEAST_TORQUE_SHARE = 0.02
@@ -147,22 +145,6 @@ def _links_of(problem: Problem) -> Offsets:
     links = problem.model.terms[0]
     assert isinstance(links, Offsets)
     return links
-
-
-def with_torques(
-    arm: Arm, states: PoseStates, payload: Payload | None
-) -> tuple[PoseStates, TorqueSource]:
-    """Return states with torques, and where those come from.
-
-    Logged ones where every pose has them; else those of the masses described; else none (nan).
-    """
-    if np.all(np.isfinite(states.tau_Nm)):
-        return states, "logged"
-    if payload is None or arm.mass_kg is None:
-        return states, "none"
-    chain = Chain.of(arm)
-    weights = statics(chain, chain.coordinates(states.q_rad), states.load_N, payload)
-    return replace(states, tau_Nm=weights.torque_Nm), "masses"
 
 
 def _springs(

@@ -16,7 +16,6 @@ from pa10cal.calibration.general.calibrate import (
     GeneralCalibration,
     GeneralOptions,
     calibrate_general,
-    with_torques,
 )
 from pa10cal.calibration.general.deviation import (
     SeenDeviations,
@@ -32,6 +31,7 @@ from pa10cal.calibration.health import Errors, FitSummary, Health, health
 from pa10cal.calibration.identifiability import Direction, not_identifiable, unidentified_directions
 from pa10cal.campaign.seen import Sightings
 from pa10cal.errors import CalibrationError
+from pa10cal.fit.loads import with_torques
 from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]

@@ -28,12 +28,12 @@ from pa10cal.discovery.blocked_cv.reference import noise_squares, weighed_rows
 from pa10cal.discovery.blocked_cv.refit import Refit, refit
 from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search, Step
-from pa10cal.discovery.blocked_cv.seen import AnglesSeen, angles_seen
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.naming import Named
 from pa10cal.discovery.operating_point import OperatingPoint, left
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.verdict import Finding, NotTestable, Unexplained, Word, reported, word_of
+from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]

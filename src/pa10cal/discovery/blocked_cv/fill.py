@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.discovery.admissible import Room, draw_admissible
-from pa10cal.discovery.blocked_cv.seen import WITHIN_RAD, AnglesSeen
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.errors import DiscoveryError
+from pa10cal.fit.angles_seen import WITHIN_RAD, AnglesSeen
 
 Array = NDArray[np.float64]
 

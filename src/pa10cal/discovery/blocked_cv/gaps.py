@@ -11,12 +11,12 @@ from pa10cal.calibration.accuracy import Accuracy, deviations, summarise
 from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.blocked_cv.finest import Level
 from pa10cal.discovery.blocked_cv.refit import Refit, moved_base
-from pa10cal.discovery.blocked_cv.seen import AnglesSeen
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.gap import Gap, gap
 from pa10cal.discovery.naming import Named
 from pa10cal.discovery.operating_point import OperatingPoint, possible_sizes
 from pa10cal.discovery.preparation import complete_about
+from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 

@@ -1,0 +1,294 @@
+"""A fitted model: everything that a user takes away from a calibration, and what it predicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pa10cal.arm.chain import TOOL, EndPose, end_pose, end_pose_with_screws
+from pa10cal.arm.description import Arm
+from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import Payload
+from pa10cal.errors import ModelError
+from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.loads import statics_of, with_torques
+from pa10cal.terms.model import Model
+from pa10cal.terms.term import Term, shows_torque, yields
+
+Array = NDArray[np.float64]
+
+FLANGE, TOOL_FRAME, TARGET = "flange", "tool", "target_"
+
+
+@dataclass(frozen=True)
+class FittedTo:
+    """What a model was fitted to.
+
+    Attributes:
+        campaign: name of the campaign, or of the group of campaigns.
+        provenance: where its data come from, in the campaign's own words.
+        calibration: load case: `combined`, `general`, or a load such as `44N`.
+        instrument: kind of the instrument.
+        poses: poses fitted.
+        temperature_C: their mean temperature; nan where it was not logged.
+        time_s: (2,) first and last of their times.
+        health: one line that says whether the calibration is good.
+    """
+
+    campaign: str
+    provenance: str
+    calibration: str
+    instrument: str
+    poses: int
+    temperature_C: float
+    time_s: tuple[float, float]
+    health: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Where a fitted model puts a frame of the robot in N poses.
+
+    Attributes:
+        T: (N, 4, 4) the frame in the robot's base frame [m].
+        u_mm: (N,) standard uncertainty of its position, from the noise of the measurement; nan
+            where the model's covariance is not known.
+        inside: (N,) whether all joint angles were seen by the fit.
+    """
+
+    T: Array
+    u_mm: Array
+    inside: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.T)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """A chain with terms and the values of their parameters; enough by itself to predict.
+
+    Attributes:
+        model: the nominal chain, and the terms that move it off nominal. The base frame is apart.
+        x: (k,) the terms' parameters.
+        T_instr_base: (4, 4) robot base in the instrument's frame [m].
+        R_ee_target: (3, 3) attitude of the target in the end of the chain, for an instrument that
+            measures attitudes; the target's place there is the term of the tool.
+        targets_m: (t,) places of further targets in the flange, x, y, z of each.
+        target_names: (t / 3,) their names.
+        covariance: (k, k) of x, or None where it is not known.
+        payload: what the arm carried, which springs and bending links need; None where not known.
+        fitted_to: what it was fitted to, or None.
+        seen: joint positions seen by the fit, or None.
+    """
+
+    model: Model
+    x: Array
+    T_instr_base: Array
+    R_ee_target: Array = field(default_factory=lambda: np.eye(3))
+    targets_m: Array = field(default_factory=lambda: np.zeros(0))
+    target_names: tuple[str, ...] = ()
+    covariance: Array | None = None
+    payload: Payload | None = None
+    fitted_to: FittedTo | None = None
+    seen: AnglesSeen | None = None
+
+    def __post_init__(self) -> None:
+        count = len(self.model.parameters)
+        if len(self.x) != count:
+            raise ModelError(
+                f"{len(self.x)} values for {count} parameters",
+                where="model",
+                allowed="one value for each parameter of the terms",
+                remedy="write the model again",
+            )
+
+    @property
+    def arm(self) -> Arm:
+        """Return the nominal arm."""
+        return self.model.chain.arm
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Return the frames that it can predict."""
+        return (FLANGE, TOOL_FRAME, *(f"{TARGET}{name}" for name in self.target_names))
+
+    def values_of(self, term: Term) -> Array:
+        """Return the parameters of one of its terms (ValueError where it has no such term)."""
+        return self.x[self.model.columns_of(term)]
+
+    def predict(
+        self,
+        q: ArrayLike,
+        *,
+        frame: str = FLANGE,
+        load_N: ArrayLike = 0.0,
+        arrival: ArrayLike = 0.0,
+        temperature_C: float | None = None,
+        time_s: float | None = None,
+    ) -> Prediction:
+        """Predict where a frame of the robot is.
+
+        Torques are those of the weights described. What an instrument reads falsely, and what a
+        torque log shows falsely, moves no robot and plays no part.
+
+        Args:
+            q: (N, n) or (n,) motor-side joint positions [rad; m for a joint that slides].
+            frame: `flange`, the last frame of the nominal arm; `tool`, the target of a pose
+                instrument, else the first target with the flange's attitude; `target_<name>`.
+            load_N: external load, one for all poses or (N,).
+            arrival: direction in which each joint arrives, -1, 0 or 1; one for all or (N, n).
+            temperature_C: temperature; None for the mean of the fit.
+            time_s: time on the campaign's clock; None for the middle of the fit.
+
+        Raises:
+            ModelError: when q is of another arm, the frame is unknown, or the model has springs and
+                the masses that load them are not known.
+        """
+        states = self.states(q, load_N, arrival, temperature_C, time_s)
+        physical, x, columns = self._physical
+        at = physical.chain_coordinates(states, x)
+        if not self._on_tool(frame):
+            at[:, physical.chain.columns(TOOL)] = 0.0
+        if self.covariance is None:
+            T, u_mm = end_pose(physical.chain, at), np.full(len(states), np.nan)
+        else:
+            end = end_pose_with_screws(physical.chain, at)
+            T, u_mm = end.T, self._uncertainty_mm(states, frame, end, columns)
+        inside = (
+            np.ones(len(states), dtype=bool)
+            if self.seen is None
+            else self.seen.inside(states.q_rad)
+        )
+        return Prediction(T @ self._T_end_frame(frame), u_mm, inside)
+
+    def jacobian(self, q: ArrayLike, *, frame: str = FLANGE, load_N: ArrayLike = 0.0) -> Array:
+        """Return how a frame moves with the joints, (N, 6, n), at positions as for `predict`.
+
+        Velocity of its origin [m] over angular velocity [rad], along base axes, a unit of each
+        joint. How the terms themselves change with the joints (some parts in a thousand; a few in
+        a hundred for a strong transmission error) is left out.
+        """
+        states = self.states(q, load_N, 0.0, None, None)
+        physical, x, _ = self._physical
+        at = physical.chain_coordinates(states, x)
+        if not self._on_tool(frame):
+            at[:, physical.chain.columns(TOOL)] = 0.0
+        end = end_pose_with_screws(physical.chain, at)
+        arm_m = (end.T[:, :3, :3] @ self._T_end_frame(frame)[:3, 3])[:, :, None]
+        screws = end.screws[:, :, physical.chain.joint_columns]
+        moved: Array = screws.copy()
+        moved[:, :3] += np.cross(screws[:, 3:], arm_m, axis=1)
+        return moved
+
+    def states(
+        self,
+        q: ArrayLike,
+        load_N: ArrayLike = 0.0,
+        arrival: ArrayLike = 0.0,
+        temperature_C: float | None = None,
+        time_s: float | None = None,
+    ) -> PoseStates:
+        """Return the states in which poses are predicted, with what their weights do.
+
+        Raises:
+            ModelError: see `predict`.
+        """
+        positions = np.atleast_2d(np.asarray(q, dtype=float))
+        n, count = self.arm.n, len(positions)
+        if positions.ndim != 2 or positions.shape[1] != n:
+            raise ModelError(
+                f"joint positions of {positions.shape[-1]} joints",
+                where="q",
+                value=positions.shape,
+                allowed=f"(N, {n}) for {self.arm.name}",
+                remedy="give one column a joint, in radians (metres for a joint that slides)",
+            )
+        fitted = self.fitted_to
+        if temperature_C is None:
+            temperature_C = np.nan if fitted is None else fitted.temperature_C
+        if time_s is None:
+            time_s = 0.0 if fitted is None else 0.5 * sum(fitted.time_s)
+        states = PoseStates(
+            q_rad=positions,
+            tau_Nm=np.full((count, n), np.nan),
+            arrival=np.broadcast_to(np.asarray(arrival, dtype=float), (count, n)),
+            load_N=np.broadcast_to(np.asarray(load_N, dtype=float), (count,)),
+            temperature_C=np.full(count, temperature_C),
+            time_s=np.full(count, time_s),
+        )
+        states, source = with_torques(self.arm, states, self.payload)
+        physical, x, _ = self._physical
+        if source == "none" or self.payload is None:
+            self._refuse_springs()
+            return replace(states, tau_Nm=np.zeros((count, n)))
+        # Terms that bend need what weights do; as the arm stands nominally comes first.
+        rigid = Model(physical.chain, ())
+        for model, values in ((rigid, np.zeros(0)), (physical, x)):
+            loads = statics_of(model, values, states, self.payload).static_loads
+            states = replace(states, static_loads=loads)
+        return states
+
+    @cached_property
+    def _physical(self) -> tuple[Model, Array, NDArray[np.intp]]:
+        """Return the terms that move the robot, their parameters, and where these stand in x."""
+        moving = [
+            term
+            for term in self.model.terms
+            if term.of != "instrument" and not (shows_torque(term) and not term.carried)
+        ]
+        columns = [np.arange(len(self.x))[self.model.columns_of(term)] for term in moving]
+        chosen = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
+        return Model(self.model.chain, tuple(moving)), self.x[chosen], chosen
+
+    def _refuse_springs(self) -> None:
+        """Refuse to predict springs whose torques are not known."""
+        springs = [term for term in self._physical[0].terms if yields(term)]
+        if springs:
+            raise ModelError(
+                "the weights that load the arm are not known",
+                where=f"{springs[0].id} of {springs[0].of}",
+                allowed="an arm with mass_kg and com_m, and a payload",
+                remedy="describe the masses and calibrate again",
+            )
+
+    def _on_tool(self, frame: str) -> bool:
+        """Tell whether a frame hangs on the end of the chain, tool included, not on the flange."""
+        if frame not in self.frames:
+            raise ModelError(
+                "unknown frame",
+                where="frame",
+                value=frame,
+                allowed=", ".join(self.frames),
+                remedy="correct the name",
+            )
+        return frame != FLANGE and not self.target_names
+
+    def _T_end_frame(self, frame: str) -> Array:
+        """Return a frame in the end of the chain, (4, 4)."""
+        T = np.eye(4)
+        if self._on_tool(frame):
+            T[:3, :3] = self.R_ee_target
+        elif frame != FLANGE:
+            name = frame.removeprefix(TARGET)
+            row = self.target_names.index(name) if frame != TOOL_FRAME else 0
+            T[:3, 3] = self.targets_m.reshape(-1, 3)[row]
+        return T
+
+    def _uncertainty_mm(
+        self, states: PoseStates, frame: str, end: EndPose, columns: NDArray[np.intp]
+    ) -> Array:
+        """Return the standard uncertainty of the position of a frame, (N,)."""
+        physical, x, _ = self._physical
+        assert self.covariance is not None
+        on_tool = self._on_tool(frame)
+        arm_m = (end.T[:, :3, :3] @ self._T_end_frame(frame)[:3, 3])[:, :, None]
+        by_x = physical.jacobian_at(states, x, end, without=() if on_tool else TOOL)
+        moved = by_x[:, :3] + np.cross(by_x[:, 3:], arm_m, axis=1)
+        covariance = self.covariance[np.ix_(columns, columns)]
+        variance = np.einsum("pik,kl,pil->p", moved, covariance, moved, optimize=True)
+        uncertainty: Array = 1e3 * np.sqrt(np.maximum(variance, 0.0))
+        return uncertainty

@@ -1,0 +1,335 @@
+"""A fitted model as a file: `model.yaml`, schema pa10cal-model/2, its covariance beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import BASE, TOOL, Chain
+from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import Payload
+from pa10cal.errors import ModelError, Pa10calError
+from pa10cal.files.output import whole_files
+from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.fitted_model import FittedModel, FittedTo
+from pa10cal.terms.model import Model
+from pa10cal.terms.plain import term_from_plain, term_to_plain
+from pa10cal.terms.term import Term
+
+Array = NDArray[np.float64]
+
+SCHEMA = "pa10cal-model/2"
+_CONVENTIONS = {
+    "standard": "T_base_row1, then Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) of every row, then "
+    "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
+    "modified": "T_base_row1, then Ry(beta) Rx(alpha) Tx(a) Rz(theta) Tz(d) of every row, then "
+    "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
+}
+_ROWS = (
+    "theta_rad",
+    "d_m",
+    "a_m",
+    "alpha_rad",
+    "beta_rad",
+    "hayati",
+    "prismatic",
+    "limits_rad",
+    "gear_ratio",
+    "torque_limit_Nm",
+    "mass_kg",
+    "com_m",
+)
+
+
+def save_model(model: FittedModel, path: Path, **about: Any) -> None:
+    """Write a fitted model, and its covariance beside it, whole or not at all.
+
+    Args:
+        model: the model.
+        path: `….yaml`; the covariance goes to `….covariance.npz`.
+        about: further keys that only people read, such as warnings.
+
+    Raises:
+        OutputError: when it cannot be written there.
+    """
+    content = model_to_plain(model, **about)
+    beside = _covariance_path(path)
+    if model.covariance is not None:
+        content["covariance"] = beside.name
+    text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
+    if model.covariance is None:
+        with whole_files(path) as (place,):
+            place.write_text(text, encoding="utf-8", newline="\n")
+        return
+    names = [parameter.name for parameter in model.model.parameters]
+    with whole_files(beside, path) as (covariance, place):
+        with covariance.open("wb") as file:
+            np.savez_compressed(file, names=np.array(names), covariance=model.covariance)
+        place.write_text(text, encoding="utf-8", newline="\n")
+
+
+def load_model(path: str | Path) -> FittedModel:
+    """Read a fitted model; without the file of its covariance it predicts without uncertainty.
+
+    Raises:
+        ModelError: when the file cannot be read, is of another schema, or lacks a key.
+        TermError: when it has a term that is not known.
+    """
+    path = Path(path)
+    try:
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise ModelError(
+            "the model cannot be read",
+            where=str(path),
+            value=" ".join(str(error).split()),
+            allowed="a model.yaml that this package wrote",
+            remedy="correct the path, or write the model again",
+        ) from None
+    covariance = None
+    beside = _covariance_path(path)
+    if isinstance(content, dict) and content.get("covariance") and beside.is_file():
+        with np.load(beside) as stored:
+            covariance = stored["covariance"]
+    return model_from_plain(content, where=str(path), covariance=covariance)
+
+
+def model_to_plain(model: FittedModel, **about: Any) -> dict[str, Any]:
+    """Return a fitted model as numbers, texts, lists and mappings; see `model_from_plain`."""
+    fitted = model.fitted_to
+    head = {} if fitted is None else {f.name: getattr(fitted, f.name) for f in fields(fitted)}
+    content: dict[str, Any] = {
+        "schema": SCHEMA,
+        "robot": model.arm.name,
+        "fitted_to": _plain(head) or None,
+        **about,
+        "arm": _arm_to_plain(model),
+        "terms": [_term_to_plain(model, term) for term in model.model.terms],
+        "payload": None
+        if model.payload is None
+        else {f.name: _plain(getattr(model.payload, f.name)) for f in fields(Payload)},
+        "T_instr_base": model.T_instr_base.tolist(),
+        "tool": {"R_ee_target": model.R_ee_target.tolist()},
+        "targets_m": {
+            name: place.tolist()
+            for name, place in zip(model.target_names, model.targets_m.reshape(-1, 3), strict=True)
+        },
+        "seen": None
+        if model.seen is None
+        else [
+            {"turns": turns, "intervals": stretches.tolist()}
+            for stretches, turns in zip(model.seen.intervals, model.seen.turns, strict=True)
+        ],
+        "covariance": None,
+    }
+    return content
+
+
+def model_from_plain(
+    content: object, *, where: str, covariance: Array | None = None
+) -> FittedModel:
+    """Return the model that `model_to_plain` described.
+
+    Args:
+        content: what it returned.
+        where: file and place, for messages.
+        covariance: (k, k) of the parameters, or None.
+
+    Raises:
+        ModelError: naming the schema, or the key that is missing or cannot be used.
+        TermError: when it has a term that is not known.
+    """
+    found = content.get("schema") if isinstance(content, Mapping) else None
+    if not isinstance(content, Mapping) or found != SCHEMA:
+        raise ModelError(
+            "not a model of this version",
+            where=f"{where}: schema",
+            value=found,
+            allowed=SCHEMA,
+            remedy="export the model again",
+        )
+    try:
+        terms = tuple(
+            term_from_plain(entry, where=f"{where}: terms[{k}]")
+            for k, entry in enumerate(content["terms"])
+        )
+        arm = _arm_from_plain(content["arm"])
+        chain = Chain.of(arm, bends=tuple(content["arm"]["bends"]))
+        targets = content["targets_m"]
+        fitted, payload, seen = content["fitted_to"], content["payload"], content["seen"]
+        return FittedModel(
+            model=Model(chain, terms),
+            x=np.array([value for entry in content["terms"] for value in entry["x"]], dtype=float),
+            T_instr_base=_frame(content["T_instr_base"], "T_instr_base"),
+            R_ee_target=np.array(content["tool"]["R_ee_target"], dtype=float).reshape(3, 3),
+            targets_m=np.array(list(targets.values()), dtype=float).ravel(),
+            target_names=tuple(targets),
+            covariance=covariance,
+            payload=None
+            if payload is None
+            else Payload(
+                mass_kg=float(payload["mass_kg"]),
+                com_m=np.array(payload["com_m"], dtype=float),
+                load_point_m=np.array(payload["load_point_m"], dtype=float),
+                gravity_m_s2=np.array(payload["gravity_m_s2"], dtype=float),
+            ),
+            fitted_to=None if fitted is None else _fitted_to(fitted),
+            seen=None
+            if seen is None
+            else AnglesSeen(
+                tuple(np.array(s["intervals"], dtype=float).reshape(-1, 2) for s in seen),
+                tuple(bool(s["turns"]) for s in seen),
+            ),
+        )
+    except Pa10calError:
+        raise
+    except KeyError as error:
+        raise ModelError(
+            f"key {error.args[0]} is missing",
+            where=where,
+            allowed=f"every key of {SCHEMA}",
+            remedy="export the model again",
+        ) from None
+    except (AttributeError, TypeError, ValueError) as error:
+        raise ModelError(
+            "the model cannot be made of what is written",
+            where=where,
+            value=str(error),
+            allowed=f"values as {SCHEMA} has them",
+            remedy="export the model again",
+        ) from None
+
+
+def _term_to_plain(model: FittedModel, term: Term) -> dict[str, Any]:
+    """Return a term with its form, what readers know of it, and the values it is solved in."""
+    columns = model.model.columns_of(term)
+    x = model.x[columns]
+    report = term.report(x)
+    std: list[float | None] = [None] * len(report.values)
+    if model.covariance is not None:
+        own = report.jacobian @ model.covariance[columns, columns] @ report.jacobian.T
+        std = np.sqrt(np.maximum(np.diag(own), 0.0)).tolist()
+    return {
+        **term_to_plain(term),
+        "formula": term.formula,
+        "parameters": {
+            parameter.name: {"value": float(value), "std": sigma, "unit": parameter.unit}
+            for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)
+        },
+        "x": x.tolist(),
+    }
+
+
+def _arm_to_plain(model: FittedModel) -> dict[str, Any]:
+    arm = model.arm
+    columns = {name: getattr(arm, name) for name in _ROWS}
+    bends = {name for motion in model.model.chain.motions for name in [motion.coordinate]}
+    return {
+        "name": arm.name,
+        "title": arm.title,
+        "convention": arm.convention,
+        "T_base_flange": _CONVENTIONS[arm.convention],
+        "base_motions": list(BASE),
+        "tool_motions": list(TOOL),
+        "bends": [row for row in range(1, arm.n) if f"bend_{row}.x" in bends],
+        "rows": [
+            {
+                name: None if values is None else _plain(values[row])
+                for name, values in columns.items()
+            }
+            for row in range(arm.n)
+        ],
+        "T_base_row1": arm.T_base_row1.tolist(),
+        "T_row_n_flange": arm.T_row_n_ee.tolist(),
+    }
+
+
+def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
+    rows = content["rows"]
+
+    def column(name: str, kind: type = float) -> NDArray[Any]:
+        return np.array([np.nan if row[name] is None else row[name] for row in rows], dtype=kind)
+
+    known = all(row["mass_kg"] is not None for row in rows)
+    return Arm(
+        name=str(content["name"]),
+        title=str(content["title"]),
+        convention=content["convention"],
+        theta_rad=column("theta_rad"),
+        d_m=column("d_m"),
+        a_m=column("a_m"),
+        alpha_rad=column("alpha_rad"),
+        hayati=column("hayati", bool),
+        prismatic=column("prismatic", bool),
+        limits_rad=column("limits_rad"),
+        gear_ratio=column("gear_ratio"),
+        torque_limit_Nm=column("torque_limit_Nm"),
+        mass_kg=column("mass_kg") if known else None,
+        com_m=column("com_m") if known else None,
+        beta_rad=column("beta_rad"),
+        T_base_row1=_frame(content["T_base_row1"], "T_base_row1"),
+        T_row_n_ee=_frame(content["T_row_n_flange"], "T_row_n_flange"),
+    )
+
+
+def _fitted_to(content: Mapping[str, Any]) -> FittedTo:
+    temperature_C = content["temperature_C"]
+    first, last = content["time_s"]
+    return FittedTo(
+        campaign=str(content["campaign"]),
+        provenance=str(content["provenance"]),
+        calibration=str(content["calibration"]),
+        instrument=str(content["instrument"]),
+        poses=int(content["poses"]),
+        temperature_C=np.nan if temperature_C is None else float(temperature_C),
+        time_s=(float(first), float(last)),
+        health=str(content["health"]),
+    )
+
+
+def _frame(value: Any, name: str) -> Array:
+    T = np.array(value, dtype=float)
+    if T.shape != (4, 4):
+        raise ValueError(f"{name} is not a 4 by 4 matrix")
+    return T
+
+
+def _plain(value: Any) -> Any:
+    """Return plain numbers, None for what is not known."""
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _covariance_path(path: Path) -> Path:
+    return path.with_name(f"{path.stem}.covariance.npz")
+
+
+_Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
+    """Lists of numbers on one line, no references."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Write everything out."""
+        del data
+        return True
+
+
+def _list(dumper: Any, data: list[Any]) -> Any:
+    flat = all(not isinstance(entry, list | dict) for entry in data)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=flat)
+
+
+_Dumper.add_representer(list, _list)

@@ -1,0 +1,30 @@
+"""Poses that take joints to angles not seen."""
+
+import numpy as np
+import pytest
+
+from pa10cal.discovery.blocked_cv.fill import fill
+from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
+
+TURN = 2.0 * np.pi
+
+
+class TestFill:
+    def test_suggested_poses_take_joints_to_angles_not_seen(self, nothing_hidden):
+        survey = nothing_hidden.survey
+        seen = angles_seen(survey.poses.states.q_rad, np.ones(6, dtype=bool))
+        found = fill(survey, seen, 5)
+        assert len(found) == 5
+        for pose in found:
+            new = ~seen.each(pose.q_rad[None])[0]
+            assert pose.joints == tuple(np.flatnonzero(new) + 1)
+        joints = [len(pose.joints) for pose in found]
+        assert joints == sorted(joints, reverse=True)
+        limits = survey.context.arm.limits_rad
+        q_rad = np.array([pose.q_rad for pose in found])
+        assert np.all((q_rad > limits[:, 0]) & (q_rad < limits[:, 1]))
+
+    @pytest.mark.parametrize("count", [0, 3])
+    def test_there_are_none_where_all_was_seen(self, nothing_hidden, count):
+        whole = AnglesSeen((np.array([[0.0, TURN]]),) * 6, (True,) * 6)
+        assert fill(nothing_hidden.survey, whole, count) == ()

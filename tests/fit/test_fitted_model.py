@@ -1,0 +1,289 @@
+"""A fitted model: what it predicts, in which frame, how surely, and the same from its file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pa10cal.arm.chain import Chain, long_links
+from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import Payload
+from pa10cal.calibration.general.unknowns import tool_frame
+from pa10cal.errors import ModelError, TermError
+from pa10cal.files.arms import arm_names, load_arm
+from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.fitted_model import FittedModel, FittedTo
+from pa10cal.fit.model_file import SCHEMA, load_model, save_model
+from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import Tolerances, link_departures
+
+PAYLOAD = Payload(2.4, np.array([0.01, 0.0, 0.05]), np.zeros(3), np.array([0.0, 0.0, -9.81]))
+
+
+def postures(arm, seed, count=7):
+    rng = np.random.default_rng(seed)
+    low, high = np.clip(arm.limits_rad, -2.5, 2.5).T
+    return rng.uniform(low, high, (count, arm.n))
+
+
+def vocabulary(arm):
+    """Every term that can be made of the arm: links, a spring, the tool, all effects everywhere."""
+    context = CandidateContext(
+        arm=arm,
+        flexible_joints=(2,),
+        reference_temperature_C=20.0,
+        tau_span_Nm=np.full(arm.n, 50.0),
+        T_instr_base=np.eye(4),
+        p_instr_middle_m=np.zeros(3),
+        q_span_rad=np.tile([-1.5, 1.5], (arm.n, 1)),
+        time_span_s=(0.0, 3600.0),
+    )
+    effects = [
+        effect
+        for effect in candidates(context)
+        if not (effect.id == "transmission_error" and np.isnan(arm.gear_ratio).any())
+    ]
+    spring = [JointSpring(2, 80.0)] if not arm.prismatic[1] else []
+    return (link_departures(arm, Tolerances()), *spring, tool_frame(), *effects)
+
+
+def fitted(robot, seed, terms=None):
+    arm, rng = load_arm(robot), np.random.default_rng(seed)
+    terms = vocabulary(arm) if terms is None else terms(arm)
+    values = []
+    for term in terms:
+        x = (
+            0.5
+            * np.array([p.scale for p in term.parameters])
+            * rng.normal(size=len(term.parameters))
+        )
+        if isinstance(term, JointSpring):
+            x = term.solved(3e4, 1e7)
+        elif hasattr(term, "starts"):
+            x[getattr(term, "linear", 0) :] = term.starts[-1][getattr(term, "linear", 0) :]
+            x = np.clip(
+                x, [p.lower if p.lower is not None else -np.inf for p in term.parameters], np.inf
+            )
+        values.append(x)
+    x = np.concatenate(values)
+    root = 1e-7 * rng.normal(size=(len(x), 3))
+    return FittedModel(
+        model=Model(Chain.of(arm, bends=long_links(arm)), terms),
+        x=x,
+        T_instr_base=np.eye(4),
+        covariance=root @ root.T,
+        payload=PAYLOAD,
+        fitted_to=FittedTo("c1", "synthetic", "combined", "pose", 81, 21.5, (10.0, 3000.0), "good"),
+        seen=AnglesSeen(tuple(np.array([[-1.0, 1.0]]) for _ in range(arm.n)), (False,) * arm.n),
+    )
+
+
+def with_masses(robot):
+    return load_arm(robot).mass_kg is not None
+
+
+@pytest.mark.parametrize("robot", [name for name in arm_names() if with_masses(name)])
+@settings(
+    max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_with_the_whole_vocabulary_it_is_the_same_from_its_file(robot, seed, tmp_path):
+    model = fitted(robot, seed)
+    save_model(model, tmp_path / "model.yaml")
+    again = load_model(tmp_path / "model.yaml")
+    assert again.model.terms == model.model.terms
+    assert again.fitted_to == model.fitted_to
+    np.testing.assert_array_equal(again.x, model.x)
+    np.testing.assert_array_equal(again.covariance, model.covariance)
+    q = postures(model.arm, seed)
+    for frame in model.frames:
+        said, read = (m.predict(q, frame=frame, load_N=22.0, arrival=1.0) for m in (model, again))
+        np.testing.assert_allclose(read.T, said.T, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(read.u_mm, said.u_mm, rtol=1e-9)
+        np.testing.assert_array_equal(read.inside, said.inside)
+
+
+def test_the_file_alone_predicts_without_uncertainty(tmp_path):
+    model = fitted("pa10_6ce", 1)
+    save_model(model, tmp_path / "model.yaml", warnings=["synthetic"])
+    (tmp_path / "model.covariance.npz").unlink()
+    again = load_model(tmp_path / "model.yaml")
+    q = postures(model.arm, 2)
+    assert np.isnan(again.predict(q).u_mm).all()
+    np.testing.assert_allclose(again.predict(q).T, model.predict(q).T, rtol=0, atol=1e-12)
+
+
+def test_the_file_can_be_read_by_people(tmp_path):
+    save_model(fitted("pa10_6ce", 1), tmp_path / "model.yaml", warnings=["synthetic"])
+    content = yaml.safe_load((tmp_path / "model.yaml").read_text(encoding="utf-8"))
+    assert content["schema"] == SCHEMA
+    assert content["warnings"] == ["synthetic"]
+    term = next(t for t in content["terms"] if t["id"] == "transmission_error")
+    assert term["of"] == "joint 1"
+    assert term["formula"] == "theta_1 += A sin(100 q_1 + phi)"
+    assert set(term["parameters"]["A"]) == {"value", "std", "unit"}
+    assert content["arm"]["rows"][1]["a_m"] == 0.45
+
+
+def test_nominal_geometry_is_predicted_by_the_nominal_chain():
+    arm = load_arm("pa10_6ce")
+    model = FittedModel(Model(Chain.of(arm), ()), np.zeros(0), np.eye(4))
+    q = postures(arm, 3)
+    np.testing.assert_allclose(model.predict(q).T, Chain.of(arm).forward(q), rtol=0, atol=1e-14)
+    assert model.predict(q[0]).T.shape == (1, 4, 4)
+    assert np.isnan(model.predict(q).u_mm).all()
+    assert model.predict(q).inside.all()
+
+
+def links_and_tool(arm):
+    return (link_departures(arm, Tolerances()), tool_frame())
+
+
+def test_the_flange_is_the_flange_and_the_tool_hangs_on_it():
+    model = fitted("iiwa14", 4, links_and_tool)
+    model.x[model.model.columns_of(model.model.terms[1])] = [0.1, 0.02, 0.2, 0.0, 0.0, 0.0]
+    turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    model = replace(model, R_ee_target=turned)
+    q = postures(model.arm, 5)
+    flange, tool = model.predict(q).T, model.predict(q, frame="tool").T
+    np.testing.assert_allclose(
+        np.linalg.inv(flange) @ tool,
+        np.tile(
+            [[0.0, -1.0, 0.0, 0.1], [1.0, 0.0, 0.0, 0.02], [0.0, 0.0, 1.0, 0.2], [0, 0, 0, 1]],
+            (len(q), 1, 1),
+        ),
+        atol=1e-12,
+    )
+
+
+def test_targets_hang_on_the_flange():
+    model = fitted("iiwa14", 6, lambda arm: (link_departures(arm, Tolerances()),))
+    model = replace(model, targets_m=np.array([0.1, 0, 0, 0, 0.2, 0]), target_names=("A", "B"))
+    q = postures(model.arm, 5)
+    flange = model.predict(q).T
+    b = flange[:, :3, 3] + 0.2 * flange[:, :3, 1]
+    np.testing.assert_allclose(model.predict(q, frame="target_B").T[:, :3, 3], b, atol=1e-15)
+    first = model.predict(q, frame="target_A").T
+    np.testing.assert_array_equal(model.predict(q, frame="tool").T, first)
+
+
+@pytest.mark.parametrize("frame", ["flange", "tool", "target_A"])
+def test_uncertainty_is_that_of_predictions_with_drawn_parameters(frame):
+    model = fitted("ur10", 7, links_and_tool if frame != "target_A" else links_only)
+    if frame == "target_A":
+        model = replace(model, targets_m=np.array([0.1, 0.2, 0.3]), target_names=("A",))
+    q, rng = postures(model.arm, 8, 4), np.random.default_rng(9)
+    root = np.linalg.svd(model.covariance)
+    draws = rng.normal(size=(3000, 3)) @ (np.sqrt(root[1][:3]) * root[0][:, :3]).T
+    places = np.array(
+        [
+            replace(model, x=model.x + d, covariance=None).predict(q, frame=frame).T[:, :3, 3]
+            for d in draws
+        ]
+    )
+    expected = 1e3 * np.sqrt(places.var(axis=0).sum(axis=1))
+    np.testing.assert_allclose(model.predict(q, frame=frame).u_mm, expected, rtol=0.06)
+
+
+def links_only(arm):
+    return (link_departures(arm, Tolerances()),)
+
+
+def test_the_jacobian_is_that_of_small_moves():
+    model = fitted("ur10", 10, links_and_tool)
+    model.x[-6:-3] = [0.05, 0.02, 0.3]
+    q, h = postures(model.arm, 11, 3), 1e-6
+    found = model.jacobian(q, frame="tool")
+    for joint in range(model.arm.n):
+        step = np.zeros(model.arm.n)
+        step[joint] = h
+        ahead, behind = (model.predict(q + s * step, frame="tool").T for s in (1, -1))
+        by_q = (ahead - behind) / (2 * h)
+        np.testing.assert_allclose(found[:, :3, joint], by_q[:, :3, 3], atol=1e-8)
+        spin = by_q[:, :3, :3] @ np.swapaxes(model.predict(q, frame="tool").T[:, :3, :3], 1, 2)
+        about = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
+        np.testing.assert_allclose(found[:, 3:, joint], about, atol=1e-8)
+
+
+def test_what_is_read_falsely_moves_no_robot():
+    model = fitted("pa10_6ce", 12)
+    false = {"cmm_scale", "cmm_squareness", "friction_torque", "torque_gain", "place_map"}
+    physical = replace(
+        model,
+        model=Model(model.model.chain, tuple(t for t in model.model.terms if t.id not in false)),
+        x=np.concatenate([model.values_of(t) for t in model.model.terms if t.id not in false]),
+        covariance=None,
+    )
+    q = postures(model.arm, 13)
+    np.testing.assert_array_equal(model.predict(q).T, physical.predict(q).T)
+
+
+def test_the_state_of_the_pose_counts():
+    q = postures(load_arm("pa10_6ce"), 14)
+    model = fitted("pa10_6ce", 14)
+    still = model.predict(q).T
+    assert np.abs(model.predict(q, load_N=44.0).T - still).max() > 1e-5
+    assert np.abs(model.predict(q, arrival=1.0).T - still).max() > 1e-6
+    assert np.abs(model.predict(q, temperature_C=35.0).T - still).max() > 1e-6
+    assert isinstance(model.states(q), PoseStates)
+
+
+REFUSED = [
+    (
+        {"schema": "pa10cal-model/1"},
+        ModelError,
+        "schema.*pa10cal-model/1.*allowed: pa10cal-model/2",
+    ),
+    ({"terms": None}, ModelError, "cannot be made of"),
+    ({"arm": "absent"}, ModelError, "key arm is missing"),
+    ({"targets_m": "absent"}, ModelError, "key targets_m is missing"),
+    ({"tool": {"R_ee_target": [[1.0]]}}, ModelError, "cannot be made of"),
+    ({"T_instr_base": [[1.0, 0.0]]}, ModelError, "T_instr_base"),
+]
+
+
+@pytest.mark.parametrize(("change", "error", "message"), REFUSED)
+def test_what_is_no_model_is_refused_by_name(change, error, message, tmp_path):
+    path = tmp_path / "model.yaml"
+    save_model(fitted("ur10", 15, links_and_tool), path)
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    for key, value in change.items():
+        content.pop(key)
+        if value != "absent":
+            content[key] = value
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    with pytest.raises(error, match=message):
+        load_model(path)
+
+
+def test_an_unknown_term_is_refused_by_name(tmp_path):
+    path = tmp_path / "model.yaml"
+    save_model(fitted("ur10", 15, links_and_tool), path)
+    path.write_text(path.read_text(encoding="utf-8").replace("id: offsets", "id: ofsets", 1))
+    with pytest.raises(TermError, match=r"model\.yaml: terms\[0\]: id: unknown term.*offsets"):
+        load_model(path)
+    path.write_text("{", encoding="utf-8")
+    with pytest.raises(ModelError, match=r"cannot be read"):
+        load_model(path)
+    with pytest.raises(ModelError, match=r"cannot be read"):
+        load_model(tmp_path / "nowhere.yaml")
+
+
+def test_what_cannot_be_predicted_is_refused():
+    model = fitted("pa10_6ce", 16)
+    with pytest.raises(ModelError, match=r"5 joints.*allowed: .N, 6. for pa10_6ce"):
+        model.predict(np.zeros((2, 5)))
+    with pytest.raises(ModelError, match=r"unknown frame.*target_A.*allowed: flange, tool"):
+        model.predict(np.zeros(6), frame="target_A")
+    with pytest.raises(ModelError, match=r"joint_spring of joint 2: the weights.*not known"):
+        replace(model, payload=None).predict(np.zeros(6))
+    with pytest.raises(ModelError, match=r"3 values for"):
+        replace(model, x=np.zeros(3))
