@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain
-from pa10cal.montecarlo.posture import find_reference, follow
+from pa10cal.montecarlo.places import find_reference, follow
 
 
 @pytest.fixture(scope="module")

@@ -1,25 +1,29 @@
-"""The displacement of the flange under finite joint errors, as a short row of matrix products.
+"""The displacement of the flange under finite joint errors, as products of rows and one matrix.
 
 Joint i turns all that lies beyond it about its axis ẑ by its error δ. If the joints further out
 have displaced the flange by u, and v runs from the axis to the flange, joint i adds
 
     sin δ ẑ×(v + u) + (1 - cos δ) ẑ×(ẑ×(v + u)),
 
-which is exact: nothing is linearised. From the tip to the base, so that u stays small and loses no
-digits, this is for every joint a constant matrix times the rows (u, sin δ u, (1 - cos δ) u, sin δ,
-1 - cos δ), and all that belongs to the pose is in that matrix. Three simplifications, all exact:
+which is exact: nothing is linearised. So the displacement is a constant matrix, in which stands all
+that belongs to the pose, times rows that change with every draw: sin δ and 1 - cos δ of the joints,
+and their products with the components of u across the axis. u is worked out from the tip inwards;
+it is small, so no digits are lost. Four simplifications, all exact:
 
+- the length of a displacement does not depend on the link it is seen from. Seen from a link in the
+  middle, the tip moves by the joints beyond that link, and the point where the flange should be
+  moves by the joints before it, turned backwards: two short chains instead of a long one;
 - consecutive joints with parallel axes act as one that turns by the sum of their errors; each link
   between them turns by a partial sum;
-- the first joint turns the whole arm, and the length of a displacement does not change when
-  everything is turned back by δ₁: then the joint moves only the constant nominal position;
-- outermost joints whose axes pass through the flange do not move it (their errors are drawn all
-  the same).
+- a component of u that vanishes in every pose takes no product (axes at right angles);
+- outermost joints whose axes pass through the point do not move it (their errors are drawn all the
+  same).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,25 +33,11 @@ from pa10cal.montecarlo.small_turns import Turns, turns_of
 
 Array = NDArray[np.float64]
 
-#: Rows of the displacement so far and of its products with sin δ and 1 - cos δ.
-STATE_ROWS = 3
-PRODUCT_ROWS = 4
-
 #: A joint that moves the flange by less than this per radian does not move it [m].
 _STILL_M = 1e-13
-#: Axes whose sine of the angle between is below this are parallel.
+#: Axes whose sine of the angle between is below this are parallel; a part of a displacement below
+#: this [m for one radian] vanishes.
 _PARALLEL = 1e-14
-
-# (u, sin δ u_x, sin δ u_y, (1 - cos δ) u_x, (1 - cos δ) u_y) to the turned u, z along the axis.
-_TURN = np.array(
-    [
-        [1.0, 0.0, 0.0, 0.0, -1.0, -1.0, 0.0],
-        [0.0, 1.0, 0.0, 1.0, 0.0, 0.0, -1.0],
-        [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
-    ]
-)
-_TURN_IS_SINE = np.array([False, False, False, True, True, False, False])
-_TURN_IS_VERSINE = np.array([False, False, False, False, False, True, True])
 
 
 @dataclass(frozen=True)
@@ -63,100 +53,287 @@ class JointMotion:
     jacobian: Array
 
 
-@dataclass(frozen=True)
-class DisplacementPlan:
-    """Everything constant in the displacement of the flange at P positions.
-
-    Attributes:
-        joints: n, all of which are drawn.
-        groups: indices of joints with parallel axes that follow each other, from the base to the
-            tip; the first group is the first joint alone. Joints that move nothing are left out.
-        matrices: for every group but the first, the (P, 3, rows) matrix that takes its rows to the
-            displacement in the frame of the group before it; the one of the second group holds
-            the first joint's two columns in front. With one group there is one matrix, of the
-            first joint.
-        turns: how drawn normals become sines and cosines.
-    """
-
-    joints: int
-    groups: tuple[tuple[int, ...], ...]
-    matrices: tuple[Array, ...]
-    turns: Turns
-
-
 def joint_motion(chain: Chain, q_rad: Array) -> JointMotion:
     """Return axes and Jacobian at joint positions (P, n) of an arm whose joints all turn."""
     screws = chain.forward_with_screws(q_rad).screws[:, :, chain.joint_columns]
     return JointMotion(axes=screws[:, 3:].transpose(0, 2, 1), jacobian=screws[:, :3])
 
 
+@dataclass(frozen=True)
+class Product:
+    """One component of a displacement, times sine and versine of the next joint inwards.
+
+    Attributes:
+        component: (P, rows) matrix of the component; None where it is one row as it stands.
+        rows: the rows it is made of, or that row.
+        turns: the joint's sine and versine, which multiply it.
+        into: the two rows that hold the products.
+    """
+
+    component: Array | None
+    rows: slice
+    turns: slice
+    into: slice
+
+
+@dataclass(frozen=True)
+class DisplacementPlan:
+    """Everything constant in the displacement of the flange at P positions.
+
+    The rows are: products with sines, the last first; n sines; versines of the joints `moving`;
+    products with versines.
+
+    Attributes:
+        joints: n, all of which are drawn.
+        chains: for the two chains that meet at the link from which the displacement is seen, to the
+            tip and to the base: groups of joints with parallel axes that follow each other, from
+            that link outwards. Joints that move nothing are left out.
+        moving: range of joints whose sines and versines are needed.
+        products: in the order they are worked out.
+        matrix: (P, 3, rows) from rows to displacements [m], in a frame in which most vanishes.
+        ranges: for each of the three components the rows that are not zero at every position.
+        turns: how drawn normals become sines and versines.
+    """
+
+    joints: int
+    chains: tuple[tuple[tuple[int, ...], ...], tuple[tuple[int, ...], ...]]
+    moving: slice
+    products: tuple[Product, ...]
+    matrix: Array
+    ranges: tuple[slice, ...]
+    turns: Turns
+
+    @property
+    def added(self) -> list[tuple[int, int]]:
+        """Pairs of joints: the error of the first is added to that of the second, in this order."""
+        groups = [group for chain in self.chains for group in chain]
+        return [pair for group in groups for pair in pairwise(group)]
+
+
 def plan_displacement(motion: JointMotion, sigma_rad: float) -> DisplacementPlan:
     """Lay out the displacement for joints that err by `sigma_rad` at the given positions."""
-    groups = _groups(motion)
-    turns = turns_of(sigma_rad, max(len(group) for group in groups))
-    frames = [_frames(motion.axes[:, group[0]]) for group in groups]
-    matrices = []
-    for index in range(1, len(groups)):
-        is_tip = index == len(groups) - 1
-        R_base_group = frames[index]
-        own = _own_columns(motion, groups[index], turns)
-        carried = np.empty((*own.shape[:2], 0)) if is_tip else R_base_group @ _scaled_turn(turns)
-        columns = np.concatenate([carried, own], axis=2)
-        if index == 1:  # lengths do not care for the frame they are taken in: the base's
-            columns = np.concatenate([_first_columns(motion, turns), columns], axis=2)
-        else:
-            columns = frames[index - 1].transpose(0, 2, 1) @ columns
-        matrices.append(np.ascontiguousarray(columns))
-    if not matrices:
-        matrices.append(np.ascontiguousarray(_first_columns(motion, turns)))
-    return DisplacementPlan(motion.axes.shape[1], groups, tuple(matrices), turns)
+    layouts = [_Layout(motion, split) for split in range(motion.axes.shape[1] + 1)]
+    return min(layouts, key=_Layout.passes).plan(sigma_rad)
 
 
-def _groups(motion: JointMotion) -> tuple[tuple[int, ...], ...]:
-    """Split the joints that move the flange where neighbouring axes are not parallel."""
+class _Layout:
+    """Works out rows and matrices for one link from which the displacement is seen.
+
+    While rows are still being added, sines count from 0, versines and products with versines
+    follow, and products with sines count down from -1 (from the end of an array with room enough).
+    """
+
+    def __init__(self, motion: JointMotion, split: int) -> None:
+        """`split` joints lie before the link."""
+        positions, n = motion.axes.shape[:2]
+        self._motion = motion
+        self._chains = (
+            _groups(motion, list(range(split, n))),
+            _groups(motion, list(range(split))[::-1]),
+        )
+        self._all_groups = [group for chain in self._chains for group in chain]
+        used = [joint for group in self._all_groups for joint in group]
+        self._moving = slice(min(used, default=0), max(used, default=0) + 1)
+        self._versine = n - self._moving.start
+        self._room = self._versine + self._moving.stop + 4 * n * n
+        #: Component, its rows and the joint of every product; scale of a row is set by its kind.
+        self._products: list[tuple[Array | None, list[int], int]] = []
+        # Seen from the link, the joints before it turn the other way.
+        tip = self._displacement(self._chains[0], 1.0, positions)
+        base = self._displacement(self._chains[1], -1.0, positions)
+        self._matrix = tip - base
+
+    def passes(self) -> int:
+        """Count, roughly, how often memory is passed over beyond what every layout does."""
+        components = sum(component is not None for component, _, _ in self._products)
+        added = sum(len(group) - 1 for group in self._all_groups)
+        return 3 * components + 6 * len(self._products) + 4 * added
+
+    def plan(self, sigma_rad: float) -> DisplacementPlan:
+        """Return the plan, with the scales of sines and versines taken into its matrices."""
+        turns = turns_of(sigma_rad, max(map(len, self._all_groups), default=1))
+        n, count = self._motion.axes.shape[1], len(self._products)
+        order = self._order()
+        scale = np.ones(self._room)
+        scale[:n] = turns.sine_scale
+        scale[n : order[-1] + 1 - count] = turns.versine_scale
+        for group in self._all_groups:
+            scale[[self._versine + joint for joint in group[1:]]] = turns.refined_scale
+        products = []
+        for k, (component, rows, joint) in enumerate(self._products):
+            sine, versine = -1 - k, order[-1] + 1 - count + k
+            scale[sine], scale[versine] = scale[joint], scale[self._versine + joint]
+            if component is None:
+                scale[[sine, versine]] *= scale[rows[0]]
+            else:
+                component = component * scale[rows]
+            turning = _pair(joint, self._versine + joint, count)
+            into = _pair(sine, versine, count)
+            products.append(Product(component, _run(rows, count), turning, into))
+        matrix = _sparse_frame(self._motion, self._all_groups) @ self._matrix
+        needed = np.abs(matrix[:, :, order]).max(axis=0) > _PARALLEL
+        return DisplacementPlan(
+            joints=n,
+            chains=self._chains,
+            moving=self._moving,
+            products=tuple(products),
+            matrix=np.ascontiguousarray((matrix * scale)[:, :, order]),
+            ranges=tuple(_range(np.flatnonzero(row)) for row in needed),
+            turns=turns,
+        )
+
+    def _order(self) -> list[int]:
+        """Rows that are used so far, as they will stand."""
+        count = len(self._products)
+        return list(range(-count, self._versine + self._moving.stop + count))
+
+    def _displacement(
+        self, chain: tuple[tuple[int, ...], ...], sign: float, positions: int
+    ) -> Array:
+        """Return (P, 3, rows): the point moved by the groups of a chain, in the base frame."""
+        u = np.zeros((positions, 3, self._room))
+        for group in reversed(chain):
+            axis = sign * self._motion.axes[:, group[0]]
+            self._multiply(u, axis, group[-1])
+            velocity = sign * self._motion.jacobian[:, :, group]
+            links = velocity.copy()
+            links[:, :, :-1] -= velocity[:, :, 1:]
+            u[:, :, group] += links
+            versines = [self._versine + joint for joint in group]
+            u[:, :, versines] += np.cross(axis[:, :, None], links, axis=1)
+        return u
+
+    def _multiply(self, u: Array, axis: Array, joint: int) -> None:
+        """Add to `u` what a joint does to it: products of its components across the axis (P, 3)."""
+        order = self._order()
+        turned = np.cross(axis[:, :, None], u[:, :, order], axis=1)
+        found = np.flatnonzero(np.abs(turned).max(axis=(0, 1)) > _PARALLEL)
+        if not len(found):
+            return
+        if len(found) > 2:
+            found = np.arange(found[0], found[-1] + 1)
+        turned, rows = turned[:, :, found], [order[k] for k in found]
+        directions, sizes, components = np.linalg.svd(turned, full_matrices=False)
+        count = int((sizes > _PARALLEL).sum(axis=1).max())
+        if len(rows) <= count:
+            for k, row in enumerate(rows):
+                self._append(u, (None, [row], joint), turned[:, :, k], axis)
+            return
+        components = np.ascontiguousarray((sizes[:, :, None] * components).transpose(1, 0, 2))
+        for k in range(count):
+            self._append(u, (components[k], rows, joint), directions[:, :, k], axis)
+
+    def _append(
+        self, u: Array, product: tuple[Array | None, list[int], int], turned: Array, axis: Array
+    ) -> None:
+        """Add a product; `turned` (P, 3) is ẑ× the direction of its component."""
+        sine, versine = self._order()[0] - 1, self._order()[-1] + 1
+        self._products.append(product)
+        u[:, :, sine] = turned
+        u[:, :, versine] = np.cross(axis, turned)
+
+
+def _pair(first: int, second: int, before: int) -> slice:
+    """Return the two rows, with `before` rows put in front of row 0."""
+    return slice(first + before, second + before + 1, second - first)
+
+
+def _run(rows: list[int], before: int) -> slice:
+    """Return consecutive or two or one row, with `before` rows put in front of row 0."""
+    if len(rows) == 2:
+        return _pair(rows[0], rows[1], before)
+    return slice(rows[0] + before, rows[-1] + before + 1)
+
+
+def _range(needed: NDArray[np.intp]) -> slice:
+    return slice(int(needed[0]), int(needed[-1]) + 1) if len(needed) else slice(0, 1)
+
+
+def _sparse_frame(motion: JointMotion, groups: list[tuple[int, ...]]) -> Array:
+    """Return (P, 3, 3) rotations into a frame along the axis of the largest group.
+
+    Along its axis, a group moves nothing.
+    """
+    axis = motion.axes[:, max(groups, key=len, default=(0,))[0]]
+    least = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
+    x = np.cross(least, axis)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(axis, x), axis], axis=1)
+
+
+def _groups(motion: JointMotion, joints: list[int]) -> tuple[tuple[int, ...], ...]:
+    """Split joints, given from a link outwards, where neighbouring axes are not parallel."""
     moves = np.linalg.norm(motion.jacobian, axis=1).max(axis=0) > _STILL_M
-    count = int(np.flatnonzero(moves).max(initial=0)) + 1
-    across = np.cross(motion.axes[:, :-1], motion.axes[:, 1:])
-    along = np.einsum("pik,pik->pi", motion.axes[:, :-1], motion.axes[:, 1:])
-    parallel = (np.linalg.norm(across, axis=2) < _PARALLEL).all(axis=0) & (along > 0).all(axis=0)
-    groups: list[tuple[int, ...]] = [(0,)]
-    for joint in range(1, count):
-        if joint > 1 and parallel[joint - 1]:
+    while joints and not moves[joints[-1]]:
+        joints = joints[:-1]
+    groups: list[tuple[int, ...]] = []
+    for joint in joints:
+        if groups and _parallel(motion.axes[:, groups[-1][-1]], motion.axes[:, joint]):
             groups[-1] = (*groups[-1], joint)
         else:
             groups.append((joint,))
     return tuple(groups)
 
 
-def _frames(axis: Array) -> Array:
-    """Return rotations (P, 3, 3) whose third column is the axis (P, 3)."""
-    least = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
-    x = np.cross(least, axis)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(axis, x), axis], axis=2)
+def _parallel(one: Array, other: Array) -> bool:
+    """Return whether two axes (P, 3) point the same way at every position."""
+    apart = np.linalg.norm(np.cross(one, other), axis=1)
+    return bool((apart < _PARALLEL).all() and (np.sum(one * other, axis=1) > 0).all())
 
 
-def _scaled_turn(turns: Turns) -> Array:
-    scale = np.where(_TURN_IS_SINE, turns.sine_scale, 1.0)
-    return _TURN * np.where(_TURN_IS_VERSINE, turns.versine_scale, scale)
+class DisplacementBlock:
+    """One block of cycles: from drawn normals to lengths of displacements, without allocating.
 
+    Attributes:
+        normals: (n, cycles), one row a joint: to be filled with standard normals before every
+            `displace`, which uses it up.
+        error_m: (cycles,) lengths of the displacements, after `displace`.
+        squared_m2: (cycles,) their squares.
+    """
 
-def _own_columns(motion: JointMotion, group: tuple[int, ...], turns: Turns) -> Array:
-    """Return (P, 3, 2r): what the group's partial sums do to its own links, in the base frame."""
-    velocity = motion.jacobian[:, :, group]
-    links = velocity - np.concatenate([velocity[:, :, 1:], 0.0 * velocity[:, :, :1]], axis=2)
-    axis = motion.axes[:, group[0], :, None]
-    columns = np.empty((*links.shape[:2], 2 * len(group)))
-    columns[:, :, 0::2] = turns.sine_scale * links
-    columns[:, :, 1::2] = turns.versine_scale * np.cross(axis, links, axis=1)
-    return columns
+    def __init__(self, plan: DisplacementPlan, cycles: int) -> None:
+        n, first, count = plan.joints, len(plan.products), plan.moving.stop - plan.moving.start
+        rows = np.zeros((plan.matrix.shape[2], cycles))
+        # The work of one stage is written over that of the stage before.
+        work = np.empty((max(5, count), cycles))
+        sines, versines = rows[first : first + n], rows[first + n : first + n + count]
+        self.normals = sines
+        self.error_m, self.squared_m2 = work[3], work[4]
+        self._plan = plan
+        self._added = [(sines[outer], sines[inner]) for inner, outer in plan.added]
+        self._turned = sines[plan.moving], versines, work[:count]
+        self._refined = [versines[outer - plan.moving.start] for _, outer in plan.added]
+        self._products = [
+            (
+                product.component,
+                rows[product.rows],
+                rows[product.rows.start] if product.component is None else work[0],
+                rows[product.turns],
+                rows[product.into],
+            )
+            for product in plan.products
+        ]
+        self._displacement = work[:3]
+        self._work = work[0]
+        self._outputs = [(part, rows[part], work[k]) for k, part in enumerate(plan.ranges)]
 
-
-def _first_columns(motion: JointMotion, turns: Turns) -> Array:
-    """Return (P, 3, 2): v less v turned back by the first joint, in the base frame."""
-    velocity = motion.jacobian[:, :, 0]
-    columns = [
-        turns.sine_scale * velocity,
-        -turns.versine_scale * np.cross(motion.axes[:, 0], velocity),
-    ]
-    return np.stack(columns, axis=2)
+    def displace(self, position: int) -> None:
+        """Turn the drawn normals into displacements at one position of the plan."""
+        turns = self._plan.turns
+        for outer, inner in self._added:
+            np.add(outer, inner, out=outer)
+        turns.fill(*self._turned)
+        for versine in self._refined:
+            turns.refine(versine, self._work)
+        for component, rows, factor, turning, out in self._products:
+            if component is not None:
+                np.matmul(component[position], rows, out=factor)
+            np.multiply(turning, factor, out=out)
+        matrix = self._plan.matrix[position]
+        for k, (part, rows, out) in enumerate(self._outputs):
+            np.matmul(matrix[k, part], rows, out=out)
+        squares, squared_m2 = self._displacement, self.squared_m2
+        np.square(squares, out=squares)
+        np.add(squares[0], squares[1], out=squared_m2)
+        np.add(squared_m2, squares[2], out=squared_m2)
+        np.sqrt(squared_m2, out=self.error_m)

@@ -11,10 +11,9 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.errors import ArmError
 from pa10cal.montecarlo.displacement import joint_motion, plan_displacement
-from pa10cal.montecarlo.expectation import ExpectedError, expected_error
 from pa10cal.montecarlo.places import Places, draw_places, grid_places, reference_in_plane
 from pa10cal.montecarlo.sampling import ErrorSums, Progress, sample_errors, stream
-from pa10cal.montecarlo.statistics import counts_of
+from pa10cal.montecarlo.statistics import ExpectedError, counts_of, expected_error
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.montecarlo.block import DisplacementBlock
-from pa10cal.montecarlo.displacement import DisplacementPlan
+from pa10cal.montecarlo.displacement import DisplacementBlock, DisplacementPlan
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]

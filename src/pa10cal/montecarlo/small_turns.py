@@ -1,8 +1,4 @@
-"""Sine and 1 - cosine of random small angles, in as few passes over memory as they can take.
-
-The two are wanted only as factors in a linear map, so they may come in any fixed scale: a `Turns`
-fills rows proportional to them and names the scales, which the map takes up.
-"""
+"""Sine and 1 - cosine of random small angles, in as few passes over memory as they can take."""
 
 from __future__ import annotations
 
@@ -24,9 +20,12 @@ _LEFT_OUT = 1e-12
 class Turns(Protocol):
     """How rows of standard normals become sines and cosines of angles.
 
+    The two are wanted only as factors in a linear map, so they may come in any fixed scale.
+
     Attributes:
         sine_scale: sin δ over what `fill` writes for it.
         versine_scale: (1 - cos δ) over what `fill` writes for it.
+        refined_scale: (1 - cos δ) over what `refine` makes of it.
     """
 
     @property
@@ -37,13 +36,23 @@ class Turns(Protocol):
     def versine_scale(self) -> float:
         """Return (1 - cos δ) over the versine row."""
 
-    def fill(self, normals: Array, sine: Array, versine: Array) -> None:
-        """Write the sine and versine rows of the angles sigma * normals."""
+    @property
+    def refined_scale(self) -> float:
+        """Return (1 - cos δ) over the refined versine row."""
+
+    def fill(self, normals: Array, versine: Array, work: Array) -> None:
+        """Replace the normals z by the sine rows of the angles σz, and write the versines."""
+
+    def refine(self, versine: Array, work: Array) -> None:
+        """Make a versine row exact for sums of errors, which are longer than single ones."""
 
 
 @dataclass(frozen=True)
 class SeriesTurns:
-    """Taylor series: sin δ = -(σ³/6) z (z² - 6/σ²), 1 - cos δ = (σ²/2) z², with δ = σ z."""
+    """Taylor series: sin δ = -(σ³/6) z (z² - 6/σ²), 1 - cos δ = (σ²/2) z², with δ = σ z.
+
+    Refined: 1 - cos δ = (σ⁴/24) z² (12/σ² - z²).
+    """
 
     sigma_rad: float
 
@@ -57,11 +66,21 @@ class SeriesTurns:
         """Return (1 - cos δ) over the versine row."""
         return self.sigma_rad**2 / 2.0
 
-    def fill(self, normals: Array, sine: Array, versine: Array) -> None:
+    @property
+    def refined_scale(self) -> float:
+        """Return (1 - cos δ) over the refined versine row."""
+        return self.sigma_rad**4 / 24.0
+
+    def fill(self, normals: Array, versine: Array, work: Array) -> None:
         """Write z (z² - 6/σ²) and z²."""
-        np.multiply(normals, normals, out=versine)
-        np.subtract(versine, 6.0 / self.sigma_rad**2, out=sine)
-        np.multiply(sine, normals, out=sine)
+        np.square(normals, out=versine)
+        np.subtract(versine, 6.0 / self.sigma_rad**2, out=work)
+        np.multiply(normals, work, out=normals)
+
+    def refine(self, versine: Array, work: Array) -> None:
+        """Make z² into z² (12/σ² - z²)."""
+        np.subtract(12.0 / self.sigma_rad**2, versine, out=work)
+        np.multiply(versine, work, out=versine)
 
 
 @dataclass(frozen=True)
@@ -71,14 +90,18 @@ class LibraryTurns:
     sigma_rad: float
     sine_scale: float = 1.0
     versine_scale: float = 2.0
+    refined_scale: float = 2.0
 
-    def fill(self, normals: Array, sine: Array, versine: Array) -> None:
+    def fill(self, normals: Array, versine: Array, work: Array) -> None:
         """Write sin σz and sin² σz/2."""
-        np.multiply(normals, 0.5 * self.sigma_rad, out=versine)
-        np.sin(versine, out=versine)
-        np.multiply(versine, versine, out=versine)
-        np.multiply(normals, self.sigma_rad, out=sine)
-        np.sin(sine, out=sine)
+        np.multiply(normals, 0.5 * self.sigma_rad, out=work)
+        np.sin(work, out=work)
+        np.multiply(work, work, out=versine)
+        np.multiply(normals, self.sigma_rad, out=normals)
+        np.sin(normals, out=normals)
+
+    def refine(self, versine: Array, work: Array) -> None:
+        """Leave the row as it is: exact already."""
 
 
 def turns_of(sigma_rad: float, most_added: int) -> Turns:

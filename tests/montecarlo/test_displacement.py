@@ -1,0 +1,127 @@
+"""Displacements against products of 4 x 4 matrices, and turns against extended precision."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pa10cal.arm.chain import Chain
+from pa10cal.montecarlo.displacement import DisplacementBlock, joint_motion, plan_displacement
+from pa10cal.montecarlo.small_turns import LibraryTurns, SeriesTurns, turns_of
+
+RESOLVER = np.radians(0.011)
+CYCLES = 64
+
+
+def worst_difference(arm, flange, sigma_rad, seed):
+    """Largest difference [m] over a few positions, with draws up to six standard deviations."""
+    source = np.random.default_rng(seed)
+    q_rad = source.uniform(-2.5, 2.5, (3, arm.n))
+    plan = plan_displacement(joint_motion(Chain.of(arm), q_rad), sigma_rad)
+    block = DisplacementBlock(plan, CYCLES)
+    worst = 0.0
+    for position, q in enumerate(q_rad):
+        normals = np.clip(source.standard_normal((arm.n, CYCLES)), -6, 6)
+        normals[:, 0] = 6 * np.sign(normals[:, 0])
+        normals[:, 1] = 0
+        block.normals[:] = normals
+        block.displace(position)
+        q = q.astype(np.longdouble)
+        moved = flange(arm, q + sigma_rad * normals.T) - flange(arm, q[None])
+        distance = np.sqrt((moved**2).sum(axis=1)).astype(float)
+        assert block.error_m[1] == 0
+        np.testing.assert_allclose(block.squared_m2, block.error_m**2, rtol=1e-14)
+        worst = max(worst, np.abs(block.error_m - distance).max())
+    return worst
+
+
+LENGTH = st.sampled_from([0.0, 0.08, 0.45, -0.3])
+TWIST = st.sampled_from([0.0, 0.0, 90.0, -90.0, 180.0, 33.0, -71.5])
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    rows=st.lists(st.tuples(LENGTH, LENGTH, TWIST), min_size=1, max_size=7),
+    convention=st.sampled_from(["standard", "modified"]),
+    sigma_rad=st.sampled_from([1e-6, RESOLVER, 5e-3]),
+    seed=st.integers(0, 10**6),
+)
+def test_exact_for_any_arm(make_arm, flange, rows, convention, sigma_rad, seed):
+    arm = make_arm(rows, convention)
+    assert worst_difference(arm, flange, sigma_rad, seed) < 1e-12
+
+
+def test_exact_for_the_pa10(pa10, flange):
+    assert worst_difference(pa10, flange, RESOLVER, 1) < 2e-13
+
+
+@pytest.mark.skipif(
+    np.finfo(np.longdouble).eps > 1e-18, reason="needs more digits than doubles have"
+)
+@pytest.mark.parametrize("sigma_rad", [1e-6, 1e-3])
+def test_small_displacements_lose_no_digits(pa10, flange, sigma_rad):
+    assert worst_difference(pa10, flange, sigma_rad, 2) < 1e-12 * sigma_rad
+
+
+def plan_of(arm):
+    q_rad = np.random.default_rng(0).uniform(-2, 2, (4, arm.n))
+    return plan_displacement(joint_motion(Chain.of(arm), q_rad), RESOLVER)
+
+
+def test_parallel_joints_are_merged_and_still_ones_left_out(pa10, make_arm):
+    plan = plan_of(pa10)
+    assert plan.chains == (((3,), (4,)), ((2, 1), (0,)))
+    assert plan.added == [(2, 1)]
+    scara = make_arm([(0.3, 0.4, 0), (0, 0.3, 0), (0, 0.2, 0), (0, 0.1, 0)])
+    groups = [group for chain in plan_of(scara).chains for group in chain]
+    assert sorted(sum(groups, ())) == [0, 1, 2, 3]
+    assert len(groups) <= 2
+    assert plan_of(scara).products == ()
+    turned_over = make_arm([(0.3, 0.1, 90), (0, 0.3, 180), (0, 0.2, 90), (0.1, 0.1, 0)])
+    assert plan_of(turned_over).added == []
+    on_axis = make_arm([(0.3, 0.2, 90), (0, 0.0, 90), (0.2, 0.0, 0)])
+    assert {group for chain in plan_of(on_axis).chains for group in chain} == {(0,), (1,)}
+    one = plan_of(make_arm([(0.3, 0.2, 0)]))
+    assert sorted(one.chains) == [(), ((0,),)]
+
+
+def test_axes_at_right_angles_take_one_product(pa10, make_arm):
+    """Only one component of what the outer joint does is turned by the inner one."""
+    assert len(plan_of(pa10).products) == 2
+    at_right_angles = make_arm([(0.3, 0.1, 90), (0.2, 0.3, 90), (0.1, 0.2, 0)])
+    oblique = make_arm([(0.3, 0.1, 50), (0.2, 0.3, 50), (0.1, 0.2, 0)])
+    assert len(plan_of(at_right_angles).products) < len(plan_of(oblique).products)
+
+
+def test_sums_of_errors_are_as_exact_as_single_ones(pa10, flange):
+    """Joints 2 and 3 of the PA10 turn its forearm by the sum of their errors."""
+    assert max(worst_difference(pa10, flange, RESOLVER, seed) for seed in range(8)) < 1e-13
+
+
+NORMALS = np.concatenate([np.linspace(-8, 8, 1601), [1e-9, -1e-9]])
+
+
+def filled(turns):
+    sine, versine = NORMALS.copy(), np.empty_like(NORMALS)
+    turns.fill(sine, versine, np.empty_like(NORMALS))
+    return turns.sine_scale * sine, turns.versine_scale * versine
+
+
+@pytest.mark.parametrize("sigma_rad", [1e-6, np.radians(0.011), 2.5e-4, 1e-2, 0.3])
+def test_exact_to_the_last_picometre_of_a_metre(sigma_rad):
+    angle = sigma_rad * NORMALS.astype(np.longdouble)
+    sine, versine = filled(turns_of(sigma_rad, most_added=1))
+    np.testing.assert_allclose(sine, np.sin(angle), rtol=1e-14, atol=3e-16)
+    np.testing.assert_allclose(versine, 2 * np.sin(angle / 2) ** 2, rtol=1e-13, atol=1e-12)
+
+
+def test_series_only_where_it_is_exact():
+    assert isinstance(turns_of(np.radians(0.011), most_added=2), SeriesTurns)
+    assert isinstance(turns_of(np.radians(0.02), most_added=1), LibraryTurns)
+    assert isinstance(turns_of(2.5e-4, most_added=1), SeriesTurns)
+    assert isinstance(turns_of(2.5e-4, most_added=3), LibraryTurns)
+
+
+def test_both_ways_agree():
+    for series, library in zip(filled(SeriesTurns(1e-4)), filled(LibraryTurns(1e-4)), strict=True):
+        np.testing.assert_allclose(series, library, rtol=1e-13, atol=2e-14)
