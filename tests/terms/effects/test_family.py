@@ -52,7 +52,7 @@ class ThirdHarmonic(JointEffect):
     formula = "theta_j += A sin(3 q_j)"
 
     @property
-    def known(self):
+    def reported(self):
         return (Parameter("A", "rad", 1e-5, plausible=1e-4),)
 """
 

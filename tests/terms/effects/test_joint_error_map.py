@@ -105,7 +105,7 @@ def test_a_constant_belongs_to_the_offset_of_the_joint():
 def test_every_knot_is_reported_under_a_name_of_its_own():
     names = [parameter.name for parameter in FINE.report(np.zeros(36)).parameters]
     assert (names[0], names[-1], len(set(names))) == ("knot_00", "knot_35", 36)
-    assert replace(FINE, knots=216).known[7].name == "knot_007"
+    assert replace(FINE, knots=216).reported[7].name == "knot_007"
     plausible = FINE.parameters[0].plausible
     assert plausible == pytest.approx(np.sqrt((FINE.prior_factor**2).sum(axis=1)[0]))
 

@@ -26,7 +26,7 @@ def test_a_place_map_makes_any_cubic_field_but_its_constant_and_no_more(at):
 def test_a_place_map_is_of_its_plausible_size_a_unit_from_the_middle(at):
     effect = at("place_map", "instrument")
     field = effect.field(np.array([[[0.7, 0.5, 0.6]]]))[0, 0]
-    names = [parameter.name for parameter in effect.known]
+    names = [parameter.name for parameter in effect.reported]
     for axis, name in enumerate("xyz"):
         for power in ("x", "xx", "xxx"):
             assert field[axis, names.index(f"{name}_by_{power}")] == pytest.approx(1.0)

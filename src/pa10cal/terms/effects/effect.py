@@ -118,11 +118,11 @@ class Effect(ABC):
 
 @dataclass(frozen=True)
 class NamedEffect(Effect):
-    """An effect known by a few named parameters, and solved in them where it says nothing else."""
+    """An effect reported by a few named parameters, and solved in them unless it says otherwise."""
 
     @property
     @abstractmethod
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return its parameters under the names readers know."""
 
     @property
@@ -131,12 +131,12 @@ class NamedEffect(Effect):
         place = self.of.removeprefix("joint ")
         return tuple(
             replace(parameter, name=f"{self.id}_{place}_{parameter.name}")
-            for parameter in self.known
+            for parameter in self.reported
         )
 
     def report(self, x: Array) -> Report:
         """Return the parameters under the names readers know."""
-        return report_as_solved(self.known, x)
+        return report_as_solved(self.reported, x)
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ class BaseDrift(NamedEffect):
         return (cls("base", context.time_span_s[0]),)
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the rate along each axis."""
         return tuple(Parameter(f"rate_{axis}", "m/h", 1e-6, plausible=3e-5) for axis in "xyz")
 
@@ -102,7 +102,7 @@ class ThermalGrowth(NamedEffect):
         )
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the coefficient of expansion."""
         return (Parameter("alpha", "1/K", 5e-7, plausible=2e-5),)
 

@@ -60,7 +60,7 @@ class CmmScale(FalseReading):
         return "reading of x, y, z = (1 + s_x) x, (1 + s_y) y, (1 + s_z) z"
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the error of each axis."""
         return tuple(Parameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz")
 
@@ -81,7 +81,7 @@ class CmmSquareness(FalseReading):
         return "reading of x = x + xy y"
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the angle."""
         return (Parameter("xy", "rad", 3e-6, plausible=1e-4),)
 

@@ -27,7 +27,7 @@ class GearRatioError(JointEffect):
         return f"theta_{self.joint} += eps q_{self.joint}"
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the relative error."""
         return (Parameter("eps", "1", 1e-5, plausible=3e-4),)
 
@@ -49,7 +49,7 @@ class Backlash(JointEffect):
         return f"theta_{self.joint} += b s_{self.joint}"
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return half the lost motion."""
         return (Parameter("b", "rad", 1e-5, plausible=3e-4),)
 
@@ -82,7 +82,7 @@ class WristCoupling(NamedEffect):
         return (cls("wrist", last),) if {last - 1, last} <= {*turning_joints(context)} else ()
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the coupling."""
         return (Parameter("c", "1", 3e-5, plausible=1e-3),)
 

@@ -77,7 +77,7 @@ class JointErrorMap(JointEffect):
         )
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the error at each knot."""
         width = max(2, len(str(self.knots - 1)))
         plausible = _PLAUSIBLE_RAD

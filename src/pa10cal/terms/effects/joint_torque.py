@@ -76,7 +76,7 @@ class FrictionTorque(FalseTorque):
         )
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the torque that friction holds."""
         return (Parameter("tau_c", "N m", 1e-3 * self.rated_Nm, plausible=0.03 * self.rated_Nm),)
 
@@ -100,7 +100,7 @@ class TorqueGain(FalseTorque):
         return f"logged tau_{self.joint} = (1 + g) tau_{self.joint}"
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the gain."""
         return (Parameter("g", "1", 1e-3, plausible=0.05),)
 

@@ -49,7 +49,7 @@ class JointCompliance(JointEffect):
         )
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the stiffness."""
         return (Parameter("K", "N m/rad", 100.0 * self.rated_Nm),)
 
@@ -79,7 +79,7 @@ class JointCompliance(JointEffect):
     def report(self, x: Array) -> Report:
         """Return the stiffness."""
         stiffness = 1.0 / max(float(x[0]), _RIGID)
-        return Report(self.known, np.array([stiffness]), np.array([[-(stiffness**2)]]))
+        return Report(self.reported, np.array([stiffness]), np.array([[-(stiffness**2)]]))
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class SoftWindup(JointEffect):
         )
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the deflection under a large torque and the torque where it turns over."""
         span_Nm = self.span_Nm
         return (

@@ -78,7 +78,7 @@ class LinkBending(LinkEffect):
         )
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the compliance."""
         return (Parameter("c", "rad/(N m)", 1e-7, plausible=5e-6),)
 
@@ -104,7 +104,7 @@ class LinkTorsion(LinkEffect):
         return f"the end of link {self.row} turns about its axis by c times the moment about it"
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the compliance."""
         return (Parameter("c", "rad/(N m)", 5e-7, plausible=2e-5),)
 
@@ -141,7 +141,7 @@ class BaseCompliance(NamedEffect):
         return (cls("base"),)
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return both compliances."""
         return tuple(Parameter(name, "rad/(N m)", 1e-7, plausible=3e-6) for name in ("cx", "cy"))
 
@@ -174,7 +174,7 @@ class ToolSag(NamedEffect):
         return (cls("tool"),)
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the sag with the tooling level."""
         return (Parameter("c", "m", 3e-6, plausible=1e-4),)
 

@@ -53,7 +53,7 @@ class PlaceMap(FalseReading):
         return (cls("instrument", (float(x), float(y), float(z))),)
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return 19 monomials for the reading of x, then of y, then of z."""
         return tuple(
             Parameter(
@@ -114,7 +114,7 @@ class TorqueMap(JointEffect):
         )
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the torque of each degree."""
         rated_Nm = self.rated_Nm
         return tuple(
@@ -174,7 +174,7 @@ class WindupMap(JointEffect):
         )
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the deflection of each degree."""
         return tuple(
             Parameter(f"degree_{k}", "rad", 1e-5, plausible=2e-4 / k)
@@ -234,7 +234,7 @@ class DirectionMap(JointEffect):
         )
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return the part that is always there, those with torque, and those with angle."""
         names = [
             "constant",
@@ -294,7 +294,7 @@ class DriftMap(NamedEffect):
         return (cls("base", (first, last)),) if last - first > _LEAST_SPAN else ()
 
     @property
-    def known(self) -> tuple[Parameter, ...]:
+    def reported(self) -> tuple[Parameter, ...]:
         """Return three degrees of the first motion, then of the second, …"""
         return tuple(
             Parameter(
