@@ -247,12 +247,12 @@ def _weakest(
         for k in range(len(members))
     ]
     if whole - max(left)[0] >= needed:  # only then is it worth the time
-        left = [_resized(evidence, less(members, k), less(sizes, k)) for k in range(len(members))]
+        left = [resized(evidence, less(members, k), less(sizes, k)) for k in range(len(members))]
     weakest = max(range(len(members)), key=lambda k: left[k][0])
     return weakest, whole - left[weakest][0], left[weakest][1]
 
 
-def _resized(
+def resized(
     evidence: Evidence, members: tuple[int, ...], sizes: tuple[int, ...]
 ) -> tuple[float, tuple[int, ...]]:
     """Return the evidence of a set with the size of each member chosen anew, and the sizes."""
