@@ -35,9 +35,20 @@ def ended(poses=40, unknowns=6, told=None, **changes):
     return replace(made, **changes)
 
 
+def accuracy(mean_mm, peak_mm, rms_mm, configurations):
+    """Errors of positions alone."""
+    return Accuracy(
+        mean_mm=mean_mm,
+        peak_mm=peak_mm,
+        rms_mm=rms_mm,
+        orientation_deg=None,
+        configurations=configurations,
+    )
+
+
 def errors(**changes):
     """What noise alone leaves."""
-    left = Accuracy(0.017, 0.03, 0.0173, None, 60)
+    left = accuracy(0.017, 0.03, 0.0173, 60)
     return replace(Errors(0.0167, left, 0.0173, 500.0), **changes)
 
 
@@ -58,7 +69,7 @@ def test_a_fit_down_to_the_noise_is_good():
         ({"at_bound": ("windup_2",)}, {}, "good", "all 6"),
         ({}, {"noise_mm": 0.004}, "usable", "an effect is missing"),
         ({}, {"suspected_outliers": 1}, "usable", "1 suspected outlier is excluded"),
-        ({}, {"held_out": Accuracy(0.04, 0.1, 0.05, None, 60)}, "usable", "predicted worse"),
+        ({}, {"held_out": accuracy(0.04, 0.1, 0.05, 60)}, "usable", "predicted worse"),
     ],
 )
 def test_what_is_wrong_is_said(fit, left, verdict, says):
@@ -71,7 +82,7 @@ def test_a_few_poses_promise_larger_errors_elsewhere():
     # Eight unknowns of twelve equations: residuals shrink to 0.58 of the errors.
     few = ended(poses=4, unknowns=8)
     train_rms_mm = 0.0173 * np.sqrt(1.0 - 8.0 / 12.0)
-    seen = Accuracy(0.02, 0.05, 0.0173, None, 60)
+    seen = accuracy(0.02, 0.05, 0.0173, 60)
     found = health(few, errors(train_rms_mm=train_rms_mm, held_out=seen))
     assert "predicted worse" not in found.line
 

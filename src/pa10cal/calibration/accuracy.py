@@ -10,27 +10,10 @@ from numpy.typing import NDArray
 from pa10cal.calibration.inner import fit_base_frame
 from pa10cal.calibration.pose_error import angle_rad, pose_error
 from pa10cal.campaign.observations import PoseObservations
+from pa10cal.results.accuracy import Accuracy as Accuracy
 from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """Errors over a set of configurations.
-
-    Attributes:
-        mean_mm, peak_mm, rms_mm: distances at the end-effector frame.
-        orientation_deg: mean angle between predicted and measured attitude; None where the
-            instrument gives positions alone.
-        configurations: how many.
-    """
-
-    mean_mm: float
-    peak_mm: float
-    rms_mm: float
-    orientation_deg: float | None
-    configurations: int
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from pa10cal.results.calibration import Observability
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
@@ -43,25 +44,6 @@ class Identifiability:
     rank: int
     null_space: Array
     condition: float
-
-
-@dataclass(frozen=True)
-class ObservabilityIndices:
-    """Observability indices O1 to O5 of the identifiable directions (Sun and Hollerbach, 2008).
-
-    Attributes:
-        O1: geometric mean of the singular values over the square root of the number of poses.
-        O2: smallest over largest.
-        O3: smallest.
-        O4: smallest squared over largest.
-        O5: reciprocal of the sum of reciprocals.
-    """
-
-    O1: float
-    O2: float
-    O3: float
-    O4: float
-    O5: float
 
 
 def identify(jacobian: Array, scale: Array) -> Identifiability:
@@ -107,11 +89,11 @@ def not_identifiable(
     )
 
 
-def observability(identifiability: Identifiability, poses: int) -> ObservabilityIndices:
-    """Return the observability indices over the identifiable directions."""
+def observability(identifiability: Identifiability, poses: int) -> Observability:
+    """Return the indices over the identifiable directions (Sun and Hollerbach, 2008)."""
     values = identifiability.singular_values[: identifiability.rank]
     largest, smallest = float(values[0]), float(values[-1])
-    return ObservabilityIndices(
+    return Observability(
         O1=float(np.exp(np.log(values).mean()) / np.sqrt(poses)),
         O2=smallest / largest,
         O3=smallest,

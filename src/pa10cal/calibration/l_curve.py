@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,29 +9,12 @@ from pa10cal.calibration.accuracy import deviations, summarise
 from pa10cal.calibration.levels import Level
 from pa10cal.calibration.solve import solve
 from pa10cal.calibration.tolerance_terms import all_terms
+from pa10cal.results.calibration import LCurvePoint as LCurvePoint
 
 Array = NDArray[np.float64]
 
 #: Enough for a curve; heavy weights bend the valley so that the last digits would cost most.
 _PRECISION = 1e-8
-
-
-@dataclass(frozen=True)
-class LCurvePoint:
-    """One weight of the tolerance terms acting on every departure.
-
-    Attributes:
-        weight: factor on the residuals: epsilon read as such, the root of epsilon read as a
-            factor on the cost.
-        misfit: root of the sum of squares of the data rows.
-        departure: root of the sum of (departure / tolerance)^2.
-        mean_mm: mean position error over the poses fitted.
-    """
-
-    weight: float
-    misfit: float
-    departure: float
-    mean_mm: float
 
 
 def l_curve(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pa10cal.calibration.options import CalibrationOptions
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from pa10cal.arm.description import Arm
     from pa10cal.campaign.description import Campaign
+    from pa10cal.results.calibration import CalibrationRecord
 
 #: Load case of the general model beside the paper's: all loads together.
 GENERAL = "general"
@@ -40,9 +41,8 @@ def calibrate(
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import read_pose_table
     from pa10cal.files.arms import load_arm
-    from pa10cal.files.output import write_json
-    from pa10cal.files.schemas import CALIBRATION
     from pa10cal.planning.campaign import takes_general_model
+    from pa10cal.results.codec import write
 
     campaign = read_campaign(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
@@ -50,13 +50,7 @@ def calibrate(
     general = load == GENERAL or takes_general_model(settings.model, campaign.instrument.kind)
     work = _by_general_model if general else _by_papers_model
     record = work(campaign, arm, table, base_frame, load, settings)
-    header = {
-        "schema": CALIBRATION,
-        "campaign": campaign.name,
-        "provenance": campaign.provenance,
-        "robot": campaign.robot,
-    }
-    write_json(out, {**header, **record, "settings": settings.model_dump(mode="json")})
+    write(record, out)
     _say(f"{campaign.name} {load}", record)
 
 
@@ -67,14 +61,15 @@ def _by_papers_model(
     base_frame: Path,
     load: str,
     settings: CalibrationOptions,
-) -> dict[str, Any]:
+) -> CalibrationRecord:
     """Work out a load case on two levels, with the paper's unknowns."""
     from pa10cal.calibration.load_case import work_out
+    from pa10cal.calibration.records import paper_record
     from pa10cal.campaign.table import observations
     from pa10cal.errors import CalibrationError
-    from pa10cal.files.schemas import BASE_FRAME
-    from pa10cal.stages.calibration_record import load_case_record, study_of
-    from pa10cal.stages.records import read_pose_matrix, read_record
+    from pa10cal.results.codec import read
+    from pa10cal.results.seed import BaseFrameRecord
+    from pa10cal.stages.calibration_record import study_of
 
     if campaign.instrument.kind not in ("touch_trigger_cmm", "pose"):
         raise CalibrationError(
@@ -84,18 +79,18 @@ def _by_papers_model(
             allowed=f"auto or general for an instrument of kind {campaign.instrument.kind}",
             remedy="set calibration.model to auto",
         )
-    seed = read_record(base_frame, BASE_FRAME, ("T_instr_base",), campaign.name)
+    seed = read(BaseFrameRecord, base_frame, campaign.name)
     held_out = observations(table, kind="holdout")
     case = work_out(
         arm,
         observations(table, kind="grid", average=False),
         held_out if len(held_out) else None,
-        read_pose_matrix(seed, "T_instr_base", base_frame),
+        seed.T_instr_base,
         load,
         1e-3 * settings.apparatus_uncertainty_mm,
         study_of(settings),
     )
-    return load_case_record(case)
+    return paper_record(case, campaign, settings)
 
 
 def _by_general_model(
@@ -105,17 +100,18 @@ def _by_general_model(
     base_frame: Path,
     load: str,
     settings: CalibrationOptions,
-) -> dict[str, Any]:
+) -> CalibrationRecord:
     """Work out a load case with every parameter that arm and instrument can tell."""
     from pa10cal.calibration.general.case import work_out_general
+    from pa10cal.calibration.general.records import general_record
     from pa10cal.calibration.load_case import COMBINED, rows_of_load
     from pa10cal.campaign.sightings import sightings
-    from pa10cal.files.schemas import BASE_FRAME
-    from pa10cal.stages.general_record import general_options, general_record, read_start
+    from pa10cal.results.codec import read
+    from pa10cal.results.seed import BaseFrameRecord
+    from pa10cal.stages.general_record import general_options, read_start
     from pa10cal.stages.measurement_setup import payload_of
-    from pa10cal.stages.records import read_record
 
-    seed = read_record(base_frame, BASE_FRAME, ("T_instr_base",), campaign.name)
+    seed = read(BaseFrameRecord, base_frame, campaign.name)
     grid = sightings(table, campaign, "grid")
     held_out = sightings(table, campaign, "holdout")
     case = work_out_general(
@@ -128,18 +124,18 @@ def _by_general_model(
         payload_of(campaign, arm),
         general_options(settings),
     )
-    return general_record(case)
+    return general_record(case, campaign, settings)
 
 
-def _say(title: str, record: dict[str, Any]) -> None:
+def _say(title: str, record: CalibrationRecord) -> None:
     after = ", ".join(
-        f"{load} {errors['after']['mean_mm']:.3f}/{errors['after']['peak_mm']:.3f} mm"
-        for load, errors in record["errors"].items()
+        f"{load} {errors.after.mean_mm:.3f}/{errors.after.peak_mm:.3f} mm"
+        for load, errors in record.errors.items()
     )
     print(
-        f"{title}: {record['status']}, rank {record['rank']} of {record['unknowns']}, "
+        f"{title}: {record.status}, rank {record.rank} of {record.unknowns}, "
         f"mean/peak after: {after}"
     )
-    print(f"{title}: {record['health']['verdict']}: {record['health']['line']}")
-    for warning in (text for text in record["warnings"] if text != record["health"]["line"]):
+    print(f"{title}: {record.health.verdict}: {record.health.line}")
+    for warning in (text for text in record.warnings if text != record.health.line):
         print(f"{title}: note: {warning}", file=sys.stderr)

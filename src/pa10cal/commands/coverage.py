@@ -84,6 +84,7 @@ def coverage(
 def _scores(simulate: SimulateSettings, settings: CalibrationOptions) -> dict[str, float]:
     """Simulate, ingest and calibrate one campaign; score every identifiable parameter."""
     from pa10cal.calibration.calibrate import calibrate
+    from pa10cal.calibration.records import parameter_records
     from pa10cal.calibration.uncertainty import ErrorSources
     from pa10cal.campaign.averages import average_repeats
     from pa10cal.campaign.description import read_campaign
@@ -93,7 +94,7 @@ def _scores(simulate: SimulateSettings, settings: CalibrationOptions) -> dict[st
     from pa10cal.cell.campaign import simulate_campaign
     from pa10cal.cell.write import write_campaign
     from pa10cal.files.arms import load_arm
-    from pa10cal.stages.calibration_record import parameter_records, study_of
+    from pa10cal.stages.calibration_record import study_of
     from pa10cal.stages.records import read_record
     from pa10cal.terms.baseline import baseline
 
@@ -116,7 +117,7 @@ def _scores(simulate: SimulateSettings, settings: CalibrationOptions) -> dict[st
         ErrorSources(readings, 1e-3 * settings.apparatus_uncertainty_mm),
     )
     return {
-        name: (record["value"] - truth[name]["value"]) / record["std"]
-        for name, record in parameter_records(found).items()
-        if record["identifiable"] and name in truth
+        name: (parameter.value - truth[name]["value"]) / parameter.std
+        for name, parameter in parameter_records(found).items()
+        if parameter.identifiable and parameter.std and name in truth
     }

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pa10cal.campaign.observations import PoseObservations
     from pa10cal.discovery.operating_point import OperatingPoint
     from pa10cal.discovery.preparation import MeasurementSetup
+    from pa10cal.results.calibration import CalibrationRecord
 
 
 def discover(
@@ -39,25 +40,24 @@ def discover(
         suggested: poses to measure next, to write (.csv).
         settings: section discovery.
     """
-    from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import observations, read_pose_table
     from pa10cal.discovery.operating_point import OperatingPoint
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import whole_files, write_json, write_text
-    from pa10cal.files.schemas import ANALYSIS, CALIBRATION, EXTENDED, VERDICT
-    from pa10cal.settings_reading import parse_section
-    from pa10cal.stages.calibration_record import read_fit
+    from pa10cal.files.schemas import ANALYSIS, EXTENDED, VERDICT
+    from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
+    from pa10cal.results.codec import read
+    from pa10cal.stages.calibration_record import read_fit, settings_of
     from pa10cal.stages.measurement_setup import setup_of, with_bends
-    from pa10cal.stages.records import read_record
 
     began = time.perf_counter()
     campaign = read_campaign(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
     table, from_order = read_pose_table(poses, campaign.name), False
-    record = read_record(calibration, CALIBRATION, ("parameters", "settings"), campaign.name)
-    used = parse_section(CalibrationOptions, record["settings"], where=str(calibration))
+    record = read(CalibrationRecord, calibration, campaign.name)
+    used = settings_of(record, calibration)
     model, x, T_instr_base = read_fit(record, arm, calibration, cubic=True)
     setup = setup_of(campaign, arm, used, settings)
     grid = observations(table, kind="grid", average=False, covariance="instrument")
@@ -66,7 +66,7 @@ def discover(
         table, from_order = with_arrivals(table)
         grid = observations(table, kind="grid", average=False, covariance="instrument")
     held_out = observations(table, kind="holdout")
-    if record.get("model") == "general":
+    if isinstance(record, GeneralCalibrationRecord):
         from pa10cal.stages.general_record import as_modelled, read_general
 
         fitted = read_general(record, arm, calibration)
@@ -86,7 +86,7 @@ def discover(
         "schema": EXTENDED,
         **header,
         "robot": campaign.robot,
-        "calibration": record["load"],
+        "calibration": record.load,
         "verdict": verdict_record["verdict"],
         "arrival_from_order": from_order,
         "named": [
@@ -130,11 +130,12 @@ def _by_repeats(
     baseline: OperatingPoint,
     setup: MeasurementSetup,
     settings: DiscoveryOptions,
-    record: dict[str, Any],
+    record: CalibrationRecord,
 ) -> _Outcome:
     """Judge effects against the scatter of repeats."""
     from pa10cal.discovery.discover import discover, unresolved
     from pa10cal.discovery.suggest import plan
+    from pa10cal.results.calibration import GeneralCalibrationRecord
     from pa10cal.stages.analysis_record import analysis_record
     from pa10cal.stages.extended_record import extended_record
     from pa10cal.stages.suggestion_record import (
@@ -144,11 +145,14 @@ def _by_repeats(
     )
     from pa10cal.stages.verdict_record import verdict_record
 
+    flexible = setup.flexible_joints
+    if isinstance(record, GeneralCalibrationRecord):
+        flexible = record.springs
     found = discover(
         grid,
         held_out if len(held_out) else None,
         baseline,
-        replace(setup, flexible_joints=tuple(record.get("springs", setup.flexible_joints))),
+        replace(setup, flexible_joints=flexible),
         settings.error_rate,
     )
     ahead = plan(
@@ -178,7 +182,7 @@ def _by_blocks(
     baseline: OperatingPoint,
     setup: MeasurementSetup,
     settings: DiscoveryOptions,
-    record: dict[str, Any],
+    record: CalibrationRecord,
 ) -> _Outcome:
     """Judge effects by how well blocks of poses are predicted that were left out."""
     import numpy as np
@@ -195,8 +199,7 @@ def _by_blocks(
         baseline,
         setup,
         settings.error_rate,
-        torques_logged=record.get("torques_from", "logged") == "logged"
-        and bool(np.isfinite(grid.states.tau_Nm).all()),
+        torques_logged=record.torques_logged and bool(np.isfinite(grid.states.tau_Nm).all()),
     )
     ahead = fill(found.survey, found.seen, settings.suggestions, settings.random_seed)
     verdict = {

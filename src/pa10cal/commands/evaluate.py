@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from pa10cal.arm.description import Arm
     from pa10cal.campaign.description import Campaign
-    from pa10cal.campaign.observations import PoseObservations
     from pa10cal.evaluation.holdout import HeldOut
+    from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
+    from pa10cal.results.evaluation import HeldOutModel
 
 
 def evaluate(
@@ -34,54 +34,42 @@ def evaluate(
     """
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import read_pose_table
+    from pa10cal.evaluation.records import holdout_record, summary
     from pa10cal.files.arms import load_arm
-    from pa10cal.files.output import write_json
-    from pa10cal.files.schemas import CALIBRATION, HOLDOUT
-    from pa10cal.stages.records import read_record
+    from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
+    from pa10cal.results.codec import read, write
 
     campaign = read_campaign(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
     table = read_pose_table(poses, campaign.name)
-    needs = ("parameters", *(() if extended is None else ("settings",)))
-    record = read_record(calibration, CALIBRATION, needs, campaign.name)
-    header = {
-        "schema": HOLDOUT,
-        "campaign": campaign.name,
-        "provenance": campaign.provenance,
-        "calibration": record["load"],
-    }
-    if not (table["kind"] == "holdout").any():
-        write_json(
-            out,
-            {**header, "configurations": 0, "models": {}, "note": "no held-out rows measured"},
-        )
-        print(f"{campaign.name}: no held-out rows to evaluate")
-        return
-    judge = _judge_general if record.get("model") == "general" else _judge_papers
-    configurations, models = judge(campaign, arm, table, record, calibration, extended)
-    write_json(out, {**header, "configurations": configurations, "models": models})
-    summary = ", ".join(
-        f"{model} {found['mean_mm']:.3f}/{found['peak_mm']:.3f} mm"
-        for model, found in models.items()
-    )
-    print(f"{campaign.name} held out ({configurations}): mean/peak {summary}")
+    record = read(CalibrationRecord, calibration, campaign.name)
+    models: dict[str, HeldOutModel] = {}
+    if (table["kind"] == "holdout").any():
+        if isinstance(record, GeneralCalibrationRecord):
+            models = _judge_general(campaign, arm, table, record, calibration, extended)
+        else:
+            models = _judge_papers(campaign, arm, table, record, calibration, extended)
+    found = holdout_record(campaign, record.load, models)
+    write(found, out)
+    print(f"{campaign.name}: {summary(found)}")
 
 
 def _judge_papers(
     campaign: Campaign,
     arm: Arm,
     table: pd.DataFrame,
-    record: dict[str, Any],
+    record: CalibrationRecord,
     calibration: Path,
     extended: Path | None,
-) -> tuple[int, dict[str, Any]]:
-    """Judge the paper's models on held-out poses; return how many poses, and a record a model."""
+) -> dict[str, HeldOutModel]:
+    """Judge the paper's models on held-out poses."""
     import numpy as np
 
     from pa10cal.calibration.accuracy import align_nominal
     from pa10cal.campaign.table import observations
     from pa10cal.evaluation.holdout import judge
-    from pa10cal.stages.calibration_record import accuracy_records, read_fit
+    from pa10cal.evaluation.records import held_out_model
+    from pa10cal.stages.calibration_record import read_fit
     from pa10cal.terms.baseline import nominal
 
     held_out = observations(table, kind="holdout")
@@ -101,32 +89,22 @@ def _judge_papers(
     }
     if extended is not None:
         judged["extended"] = _judge_extended(campaign, arm, table, record, calibration, extended)
-    return len(held_out), {
-        name: {
-            **asdict(found.overall),
-            "per_load": accuracy_records(found.by_load),
-            "per_point": {key: asdict(value) for key, value in found.by_point.items()},
-            "tool_twist": _twist_record(found),
-            "rows": _row_records(found, held_out),
-        }
-        for name, found in judged.items()
-    }
+    return {name: held_out_model(found, held_out) for name, found in judged.items()}
 
 
 def _judge_general(
     campaign: Campaign,
     arm: Arm,
     table: pd.DataFrame,
-    record: dict[str, Any],
+    record: GeneralCalibrationRecord,
     calibration: Path,
     extended: Path | None,
-) -> tuple[int, dict[str, Any]]:
+) -> dict[str, HeldOutModel]:
     """Judge the models of a general calibration on what the instrument observed."""
-    from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.discovery.options import DiscoveryOptions
-    from pa10cal.settings_reading import parse_section
     from pa10cal.stages.blocked_cv_model import extended_model
+    from pa10cal.stages.calibration_record import settings_of
     from pa10cal.stages.general_evaluation import (
         general_models,
         held_out_with_torques,
@@ -143,25 +121,24 @@ def _judge_general(
         with_effects = extended_model(extended, record, arm, calibration)
         if with_effects.arrival_from_order:
             held_out = held_out_with_torques(with_arrivals(table)[0], campaign, arm)
-        used = parse_section(CalibrationOptions, record["settings"], where=str(calibration))
+        used = settings_of(record, calibration)
         setup = setup_of(campaign, arm, used, DiscoveryOptions())
         held_out = with_effects.completed(held_out, setup)
         models["extended"] = judged_record(
             with_effects.fitted, held_out, with_effects.extrapolated(held_out.states)
         )
-    return len(held_out), models
+    return models
 
 
 def _judge_extended(
     campaign: Campaign,
     arm: Arm,
     table: pd.DataFrame,
-    record: dict[str, Any],
+    record: CalibrationRecord,
     calibration: Path,
     extended: Path,
 ) -> HeldOut:
     """Judge the model with the effects that discovery named."""
-    from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.campaign.table import observations
     from pa10cal.discovery.evidence.fit import as_read
@@ -170,13 +147,12 @@ def _judge_extended(
     from pa10cal.discovery.preparation import complete_about
     from pa10cal.evaluation.holdout import judge
     from pa10cal.files.schemas import EXTENDED
-    from pa10cal.settings_reading import parse_section
-    from pa10cal.stages.calibration_record import read_fit
+    from pa10cal.stages.calibration_record import read_fit, settings_of
     from pa10cal.stages.extended_record import read_extended
     from pa10cal.stages.measurement_setup import setup_of, with_bends
     from pa10cal.stages.records import read_record, read_vector
 
-    used = parse_section(CalibrationOptions, record["settings"], where=str(calibration))
+    used = settings_of(record, calibration)
     model, _, _ = read_fit(record, arm, calibration, cubic=True)
     content = read_record(extended, EXTENDED, ("effects", "x", "targets_off_m"), campaign.name)
     baseline, model, x, T_instr_base = read_extended(content, with_bends(model), extended)
@@ -192,20 +168,3 @@ def _judge_extended(
     places_m = read_vector(content, "targets_off_m", coordinates, extended)
     T_base_ee = as_read(model.predict(poses.states, x), T_instr_base, poses, places_m)
     return judge(T_base_ee, T_instr_base, poses)
-
-
-def _twist_record(found: HeldOut) -> dict[str, Any]:
-    twist = found.tool_twist
-    return {**asdict(twist), "rotation_deg": twist.rotation_deg.tolist()}
-
-
-def _row_records(found: HeldOut, held_out: PoseObservations) -> list[dict[str, Any]]:
-    return [
-        {
-            "pose": str(held_out.pose[k]),
-            "load_N": float(held_out.states.load_N[k]),
-            "position_mm": found.found.position_mm[k].tolist(),
-            "rotation_deg": found.found.rotation_deg[k].tolist(),
-        }
-        for k in range(len(held_out))
-    ]

@@ -30,37 +30,42 @@ def export(
     from pa10cal.errors import CalibrationError
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_text
-    from pa10cal.files.schemas import CALIBRATION, EXTENDED, MODEL
+    from pa10cal.files.schemas import EXTENDED, MODEL
+    from pa10cal.results.calibration import CalibrationRecord
+    from pa10cal.results.codec import read
     from pa10cal.stages.calibration_record import read_fit
     from pa10cal.stages.records import read_pose_matrix, read_record, read_vector
 
-    record = read_record(calibration, CALIBRATION, ("parameters", "robot", "status"))
-    if record["status"] != "converged":
+    record = read(CalibrationRecord, calibration)
+    if record.status != "converged":
         raise CalibrationError(
             "a fit that did not converge is not exported",
             where=str(calibration),
-            value=record["status"],
+            value=record.status,
             allowed="converged",
             remedy="raise calibration.max_iterations, or look at its warnings",
         )
-    health = record.get("health", {})
-    if health.get("verdict") == "not usable":
+    if record.health.verdict == "not usable":
         raise CalibrationError(
             "a calibration that is not usable is not exported",
             where=f"{calibration}: health",
-            value=health["line"],
+            value=record.health.line,
             allowed="good or usable",
             remedy="do what the line says",
         )
-    arm = load_arm(record["robot"], campaign_dir)
+    arm = load_arm(record.robot, campaign_dir)
     fitted, x, T_instr_base = read_fit(record, arm, calibration, cubic=True)
-    parameters, effects, warnings = record["parameters"], [], record["warnings"]
+    parameters, effects, warnings = (
+        {name: each.model_dump() for name, each in record.parameters.items()},
+        [],
+        list(record.warnings),
+    )
     if extended is not None:
         with_effects = read_record(
             extended,
             EXTENDED,
             ("effects", "named", "parameters", "warnings"),
-            record["campaign"],
+            record.campaign,
         )
         # With nothing missing the calibrated model stays as it is.
         if with_effects["effects"]:
@@ -72,10 +77,10 @@ def export(
     unloaded = PoseStates(zeros, zeros, zeros, zero, zero, zero)
     content = {
         "schema": MODEL,
-        "campaign": record["campaign"],
-        "provenance": record["provenance"],
+        "campaign": record.campaign,
+        "provenance": record.provenance,
         "robot": arm.name,
-        "calibration": record["load"],
+        "calibration": record.load,
         "parameters": parameters,
         "T_instr_base": T_instr_base.tolist(),
         "effects": effects,
@@ -84,4 +89,4 @@ def export(
     text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
     write_text(urdf, urdf_text(fitted.chain, fitted.chain_coordinates(unloaded, x)[0], arm.name))
     write_text(model, text)
-    print(f"{record['campaign']}: model and URDF of the {record['load']} calibration written")
+    print(f"{record.campaign}: model and URDF of the {record.load} calibration written")

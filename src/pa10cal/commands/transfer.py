@@ -31,7 +31,6 @@ def transfer(
     from dataclasses import replace
 
     from pa10cal.calibration.general.transfer import refit_frames
-    from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.sightings import sightings
@@ -39,36 +38,36 @@ def transfer(
     from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.errors import CalibrationError, RecordError
     from pa10cal.files.arms import load_arm
-    from pa10cal.files.output import write_json
-    from pa10cal.files.schemas import CALIBRATION, TRANSFER
     from pa10cal.fit.loads import with_torques
-    from pa10cal.settings_reading import parse_section
+    from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
+    from pa10cal.results.codec import read, write
+    from pa10cal.results.evaluation import TransferRecord
     from pa10cal.stages.blocked_cv_model import extended_model
+    from pa10cal.stages.calibration_record import settings_of
     from pa10cal.stages.general_evaluation import (
         general_models,
         held_out_with_torques,
         judged_record,
     )
     from pa10cal.stages.measurement_setup import payload_of, setup_of
-    from pa10cal.stages.records import read_record
 
     campaign = read_campaign(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
     table = read_pose_table(poses, campaign.name)
-    record = read_record(calibration, CALIBRATION, ("model", "robot", "settings", "status"))
-    if record["model"] != "general" or record["robot"] != campaign.robot:
+    record = read(CalibrationRecord, calibration)
+    if not isinstance(record, GeneralCalibrationRecord) or record.robot != campaign.robot:
         raise RecordError(
             "the calibration cannot be carried over",
             where=str(calibration),
-            value=f"{record['model']} model of {record['robot']}",
+            value=f"{record.model} model of {record.robot}",
             allowed=f"a general model of {campaign.robot}",
             remedy="give the combined calibration of another campaign of the same robot",
         )
-    if record["status"] != "converged":
+    if record.status != "converged":
         raise CalibrationError(
             "a fit that did not converge is not carried over",
             where=str(calibration),
-            value=record["status"],
+            value=record.status,
             allowed="converged",
             remedy="raise calibration.max_iterations, or look at its warnings",
         )
@@ -86,7 +85,7 @@ def transfer(
     }
     if extended is not None:
         with_effects = extended_model(extended, record, arm, calibration)
-        used = parse_section(CalibrationOptions, record["settings"], where=str(calibration))
+        used = settings_of(record, calibration)
         setup = setup_of(campaign, arm, used, DiscoveryOptions())
         if with_effects.arrival_from_order:
             grid, held_out = sighted(with_arrivals(table)[0])
@@ -96,16 +95,13 @@ def transfer(
             held_out,
             with_effects.extrapolated(held_out.states),
         )
-    write_json(
-        out,
-        {
-            "schema": TRANSFER,
-            "campaign": campaign.name,
-            "provenance": campaign.provenance,
-            "from": record["campaign"],
-            "configurations": len(held_out),
-            "models": judged,
-        },
+    found = TransferRecord(
+        campaign=campaign.name,
+        provenance=campaign.provenance,
+        from_=record.campaign,
+        configurations=len(held_out),
+        models=judged,
     )
-    summary = ", ".join(f"{name} {found['rms_mm']:.3f} mm" for name, found in judged.items())
-    print(f"{campaign.name}: model of {record['campaign']}, base and tool fitted: rms {summary}")
+    write(found, out)
+    summary = ", ".join(f"{name} {model.rms_mm:.3f} mm" for name, model in judged.items())
+    print(f"{campaign.name}: model of {record.campaign}, base and tool fitted: rms {summary}")

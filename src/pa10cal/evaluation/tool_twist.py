@@ -6,30 +6,13 @@ that sat differently on the flange between the two sessions would show just so.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.results.evaluation import ToolTwist as ToolTwist
+
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class ToolTwist:
-    """A constant rotation of the tool on the flange, and what it leaves.
-
-    Attributes:
-        rotation_deg: (3,) axis times angle, along the end-effector's axes.
-        angle_deg: its angle.
-        before_deg: mean orientation error without it.
-        after_deg: mean orientation error once it is taken off.
-    """
-
-    rotation_deg: Array
-    angle_deg: float
-    before_deg: float
-    after_deg: float
 
 
 def constant_tool_twist(R_predicted: Array, R_measured: Array) -> ToolTwist:

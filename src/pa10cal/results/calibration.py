@@ -161,6 +161,11 @@ class CalibrationRecord(Fit, MeasuredRecord):
         """Return every fit that the file holds, by its key; the calibration itself has none."""
         return {"": self}
 
+    @property
+    def torques_logged(self) -> bool:
+        """Whether joint torques are those of the log; the paper's model takes no others."""
+        return True
+
     @classmethod
     def kinds(cls) -> tuple[type[Record], ...]:
         """Return a type for each model."""
@@ -291,3 +296,8 @@ class GeneralCalibrationRecord(GeneralFit, CalibrationRecord):
     def fits(self) -> Mapping[str, Fit]:
         """Return the whole fit, that without springs, and that of the frames alone."""
         return {"": self, "geometry": self.geometry, "nominal": self.nominal}
+
+    @property
+    def torques_logged(self) -> bool:
+        """Whether joint torques are those of the log."""
+        return self.torques_from == "logged"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about
 from pa10cal.files.schemas import EXTENDED
 from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.results.calibration import GeneralCalibrationRecord
 from pa10cal.stages.blocked_cv_record import read_angles
 from pa10cal.stages.extended_record import read_extended
 from pa10cal.stages.general_record import read_general
@@ -69,7 +69,7 @@ class ExtendedModel:
 
 
 def extended_model(
-    path: Path, calibration: dict[str, Any], arm: Arm, calibration_path: Path
+    path: Path, calibration: GeneralCalibrationRecord, arm: Arm, calibration_path: Path
 ) -> ExtendedModel:
     """Read the extended model of a general calibration.
 
@@ -82,7 +82,7 @@ def extended_model(
     Raises:
         RecordError: when it is of another campaign or cannot be restored.
     """
-    record = read_record(path, EXTENDED, ("effects", "x"), calibration["campaign"])
+    record = read_record(path, EXTENDED, ("effects", "x"), calibration.campaign)
     fitted = read_general(calibration, arm, calibration_path)
     baseline, model, x, T_instr_base = read_extended(record, with_bends(fitted.model), path)
     return ExtendedModel(

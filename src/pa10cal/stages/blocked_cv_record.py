@@ -176,7 +176,7 @@ def _parted(found: PartedGap) -> dict[str, Any]:
 def _pair(before: Accuracy | None, after: Accuracy | None) -> dict[str, Any] | None:
     if before is None or after is None:
         return None
-    return {"before": asdict(before), "after": asdict(after)}
+    return {"before": before.model_dump(), "after": after.model_dump()}
 
 
 def parameters_of(found: BlockedDiscovery) -> dict[str, dict[str, Any]]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,16 +11,16 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.general.case import FittedModel
-from pa10cal.calibration.general.deviation import (
-    SeenDeviations,
-    accuracy_by_load,
-    accuracy_seen,
-)
+from pa10cal.calibration.general.deviation import accuracy_by_load, accuracy_seen
+from pa10cal.calibration.records import by_load
 from pa10cal.campaign.description import Campaign
 from pa10cal.campaign.seen import SeenPoses, Sightings
 from pa10cal.campaign.sightings import sightings
 from pa10cal.evaluation.tool_twist import constant_tool_twist
 from pa10cal.fit.loads import with_torques
+from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.calibration import GeneralCalibrationRecord
+from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, ToolTwist
 from pa10cal.stages.general_record import read_general
 from pa10cal.stages.measurement_setup import payload_of
 
@@ -35,17 +34,19 @@ def held_out_with_torques(table: pd.DataFrame, campaign: Campaign, arm: Arm) -> 
     return replace(found, states=states)
 
 
-def general_models(record: dict[str, Any], arm: Arm, path: Path) -> dict[str, FittedModel]:
+def general_models(
+    record: GeneralCalibrationRecord, arm: Arm, path: Path
+) -> dict[str, FittedModel]:
     """Return the models of a general calibration by the names under which they are evaluated."""
     models = {"uncalibrated": read_general(record, arm, path, "nominal")}
-    if record["springs"]:
+    if record.springs:
         models["geometry"] = read_general(record, arm, path, "geometry")
     return models | {"linear": read_general(record, arm, path)}
 
 
 def judged_record(
     model: FittedModel, held_out: Sightings, extrapolated: NDArray[np.bool_] | None = None
-) -> dict[str, Any]:
+) -> HeldOutModel:
     """Return errors of one model over held-out poses, by load, by point and pose by pose.
 
     Args:
@@ -55,23 +56,29 @@ def judged_record(
             None where it has learnt nothing that stops there.
     """
     found = model.deviations(held_out)
-    record = {
-        **asdict(accuracy_seen(found)),
-        "per_load": {
-            f"{load:g}N": asdict(accuracy)
-            for load, accuracy in accuracy_by_load(found, held_out.states.load_N).items()
-        },
-        "per_point": {
-            str(label): asdict(accuracy_seen(found.take(held_out.pose == label)))
+
+    def errors(rows: NDArray[np.bool_] | None) -> Accuracy | None:
+        return accuracy_seen(found.take(rows)) if rows is not None and rows.any() else None
+
+    return HeldOutModel(
+        **dict(accuracy_seen(found)),
+        per_load=by_load(accuracy_by_load(found, held_out.states.load_N)),
+        per_point={
+            str(label): accuracy_seen(found.take(held_out.pose == label))
             for label in _points(held_out)
         },
-        "tool_twist": _twist(model, held_out),
-        "rows": _rows(found, held_out, extrapolated),
-    }
-    if extrapolated is not None:
-        for name, rows in (("inside", ~extrapolated), ("extrapolated", extrapolated)):
-            record[name] = asdict(accuracy_seen(found.take(rows))) if rows.any() else None
-    return record
+        tool_twist=_twist(model, held_out),
+        inside=errors(None if extrapolated is None else ~extrapolated),
+        extrapolated=errors(extrapolated),
+        rows=HeldOutRows(
+            pose=held_out.pose,
+            load_N=held_out.states.load_N,
+            position_mm=found.vector_mm,
+            error_mm=found.distance_mm,
+            rotation_deg=found.rotation_deg,
+            extrapolated=extrapolated,
+        ),
+    )
 
 
 #: More points than this are listed pose by pose only.
@@ -83,28 +90,10 @@ def _points(held_out: Sightings) -> NDArray[np.str_]:
     return labels if len(labels) <= _MOST_POINTS else labels[:0]
 
 
-def _twist(model: FittedModel, held_out: Sightings) -> dict[str, Any] | None:
+def _twist(model: FittedModel, held_out: Sightings) -> ToolTwist | None:
     seen = held_out.seen
     if not isinstance(seen, SeenPoses):
         return None
     T_base_ee = model.model.predict(held_out.states, model.x)
     R_measured = seen.T_instr_target[:, :3, :3] @ model.R_ee_target.T
-    twist = constant_tool_twist(model.T_instr_base[:3, :3] @ T_base_ee[:, :3, :3], R_measured)
-    return {**asdict(twist), "rotation_deg": twist.rotation_deg.tolist()}
-
-
-def _rows(
-    found: SeenDeviations, held_out: Sightings, extrapolated: NDArray[np.bool_] | None
-) -> list[dict[str, Any]]:
-    turned = found.rotation_deg
-    return [
-        {
-            "pose": str(held_out.pose[k]),
-            "load_N": float(held_out.states.load_N[k]),
-            "position_mm": found.vector_mm[k].tolist(),
-            "error_mm": float(found.distance_mm[k]),
-            "rotation_deg": None if turned is None else turned[k].tolist(),
-            "extrapolated": None if extrapolated is None else bool(extrapolated[k]),
-        }
-        for k in range(len(held_out))
-    ]
+    return constant_tool_twist(model.T_instr_base[:3, :3] @ T_base_ee[:, :3, :3], R_measured)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 from pa10cal.discovery.naming import Named
@@ -13,8 +12,8 @@ def naming_record(steps: tuple[Named, ...]) -> list[dict[str, Any]]:
     return [
         {
             "effects": [{"id": effect.id, "of": effect.of} for effect in step.effects],
-            "train": asdict(step.train),
-            "holdout": None if step.holdout is None else asdict(step.holdout),
+            "train": step.train.model_dump(),
+            "holdout": None if step.holdout is None else step.holdout.model_dump(),
         }
         for step in steps
     ]

@@ -115,7 +115,7 @@ def gap_record(found: Gap) -> dict[str, Any]:
 
 
 def _accuracy(accuracy: Accuracy) -> dict[str, Any]:
-    return asdict(accuracy)
+    return accuracy.model_dump()
 
 
 def _paired(paired: Paired) -> dict[str, Any]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
@@ -11,6 +9,7 @@ from scipy.special import chdtri
 from pa10cal.calibration.general.fit import Fit
 from pa10cal.calibration.general.instrument import kinds
 from pa10cal.calibration.general.problem import Problem
+from pa10cal.results.calibration import SuspectedOutlier as SuspectedOutlier
 
 Array = NDArray[np.float64]
 
@@ -18,27 +17,6 @@ Array = NDArray[np.float64]
 _ERROR_RATE = 0.01
 #: A pose with less weight than this is listed in any case.
 _LITTLE_WEIGHT = 0.5
-
-
-@dataclass(frozen=True)
-class SuspectedOutlier:
-    """A pose far outside the scatter of the others.
-
-    Attributes:
-        row: of the poses fitted.
-        pose: label.
-        load_N: external load.
-        distance: of its residual, in standard deviations over all its components.
-        weight: with which it stayed in the fit.
-        why: what is off, and by how much.
-    """
-
-    row: int
-    pose: str
-    load_N: float
-    distance: float
-    weight: float
-    why: str
 
 
 def suspected_outliers(problem: Problem, fit: Fit) -> tuple[SuspectedOutlier, ...]:

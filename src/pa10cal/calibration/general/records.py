@@ -1,0 +1,208 @@
+"""`calibration/<load>.json` of the general model."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pa10cal.calibration.base_parameters import report_base
+from pa10cal.calibration.general.calibrate import GeneralCalibration
+from pa10cal.calibration.general.case import FittedModel, GeneralCase, fitted
+from pa10cal.calibration.general.instrument import place_parameters
+from pa10cal.calibration.identifiability import not_identifiable, observability
+from pa10cal.calibration.records import by_load, health_part, reported_keys
+from pa10cal.results.accuracy import ResidualRows
+from pa10cal.results.calibration import (
+    CalibratedParameter,
+    Covariance,
+    GeneralCalibrationRecord,
+    GeneralErrors,
+    GeneralFit,
+    Redundant,
+    Solved,
+    Spring,
+)
+from pa10cal.terms.joint_spring import JointSpring
+
+if TYPE_CHECKING:
+    from pa10cal.calibration.options import CalibrationOptions
+    from pa10cal.campaign.description import Campaign
+
+_BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
+
+
+def general_record(
+    case: GeneralCase, campaign: Campaign, settings: CalibrationOptions
+) -> GeneralCalibrationRecord:
+    """Return the record of a load case worked out with the general model.
+
+    Args:
+        case: the load case.
+        campaign: whose it is.
+        settings: what it was worked out with.
+    """
+    full = case.full
+    identifiability = full.fit.identifiability
+    load_N = full.problem.sightings.states.load_N
+    before, geometry = by_load(case.before), by_load(case.geometry_after)
+    return GeneralCalibrationRecord(
+        campaign=campaign.name,
+        provenance=campaign.provenance,
+        robot=campaign.robot,
+        load=case.load,
+        loads_fitted=tuple(np.unique(load_N).tolist()),
+        **_fit_keys(full),
+        starts=1,
+        starts_agreeing=1,
+        rank=identifiability.rank,
+        unknowns=len(full.problem.parameters),
+        condition=identifiability.condition,
+        singular_values=identifiability.singular_values,
+        null_directions=tuple(each.weights for each in case.unidentified_directions),
+        redundant=tuple(
+            Redundant(name=each.name, said_by=each.said_by) for each in full.unknowns.redundant
+        ),
+        observability=observability(identifiability, len(load_N)),
+        springs=full.springs,
+        torques_from=full.torques_from,
+        errors={
+            load: GeneralErrors(before=before[load], geometry=geometry[load], after=after)
+            for load, after in by_load(case.after).items()
+        },
+        before_is="nominal arm, base and tool fitted",
+        geometry=GeneralFit(**_fit_keys(case.geometry)),
+        nominal=GeneralFit(**_fit_keys(case.nominal)),
+        residuals=_residuals(case),
+        suspected_outliers=case.suspected_outliers,
+        health=health_part(case.health, full.problem.sightings.pose),
+        warnings=_warnings(case),
+        seconds=case.seconds,
+        settings=settings.model_dump(mode="json"),
+    )
+
+
+def _fit_keys(general: GeneralCalibration) -> dict[str, Any]:
+    """Return how a fit ended, its parameters, and what it takes to build it again."""
+    found, problem, model = general.fit, general.problem, fitted(general)
+    return {
+        "status": "converged" if found.converged else "not converged",
+        "reason": found.reason,
+        "cost": found.cost,
+        "dof": found.dof,
+        "iterations": found.iterations,
+        "scatter": found.scatter,
+        "parameters": _parameters(general, model),
+        "covariance": Covariance(
+            names=tuple(parameter.name for parameter in problem.parameters),
+            matrix=found.covariance,
+        ),
+        "T_instr_base": model.T_instr_base,
+        "solved": Solved(
+            links=tuple(parameter.name for parameter in general.unknowns.links.parameters),
+            springs=tuple(
+                Spring(joint=term.joint, tau_ref_Nm=term.tau_ref_Nm)
+                for term in problem.model.terms
+                if isinstance(term, JointSpring)
+            ),
+            tool=tuple(parameter.name for parameter in general.unknowns.tool.parameters),
+            x=model.x,
+            places_m=model.places_m,
+            R_ee_target=model.R_ee_target,
+        ),
+    }
+
+
+def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, CalibratedParameter]:
+    """Return every parameter with value, standard uncertainty, unit and tolerance."""
+    problem, found = general.problem, general.fit
+    openly = not_identifiable(found.identifiability, problem.parameters)
+    report = model.model.report(model.x)
+    count = len(model.x)
+    solved_of = np.abs(report.jacobian) > 0
+    keys = reported_keys(report, found.covariance[:count, :count])
+    records = {}
+    for name, sources in zip(keys, solved_of, strict=True):
+        if name.startswith("K_cub"):
+            continue  # springs are linear here
+        solved = np.flatnonzero(sources)
+        records[name] = _parameter(
+            keys[name],
+            identifiable=not openly.intersection(problem.parameters[j].name for j in solved),
+            at_bound=any(bool(found.at_bound[j]) for j in solved),
+        )
+    records |= _base_parameters(general, model)
+    everywhere = place_parameters(problem.seen)
+    for column, k in enumerate(problem.places, start=len(found.x) - len(problem.places)):
+        name = everywhere[k].name
+        place = {
+            "value": float(found.x[column]),
+            "std": float(np.sqrt(found.covariance[column, column])),
+            "unit": "m",
+            "tolerance": None,
+        }
+        records[name] = _parameter(place, identifiable=name not in openly)
+    for settled in general.settled:
+        records[settled.parameter.name] = CalibratedParameter(
+            value=0.0,
+            std=settled.std,
+            unit="rad",
+            tolerance=settled.parameter.tolerance,
+            identifiable=True,
+            at_bound=False,
+            settled=True,
+        )
+    return records
+
+
+def _base_parameters(
+    general: GeneralCalibration, model: FittedModel
+) -> dict[str, CalibratedParameter]:
+    """Return the base frame's parameters; of a distance only the fixed point's place."""
+    names = [parameter.name for parameter in general.unknowns.base.parameters]
+    base = report_base(model.T_instr_base)
+    first = len(model.x)
+    covariance = np.zeros((6, 6))
+    at = [_BASE.index(name) for name in names]
+    width = slice(first, first + len(names))
+    covariance[np.ix_(at, at)] = general.fit.covariance[width, width]
+    # The motions are along axes of the base as it was put; those of the report the instrument's.
+    along = np.eye(6)
+    along[:3, :3] = general.problem.T_instr_base[:3, :3]
+    whole = len(names) == len(_BASE)
+    return {
+        name: _parameter(keys, identifiable=whole or keys["unit"] == "m")
+        for name, keys in reported_keys(base, along @ covariance @ along.T).items()
+    }
+
+
+def _parameter(
+    keys: dict[str, Any], *, identifiable: bool, at_bound: bool = False
+) -> CalibratedParameter:
+    """Return a parameter; where it is not identifiable its tolerance stands for its uncertainty."""
+    held = {} if identifiable else {"std": keys["tolerance"]}
+    return CalibratedParameter(**(keys | held), identifiable=identifiable, at_bound=at_bound)
+
+
+def _residuals(case: GeneralCase) -> ResidualRows:
+    """Return place, position and rotation residual of every grid pose, along base axes."""
+    model = fitted(case.full)
+    return ResidualRows(
+        pose=case.grid.pose,
+        load_N=case.grid.states.load_N,
+        place_mm=1e3 * model.model.predict(case.grid.states, model.x)[:, :3, 3],
+        position_mm=case.residuals.vector_mm,
+        rotation_deg=case.residuals.rotation_deg,
+    )
+
+
+def _warnings(case: GeneralCase) -> tuple[str, ...]:
+    """Return what a reader should know before trusting the fit."""
+    found = []
+    if not case.full.fit.converged:
+        found.append(f"not converged: {case.full.fit.reason}")
+    if case.health.verdict != "good":
+        found.append(case.health.line)
+    if case.full.torques_from == "masses" and case.full.springs:
+        found.append("torques were not logged: those of the described masses stand for them")
+    return tuple(found)

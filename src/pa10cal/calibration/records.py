@@ -1,0 +1,298 @@
+"""`calibration/<load>.json` of the paper's model, and what it shares with the general one's."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.calibration.accuracy import Accuracy, summarise_by_load
+from pa10cal.calibration.base_parameters import report_base
+from pa10cal.calibration.calibrate import Calibration, pull_beyond_bounds, weak_directions
+from pa10cal.calibration.health import Health
+from pa10cal.calibration.identifiability import observability
+from pa10cal.calibration.load_case import LoadCase, model_deviations
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.results import health as health_parts
+from pa10cal.results.accuracy import ResidualRows
+from pa10cal.results.calibration import (
+    CalibratedParameter,
+    Covariance,
+    InnerDependence,
+    LinearFit,
+    OneLevel,
+    PaperCalibrationRecord,
+    PaperErrors,
+    SeedDifference,
+    WeakDirection,
+)
+from pa10cal.terms.term import Report
+
+if TYPE_CHECKING:
+    from pa10cal.calibration.options import CalibrationOptions
+    from pa10cal.campaign.description import Campaign
+
+Array = NDArray[np.float64]
+
+#: The straight lines give the base frame to about the nominal model's own error, near 1 deg.
+_FAR_FROM_SEED_DEG = 3.0
+#: Standard uncertainties beyond a bound that noise reaches in one case of twenty.
+_PULL_OF_NOISE = 2.0
+#: Root mean square error over that of the noise above which the model lacks something.
+_INCOMPLETE = 3.0
+
+
+def paper_record(
+    case: LoadCase, campaign: Campaign, settings: CalibrationOptions
+) -> PaperCalibrationRecord:
+    """Return the record of a load case worked out with the paper's model.
+
+    Args:
+        case: the load case.
+        campaign: whose it is.
+        settings: what it was worked out with.
+    """
+    cubic, model = case.cubic, case.cubic.level.model
+    solved = [parameter.name for parameter in model.parameters]
+    reported = [parameter.name for parameter in model.report(cubic.solution.x).parameters]
+    after = _after(cubic, case.grid)
+    before, from_seed = by_load(case.before), by_load(case.before_seed_frame)
+    return PaperCalibrationRecord(
+        campaign=campaign.name,
+        provenance=campaign.provenance,
+        robot=campaign.robot,
+        load=case.load,
+        loads_fitted=_loads(cubic.level.observations),
+        **_fit_keys(cubic),
+        rank=cubic.identifiability.rank,
+        unknowns=len(cubic.identifiability.singular_values),
+        condition=cubic.identifiability.condition,
+        singular_values=cubic.identifiability.singular_values,
+        null_directions=tuple(each.weights for each in cubic.unidentified_directions),
+        weak_directions=tuple(
+            WeakDirection(std_over_tolerance=size, weights=direction.weights)
+            for size, direction in weak_directions(cubic)
+        ),
+        observability=observability(cubic.identifiability, len(cubic.level.observations)),
+        errors={
+            load: PaperErrors(
+                before=before[load], before_seed_frame=from_seed[load], after=after[load]
+            )
+            for load in after
+        },
+        inner_poses=tuple(cubic.inner_poses),
+        inner_dependence=InnerDependence(
+            choices=case.dependence.choices,
+            std=dict(zip(reported, case.dependence.std.tolist(), strict=True)),
+            mean_mm=case.dependence.mean_mm,
+        ),
+        one_level=OneLevel(
+            largest_difference=case.one_level.largest_difference,
+            mean_mm=case.one_level.mean_mm,
+            shift_over_std=dict(zip(solved, case.one_level.shift.tolist(), strict=True)),
+        ),
+        seed_difference=SeedDifference(
+            angle_deg=case.seed_angle_deg, distance_mm=case.seed_distance_mm
+        ),
+        linear=LinearFit(**_fit_keys(case.linear), after=_after(case.linear, case.grid)),
+        l_curve=case.l_curve,
+        residuals=_residuals(case),
+        health=health_part(case.health, cubic.level.observations.pose),
+        warnings=_warnings(case),
+        seconds=case.seconds,
+        settings=settings.model_dump(mode="json"),
+    )
+
+
+def parameter_records(calibration: Calibration) -> dict[str, CalibratedParameter]:
+    """Return every parameter with value, standard uncertainty, unit and tolerance.
+
+    A parameter of a direction that is not identifiable is held by its tolerance term alone, so
+    its tolerance stands for its uncertainty.
+    """
+    outer = calibration.level.model.report(calibration.solution.x)
+    base = report_base(calibration.T_instr_base)
+    covariances = calibration.covariances
+    at_bound = _at_bound(calibration, outer)
+    return {
+        name: CalibratedParameter(
+            **(keys if name not in calibration.not_identifiable else _held(keys)),
+            identifiable=name not in calibration.not_identifiable,
+            at_bound=name in at_bound,
+        )
+        for report, covariance in ((outer, covariances.parameters), (base, covariances.base))
+        for name, keys in reported_keys(report, covariance).items()
+    }
+
+
+def reported_keys(report: Report, covariance: Array) -> dict[str, dict[str, Any]]:
+    """Return value, standard uncertainty, unit and tolerance of reported parameters, by name.
+
+    Args:
+        report: k parameters, and their derivative by the m solved ones.
+        covariance: (m, m) of those solved.
+    """
+    std = np.sqrt(np.diag(report.jacobian @ covariance @ report.jacobian.T))
+    return {
+        parameter.name: {
+            "value": float(value),
+            "std": float(sigma),
+            "unit": parameter.unit,
+            "tolerance": parameter.tolerance,
+        }
+        for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)
+    }
+
+
+def by_load(accuracies: dict[float, Accuracy]) -> dict[str, Accuracy]:
+    """Return accuracies keyed by load as `0N`, `22N`, …, as the files are named."""
+    return {f"{load:g}N": accuracy for load, accuracy in accuracies.items()}
+
+
+def health_part(health: Health, pose: NDArray[np.str_]) -> health_parts.Health:
+    """Return what to look at before a calibration is trusted.
+
+    Args:
+        health: of the calibration.
+        pose: (P,) labels of the poses it was fitted to.
+    """
+    ended, design = health.ended, health.design
+    finite = np.isfinite(design.u_optimal_m)
+    both = finite & np.isfinite(design.u_measured_m)
+    return health_parts.Health(
+        verdict=health.verdict,
+        line=health.line,
+        converged=ended.converged,
+        reason=ended.reason,
+        iterations=ended.iterations,
+        at_bounds=ended.at_bound,
+        rank=ended.identifiability.rank,
+        unknowns=len(ended.parameters),
+        condition=ended.identifiability.condition,
+        not_identifiable=tuple(sorted(ended.not_identifiable)),
+        correlated_pairs=tuple(
+            health_parts.CorrelatedPair(
+                parameters=(pair.first, pair.second), correlation=pair.correlation
+            )
+            for pair in health.pairs
+        ),
+        train_rms_mm=health.train_rms_mm,
+        held_out_rms_mm=health.held_out_rms_mm,
+        noise_mm=health.noise_mm,
+        poses=health_parts.PosesNeeded(
+            measured=health.poses,
+            wanted=health.poses_wanted,
+            u_wanted_mm=health.u_wanted_mm,
+            u_model_mm=health.u_model_mm if np.isfinite(health.u_model_mm) else None,
+            d_optimal_order=tuple(pose[design.order].tolist()),
+            expected=tuple(
+                health_parts.ExpectedUncertainty(
+                    poses=int(number),
+                    u_optimal_mm=1e3 * float(design.u_optimal_m[k]),
+                    u_measured_mm=1e3 * float(design.u_measured_m[k]) if both[k] else None,
+                )
+                for k, number in enumerate(design.numbers)
+                if finite[k]
+            ),
+        ),
+    )
+
+
+def _fit_keys(calibration: Calibration) -> dict[str, Any]:
+    """Return how a fit ended, its parameters and its base frame."""
+    solution = calibration.solution
+    report = calibration.level.model.report(solution.x)
+    return {
+        "status": "converged" if calibration.converged else "not converged",
+        "reason": solution.reason,
+        "cost": solution.cost,
+        "iterations": solution.iterations,
+        "starts": len(calibration.starts),
+        "starts_agreeing": calibration.starts_agreeing,
+        "parameters": parameter_records(calibration),
+        "covariance": Covariance(
+            names=tuple(parameter.name for parameter in report.parameters),
+            matrix=report.jacobian @ calibration.covariances.parameters @ report.jacobian.T,
+        ),
+        "T_instr_base": calibration.T_instr_base,
+    }
+
+
+def _after(calibration: Calibration, grid: PoseObservations) -> dict[str, Accuracy]:
+    """Return the errors on the grid poses of every load, whether the fit used them or not."""
+    return by_load(summarise_by_load(model_deviations(calibration, grid), grid.states.load_N))
+
+
+def _loads(poses: PoseObservations) -> tuple[float, ...]:
+    return tuple(np.unique(poses.states.load_N).tolist())
+
+
+def _held(keys: dict[str, Any]) -> dict[str, Any]:
+    return {**keys, "std": keys["tolerance"]}
+
+
+def _residuals(case: LoadCase) -> ResidualRows:
+    """Return place, position and rotation residual of every grid pose, along base axes."""
+    T_base_ee = case.cubic.level.model.predict(case.grid.states, case.cubic.solution.x)
+    return ResidualRows(
+        pose=case.grid.pose,
+        load_N=case.grid.states.load_N,
+        place_mm=1e3 * T_base_ee[:, :3, 3],
+        position_mm=case.residuals.position_mm,
+        rotation_deg=case.residuals.rotation_deg,
+    )
+
+
+def _warnings(case: LoadCase) -> tuple[str, ...]:
+    """Return what a reader should know before trusting the fit."""
+    cubic, found = case.cubic, []
+    if not cubic.converged:
+        found.append(f"not converged: {cubic.solution.reason}")
+    bound = sorted(_at_bound(cubic, cubic.level.model.report(cubic.solution.x)))
+    if bound:
+        pull = float(pull_beyond_bounds(cubic).max())
+        meaning = (
+            "the data ask for a stiffness that is not positive, as they do when an effect is "
+            "missing from the model"
+            if pull > _PULL_OF_NOISE
+            else "not to be told from the bound with these data"
+        )
+        found.append(
+            f"{', '.join(bound)} at the end of the physical range, {pull:.1f} standard "
+            f"uncertainties beyond it: {meaning}"
+        )
+    over = _over_repeats(case)
+    if over > _INCOMPLETE:
+        found.append(
+            f"the error left is {over:.0f} times what the noise of the readings explains: the "
+            "model is incomplete, and the uncertainties do not cover what it lacks"
+        )
+    if cubic.starts_agreeing < 2 <= len(cubic.starts):
+        found.append(f"only one of {len(cubic.starts)} starts found this minimum")
+    if case.seed_angle_deg > _FAR_FROM_SEED_DEG:
+        found.append(f"base frame ended {case.seed_angle_deg:.2f} deg away from its seed")
+    return tuple(found)
+
+
+def _over_repeats(case: LoadCase) -> float:
+    """Return the position error left on the poses fitted over what their noise explains."""
+    level = case.cubic.level
+    noise_m2 = np.trace(case.noise.cov_ee[:, :3, :3], axis1=1, axis2=2).mean()
+    if not noise_m2 > 0:
+        return 0.0
+    residuals = level.residuals(case.cubic.solution.x)[:, :3] * level.r_max_m
+    return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)) / noise_m2))
+
+
+def _at_bound(calibration: Calibration, report: Report) -> frozenset[str]:
+    """Return the reported parameters that stand or fall with a parameter at its bound.
+
+    A linear spring's K_cub is at its end, zero, while its K_lin is an ordinary number.
+    """
+    held = np.flatnonzero(calibration.solution.at_bound)
+    touched = np.abs(report.jacobian[:, held]).sum(axis=1) > 0
+    at_zero = touched & (report.values == 0.0)
+    names = (parameter.name for parameter in report.parameters)
+    flagged = at_zero if at_zero.any() else touched
+    return frozenset(name for name, is_held in zip(names, flagged, strict=True) if is_held)

@@ -1,0 +1,64 @@
+"""`evaluation/holdout.json`: models on held-out poses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pa10cal.calibration.records import by_load
+from pa10cal.campaign.observations import PoseObservations
+from pa10cal.evaluation.holdout import HeldOut
+from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, HoldoutRecord
+
+if TYPE_CHECKING:
+    from pa10cal.campaign.description import Campaign
+
+
+def holdout_record(
+    campaign: Campaign, calibration: str, models: dict[str, HeldOutModel]
+) -> HoldoutRecord:
+    """Return the record of some models on held-out poses.
+
+    Args:
+        campaign: whose poses they are.
+        calibration: load case of the calibration judged.
+        models: errors by model; empty where no poses were held out.
+    """
+    return HoldoutRecord(
+        campaign=campaign.name,
+        provenance=campaign.provenance,
+        calibration=calibration,
+        configurations=max((model.configurations for model in models.values()), default=0),
+        models=models,
+        note=None if models else "no held-out rows measured",
+    )
+
+
+def summary(record: HoldoutRecord) -> str:
+    """Say in one line what was found."""
+    if not record.models:
+        return "no held-out rows to evaluate"
+    errors = ", ".join(
+        f"{name} {model.mean_mm:.3f}/{model.peak_mm:.3f} mm"
+        for name, model in record.models.items()
+    )
+    return f"held out ({record.configurations}): mean/peak {errors}"
+
+
+def held_out_model(found: HeldOut, held_out: PoseObservations) -> HeldOutModel:
+    """Return errors of one model over held-out poses, by load, by point and pose by pose."""
+    return HeldOutModel(
+        **dict(found.overall),
+        per_load=by_load(found.by_load),
+        per_point=found.by_point,
+        tool_twist=found.tool_twist,
+        inside=None,
+        extrapolated=None,
+        rows=HeldOutRows(
+            pose=held_out.pose,
+            load_N=held_out.states.load_N,
+            position_mm=found.found.position_mm,
+            error_mm=found.found.distance_mm,
+            rotation_deg=found.found.rotation_deg,
+            extrapolated=None,
+        ),
+    )
