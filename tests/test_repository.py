@@ -87,7 +87,14 @@ MAY_IMPORT = {
         "arm.parallel",
         "settings",
     },
-    "figures": {"arm", "evaluation.options", "files", "montecarlo.options", "settings"},
+    "figures": {
+        "arm",
+        "campaign.description",
+        "evaluation.options",
+        "files",
+        "montecarlo.options",
+        "settings",
+    },
     "planning": {"files", "settings"},
 }
 #: Libraries that only some packages or modules may import.

@@ -17,25 +17,10 @@ import pytest
 import yaml
 
 from pa10cal.evaluation.options import BlindTrialsOptions
-from pa10cal.figures.catalogue import (
-    CURVE_FIGURES,
-    CURVE_TABLES,
-    FIGURES,
-    TABLES,
-    TRIAL_FIGURES,
-    TRIAL_TABLES,
-)
 from workflow_stand_ins import STAND_INS, stand_in
 
 ROOT = Path(__file__).parents[1]
 SETTINGS = BlindTrialsOptions()
-PICTURES = {*FIGURES, *TABLES}
-TRIAL_PICTURES = {*TRIAL_FIGURES, *TRIAL_TABLES}
-CURVE_PICTURES = {*CURVE_FIGURES, *CURVE_TABLES}
-OF_COMPLETE_MODEL = {"held_out_errors", "error_by_joint", "accuracy_general"}
-OF_BLOCKS = {"joint_error_maps"}
-OF_DISCOVERY = {"where_breakdown", "where_joints", "gap_by_step", "parameter_shifts", "verdict"}
-ALWAYS = {"health", "health_summary", "parameters_general", "suspected_outliers", "residual_field"}
 
 
 def snakemake(*words, cwd, env=None):
@@ -76,18 +61,13 @@ def checkout(tmp_path):
     """Lay out a copy of the project with stand-in commands and one campaign; return a runner."""
     place = tmp_path / "check out"
     package = place / "src/pa10cal"
-    shutil.copytree(
-        ROOT / "src/pa10cal", package, ignore=shutil.ignore_patterns("__pycache__", "figures")
-    )
+    shutil.copytree(ROOT / "src/pa10cal", package, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "workflow", place / "workflow")
     for name in ("Snakefile", "config.yaml", "README.md"):
         shutil.copy(ROOT / name, place)
     for command in STAND_INS:
         (package / f"commands/{command}.py").write_text(stand_in(command))
     (package / "calibration/probe.py").write_text("ANSWER = 1\n")
-    (package / "figures").mkdir()
-    for name in ("__init__", *PICTURES, *TRIAL_PICTURES, *CURVE_PICTURES):
-        (package / f"figures/{name}.py").write_text(f'"""{name}"""\n')
     campaign = place / "data/raw/c1"
     campaign.mkdir(parents=True)
     content = {
@@ -145,12 +125,6 @@ def test_names_a_campaign_that_is_not_there(plan, tmp_path):
     assert "Traceback" not in text
 
 
-def test_every_picture_has_a_caption():
-    captions = {path.stem for path in (ROOT / "workflow/report").glob("*.rst")}
-    of_curves = CURVE_PICTURES | {"curve_shape", "curve_gait"}
-    assert captions == PICTURES | TRIAL_PICTURES | of_curves | {"workflow"}
-
-
 def test_a_campaign_that_is_not_there_is_refused_in_one_line(plan):
     code, text = plan(campaigns='["nope"]')
     assert code != 0
@@ -167,8 +141,8 @@ def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
     calibrations = {path.stem for path in (results / "calibration").iterdir()}
     assert calibrations == {"0N", "22.5N", "combined", "general"}
     assert {path.stem for path in (results / "montecarlo").iterdir()} == {"z300", "z500"}
-    drawn = {path.stem for path in results.glob("[ft][ia][gb]*/*.*")}
-    assert drawn == PICTURES - OF_COMPLETE_MODEL - OF_BLOCKS
+    drawn = json.loads((results / "figures/drawn.svg").read_text())
+    assert set(drawn) == {"figures", "kcub_reading", "montecarlo", "evaluation"}
     assert "seed at work" in text
     assert (results / "logs/base_frame.log").read_text() == "seed at work\n"
     passed = json.loads((results / "montecarlo/z300.json").read_text())
@@ -181,43 +155,51 @@ def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
     other_starts = ["calibration={'starts': 2}"]
     jobs = planned(checkout("-n", config=other_starts)[1])
     assert jobs["calibrate"] == 4
-    assert jobs["evaluate"] == jobs["l_curve"] == 1
+    assert jobs["evaluate"] == jobs["pictures"] == 1
     assert not {"ingest", "base_frame", "montecarlo"} & set(jobs)
 
     probe = checkout.place / "src/pa10cal/calibration/probe.py"
     probe.write_text("ANSWER = 2\n")
     jobs = planned(checkout("-n")[1])
     assert jobs["calibrate"] == 4
-    assert not {"ingest", "base_frame", "montecarlo", "montecarlo_map"} & set(jobs)
+    assert not {"ingest", "base_frame", "montecarlo"} & set(jobs)
     probe.write_text("ANSWER = 1\n")
 
-    (checkout.place / "src/pa10cal/figures/l_curve.py").write_text("LINE = 1\n")
-    assert set(planned(checkout("-n", "figures")[1])) == {"l_curve", "figures", "total"}
+    (checkout.place / "src/pa10cal/figures/campaign/l_curve.py").write_text("LINE = 1\n")
+    assert set(planned(checkout("-n", "figures")[1])) == {"pictures", "figures", "total"}
 
     # The campaign's own description of its robot is an input once it is there.
     (checkout.place / "data/raw/c1/pa10_6ce.yaml").write_text("name: pa10_6ce\n")
     assert {"ingest", "base_frame", "montecarlo"} <= set(planned(checkout("-n")[1]))
 
 
-@pytest.mark.parametrize(
-    ("kind", "besides"),
-    [
-        ("pose", OF_COMPLETE_MODEL | OF_DISCOVERY | OF_BLOCKS),
-        ("points", OF_COMPLETE_MODEL),
-        ("distance", OF_COMPLETE_MODEL - {"error_by_joint"}),
-    ],
-)
-def test_pictures_of_a_campaign_follow_from_what_it_is(checkout, kind, besides):
+@pytest.mark.parametrize("kind", ["pose", "points", "distance"])
+def test_pictures_wait_for_what_a_campaign_has(checkout, kind):
     description = checkout.place / "data/raw/c1/campaign.yaml"
     content = yaml.safe_load(description.read_text()) | {"instrument": {"kind": kind}}
     description.write_text(yaml.safe_dump(content))
     code, text = checkout("figures")
     assert code == 0, text
     results = checkout.place / "results/c1"
-    drawn = {path.stem for path in results.glob("[ft][ia][gb]*/*.*")}
-    assert drawn == ALWAYS | besides
+    assert (results / "pictures.json").exists()
     assert [path.stem for path in (results / "calibration").iterdir()] == ["combined"]
+    assert (results / "discovery").exists() is (kind == "pose")
     assert not (results / "montecarlo").exists()
+
+
+def test_one_picture_is_drawn_by_its_path_from_what_it_needs(checkout):
+    path = "results/c1/figures/fig4_test_path.svg"
+    code, text = checkout(path, "results/c1/tables/health_summary.csv")
+    assert code == 0, text
+    results = checkout.place / "results/c1"
+    assert {path.suffix for path in (results / "figures").glob("fig4_test_path.*")} == {
+        ".svg",
+        ".pdf",
+        ".png",
+    }
+    assert (results / "tables/health_summary.md").exists()
+    assert not (results / "evaluation").exists()
+    assert planned(checkout("-n", "figures")[1])["pictures"] == 1
 
 
 def test_the_default_target_runs_a_few_blind_trials_and_their_own_target_all(plan):
@@ -233,7 +215,7 @@ def test_the_default_target_runs_a_few_blind_trials_and_their_own_target_all(pla
     code, text = plan("blind_trials")
     assert code == 0, text
     assert planned(text)["judge_trials"] == jobs(full)
-    assert planned(text)["score_trials"] == planned(text)["trials_summary"] == 1
+    assert planned(text)["score_trials"] == planned(text)["trial_pictures"] == 1
     assert full.null >= 200
     assert all(few <= many for (_, few), (_, many) in zip(reduced, full, strict=True))
 
@@ -245,7 +227,8 @@ def test_blind_trials_are_divided_into_jobs_and_scored_together(checkout):
     assert code == 0, text
     results = checkout.place / "results/blind_trials_reduced"
     assert (results / "scores.json").read_text() == "null 0 2; null 2 1; single 0 2"
-    assert {path.stem for path in results.glob("[ft][ia][gb]*/*.*")} == TRIAL_PICTURES
+    assert (results / "figures/drawn.svg").exists()
+    assert (results / "tables/drawn.html").exists()
     assert not (checkout.place / "results/c1").exists()
 
 
@@ -253,18 +236,17 @@ def test_curves_are_laid_drawn_and_the_chain_is_calibrated(checkout):
     code, text = checkout("curve", config=["curve={'individuals': 1}"])
     assert code == 0, text
     results = checkout.place / "results/curve"
-    drawn = {path.stem for path in results.glob("[ft][ia][gb]*/*.*")}
-    assert drawn == CURVE_PICTURES
-    moving = (results / "rolling_helix/figures/curve_gait.gif").read_text()
+    assert (results / "tables/drawn.html").exists()
+    moving = (results / "rolling_helix/figures/drawn.svg").read_text()
     assert json.loads(moving)["gait"]["moves"] == "roll"
     for still in ("helix", "serpenoid"):
-        drawn = results / still / "figures/curve_shape.svg"
+        drawn = results / still / "figures/drawn.svg"
         assert json.loads(drawn.read_text())["curve"]["shape"] == still
     passed = json.loads((results / "calibration.json").read_text())
     assert json.loads(passed["settings"])["individuals"] == 1
     assert json.loads(passed["calibration"])["starts"] == 8
     jobs = planned(checkout("-n", "curve", config=["curve={'individuals': 2}"])[1])
-    assert set(jobs) == {"calibrate_chain", *CURVE_PICTURES, "curve", "total"}
+    assert set(jobs) == {"calibrate_chain", "draw_chain", "curve", "total"}
 
 
 def test_shows_and_keeps_the_message_of_a_stage_that_refuses(checkout):

@@ -53,11 +53,18 @@ STAND_INS = {
     ),
     "coverage": (["--campaigns", "--first-seed", "--settings", "--out"], ""),
     "figures": (
-        ["--figure", "--campaign-dir", "--results-dir", "--settings", "--out-dir"],
+        ["--figure?", "--campaign-dir?", "--results", "--settings"],
         """
-        endings = ["csv", "md", "html"] if a.out_dir.endswith("tables") else ["svg", "pdf", "png"]
-        for ending in endings:
-            write_text(Path(a.out_dir) / f"{a.figure}.{ending}", a.figure)
+        out = Path(a.results)
+        record = out / "curve.json"
+        said = record.read_text() if record.exists() else a.settings
+        if a.figure:
+            for ending in ("svg", "pdf", "png", "csv", "md", "html"):
+                place = "figures" if ending in ("svg", "pdf", "png") else "tables"
+                write_text(out / place / f"{a.figure}.{ending}", said)
+        else:
+            for name in ("figures/drawn.svg", "tables/drawn.html", "pictures.json"):
+                write_text(out / name, said)
         """,
     ),
     "blind_trials": (
@@ -82,14 +89,6 @@ STAND_INS = {
             write_text(Path(path), "; ".join(Path(name).read_text() for name in a.verdicts))
         """,
     ),
-    "trial_figures": (
-        ["--figure", "--scores", "--settings", "--out-dir"],
-        """
-        endings = ["csv", "md", "html"] if a.out_dir.endswith("tables") else ["svg", "pdf", "png"]
-        for ending in endings:
-            write_text(Path(a.out_dir) / f"{a.figure}.{ending}", a.figure)
-        """,
-    ),
     "curve": (
         ["--settings", "--out-dir"],
         """
@@ -97,24 +96,7 @@ STAND_INS = {
             write_text(Path(a.out_dir) / name, a.settings)
         """,
     ),
-    "draw_curve": (
-        ["--curve-dir", "--settings", "--movie?", "--out-dir"],
-        """
-        name = "curve_gait" if a.movie else "curve_shape"
-        paths = [Path(a.out_dir) / f"{name}.{ending}" for ending in ("svg", "pdf", "png")]
-        for path in paths + ([Path(a.movie)] if a.movie else []):
-            write_text(path, (Path(a.curve_dir) / "curve.json").read_text())
-        """,
-    ),
     "curve_calibration": (["--settings", "--calibration", "--out"], ""),
-    "draw_curve_calibration": (
-        ["--figure", "--record", "--settings", "--out-dir"],
-        """
-        endings = ["csv", "md", "html"] if a.out_dir.endswith("tables") else ["svg", "pdf", "png"]
-        for ending in endings:
-            write_text(Path(a.out_dir) / f"{a.figure}.{ending}", a.figure)
-        """,
-    ),
     "simulate": (
         ["--name", "--settings", "--kcub-reading", "--out", "--truth"],
         """

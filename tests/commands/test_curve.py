@@ -1,4 +1,4 @@
-"""The stages `curve` and `draw_curve`, called in process."""
+"""The commands `curve` and `figures`, called in process."""
 
 import json
 
@@ -162,45 +162,41 @@ def test_a_refusal_is_one_message_and_writes_nothing(tmp_path, capsys, settings,
 def test_a_shape_is_drawn(run, tmp_path):
     out, _ = run(curve=HELIX, link_m=0.1, limits={"a_deg": [-60, 60]})
     drawn = tmp_path / "drawn"
-    assert run_command("draw_curve", ["--curve-dir", str(out), "--out-dir", str(drawn)]) == 0
-    assert {path.name for path in drawn.iterdir()} == {
+    assert run_command("figures", ["--results", str(out), "--out-dir", str(drawn)]) == 0
+    assert {path.name for path in (drawn / "figures").iterdir()} == {
         f"curve_shape.{e}" for e in ("svg", "pdf", "png")
     }
 
 
-def test_a_gait_is_drawn_and_filmed(run, tmp_path, capsys):
+def test_a_gait_is_drawn_and_filmed(run, capsys, monkeypatch):
     gait = {"moves": "roll", "period_s": 1.0, "seconds": 1.0, "shapes": 4}
     out, _ = run(curve=HELIX, link_m=0.12, links=8, gait=gait)
-    drawn, film = tmp_path / "drawn", tmp_path / "film.gif"
-    words = ["--curve-dir", str(out), "--out-dir", str(drawn), "--settings", '{"png_dpi": 60}']
-    assert run_command("draw_curve", [*words, "--movie", str(film)]) == 0
-    assert (drawn / "curve_gait.svg").exists()
-    with Image.open(film) as frames:
+    words = ["--results", str(out), "--settings", '{"figures": {"png_dpi": 60}}']
+    assert run_command("figures", words) == 0
+    assert (out / "figures/curve_gait.svg").exists()
+    with Image.open(out / "figures/curve_film.gif") as frames:
         assert frames.n_frames == 4
-    assert run_command("draw_curve", [*words, "--movie", str(tmp_path / "film.avi")]) == REFUSED
-    assert "film.avi: no writer for this kind of film (got '.avi')" in capsys.readouterr().err
+    assert not (out / "figures/curve_shape.svg").exists()
+    monkeypatch.setattr("matplotlib.animation.FFMpegWriter.isAvailable", lambda: False)
+    words = ["--results", str(out), "--settings", '{"figures": {"film": "mp4"}}']
+    assert run_command("figures", [*words, "--figure", "curve_film"]) == REFUSED
+    assert "no writer for this kind of film (got '.mp4')" in capsys.readouterr().err
 
 
-def test_what_does_not_move_is_not_filmed(run, tmp_path, capsys):
+def test_what_does_not_move_is_not_filmed(run, capsys):
     out, _ = run(curve=HELIX, link_m=0.4)
-    film = tmp_path / "film.gif"
-    words = ["--curve-dir", str(out), "--out-dir", str(tmp_path), "--movie", str(film)]
-    assert run_command("draw_curve", words) == REFUSED
-    assert "one shape does not move" in capsys.readouterr().err
-    assert not film.exists()
+    for name in ("curve_film", "curve_gait"):
+        assert run_command("figures", ["--results", str(out), "--figure", name]) == REFUSED
+        assert f"{name}: nothing to show: one shape does not move" in capsys.readouterr().err
+    assert not list((out / "figures").iterdir())
 
 
 def test_a_folder_that_is_no_result_is_refused(run, tmp_path, capsys):
     out, _ = run(curve=HELIX, link_m=0.4)
     (out / "links.csv").unlink()
-    assert (
-        run_command("draw_curve", ["--curve-dir", str(out), "--out-dir", str(tmp_path / "d")])
-        == REFUSED
-    )
+    words = ["--results", str(out), "--out-dir", str(tmp_path / "d")]
+    assert run_command("figures", words) == REFUSED
     assert "links.csv: a result of the curve stage cannot be used" in capsys.readouterr().err
     (out / "curve.json").write_text('{"schema": "pa10cal-verdict/1"}', "utf-8")
-    assert (
-        run_command("draw_curve", ["--curve-dir", str(out), "--out-dir", str(tmp_path / "d")])
-        == REFUSED
-    )
+    assert run_command("figures", words) == REFUSED
     assert "schema 'pa10cal-verdict/1'" in capsys.readouterr().err

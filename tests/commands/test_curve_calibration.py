@@ -1,4 +1,4 @@
-"""The stages `curve_calibration` and `draw_curve_calibration`, called in process."""
+"""The stages `curve_calibration` and `figures`, called in process."""
 
 import csv
 import json
@@ -65,12 +65,10 @@ def test_a_flange_that_departs_in_any_way_is_beyond_the_two_level_model(found):
 
 
 def test_figure_and_table_are_drawn(path, tmp_path):
-    for name in ("curve_calibration", "curve_calibration_summary"):
-        argv = ["--figure", name, "--record", str(path), "--out-dir", str(tmp_path / name)]
-        assert run_command("draw_curve_calibration", argv) == 0
-    drawn = {file.suffix for file in (tmp_path / "curve_calibration").iterdir()}
+    assert run_command("figures", ["--results", str(path.parent), "--out-dir", str(tmp_path)]) == 0
+    drawn = {file.suffix for file in (tmp_path / "figures").iterdir()}
     assert drawn == {".svg", ".pdf", ".png"}
-    folder = tmp_path / "curve_calibration_summary"
+    folder = tmp_path / "tables"
     with (folder / "curve_calibration_summary.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [row["rank"] for row in rows] == ["52", "52", "54"] * 2
@@ -84,10 +82,9 @@ def test_what_cannot_be_is_refused(tmp_path, path, capsys):
     argv = ["--settings", '{"postures": 8}', "--out", str(out)]
     assert run_command("curve_calibration", argv) == REFUSED
     assert "fewer equations than unknowns" in capsys.readouterr().err
-    argv = ["--figure", "curve", "--record", str(path), "--out-dir", str(tmp_path)]
-    assert run_command("draw_curve_calibration", argv) == REFUSED
+    argv = ["--figure", "curve", "--results", str(path.parent), "--out-dir", str(tmp_path)]
+    assert run_command("figures", argv) == REFUSED
     assert "no such figure or table" in capsys.readouterr().err
-    out.write_text("{}")
-    argv = ["--figure", "curve_calibration", "--record", str(out), "--out-dir", str(tmp_path)]
-    assert run_command("draw_curve_calibration", argv) == REFUSED
+    (tmp_path / "calibration.json").write_text("{}")
+    assert run_command("figures", ["--results", str(tmp_path)]) == REFUSED
     assert "run the curve_calibration stage again" in capsys.readouterr().err

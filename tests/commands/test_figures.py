@@ -28,8 +28,9 @@ def run(results, tmp_path):
     """Run the stage; return its exit code and what it wrote, empty where it wrote nothing."""
 
     def stage(figure, settings=SETTINGS, campaign=CAMPAIGN, folder=results):
-        words = ["--figure", figure, "--campaign-dir", str(campaign)]
-        words += ["--results-dir", str(folder), "--settings", json.dumps(settings)]
+        words = ["--figure", figure] if figure else []
+        words += ["--campaign-dir", str(campaign)] if campaign else []
+        words += ["--results", str(folder), "--settings", json.dumps(settings)]
         code = run_command("figures", [*words, "--out-dir", str(tmp_path / "out")])
         return code, sorted(path.name for path in tmp_path.rglob("*.*"))
 
@@ -41,6 +42,26 @@ def test_writes_a_figure_in_three_formats(run, capsys):
     assert code == 0
     assert written == [f"montecarlo_planes.{ending}" for ending in ("pdf", "png", "svg")]
     assert capsys.readouterr().out == "cell-null: montecarlo_planes\n"
+
+
+def test_writes_everything_that_there_is_and_says_what_was_left_out(run, tmp_path, capsys):
+    code, written = run(None)
+    assert code == 0
+    names = ("montecarlo_convergence", "montecarlo_map", "montecarlo_planes")
+    files = [f"{name}.{ending}" for name in names for ending in ("pdf", "png", "svg")]
+    assert written == sorted([*files, "pictures.json"])
+    said = capsys.readouterr().out
+    assert "cell-null: verdict: left out, there is no discovery/verdict.json\n" in said
+    assert f"cell-null: 3 drawn: {', '.join(names)}\n" in said
+    record = json.loads((tmp_path / "out/pictures.json").read_text("utf-8"))
+    assert record["drawn"] == list(names)
+    assert record["left_out"]["fig4_test_path"] == "there is no calibration/combined.json"
+
+
+def test_refuses_results_of_nothing_that_it_knows(run, capsys):
+    code, written = run(None, campaign=None)
+    assert (code, written) == (REFUSED, [])
+    assert "give --campaign-dir as well" in capsys.readouterr().err
 
 
 def test_refuses_a_name_that_is_none(run, capsys):
@@ -99,7 +120,7 @@ def test_a_fault_leaves_nothing_behind(run, monkeypatch, capsys):
     def fail(*arguments):
         raise OSError("disk full")
 
-    monkeypatch.setattr("pa10cal.figures.montecarlo_planes.draw", fail)
+    monkeypatch.setattr("pa10cal.figures.campaign.montecarlo_planes.draw", fail)
     code, written = run("montecarlo_planes")
     assert (code, written) == (FAULT, [])
     assert "internal fault: OSError: disk full" in capsys.readouterr().err

@@ -11,7 +11,8 @@ import pytest
 
 from pa10cal.campaign.description import read_campaign
 from pa10cal.commands.command_line import run_command
-from pa10cal.figures.results import PictureOptions, Results
+from pa10cal.figures.options import PictureOptions
+from pa10cal.figures.results import Results
 from pa10cal.figures.style import looks
 
 CAMPAIGN = Path(__file__).parents[2] / "data/raw/cell-null"

@@ -1,9 +1,11 @@
 """What the pictures of a chain along a curve show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from pa10cal.figures import curve_gait, curve_shape
+from pa10cal.figures.curve import curve_gait, curve_shape
 from pa10cal.figures.curve_results import CurveRecord, CurveResults
 from pa10cal.figures.style import looks
 
@@ -19,6 +21,7 @@ def results():
     limits = {"a_deg": (-40.0, 45.0), "b_deg": (-500.0, 500.0)}
     content = {"link_m": 0.1, "links": 3, "order": "zy", "shapes": [shape] * 5}
     return CurveResults(
+        name="bend",
         record=CurveRecord.model_validate({**content, "settings": {"limits": limits}}),
         time_s=time_s,
         p_m=p_m,
@@ -31,7 +34,7 @@ def results():
 
 def test_a_shape_is_drawn_with_its_angles_and_near_limits(results):
     with looks():
-        figure = curve_shape.draw(results)
+        figure = curve_shape.draw(replace(results, time_s=results.time_s[:1]))
     space, angles = figure.axes
     named = {line.get_label(): line for line in (*space.lines, *angles.lines)}
     np.testing.assert_array_equal(np.array(named["links"].get_data_3d()).T, results.p_m[0])

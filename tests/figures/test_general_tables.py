@@ -5,7 +5,12 @@ import csv
 import numpy as np
 import pytest
 
-from pa10cal.figures import accuracy_general, health_summary, parameters_general, suspected_outliers
+from pa10cal.figures.campaign import (
+    accuracy_general,
+    health_summary,
+    parameters_general,
+    suspected_outliers,
+)
 from pa10cal.figures.table import write_table
 
 COMBINED = "calibration/combined.json"

@@ -3,17 +3,16 @@
 import json
 import shutil
 from dataclasses import replace
-from importlib import import_module
 
 import pytest
 
 from pa10cal.errors import RecordError
-from pa10cal.figures.catalogue import FIGURES, TABLES
+from pa10cal.figures.registry import entries
 
 #: Drawn from no calibration.
 OF_NO_FIT = {"fig4_test_path", "montecarlo_planes", "montecarlo_convergence", "montecarlo_map"}
 GENERAL = {"held_out_errors", "error_by_joint", "accuracy_general", "joint_error_maps"}
-DRAWN_OF_FITS = [name for name in (*FIGURES, *TABLES) if name not in OF_NO_FIT]
+DRAWN_OF_FITS = [name for name in entries("campaign") if name not in OF_NO_FIT]
 REASON = "The maximum number of function evaluations is exceeded"
 REMEDY = r"allowed: a calibration whose status is converged; .*calibration\.max_iterations"
 
@@ -38,8 +37,8 @@ def unfinished(tmp_path):
 
 
 def make(name, results):
-    module = import_module(f"pa10cal.figures.{name}")
-    return (module.tabulate if name in TABLES else module.draw)(results)
+    entry = entries("campaign")[name]
+    return (entry.module.tabulate if entry.kind == "table" else entry.module.draw)(results)
 
 
 @pytest.mark.parametrize("name", DRAWN_OF_FITS)

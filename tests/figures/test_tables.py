@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from pa10cal.figures import paper_against_ours, published, table1_parameters
-from pa10cal.figures.results import PictureOptions
+from pa10cal.figures import published
+from pa10cal.figures.campaign import paper_against_ours, table1_parameters
+from pa10cal.figures.options import PictureOptions
 from pa10cal.figures.table import Grid, Table, write_table
 
 

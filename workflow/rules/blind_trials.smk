@@ -1,27 +1,16 @@
-# The pictures of a study of blind trials, and what the report calls them.
-TRIAL_FIGURES = {
-    "trials_confusion": "What was hidden, and what was named",
-    "trials_power": "How large an effect must be to be found",
-    "trials_false_names": "How often a verdict is wrong",
-    "trials_intervals": "Whether intervals of effects hold the truth",
-}
-TRIAL_TABLES = {"trials_summary": "Figures to reach, and those reached"}
+OF_TRIALS = {"category": "Blind trials", "subcategory": "{study}"}
 
 
 rule blind_trials:
     """Every blind trial, scored: wrong names, missed names, power, intervals."""
     input:
-        expand(trial_result("scores.json"), study="blind_trials"),
-        expand(trial_result("figures/{name}.svg"), study="blind_trials", name=TRIAL_FIGURES),
-        expand(trial_result("tables/{name}.csv"), study="blind_trials", name=TRIAL_TABLES),
+        expand(trial_result("pictures.json"), study="blind_trials"),
 
 
 rule blind_trials_reduced:
     """A few of them, as a check that verdicts are still what they were."""
     input:
-        expand(trial_result("scores.json"), study="blind_trials_reduced"),
-        expand(trial_result("figures/{name}.svg"), study="blind_trials_reduced", name=TRIAL_FIGURES),
-        expand(trial_result("tables/{name}.csv"), study="blind_trials_reduced", name=TRIAL_TABLES),
+        expand(trial_result("pictures.json"), study="blind_trials_reduced"),
 
 
 rule judge_trials:
@@ -65,36 +54,23 @@ rule score_trials:
         " --scores {output.scores:q} --trials {output.trials:q} 2>&1 | tee {log:q} >&2"
 
 
-for name, title in {**TRIAL_FIGURES, **TRIAL_TABLES}.items():
-
-    rule:
-        name:
-            name
-        input:
-            scores=trial_result("scores.json"),
-            code=code_of("commands.trial_figures", f"figures.{name}"),
-        output:
-            **(
-                {
-                    "svg": reported_trials(f"figures/{name}.svg", name, title),
-                    "pdf": trial_result(f"figures/{name}.pdf"),
-                    "png": trial_result(f"figures/{name}.png"),
-                }
-                if name in TRIAL_FIGURES
-                else {
-                    "html": reported_trials(f"tables/{name}.html", name, title),
-                    "csv": trial_result(f"tables/{name}.csv"),
-                    "markdown": trial_result(f"tables/{name}.md"),
-                }
-            ),
-        log:
-            trial_result(f"logs/{name}.log"),
-        wildcard_constraints:
-            study="|".join(TRIAL_STUDIES),
-        params:
-            name=name,
-            out=lambda wildcards, output: os.path.dirname(output[0]),
-            settings=settings_of("figures"),
-        shell:
-            "python -m pa10cal trial_figures --figure {params.name} --scores {input.scores:q}"
-            " --settings {params.settings:q} --out-dir {params.out:q} 2>&1 | tee {log:q} >&2"
+rule trial_pictures:
+    """The figures and the table of a study that have something to show."""
+    input:
+        scores=trial_result("scores.json"),
+        code=code_of("commands.figures", "figures.registry"),
+    output:
+        index=trial_result("pictures.json"),
+        figures=reported(trial_result("figures"), "trials", "{picture}.svg", **OF_TRIALS),
+        tables=reported(trial_result("tables"), "trials", "{picture}.html", **OF_TRIALS),
+    log:
+        trial_result("logs/pictures.log"),
+    wildcard_constraints:
+        study="|".join(TRIAL_STUDIES),
+    params:
+        captions=Captions("trials", "study"),
+        folder=lambda wildcards, input: os.path.dirname(input.scores),
+        settings=sections_of("figures"),
+    shell:
+        "python -m pa10cal figures --results {params.folder:q} --settings {params.settings:q}"
+        " 2>&1 | tee {log:q} >&2"

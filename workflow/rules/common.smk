@@ -48,6 +48,9 @@ TRIAL_STUDIES = {
 }
 
 
+# What campaigns are not called: the folders of studies stand beside theirs.
+NO_STUDY = rf"(?!(?:curve|{'|'.join(TRIAL_STUDIES)})(?:/|$))[^/]+"
+
 # Campaigns that the workflow itself makes, of public data sets.
 IMPORTED = ("ur10-a", "ur10-c")
 
@@ -184,50 +187,6 @@ def every(results_of):
     ]
 
 
-def needs(*entries):
-    """The results a picture is drawn from: paths, or functions of the campaign that name several."""
-
-    def files(wildcards):
-        return [
-            path
-            for entry in entries
-            for path in (
-                entry(wildcards.campaign)
-                if callable(entry)
-                else expand(result(entry), campaign=wildcards.campaign)
-            )
-        ]
-
-    return files
-
-
-def figure_files(name, title):
-    """What is drawn of a figure; the SVG goes into the report."""
-    return {
-        "svg": _reported(f"figures/{name}.svg", name, title),
-        "pdf": result(f"figures/{name}.pdf"),
-        "png": result(f"figures/{name}.png"),
-    }
-
-
-def table_files(name, title):
-    """What is written of a table; the page goes into the report, which shows no CSV."""
-    return {
-        "html": _reported(f"tables/{name}.html", name, title),
-        "csv": result(f"tables/{name}.csv"),
-        "markdown": result(f"tables/{name}.md"),
-    }
-
-
-def _reported(path, name, title):
-    return report(
-        result(path),
-        caption=f"../report/{name}.rst",
-        category="{campaign}",
-        labels={"picture": title},
-    )
-
-
 def trial_result(name):
     """The path pattern of a result of a study of blind trials."""
     return os.path.join(_literal(SETTINGS.results_dir), "{study}", name)
@@ -249,30 +208,9 @@ def trial_chunks(kind_of_file):
     return files
 
 
-def reported_trials(path, name, title):
-    """Mark a file of a study of blind trials for the report."""
-    return report(
-        trial_result(path),
-        caption=f"../report/{name}.rst",
-        category="Blind trials",
-        subcategory="{study}",
-        labels={"picture": title},
-    )
-
-
 def curve_result(name):
     """The path pattern of a result of curves and of the chain posed along them."""
     return os.path.join(_literal(SETTINGS.results_dir), "curve", name)
-
-
-def reported_curve(path, caption, title):
-    """Mark a file of these results for the report."""
-    return report(
-        curve_result(path),
-        caption=f"../report/{caption}.rst",
-        category="Chain along curves",
-        labels={"picture": title},
-    )
 
 
 def one_of(names):

@@ -19,24 +19,14 @@ CURVES = {
         "gait": {"moves": "roll", "period_s": 2.0, "seconds": 2.0, "shapes": 25},
     },
 }
-STILL = [name for name, asked in CURVES.items() if "gait" not in asked]
-MOVING = [name for name, asked in CURVES.items() if "gait" in asked]
-# What is drawn of the chain calibrated, and what the report calls it.
-CURVE_FIGURES = {"curve_calibration": "A chain of links, calibrated"}
-CURVE_TABLES = {"curve_calibration_summary": "Rank, null directions and errors of the chain"}
+OF_CURVES = {"category": "Chain along curves"}
 
 
 rule curve:
     """Curves as links, still and moving, and the chain that results calibrated in the virtual cell."""
     input:
-        expand(curve_result("{shape}/figures/curve_shape.svg"), shape=STILL),
-        expand(
-            curve_result("{shape}/figures/curve_gait.{ending}"),
-            shape=MOVING,
-            ending=["svg", "gif"],
-        ),
-        expand(curve_result("figures/{name}.svg"), name=CURVE_FIGURES),
-        expand(curve_result("tables/{name}.csv"), name=CURVE_TABLES),
+        expand(curve_result("{shape}/pictures.json"), shape=CURVES),
+        curve_result("pictures.json"),
 
 
 rule lay_curve:
@@ -60,49 +50,27 @@ rule lay_curve:
         " 2>&1 | tee {log:q} >&2"
 
 
-rule draw_curve_shape:
-    """The chain along a curve, and its joint angles."""
+rule draw_curve:
+    """The chain along a curve and its joint angles; of one that moves some shapes and a film."""
     input:
         rules.lay_curve.output,
-        code=code_of("commands.draw_curve"),
+        code=code_of("commands.figures", "figures.registry"),
     output:
-        svg=reported_curve("{shape}/figures/curve_shape.svg", "curve_shape", "{shape}"),
-        pdf=curve_result("{shape}/figures/curve_shape.pdf"),
-        png=curve_result("{shape}/figures/curve_shape.png"),
+        index=curve_result("{shape}/pictures.json"),
+        figures=reported(
+            curve_result("{shape}/figures"), "curve", "{picture}.{ending,svg|gif}", **OF_CURVES
+        ),
     log:
         curve_result("logs/draw_{shape}.log"),
     wildcard_constraints:
-        shape="|".join(STILL),
+        shape="|".join(CURVES),
     params:
+        captions=Captions("curve", "shape"),
         folder=lambda wildcards, input: os.path.dirname(input[0]),
-        out=lambda wildcards, output: os.path.dirname(output.svg),
-        settings=settings_of("figures"),
+        settings=sections_of("figures"),
     shell:
-        "python -m pa10cal draw_curve --curve-dir {params.folder:q} --settings {params.settings:q}"
-        " --out-dir {params.out:q} 2>&1 | tee {log:q} >&2"
-
-
-rule draw_curve_gait:
-    """A chain that moves: some shapes, joint angles over time, and a film."""
-    input:
-        rules.lay_curve.output,
-        code=code_of("commands.draw_curve"),
-    output:
-        svg=reported_curve("{shape}/figures/curve_gait.svg", "curve_gait", "{shape}"),
-        pdf=curve_result("{shape}/figures/curve_gait.pdf"),
-        png=curve_result("{shape}/figures/curve_gait.png"),
-        film=reported_curve("{shape}/figures/curve_gait.gif", "curve_gait", "{shape}, moving"),
-    log:
-        curve_result("logs/draw_{shape}.log"),
-    wildcard_constraints:
-        shape="|".join(MOVING),
-    params:
-        folder=lambda wildcards, input: os.path.dirname(input[0]),
-        out=lambda wildcards, output: os.path.dirname(output.svg),
-        settings=settings_of("figures"),
-    shell:
-        "python -m pa10cal draw_curve --curve-dir {params.folder:q} --settings {params.settings:q}"
-        " --movie {output.film:q} --out-dir {params.out:q} 2>&1 | tee {log:q} >&2"
+        "python -m pa10cal figures --results {params.folder:q} --settings {params.settings:q}"
+        " 2>&1 | tee {log:q} >&2"
 
 
 rule calibrate_chain:
@@ -121,34 +89,21 @@ rule calibrate_chain:
         " --calibration {params.calibration:q} --out {output:q} 2>&1 | tee {log:q} >&2"
 
 
-for name, title in {**CURVE_FIGURES, **CURVE_TABLES}.items():
-
-    rule:
-        name:
-            name
-        input:
-            record=curve_result("calibration.json"),
-            code=code_of("commands.draw_curve_calibration", f"figures.{name}"),
-        output:
-            **(
-                {
-                    "svg": reported_curve(f"figures/{name}.svg", name, title),
-                    "pdf": curve_result(f"figures/{name}.pdf"),
-                    "png": curve_result(f"figures/{name}.png"),
-                }
-                if name in CURVE_FIGURES
-                else {
-                    "html": reported_curve(f"tables/{name}.html", name, title),
-                    "csv": curve_result(f"tables/{name}.csv"),
-                    "markdown": curve_result(f"tables/{name}.md"),
-                }
-            ),
-        log:
-            curve_result(f"logs/{name}.log"),
-        params:
-            name=name,
-            out=lambda wildcards, output: os.path.dirname(output[0]),
-            settings=settings_of("figures"),
-        shell:
-            "python -m pa10cal draw_curve_calibration --figure {params.name} --record {input.record:q}"
-            " --settings {params.settings:q} --out-dir {params.out:q} 2>&1 | tee {log:q} >&2"
+rule draw_chain:
+    """The study of the chain."""
+    input:
+        record=curve_result("calibration.json"),
+        code=code_of("commands.figures", "figures.registry"),
+    output:
+        index=curve_result("pictures.json"),
+        figures=reported(curve_result("figures"), "chain", "{picture}.svg", **OF_CURVES),
+        tables=reported(curve_result("tables"), "chain", "{picture}.html", **OF_CURVES),
+    log:
+        curve_result("logs/pictures.log"),
+    params:
+        captions=Captions("chain", "study"),
+        folder=lambda wildcards, input: os.path.dirname(input.record),
+        settings=sections_of("figures"),
+    shell:
+        "python -m pa10cal figures --results {params.folder:q} --settings {params.settings:q}"
+        " 2>&1 | tee {log:q} >&2"

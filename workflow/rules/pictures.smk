@@ -1,83 +1,137 @@
-"""Which pictures a campaign has, and the results they are drawn from."""
-
-from pa10cal.planning.measured import has_held_out, has_repeats
+# The pictures of a campaign, drawn in one process. Modules of pa10cal.figures say which there are; one
+# that has nothing to show is left out, and pictures.json says why.
+from pa10cal.figures.report import Captions, titles
 
 EVALUATED = f"calibration/{SETTINGS.evaluation.calibration}.json"
 
 
-def table_of_poses(campaign):
-    return Path(checkpoints.ingest.get(campaign=campaign).output.poses)
+def found_of(*names):
+    """The function that names results of a campaign."""
+    return lambda campaign: expand(result("{name}"), campaign=campaign, name=names)
 
 
-def holds_out(campaign):
-    """Whether a campaign has poses that no fit sees."""
-    return has_held_out(table_of_poses(campaign))
-
-
-def sees_positions(campaign):
-    """Whether its instrument sees where the arm is; of a distance, one number tells too little."""
-    if campaign in IMPORTED:
-        return True
-    return instrument_kind(Path(SETTINGS.raw_dir, campaign)) != "distance"
-
-
-def judges_by_repeats(campaign):
-    """Whether effects are judged by repeats of a pose."""
-    return seeks_effects(campaign) and has_repeats(table_of_poses(campaign))
-
-
-def judges_by_blocks(campaign):
-    """Whether effects are judged by poses left out, where none was measured again."""
-    return seeks_effects(campaign) and not has_repeats(table_of_poses(campaign))
-
-
-def general_of(campaign):
-    """The calibration with the general model: the combined one, or that beside the paper's."""
-    load = "combined" if by_general_model(campaign) else "general"
-    return results_of(campaign, [f"calibration/{load}.json"])
-
-
-def gaps_of(campaign):
-    """What residual vectors are drawn from: discovery, or the calibration where there is none."""
-    names = [EVALUATED, "discovery/analysis.json"]
-    return results_of(campaign, names if seeks_effects(campaign) else ["calibration/combined.json"])
-
-
-def accuracies_of(campaign):
-    """What the errors of every model are told from."""
-    names = ["calibration/combined.json", EVALUATED, "evaluation/holdout.json"]
-    return [*results_of(campaign, dict.fromkeys(names)), *verdict_of(campaign)]
-
-
-def results_of(campaign, names):
-    return [path for name in names for path in expand(result(name), campaign=campaign)]
-
-
-# What is known of a campaign only once its poses are.
-BY_POSES = {holds_out, judges_by_repeats, judges_by_blocks}
-
-
-def pictures_of(campaign):
-    """The figures and tables of a campaign, which follow from what it is."""
-    return [*pictures_by_description(campaign), *pictures_by_poses(campaign)]
-
-
-def pictures_by_description(campaign):
-    """Those that its description alone decides upon: they can be planned before ingest has run."""
-    return _pictures(campaign, by_poses=False)
-
-
-def pictures_by_poses(campaign):
-    """Those that its poses decide upon."""
-    return _pictures(campaign, by_poses=True)
-
-
-def _pictures(campaign, by_poses):
-    return [
+def discovered(name):
+    """A result of discovery, where effects are sought."""
+    return lambda campaign: [
         path
-        for pattern, pictures in (("figures/{}.svg", FIGURES), ("tables/{}.csv", TABLES))
-        for name, picture in pictures.items()
-        if bool(BY_POSES & set(picture["of"])) is by_poses
-        and all(holds(campaign) for holds in picture["of"])
-        for path in results_of(campaign, [pattern.format(name)])
+        for path in found_of(EVALUATED, f"discovery/{name}.json")(campaign)
+        if seeks_effects(campaign)
     ]
+
+
+def calibrations_drawn(campaign):
+    """Those of single loads are compared with the paper alone."""
+    combined = found_of("calibration/combined.json")
+    return (calibrations_of if by_papers_model(campaign) else combined)(campaign)
+
+
+def planes_drawn(campaign):
+    return planes_of(campaign) if by_papers_model(campaign) else []
+
+
+def gap_of(campaign):
+    return [*discovered("analysis")(campaign), *found_of("calibration/combined.json")(campaign)]
+
+
+# The files behind what modules call their needs; what is left out is a property of the campaign.
+NEEDS = {
+    "calibration": calibrations_drawn,
+    "papers_calibration": calibrations_drawn,
+    "general_calibration": calibrations_drawn,
+    "general": calibrations_drawn,
+    "poses": found_of("ingest/poses.parquet"),
+    "base_frame": found_of("seed/base_frame.json"),
+    "planes": planes_drawn,
+    "evaluation": found_of(EVALUATED, "evaluation/holdout.json"),
+    "held_out": found_of(EVALUATED, "evaluation/holdout.json"),
+    "analysis": discovered("analysis"),
+    "verdict": discovered("verdict"),
+    "gap": gap_of,
+}
+
+
+def results_of_campaign(wildcards):
+    """All results of a campaign that pictures are drawn from."""
+    return sorted({path for need in NEEDS.values() for path in need(wildcards.campaign)})
+
+
+def results_needed(wildcards):
+    """Those that one picture is drawn from."""
+    from pa10cal.figures.registry import entries  # late: planning the others loads no picture
+
+    found = entries("campaign").get(wildcards.picture)
+    names = [name for name in found.picture.needs if name in NEEDS] if found else []
+    return sorted({path for name in names for path in NEEDS[name](wildcards.campaign)})
+
+
+def reported(path, folder, pattern, **where):
+    """Mark a folder of pictures for the report."""
+    return report(
+        directory(path),
+        patterns=[pattern],
+        caption="../report/picture.rst",
+        labels=titles(folder),
+        **where,
+    )
+
+
+DRAW = (
+    "python -m pa10cal figures --results {params.results:q} --campaign-dir {params.folder:q}"
+    " --settings {params.settings:q}"
+)
+DRAWN_WITH = sections_of("figures", "kcub_reading", "montecarlo", "evaluation")
+
+
+rule figures:
+    """Every figure and table of every campaign."""
+    input:
+        expand(result("pictures.json"), campaign=SETTINGS.campaigns),
+
+
+rule pictures:
+    """The figures and tables of a campaign that have something to show."""
+    input:
+        campaign=raw("campaign.yaml"),
+        arm=arm_of_campaign,
+        results=results_of_campaign,
+        code=code_of("commands.figures", "figures.registry"),
+    output:
+        index=result("pictures.json"),
+        figures=reported(result("figures"), "campaign", "{picture}.svg", category="{campaign}"),
+        tables=reported(result("tables"), "campaign", "{picture}.html", category="{campaign}"),
+    log:
+        result("logs/pictures.log"),
+    wildcard_constraints:
+        campaign=NO_STUDY,
+    params:
+        captions=Captions("campaign", "campaign"),
+        folder=campaign_folder,
+        results=results_folder,
+        settings=DRAWN_WITH,
+    shell:
+        DRAW + " 2>&1 | tee {log:q} >&2"
+
+
+for kind, endings in {"figures": ["svg", "pdf", "png"], "tables": ["csv", "md", "html"]}.items():
+
+    rule:
+        name:
+            f"one_of_the_{kind}"
+        input:
+            campaign=raw("campaign.yaml"),
+            arm=arm_of_campaign,
+            results=results_needed,
+            code=code_of("commands.figures", "figures.registry"),
+        output:
+            [result(f"{kind}/{{picture}}.{ending}") for ending in endings],
+        log:
+            result(f"logs/{kind}_{{picture}}.log"),
+        wildcard_constraints:
+            campaign=NO_STUDY,
+            picture="[a-z0-9_]+",
+        params:
+            folder=campaign_folder,
+            results=results_folder,
+            settings=DRAWN_WITH,
+        shell:
+            DRAW + " --figure {wildcards.picture} 2>&1 | tee {log:q} >&2"

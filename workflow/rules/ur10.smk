@@ -33,7 +33,7 @@ rule ur10:
                 *calibrations_of(campaign),
                 *verdict_of(campaign),
                 *expand(rules.export.output.model, campaign=campaign),
-                *pictures_of(campaign),
+                *expand(result("pictures.json"), campaign=campaign),
             )
         ],
         expand(

@@ -45,11 +45,8 @@ COMMANDS = (
     "figures",
     "blind_trials",
     "score_trials",
-    "trial_figures",
     "curve",
-    "draw_curve",
     "curve_calibration",
-    "draw_curve_calibration",
     "coverage",
     "coverage_general",
 )

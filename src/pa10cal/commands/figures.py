@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
 
 from pa10cal.figures.options import PictureOptions
@@ -10,55 +9,29 @@ from pa10cal.figures.options import PictureOptions
 
 def figures(
     *,
-    figure: str,
-    campaign_dir: Path,
-    results_dir: Path,
-    out_dir: Path,
+    results: Path,
+    campaign_dir: Path | None = None,
+    figure: str | None = None,
+    out_dir: Path | None = None,
     settings: PictureOptions = PictureOptions(),
 ) -> None:
-    """Draw one figure or table of a campaign.
+    """Draw the figures and tables of a results folder.
 
     Args:
-        figure: name of a figure or table.
-        campaign_dir: folder of raw files.
-        results_dir: results of this campaign.
-        out_dir: folder for the figure or table.
+        results: results of a campaign, of blind trials, of a curve or of chains along curves.
+        campaign_dir: folder of raw files, for a campaign.
+        figure: name of a figure or table to draw alone; by default all that have something to show.
+        out_dir: gets the folders figures and tables; by default the results.
         settings: sections figures, kcub_reading, montecarlo and evaluation.
     """
-    from pa10cal.campaign.description import read_campaign
-    from pa10cal.errors import SettingsError
-    from pa10cal.figures.catalogue import FIGURES, TABLES
-    from pa10cal.figures.results import Results
+    from pa10cal.figures.draw import draw_all, draw_one
+    from pa10cal.figures.sources import read_source
 
-    if figure not in (*FIGURES, *TABLES):
-        raise SettingsError(
-            "no such figure or table",
-            where="--figure",
-            value=figure,
-            allowed=", ".join((*FIGURES, *TABLES)),
-            remedy="correct the name",
-        )
-    campaign = read_campaign(campaign_dir)
-    results = Results(
-        folder=results_dir,
-        raw=campaign_dir,
-        campaign=campaign.name,
-        provenance=campaign.provenance,
-        robot=campaign.robot,
-        instrument=campaign.instrument.kind,
-        instrument_uncertainty_mm=campaign.instrument.uncertainty_mm,
-        settings=settings,
-    )
-    # By name, so that a picture is drawn anew only when its own module changes.
-    module = import_module(f"pa10cal.figures.{figure}")
-    if figure in TABLES:
-        from pa10cal.figures.table import write_table
-
-        write_table(module.tabulate(results), results.footer, out_dir, figure)
+    folder, source = read_source(results, campaign_dir, settings)
+    out = out_dir or results
+    if figure is not None:
+        draw_one(folder, figure, source, out, settings.figures)
+        print(f"{source.name}: {figure}")
     else:
-        from pa10cal.figures.style import looks, write_figure
-
-        with looks():
-            drawn = module.draw(results)
-            write_figure(drawn, results.footer, out_dir, figure, settings.figures.png_dpi)
-    print(f"{campaign.name}: {figure}")
+        for line in draw_all(folder, source, out, settings.figures).lines:
+            print(f"{source.name}: {line}")

@@ -16,6 +16,9 @@ from pa10cal.files.schemas import CURVE
 
 Array = NDArray[np.float64]
 
+#: Why a gait has nothing to show.
+ONE_SHAPE = "one shape does not move"
+
 
 class ShapeRecord(Record):
     """One shape of the chain."""
@@ -53,6 +56,7 @@ class CurveResults:
     """A chain of n links in T shapes.
 
     Attributes:
+        name: of its folder.
         record: its links, statuses and limits.
         time_s: (T,) when.
         p_m: (T, n + 1, 3) where links join.
@@ -61,6 +65,7 @@ class CurveResults:
         a_deg, b_deg: (T, n - 1) joint angles.
     """
 
+    name: str
     record: CurveRecord
     time_s: Array
     p_m: Array
@@ -68,6 +73,11 @@ class CurveResults:
     curve_m: Array
     a_deg: Array
     b_deg: Array
+
+    @property
+    def moves(self) -> bool:
+        """Whether there are several shapes."""
+        return len(self.time_s) > 1
 
     @property
     def footer(self) -> str:
@@ -103,6 +113,7 @@ def read_curve(folder: Path) -> CurveResults:
         place_m = ["x_m", "y_m", "z_m"]
         angles_deg = np.degrees(columns("angles", ["a_rad", "b_rad"]))
         return CurveResults(
+            name=folder.name,
             record=record,
             time_s=columns("points", ["time_s"])[:, 0, 0],
             p_m=columns("points", place_m),

@@ -15,6 +15,9 @@ class FigureOptions(Section):
     """Looks shared by all figures."""
 
     png_dpi: Annotated[int, Field(ge=50, le=600)] = Field(150, description="resolution of the PNG")
+    film: Literal["gif", "mp4"] = Field(
+        "gif", description="of a chain that moves, where mp4 needs ffmpeg"
+    )
 
 
 class PictureOptions(Section):

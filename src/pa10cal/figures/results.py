@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
+from pa10cal.campaign.description import read_campaign
 from pa10cal.errors import RecordError
 from pa10cal.figures import published
 from pa10cal.figures.discovery_records import Analysis, Verdict
@@ -25,8 +27,24 @@ from pa10cal.files.arms import load_arm
 Array = NDArray[np.float64]
 
 _R = TypeVar("_R", bound=Record)
+_T = TypeVar("_T")
 
 COMBINED = "combined"
+#: Where results are, by the names that pictures need them by.
+_FILES = {
+    "calibration": "calibration/combined.json",
+    "papers_calibration": "calibration/combined.json",
+    "general_calibration": "calibration/combined.json",
+    "general": "calibration/combined.json",
+    "poses": "ingest/poses.parquet",
+    "base_frame": "seed/base_frame.json",
+    "planes": "montecarlo",
+    "evaluation": "evaluation/holdout.json",
+    "held_out": "evaluation/holdout.json",
+    "analysis": "discovery/analysis.json",
+    "verdict": "discovery/verdict.json",
+}
+_MODELS = {"paper": "paper's model", "general": "general model"}
 #: The general model beside the paper's.
 GENERAL = "general"
 #: Longer provenances are cut after a sentence; a single letter ends none.
@@ -59,6 +77,53 @@ class Results:
     instrument: str
     instrument_uncertainty_mm: float
     settings: PictureOptions
+    _read_once: dict[object, object] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+
+    @classmethod
+    def of(cls, raw: Path, folder: Path, settings: PictureOptions) -> Results:
+        """Return the results in a folder, of the campaign in a folder of raw files."""
+        campaign = read_campaign(raw)
+        return cls(
+            folder=folder,
+            raw=raw,
+            campaign=campaign.name,
+            provenance=campaign.provenance,
+            robot=campaign.robot,
+            instrument=campaign.instrument.kind,
+            instrument_uncertainty_mm=campaign.instrument.uncertainty_mm,
+            settings=settings,
+        )
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        return self.campaign
+
+    def lacks(self, need: str) -> str | None:
+        """Say why a need of a picture is not met, None where it is.
+
+        Args:
+            need: a name of a result, or a property of the campaign.
+        """
+        if need == "gap":  # of the poses fitted, also where no effects are sought
+            return self.lacks("analysis" if self.seeks_effects else "calibration")
+        path = self.folder / _FILES.get(need, "")
+        if not path.exists():
+            return f"there is no {_FILES[need]}"
+        if need in ("papers_calibration", "general_calibration"):
+            model = self.any_calibration().model
+            return None if need.startswith(model) else f"calibrated with the {_MODELS[model]}"
+        if need == "general" and not (self.folder / "calibration/general.json").exists():
+            return self.lacks("general_calibration")
+        if need == "planes" and not list(path.glob("z*.json")):
+            return "there is no Monte Carlo"
+        if need == "held_out" and not self.held_out().models:
+            return "no configuration was held out"
+        if need == "positions" and self.instrument == "distance":
+            return "a distance alone does not show where the arm is"
+        return None
 
     @property
     def footer(self) -> str:
@@ -132,15 +197,17 @@ class Results:
         Raises:
             RecordError: when one of its fits did not converge.
         """
-        path, schema, stage = self._calibration_path(load), schemas.CALIBRATION, "calibrate"
-        content = read_content(path, schema, stage, self.campaign)
-        found: Calibration | GeneralCalibration
-        if content.get("model") == "general":
-            found = as_record(content, GeneralCalibration, path, schema, stage)
-        else:
-            found = as_record(content, Calibration, path, schema, stage)
+        path = self._calibration_path(load)
+        found = self._once(path, lambda: self._read_calibration(path))
         check_converged(path, found)
         return found
+
+    def _read_calibration(self, path: Path) -> Calibration | GeneralCalibration:
+        schema, stage = schemas.CALIBRATION, "calibrate"
+        content = read_content(path, schema, stage, self.campaign)
+        if content.get("model") == "general":
+            return as_record(content, GeneralCalibration, path, schema, stage)
+        return as_record(content, Calibration, path, schema, stage)
 
     def calibrations(self) -> tuple[Calibration | GeneralCalibration, ...]:
         """Read the calibrations of all loads: one, or the paper's and the general one beside."""
@@ -198,11 +265,11 @@ class Results:
 
     def poses(self) -> Poses:
         """Read the end-effector's places of `ingest/poses.parquet`, in order of time."""
-        return read_poses(self._poses_path, self.campaign)
+        return self._once("poses", lambda: read_poses(self._poses_path, self.campaign))
 
     def joints(self) -> JointPositions:
         """Read the joint positions of `ingest/poses.parquet`, in order of time."""
-        return read_joints(self._poses_path, self.campaign)
+        return self._once("joints", lambda: read_joints(self._poses_path, self.campaign))
 
     @property
     def _poses_path(self) -> Path:
@@ -217,9 +284,17 @@ class Results:
         return found
 
     def _read(self, path: Path, kind: type[_R], schema: str, stage: str) -> _R:
-        return as_record(
-            read_content(path, schema, stage, self.campaign), kind, path, schema, stage
-        )
+        def read() -> _R:
+            content = read_content(path, schema, stage, self.campaign)
+            return as_record(content, kind, path, schema, stage)
+
+        return self._once(path, read)
+
+    def _once(self, key: object, read: Callable[[], _T]) -> _T:
+        """Return what was read under a key, reading it the first time."""
+        if key not in self._read_once:
+            self._read_once[key] = read()
+        return cast(_T, self._read_once[key])
 
 
 def _first_sentences(said: str) -> str:

@@ -171,13 +171,6 @@ def write_text_at(figure: Figure, x_mm: float, y_mm: float, text: str, **options
     figure.text(x_mm / WIDTH_MM, y_mm / height_of(figure), text, **options)
 
 
-def say_nothing_measured(title: str, what: str) -> Figure:
-    """Return the figure that stands where a campaign holds nothing to draw."""
-    figure = new_figure(40.0, title)
-    write_text_at(figure, WIDTH_MM / 2, 20.0, what, ha="center", va="center")
-    return figure
-
-
 def write_figure(figure: Figure, footer: str, folder: Path, name: str, png_dpi: int) -> None:
     """Write a figure as SVG, PDF and PNG with a footer: all three or none.
 

@@ -168,6 +168,11 @@ class Scores(Record):
     per_trial: tuple[OneTrial, ...]
 
     @property
+    def name(self) -> str:
+        """What messages call it."""
+        return "blind trials"
+
+    @property
     def footer(self) -> str:
         """What a picture was drawn from."""
         return f"{self.trials} blind trials. Synthetic data. Provenance: {self.provenance}."

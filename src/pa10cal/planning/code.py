@@ -39,13 +39,19 @@ def source_files(*modules: str) -> tuple[Path, ...]:
         found[module] = path
         waiting.extend(_imports(path))
         if "pkgutil" in _imports(path):  # it looks through its own package
-            package = module.rpartition(".")[0]
-            waiting.extend(f"{package}.{sibling.stem}" for sibling in path.parent.glob("*.py"))
+            waiting.extend(_modules_below(path.parent))
         if "." in module:
             waiting.append(module.rpartition(".")[0])
     packages = {path.parent for path in found.values() if path.name == "__init__.py"}
     data = {entry for package in packages for entry in _data_files(package)}
     return tuple(sorted(data | set(found.values())))
+
+
+def _modules_below(folder: Path) -> Iterator[str]:
+    """Yield the names of all modules in a folder of the package and in those below it."""
+    for path in folder.rglob("*.py"):
+        parts = path.relative_to(_PACKAGE.parent).with_suffix("").parts
+        yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
 def _path_of(module: str) -> Path | None:

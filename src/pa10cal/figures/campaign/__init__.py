@@ -1,0 +1,1 @@
+"""Pictures and tables of a measurement campaign, one a module."""

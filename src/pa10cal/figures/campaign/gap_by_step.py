@@ -1,0 +1,125 @@
+"""The error left as the named effects join the model one by one, fitted and held out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from pa10cal.figures.discovery_records import Analysis, Errors, Naming
+from pa10cal.figures.registry import Picture
+from pa10cal.figures.results import Results
+from pa10cal.figures.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    ORANGE,
+    WIDTH_MM,
+    height_of,
+    new_figure,
+    panel,
+    plain_log,
+    write_text_at,
+)
+
+PICTURE = Picture(
+    title="Gap: error as effects are named",
+    needs=("analysis",),
+    caption="""
+Gap between model and measurement in ``{name}`` as the effects of the verdict are added to the
+model in the order found, all parameters fitted again each time: blue for fitted poses, orange
+for held-out poses and loads. A marker is the mean, the bar on the line the root mean square,
+the end of the line the largest error; the axis is logarithmic. Dashed: the error that the
+scatter of repeats alone leaves; an error common to all poses, such as a target position, adds
+to it. Effects that mask each other may bring little one by one and much together. Where orange
+falls with blue, the names hold beyond the fitted poses.
+""",
+)
+
+_ROW_MM = 11.0
+_BELOW_MM, _ABOVE_MM = 30.0, 16.0
+_TRAIN: dict[str, Any] = {"color": BLUE, "marker": "o"}
+_HELD_OUT: dict[str, Any] = {"color": ORANGE, "marker": "^"}
+_ASIDE = 0.19
+_FLOOR_LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "linestyle": "--"}
+
+
+def draw(results: Results) -> Figure:
+    """Draw mean, root mean square and peak of every step, from the calibrated model downward."""
+    found = results.analysis()
+    steps = found.naming
+    rows = _ROW_MM * len(steps)
+    figure = new_figure(
+        _BELOW_MM + rows + _ABOVE_MM, "Gap between model and measurement, name by name"
+    )
+    axes = panel(figure, 46.0, _BELOW_MM, 84.0, rows)
+    for k, step in enumerate(steps):
+        _draw_errors(axes, k - _ASIDE, step.train, _TRAIN)
+        if step.holdout is not None:
+            _draw_errors(axes, k + _ASIDE, step.holdout, _HELD_OUT)
+    everything = [errors for step in steps for errors in (step.train, step.holdout) if errors]
+    floor = found.noise_floor_mm
+    lowest = min(floor, *(errors.mean_mm for errors in everything))
+    plain_log(axes, "x", lowest / 1.5, max(errors.peak_mm for errors in everything) * 1.4)
+    axes.axvline(floor, **_FLOOR_LINE)
+    axes.set_ylim(len(steps) - 0.5, -0.5)
+    axes.set_yticks(range(len(steps)), [_name(step) for step in steps])
+    axes.tick_params(axis="y", length=0.0)
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel("position error [mm]: mean, rms (bar) and peak (end)")
+    write_text_at(figure, 133.0, _BELOW_MM + rows + 2.0, "mean / rms / peak [mm]")
+    _draw_legend(figure, steps)
+    write_text_at(figure, 10.0, 6.5, _beyond(found), color=GREY)
+    return figure
+
+
+def _beyond(found: Analysis) -> str:
+    """Say what becomes of held-out poses that leave the angles which the fit has seen."""
+    if len(found.naming) == 1:
+        return "No effect was named: there is one step."
+    held_out = found.gap.holdout or ()
+    error_mm = np.array([np.linalg.norm(row.after_mm) for row in held_out])
+    beyond = np.array([row.extrapolated for row in held_out], dtype=bool)
+    if not beyond.any():
+        return ""
+    inside, outside = (np.sqrt(np.mean(error_mm[rows] ** 2)) for rows in (~beyond, beyond))
+    return (
+        f"Held out, at last: rms {inside:.3f} mm inside the angles seen, {outside:.3f} mm in "
+        f"{beyond.sum()} of {len(beyond)} poses that extrapolate."
+    )
+
+
+def _name(step: Naming) -> str:
+    """Return what joined the model at a step."""
+    if not step.effects:
+        return "calibrated model"
+    name, _, place = step.effects[-1].words.partition(", ")
+    return f"+ {name}\n   {place}"
+
+
+def _draw_errors(axes: Axes, y: float, errors: Errors, look: dict[str, Any]) -> None:
+    axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=look["color"], linewidth=1.4)
+    for value, size in ((errors.rms_mm, 7.0), (errors.peak_mm, 4.0)):
+        axes.plot(value, y, color=look["color"], marker="|", markersize=size)
+    axes.plot(errors.mean_mm, y, **look)
+    axes.text(
+        1.035,
+        y,
+        f"{errors.mean_mm:.3f} / {errors.rms_mm:.3f} / {errors.peak_mm:.3f}",
+        transform=axes.get_yaxis_transform(),
+        va="center",
+    )
+
+
+def _draw_legend(figure: Figure, steps: tuple[Naming, ...]) -> None:
+    handles = [Line2D([], [], label="poses fitted", **_TRAIN)]
+    if steps[0].holdout is not None:
+        handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
+    handles.append(Line2D([], [], label="what repeatability alone leaves", **_FLOOR_LINE))
+    height = height_of(figure)
+    figure.legend(
+        handles=handles, loc="lower left", bbox_to_anchor=(10.0 / WIDTH_MM, 11.0 / height), ncols=3
+    )

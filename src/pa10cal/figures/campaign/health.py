@@ -1,0 +1,170 @@
+"""Whether a calibration is good: what poses tell of it, what it leaves, in one plain line."""
+
+from __future__ import annotations
+
+from textwrap import wrap
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pa10cal.figures.instruments import seen_by
+from pa10cal.figures.parameter_names import written
+from pa10cal.figures.records import Health, PosesWanted
+from pa10cal.figures.registry import Picture
+from pa10cal.figures.results import Results
+from pa10cal.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    VERMILLION,
+    WIDTH_MM,
+    height_of,
+    new_figure,
+    panel,
+    plain_log,
+    write_text_at,
+)
+
+PICTURE = Picture(
+    title="Health of the calibration",
+    needs=("calibration",),
+    caption="""
+Whether the calibration of ``{name}`` with all loads together is good. Left, the standard
+uncertainty to expect of a predicted position against the number of poses: with poses in
+D-optimal order (blue), in the order measured (orange), and with all of them (star). Dashed: the
+uncertainty that adds hardly anything to the remaining error, and how many chosen poses reach
+it. Right, the remaining error of fitted and held-out poses beside the error that noise
+explains. Below, the verdict, then rank, condition number, termination of the fit, parameters
+that are not identifiable, at a bound, or strongly correlated. The expected uncertainties do not
+cover effects that the model lacks.
+""",
+)
+
+_OPTIMAL: dict[str, Any] = {"color": BLUE, "marker": "o", "markersize": 3.0}
+_MEASURED: dict[str, Any] = {"color": ORANGE, "marker": "^", "markersize": 3.0}
+_ALL: dict[str, Any] = {"color": ORANGE, "marker": "*", "markersize": 9.0, "linestyle": "none"}
+_WANTED: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "linestyle": "--"}
+_LEFT: dict[str, Any] = {"color": VERMILLION, "linewidth": 0.9, "linestyle": ":"}
+#: Room for the panels and their legend, and what a line of text takes.
+_PANELS_MM, _ABOVE_MM, _BELOW_MM, _LINE_MM = 78.0, 12.0, 8.0, 4.0
+_WIDE_LETTERS, _HALF_LETTERS = 102, 52
+_MOST_PAIRS = 8
+
+
+def draw(results: Results) -> Figure:
+    """Draw the expected uncertainty by number of poses, the errors, and say what else counts."""
+    case = results.any_calibration()
+    health = case.health
+    verdict = wrap(f"{health.verdict.capitalize()}: {health.line}.", _WIDE_LETTERS)
+    facts, pairs = _facts(health), _pairs(health)
+    lines = len(verdict) + max(len(facts), len(pairs)) + 1
+    text_mm = _LINE_MM * lines
+    figure = new_figure(
+        _BELOW_MM + text_mm + _PANELS_MM + _ABOVE_MM,
+        f"Health of the calibration with the {_MODELS[case.model]}, all loads together",
+    )
+    bottom = _BELOW_MM + text_mm
+    curve = panel(figure, 22.0, bottom + 28.0, 75.0, _PANELS_MM - 30.0)
+    error = seen_by(results.instrument).error
+    _draw_poses(curve, health)
+    figure.legend(
+        *curve.get_legend_handles_labels(),
+        loc="lower left",
+        bbox_to_anchor=(4.0 / WIDTH_MM, (bottom + 3.0) / height_of(figure)),
+        ncols=2,
+    )
+    errors = panel(figure, 134.0, bottom + 28.0, 22.0, _PANELS_MM - 30.0)
+    _draw_errors(errors, health)
+    errors.set_xlabel(f"{error} [mm]")
+    top = bottom - _LINE_MM
+    for k, line in enumerate(verdict):
+        write_text_at(figure, 4.0, top - k * _LINE_MM, line)
+    for x_mm, column in ((4.0, facts), (90.0, pairs)):
+        for k, line in enumerate(column, start=len(verdict)):
+            write_text_at(figure, x_mm, top - 1.5 - k * _LINE_MM, line, color=GREY)
+    return figure
+
+
+_MODELS = {"paper": "paper's model", "general": "general model"}
+
+
+def _draw_poses(axes: Axes, health: Health) -> None:
+    poses = health.poses
+    numbers = [point.poses for point in poses.expected]
+    optimal = [point.u_optimal_mm for point in poses.expected]
+    measured = [(p.poses, p.u_measured_mm) for p in poses.expected if p.u_measured_mm is not None]
+    axes.plot(numbers, optimal, label="poses in D-optimal order", **_OPTIMAL)
+    axes.plot(*zip(*measured, strict=True), label="poses in the order measured", **_MEASURED)
+    if poses.u_model_mm is not None:
+        label = f"all {poses.measured} poses: {poses.u_model_mm:.3g} mm"
+        axes.plot(poses.measured, poses.u_model_mm, label=label, **_ALL)
+    axes.axhline(poses.u_wanted_mm, label=_wanted(poses), **_WANTED)
+    left = f"error left, rms: {health.train_rms_mm:.3g} mm"
+    axes.axhline(health.train_rms_mm, label=left, **_LEFT)
+    if poses.wanted is not None:
+        axes.plot([poses.wanted] * 2, [1e-9, poses.u_wanted_mm], **_WANTED)
+    shown = [*optimal, *(u for _, u in measured), poses.u_wanted_mm, health.train_rms_mm]
+    shown += [] if poses.u_model_mm is None else [poses.u_model_mm]
+    plain_log(axes, "x", min(numbers) / 1.2, max(*numbers, poses.measured) * 1.3)
+    plain_log(axes, "y", min(shown) / 1.5, max(shown) * 1.5)
+    axes.set_xlabel("number of poses")
+    axes.set_ylabel("uncertainty to be expected\nof a prediction [mm]")
+
+
+def _wanted(poses: PosesWanted) -> str:
+    said = f"wanted: {poses.u_wanted_mm:.3g} mm"
+    if poses.wanted is None:
+        return f"{said}, not with {len(poses.d_optimal_order)} chosen poses"
+    return f"{said}, with {poses.wanted} chosen poses"
+
+
+def _draw_errors(axes: Axes, health: Health) -> None:
+    """Draw what the error left is to be compared with, one below the other."""
+    rows = [
+        ("expected of the model", health.poses.u_model_mm, ORANGE, "*"),
+        ("noise of the readings", health.noise_mm, GREEN, "s"),
+        ("poses fitted", health.train_rms_mm, VERMILLION, "o"),
+        ("poses held out", health.held_out_rms_mm, PURPLE, "v"),
+    ]
+    known = [value for _, value, _, _ in rows if value]
+    plain_log(axes, "x", min(known) / 2.5, max(known) * 2.5, few=True)
+    for y, (_, value, colour, marker) in enumerate(rows):
+        if value:
+            axes.plot(value, y, color=colour, marker=marker, linestyle="none")
+        text = "not known" if value is None else f"{value:.3f}"
+        axes.text(1.08, y, text, transform=axes.get_yaxis_transform(), va="center")
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_yticks(range(len(rows)), [name for name, _, _, _ in rows])
+    axes.tick_params(axis="y", length=0.0)
+    axes.set_title("rms [mm]", loc="right")
+
+
+def _facts(health: Health) -> list[str]:
+    said = [
+        f"Rank {health.rank} of {health.unknowns}; condition number {health.condition:.0f}.",
+        f"Ended after {health.iterations} steps: {health.reason.rstrip('.').replace('`', '')}.",
+        f"At the end of their range: {_names(health.at_bounds)}.",
+        f"Left open by these poses: {_names(health.not_identifiable)}.",
+    ]
+    return [line for text in said for line in wrap(text, _HALF_LETTERS)]
+
+
+def _pairs(health: Health) -> list[str]:
+    pairs = health.correlated_pairs
+    if not pairs:
+        return ["No two parameters are strongly correlated."]
+    lines = ["Parameters hardly told apart, with their correlation:"]
+    for pair in pairs[:_MOST_PAIRS]:
+        first, second = map(written, pair.parameters)
+        lines.append(f"{first} and {second}: {pair.correlation:+.3f}")
+    if len(pairs) > _MOST_PAIRS:
+        lines.append(f"and {len(pairs) - _MOST_PAIRS} more, see the table")
+    return lines
+
+
+def _names(names: tuple[str, ...]) -> str:
+    return ", ".join(map(written, names)) or "none"

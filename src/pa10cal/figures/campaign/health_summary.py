@@ -1,0 +1,149 @@
+"""The health of the calibrations of all loads: what to look at before trusting one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pa10cal.figures.general_records import GeneralCalibration
+from pa10cal.figures.parameter_names import written
+from pa10cal.figures.records import AnyCalibration, Health
+from pa10cal.figures.registry import Picture
+from pa10cal.figures.results import Results
+from pa10cal.figures.table import Grid, Row, Table
+
+PICTURE = Picture(
+    title="Health of the calibration",
+    needs=("calibration", "general"),
+    caption="""
+Whether the calibration of ``{name}`` is good, in one line and in the quantities behind it:
+termination of the fit, rank and condition number, parameters at a bound, not identifiable or
+strongly correlated, the error of fitted against held-out poses, and the uncertainty to expect
+with so many poses. Where the paper's model is used, the general model stands beside it. The
+poses at the head of the D-optimal order carry the most information: measured again, they are a
+good check.
+""",
+)
+
+_DATA_HEADER: Row = ("model", "quantity", "of", "value", "unit")
+_UNKNOWN = "–"
+#: So many poses in the order of what they tell are shown; the CSV has all that were ordered.
+_MOST_SHOWN = 30
+
+
+def tabulate(results: Results) -> Table:
+    """Return how the fits ended, what they rest on and leave open, and how many poses they want."""
+    cases = results.calibrations()
+    models = [_MODELS[case.model] for case in cases]
+    columns = [_said(case) for case in cases]
+    rows = tuple(
+        (quantity, *(column.get(quantity, _UNKNOWN) for column in columns))
+        for quantity in dict.fromkeys(name for column in columns for name in column)
+    )
+    return Table(
+        title="Health of the calibration",
+        data=Grid(_DATA_HEADER, tuple(row for case in cases for row in _data_rows(case))),
+        shown=(
+            Grid(("all loads together", *models), rows),
+            _pairs([case.health for case in cases], models),
+            *(_order(case.health, model) for case, model in zip(cases, models, strict=True)),
+        ),
+        notes=(
+            "Expected uncertainty: of a predicted position, root mean square over the poses; with "
+            "the paper's model from the noise of the readings, with the general one from the "
+            "scatter of the poses about it. Neither covers what the model lacks.",
+            "Wanted: the uncertainty that adds hardly anything to the error left. Poses in "
+            "D-optimal order: each makes the determinant of the information grow most.",
+        ),
+    )
+
+
+_MODELS = {"paper": "paper's model", "general": "general model"}
+
+
+def _said(case: AnyCalibration) -> dict[str, str]:
+    """Return quantities and how they are written."""
+    health = case.health
+    poses = health.poses
+    wanted = f"more than {len(poses.d_optimal_order)}" if poses.wanted is None else poses.wanted
+    found = {
+        "verdict": f"{health.verdict}: {health.line}",
+        "ended": f"after {health.iterations} steps: {health.reason}",
+        "rank": f"{health.rank} of {health.unknowns} unknowns",
+        "condition number": f"{health.condition:.4g}",
+        "at the end of their range": _names(health.at_bounds),
+        "left open by these poses": _names(health.not_identifiable),
+        "error of the poses fitted, rms [mm]": _number(health.train_rms_mm),
+        "error of the poses held out, rms [mm]": _number(health.held_out_rms_mm),
+        "what the noise of the readings explains, rms [mm]": _number(health.noise_mm),
+        "expected uncertainty of a prediction [mm]": _number(poses.u_model_mm),
+        "wanted [mm]": _number(poses.u_wanted_mm),
+        "poses measured": str(poses.measured),
+        "well-chosen poses that would do": str(wanted),
+    }
+    if isinstance(case, GeneralCalibration):
+        for of, scatter in case.scatter.items():
+            unit = "mrad" if of == "attitude" else "mm"
+            found[f"scatter beyond what is stated, {of} [{unit}]"] = _number(1e3 * scatter)
+    return found
+
+
+def _pairs(healths: list[Health], models: list[str]) -> Grid:
+    rows = tuple(
+        (model, *map(written, pair.parameters), f"{pair.correlation:+.4f}")
+        for health, model in zip(healths, models, strict=True)
+        for pair in health.correlated_pairs
+    )
+    header = ("model", "parameter", "and", "correlation")
+    return Grid(header, rows or (("none", "–", "–", "–"),), "Parameters hardly told apart")
+
+
+def _order(health: Health, model: str) -> Grid:
+    """Return the uncertainty by number of poses, and which pose comes next."""
+    poses = health.poses
+    rows = tuple(
+        (
+            str(expected.poses),
+            _number(expected.u_optimal_mm),
+            _number(expected.u_measured_mm),
+            poses.d_optimal_order[expected.poses - 1],
+        )
+        for expected in poses.expected[:_MOST_SHOWN]
+    )
+    header = ("poses", "D-optimal order [mm]", "order measured [mm]", "the last of the former")
+    return Grid(header, rows, f"Expected uncertainty by number of poses, {model}")
+
+
+def _data_rows(case: AnyCalibration) -> Iterator[Row]:
+    health, model = case.health, case.model
+    poses = health.poses
+    for quantity in ("verdict", "line", "reason", "iterations", "rank", "unknowns", "condition"):
+        yield (model, quantity, "", str(getattr(health, quantity)), "")
+    for quantity in ("at_bounds", "not_identifiable"):
+        yield (model, quantity, "", " ".join(getattr(health, quantity)), "")
+    for quantity in ("train_rms_mm", "held_out_rms_mm", "noise_mm"):
+        yield (model, quantity, "", _plain(getattr(health, quantity)), "mm")
+    for quantity in ("u_model_mm", "u_wanted_mm"):
+        yield (model, quantity, "", _plain(getattr(poses, quantity)), "mm")
+    for quantity in ("measured", "wanted"):
+        value = getattr(poses, quantity)
+        yield (model, f"poses_{quantity}", "", "" if value is None else str(value), "")
+    for pair in health.correlated_pairs:
+        yield (model, "correlation", " and ".join(pair.parameters), f"{pair.correlation:.6g}", "")
+    for expected in poses.expected:
+        for quantity in ("u_optimal_mm", "u_measured_mm"):
+            value = _plain(getattr(expected, quantity))
+            yield (model, quantity, f"{expected.poses} poses", value, "mm")
+    for k, pose in enumerate(poses.d_optimal_order, start=1):
+        yield (model, "d_optimal_order", str(k), pose, "")
+
+
+def _names(names: tuple[str, ...]) -> str:
+    return ", ".join(map(written, names)) or "none"
+
+
+def _number(value: float | None) -> str:
+    return _UNKNOWN if value is None else f"{value:.4f}"
+
+
+def _plain(value: float | None) -> str:
+    return "" if value is None else f"{value:.6g}"

@@ -1,0 +1,229 @@
+"""Residual vectors in space, before and after effects joined the model where they were sought."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.quiver import Quiver
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from pa10cal.figures.discovery_records import Configuration
+from pa10cal.figures.instruments import seen_by
+from pa10cal.figures.records import Residual
+from pa10cal.figures.registry import Picture
+from pa10cal.figures.results import Results
+from pa10cal.figures.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    ORANGE,
+    WIDTH_MM,
+    evenly,
+    height_of,
+    new_figure,
+    panel,
+    write_text_at,
+)
+
+PICTURE = Picture(
+    title="Gap: residual vectors before and after",
+    needs=("gap",),
+    caption="""
+Arrows from predicted to measured positions in ``{name}``, equally enlarged left, before, and
+right, after the named effects were added; above seen from above, below from the side, along the
+base axes of the robot. Where no effects are sought, both views show the calibrated model. Blue:
+fitted poses, each load by itself; orange: held-out poses; grey: held-out poses beyond the joint
+angles of the fit, extrapolated. Of thousands of poses an even selection is drawn. Arrows that
+agree from load to load, or turn steadily from place to place, show an effect that the model
+lacks; the arrows on the right should be short and have no common direction.
+""",
+)
+
+Array = NDArray[np.float64]
+
+#: The longest arrow, at least, and as a part of what the places span.
+_LONGEST_ARROW_MM, _LONGEST_PART = 220.0, 0.15
+#: Of more poses only about so many are drawn, evenly over the record, and some of every set.
+_MOST_ARROWS, _LEAST_ARROWS = 240, 40
+_MARGIN_MM = 20.0
+#: How wide a panel is and how far apart they begin; views side by side have an axis each.
+_PANEL_MM, _APART_MM = 70.0, 78.0
+_ALONE_MM, _ALONE_APART_MM = 63.0, 83.0
+_BELOW_MM, _SAID_MM, _BETWEEN_MM, _ABOVE_MM = 22.5, 4.4, 10.0, 18.0
+_SAME_SCALE = (
+    "Arrows before and after are drawn at the same scale: one not seen is no longer than its mark."
+)
+_VIEWS = (("seen from above", (0, 1)), ("seen from the side", (0, 2)))
+_TRAIN: dict[str, Any] = {"color": BLUE, "marker": "o"}
+_HELD_OUT: dict[str, Any] = {"color": ORANGE, "marker": "^"}
+_BEYOND: dict[str, Any] = {"color": GREY, "marker": "s"}
+
+
+@dataclass(frozen=True)
+class _Arrows:
+    """Arrows from (N, 3) places [mm].
+
+    Attributes:
+        name: what the poses are.
+        place_mm: where each begins.
+        vector_mm: (N, 3) arrows [mm] by what the model is: `before`, `after`.
+        look: how they look.
+    """
+
+    name: str
+    place_mm: Array
+    vector_mm: dict[str, Array]
+    look: dict[str, Any]
+
+    def drawn(self, share: float) -> _Arrows:
+        """Return a share of them."""
+        most = max(round(share * len(self.place_mm)), _LEAST_ARROWS)
+        rows = evenly(len(self.place_mm), most)
+        vectors = {when: vector_mm[rows] for when, vector_mm in self.vector_mm.items()}
+        return _Arrows(self.name, self.place_mm[rows], vectors, self.look)
+
+
+def draw(results: Results) -> Figure:
+    """Draw arrows from predicted to measured positions: before left, after right."""
+    every = _sets(results)
+    share = min(_MOST_ARROWS / sum(len(arrows.place_mm) for arrows in every), 1.0)
+    sets = [arrows.drawn(share) for arrows in every]
+    columns = list(sets[0].vector_mm)
+    vectors = np.vstack([v for arrows in sets for v in arrows.vector_mm.values()])
+    places = np.vstack([arrows.place_mm for arrows in sets for _ in columns])
+    longest = float(np.linalg.norm(vectors, axis=1).max())
+    reach_mm = max(_LONGEST_ARROW_MM, _LONGEST_PART * float(np.ptp(places, axis=0).max()))
+    scale = _round_down(reach_mm / longest)
+    ends = np.vstack([places, places + scale * vectors])
+    low, high = ends.min(axis=0) - _MARGIN_MM, ends.max(axis=0) + _MARGIN_MM
+    alone = len(columns) == 1  # then the views stand side by side, else one below the other
+    if alone:  # and as tall as each other
+        middle, half = (low + high) / 2.0, (high - low)[1:].max() / 2.0
+        low[1:], high[1:] = middle[1:] - half, middle[1:] + half
+    wide_mm, apart_mm = (_ALONE_MM, _ALONE_APART_MM) if alone else (_PANEL_MM, _APART_MM)
+    tall_mm = wide_mm / (high[0] - low[0]) * (high - low)
+    below = _BELOW_MM + _SAID_MM * len(sets)
+    top = below + (0.0 if alone else tall_mm[2] + _BETWEEN_MM)
+    figure = new_figure(
+        top + tall_mm[1] + _ABOVE_MM,
+        "Position error in space: from the predicted to the measured place",
+    )
+    for k, when in enumerate(columns):
+        for row, (title, shown) in enumerate(_VIEWS):
+            column, bottom = (row, top) if alone else (k, below if row else top)
+            up = shown[1]
+            axes = panel(figure, 18.0 + apart_mm * column, bottom, wide_mm, tall_mm[up])
+            arrows = _draw_view(axes, sets, when, shown, scale)
+            axes.set(xlim=(low[0], high[0]), ylim=(low[up], high[up]))
+            axes.set_title(f"{when}, {title}")
+            axes.set_ylabel(f"{'xyz'[up]} [mm]" if alone or not column else "")
+            axes.tick_params(labelleft=alone or not column, labelbottom=bottom == below)
+            if bottom == below:
+                axes.set_xlabel("x [mm]")
+    key_mm = _round_down(longest)
+    axes.quiverkey(
+        arrows,
+        0.64,
+        1.0 - 7.5 / height_of(figure),
+        scale * key_mm,
+        f"{key_mm:g} mm, enlarged {scale:g} times",
+        labelpos="E",
+        coordinates="figure",
+        color=BLACK,
+    )
+    _draw_legend(figure, every, sets)
+    said = seen_by(results.instrument).arrows if alone else _SAME_SCALE
+    write_text_at(figure, 2.0, 6.0, said, color=GREY)
+    return figure
+
+
+def _sets(results: Results) -> list[_Arrows]:
+    """Return the arrows of the poses fitted and held out; before alone where none is after."""
+    if not results.seeks_effects:
+        return [_calibrated(results.general().residuals)]
+    found = results.analysis().gap
+    held_out = found.holdout or ()
+    parts = (
+        ("poses fitted", found.train, _TRAIN),
+        ("held-out poses", tuple(row for row in held_out if not row.extrapolated), _HELD_OUT),
+        ("held out, extrapolated", tuple(row for row in held_out if row.extrapolated), _BEYOND),
+    )
+    return [_before_and_after(name, rows, look) for name, rows, look in parts if rows]
+
+
+def _before_and_after(name: str, rows: tuple[Configuration, ...], look: dict[str, Any]) -> _Arrows:
+    """Return the arrows of configurations; they are the opposite of the residuals."""
+    return _Arrows(
+        name,
+        np.array([row.place_mm for row in rows]),
+        {
+            "before": -np.array([row.before_mm for row in rows]),
+            "after": -np.array([row.after_mm for row in rows]),
+        },
+        look,
+    )
+
+
+def _calibrated(rows: tuple[Residual, ...]) -> _Arrows:
+    return _Arrows(
+        "poses fitted",
+        np.array([row.place_mm for row in rows]),
+        {"calibrated": -np.array([row.position_mm for row in rows])},
+        _TRAIN,
+    )
+
+
+def _draw_view(
+    axes: Axes, sets: list[_Arrows], when: str, shown: tuple[int, int], scale: float
+) -> Quiver:
+    columns = list(shown)
+    for arrows in sets:
+        place = arrows.place_mm[:, columns].T
+        axes.plot(*place, markersize=2.0, linestyle="none", **arrows.look)
+        drawn = axes.quiver(
+            *place,
+            *(scale * arrows.vector_mm[when][:, columns].T),
+            color=arrows.look["color"],
+            angles="xy",
+            scale_units="xy",
+            scale=1.0,
+            width=0.005,
+        )
+    axes.xaxis.set_major_locator(MaxNLocator(4))
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    return drawn
+
+
+def _draw_legend(figure: Figure, every: list[_Arrows], sets: list[_Arrows]) -> None:
+    handles = [
+        Line2D([], [], linestyle="none", label=_label(arrows, shown), **arrows.look)
+        for arrows, shown in zip(every, sets, strict=True)
+    ]
+    figure.legend(
+        handles=handles,
+        loc="lower left",
+        bbox_to_anchor=(16.0 / WIDTH_MM, 10.5 / height_of(figure)),
+    )
+
+
+def _label(arrows: _Arrows, shown: _Arrows) -> str:
+    means = [
+        f"{np.linalg.norm(vector_mm, axis=1).mean():.3f} mm {when}"
+        for when, vector_mm in arrows.vector_mm.items()
+    ]
+    text = f"{arrows.name}, every load: mean {', '.join(means)}"
+    total, some = len(arrows.place_mm), len(shown.place_mm)
+    return text if some == total else f"{text}; {some} of {total} drawn"
+
+
+def _round_down(value: float) -> float:
+    """Return the largest of 1, 2, 3 and 5 times a power of ten that is not above the value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    steps = (1.0, 2.0, 3.0, 5.0)
+    return float(power * max(step for step in steps if step * power <= value * 1.000001))

@@ -1,0 +1,206 @@
+"""How much error is left, part by part, before and after the effects joined the model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from pa10cal.figures.discovery_records import Analysis, Estimate, LackOfFit
+from pa10cal.figures.registry import Picture
+from pa10cal.figures.results import Results
+from pa10cal.figures.style import (
+    AFTER,
+    BEFORE,
+    BLACK,
+    GREY,
+    WIDTH_MM,
+    new_figure,
+    panel,
+    plain_log,
+    write_text_at,
+)
+
+PICTURE = Picture(
+    title="Where: remaining error by load, axis, joint and direction",
+    needs=("analysis",),
+    caption="""
+Remaining error of ``{name}`` fitted without effects (red) and with the effects of the verdict
+(blue), part by part. The black bar is the error that the measured repeatability alone leaves in
+a cell of a few readings, which is more than in averaged poses. Above: position error by load
+and by axis of the instrument, and the same expressed as joint angle errors, on logarithmic
+axes. Below: the mean error of each joint by direction of arrival, and the drift with time and
+temperature. Blue at the bars and at zero means that nothing remains; red and blue together, far
+from the bars, mean that an error was not found. Errors common to all poses are removed first.
+""",
+)
+
+Array = NDArray[np.float64]
+
+_HALF_WIDTH_95 = 1.96
+_S_PER_H = 3600.0
+_BEFORE: dict[str, Any] = {"color": BEFORE, "marker": "s", "linestyle": "none"}
+_AFTER: dict[str, Any] = {"color": AFTER, "marker": "o", "linestyle": "none"}
+_FLOOR: dict[str, Any] = {
+    "color": BLACK,
+    "marker": "_",
+    "markersize": 9.0,
+    "markeredgewidth": 1.4,
+    "linestyle": "none",
+}
+_ASIDE = 0.16
+#: Room above and below, and least ratio of an axis's ends: else it has hardly a number.
+_ROOM, _LEAST_RATIO = 1.5, 12.0
+_HEIGHT_MM = 148.0
+
+
+def draw(results: Results) -> Figure:
+    """Draw errors by load, axis, joint and direction, and drifts, beside the floor."""
+    found = results.analysis()
+    figure = new_figure(_HEIGHT_MM, "Where model and measurement disagree, before and after naming")
+    before, after = found.before, found.after
+    _draw_parts(
+        panel(figure, 18.0, 95.0, 36.0, 38.0),
+        [part.of.removesuffix(" N") for part in before.by_load],
+        [[part.rms_mm for part in fit.by_load] for fit in (before, after)],
+        [part.floor_mm for part in before.by_load],
+    ).set(title="by load", xlabel="load [N]", ylabel="position error, rms [mm]")
+    _draw_parts(
+        panel(figure, 71.0, 95.0, 32.0, 38.0),
+        [part.of for part in before.by_axis],
+        [[part.rms_mm for part in fit.by_axis] for fit in (before, after)],
+        [part.floor_mm for part in before.by_axis],
+    ).set(title="by axis of the instrument", xlabel="axis", ylabel="rms [mm]")
+    joints = [str(part.joint) for part in before.by_joint]
+    _draw_parts(
+        panel(figure, 121.0, 95.0, 46.0, 38.0),
+        joints,
+        [[1e6 * part.rms_rad for part in fit.by_joint] for fit in (before, after)],
+        [1e6 * part.floor_rad for part in before.by_joint],
+    ).set(title="by joint, as an error of its angle", xlabel="joint", ylabel="rms [µrad]")
+    direction = panel(figure, 18.0, 39.0, 85.0, 38.0)
+    _draw_directions(direction, found)
+    direction.set_title("by direction of arrival: mean angle error, with 95 % intervals")
+    drift = panel(figure, 121.0, 39.0, 46.0, 38.0)
+    _draw_drifts(drift, found)
+    drift.set_title("drift over the whole campaign")
+    write_text_at(figure, 18.0, 8.0, _against_pure_error(found))
+    figure.legend(
+        handles=[
+            Line2D([], [], label="before: fit without the effects", **_BEFORE),
+            Line2D([], [], label="after: effects named", **_AFTER),
+            Line2D([], [], label="repeatability alone", **_FLOOR),
+        ],
+        loc="lower left",
+        bbox_to_anchor=(18.0 / WIDTH_MM, 18.5 / _HEIGHT_MM),
+        ncols=3,
+    )
+    return figure
+
+
+def _draw_parts(axes: Axes, names: list[str], rms: list[list[float]], floor: list[float]) -> Axes:
+    """Draw root mean squares of named parts, before and after, and their floor."""
+    at = np.arange(len(names))
+    axes.plot(at, floor, **_FLOOR)
+    for values, aside, look in zip(rms, (-_ASIDE, _ASIDE), (_BEFORE, _AFTER), strict=True):
+        axes.plot(at + aside, values, **look)
+    everything = [*floor, *rms[0], *rms[1]]
+    low, high = min(everything) / _ROOM, max(everything) * _ROOM
+    aside = max(np.sqrt(_LEAST_RATIO * low / high), 1.0)
+    plain_log(axes, "y", low / aside, high * aside)
+    axes.set_xlim(-0.6, len(names) - 0.4)
+    axes.set_xticks(at, names)
+    axes.tick_params(axis="x", length=0.0)
+    axes.grid(visible=False, axis="x")
+    return axes
+
+
+def _draw_directions(axes: Axes, found: Analysis) -> None:
+    """Draw, for each joint, the mean error at cells where it came from either side."""
+    ticks, labels = [], []
+    if not any(part.arrivals for part in found.before.by_joint):
+        axes.text(0.5, 0.55, "no direction was logged", transform=axes.transAxes, ha="center")
+        axes.set(xticks=[], yticks=[])
+        return
+    for fit, look, aside in (
+        (found.before, _BEFORE, -_ASIDE / 1.6),
+        (found.after, _AFTER, _ASIDE / 1.6),
+    ):
+        shown = [(part.joint, arrival) for part in fit.by_joint for arrival in part.arrivals]
+        at = np.array([joint + 0.22 * arrival.direction for joint, arrival in shown])
+        mean = np.array([1e6 * arrival.mean_rad for _, arrival in shown])
+        half = _HALF_WIDTH_95 * np.array([1e6 * (arrival.std_rad or 0.0) for _, arrival in shown])
+        axes.errorbar(at + aside, mean, yerr=half, elinewidth=0.8, **look)
+        ticks = at.tolist()
+        labels = ["+" if arrival.direction > 0 else "−" for _, arrival in shown]
+    joints = [part.joint for part in found.before.by_joint]
+    axes.axhline(0.0, color=GREY, linewidth=0.6)
+    axes.set_xticks(ticks, labels, minor=True)
+    axes.set_xticks(joints, [f"\n{joint}" for joint in joints])
+    axes.tick_params(axis="x", length=0.0, which="both")
+    axes.grid(visible=False, axis="x")
+    axes.set_xlim(joints[0] - 0.6, joints[-1] + 0.6)
+    axes.set(xlabel="joint, arriving in − or + direction", ylabel="mean [µrad]")
+
+
+def _draw_drifts(axes: Axes, found: Analysis) -> None:
+    """Draw slopes of the position error with time and temperature, over the range of each."""
+    kelvin = np.array(found.before.cells.temperature_C, dtype=float)
+    spans = (
+        float(np.ptp(found.before.cells.time_s)) / _S_PER_H,
+        float(np.ptp(kelvin)) if np.isfinite(kelvin).all() else 0.0,
+    )
+    for fit, look, aside in ((found.before, _BEFORE, -_ASIDE), (found.after, _AFTER, _ASIDE)):
+        for first, slopes, span in zip((0, 4), _slopes(fit), spans, strict=True):
+            known = [(k, slope) for k, slope in enumerate(slopes) if slope is not None]
+            if not known:
+                continue
+            axes.errorbar(
+                [first + k + aside for k, _ in known],
+                [1e3 * span * slope.value for _, slope in known],
+                yerr=[1e3 * span * _HALF_WIDTH_95 * (slope.std or 0.0) for _, slope in known],
+                elinewidth=0.8,
+                **look,
+            )
+    axes.axhline(0.0, color=GREY, linewidth=0.6)
+    names = [drift.axis for drift in found.before.drifts]
+    axes.set_xticks([0, 1, 2, 4, 5, 6], names * 2)
+    axes.set_xlim(-0.6, 6.6)
+    axes.tick_params(axis="x", length=0.0)
+    axes.grid(visible=False, axis="x")
+    axes.set_xlabel("with time        with temperature")
+    axes.set_ylabel("slope × range [µm]")
+
+
+def _slopes(fit: LackOfFit) -> tuple[list[Estimate | None], list[Estimate | None]]:
+    """Return the slopes along the axes with time and with temperature."""
+    return (
+        [drift.by_time_mm_per_h for drift in fit.drifts],
+        [drift.by_temperature_mm_per_K for drift in fit.drifts],
+    )
+
+
+def _against_pure_error(found: Analysis) -> str:
+    """Say how what poses share compares with pure error, before and after."""
+    tests = [("before", found.before.pose.shared), ("after", found.after.pose.shared)]
+    if not any(test for _, test in tests):
+        return "No pose was repeated: repeatability is that of poses nearly alike, or as stated."
+    said = ", ".join(
+        f"{_number(test.F)} {when} (p {_probability(test.p_value)})" for when, test in tests if test
+    )
+    return (
+        "Variance of what the readings of a pose share over that of repeats, F, is 1 where nothing "
+        f"is missing:\n{said}; p is the probability of more by chance"
+    )
+
+
+def _number(value: float) -> str:
+    return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
+
+
+def _probability(p_value: float) -> str:
+    return "< 0.001" if p_value < 1e-3 else f"= {p_value:.2g}"

@@ -1,0 +1,171 @@
+"""The chain of links calibrated: its postures, errors before and after, and against the noise."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.stats import norm
+
+from pa10cal.figures.chain_results import DEPARTS, CurveStudy, Individual
+from pa10cal.figures.registry import Picture
+from pa10cal.figures.style import (
+    AFTER,
+    AFTER_COMBINED,
+    BEFORE,
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    evenly,
+    new_figure,
+    panel,
+    plain_log,
+)
+
+PICTURE = Picture(
+    title="A chain of links, calibrated",
+    needs=(),
+    caption="""
+The chain of links as a serial arm with two joints a link, calibrated. Upper left, some postures
+in which one arm was measured: along splines, helices and moments of a travelling wave, at any
+roll that its joints allow. Upper right, the position error of each pose before and after
+calibration; hollow markers are held-out poses. Dashed: the noise floor, the mean error that the
+stated noise alone leaves. Lower left, the mean error of every arm relative to that floor;
+dotted, the limit. The two-level model is the paper's, with some or all poses on its inner
+level; it has no tool parameters and cannot represent a flange that departs in any way. Lower
+right, the errors of its parameters in standard uncertainties.
+""",
+)
+
+_MOST_POSTURES = 24
+_COLOURS = {"spline": BLUE, "helix": ORANGE, "wave": GREEN}
+_OF_MODEL = {"two_level": AFTER, "two_level_all": AFTER_COMBINED, "general": GREEN}
+_SHORT = {"two_level": "two-level", "two_level_all": "all inside", "general": "general"}
+#: Beside each other: fitted, held out.
+_ASIDE = {"fitted": -0.14, "held_out": 0.14}
+
+
+def draw(study: CurveStudy) -> Figure:
+    """Draw postures, errors pose by pose, means over the noise floor, and scores."""
+    figure = new_figure(
+        150.0, f"A chain of {study.joints} joints, posed along curves and calibrated (synthetic)"
+    )
+    _draw_postures(panel(figure, 2.0, 82.0, 64.0, 60.0, projection="3d"), study)
+    _draw_poses(panel(figure, 88.0, 92.0, 78.0, 44.0), study)
+    _draw_means(panel(figure, 16.0, 24.0, 96.0, 42.0), study)
+    _draw_scores(panel(figure, 124.0, 24.0, 42.0, 42.0), study)
+    return figure
+
+
+def _draw_postures(axes: Axes, study: CurveStudy) -> None:
+    places_m, shapes = np.array(study.postures_of_first.p_m), study.postures_of_first.shape
+    for k in evenly(len(shapes), _MOST_POSTURES):
+        axes.plot(*places_m[k].T, color=_COLOURS[shapes[k]], linewidth=0.7, marker=".", ms=2.0)
+    for shape, colour in _COLOURS.items():
+        axes.plot([], [], color=colour, label=shape)
+    axes.plot([0.0], [0.0], [0.0], color=BLACK, marker="s", linestyle="none", label="base")
+    solid = cast(Any, axes)  # matplotlib's axes in space are not typed
+    for name, low, high in zip(
+        "xyz", places_m.min(axis=(0, 1)), places_m.max(axis=(0, 1)), strict=True
+    ):
+        getattr(solid, f"set_{name}label")(f"{name} [m]")
+        getattr(solid, f"set_{name}lim")(low, high)
+        getattr(solid, f"{name}axis").get_major_locator().set_params(nbins=3)
+    solid.set_box_aspect(np.ptp(places_m, axis=(0, 1)))
+    axes.legend(loc="upper left", bbox_to_anchor=(-0.02, 1.04), ncols=2, columnspacing=1.0)
+
+
+def _draw_poses(axes: Axes, study: CurveStudy) -> None:
+    """Draw the errors of the first individual that departs by its rows, pose by pose."""
+    poses = _by_rows(study)[0].poses
+    held_out = np.array(poses.held_out)
+    before_mm = np.array(poses.nominal_mm)
+    order = np.lexsort((before_mm, held_out))
+    place = np.empty(len(order))
+    place[order] = np.arange(1, len(order) + 1)
+    shown = (
+        ("nominal", before_mm, BEFORE, "o"),
+        ("two-level", np.array(poses.two_level_mm), _OF_MODEL["two_level"], "o"),
+        ("general", np.array(poses.general_mm), _OF_MODEL["general"], "s"),
+    )
+    for said, errors_mm, colour, mark in shown:
+        look: dict[str, Any] = {"color": colour, "marker": mark, "ms": 2.2, "linestyle": "none"}
+        axes.plot(place[~held_out], errors_mm[~held_out], label=said, **look)
+        axes.plot(place[held_out], errors_mm[held_out], markerfacecolor="white", **look)
+    axes.axhline(study.noise_floor_mm, color=BLACK, linestyle="--", label="noise floor")
+    axes.axvline(float((~held_out).sum()) + 0.5, color=GREY, linewidth=0.6)
+    every = np.concatenate([errors_mm for _, errors_mm, _, _ in shown])
+    plain_log(axes, "y", 0.8 * float(every.min()), 1.3 * float(every.max()))
+    axes.set_xlabel("pose, by error before; right: held out (hollow)")
+    axes.set_ylabel("position error [mm]")
+    axes.set_title("the first arm that departs by its rows")
+    axes.legend(
+        loc="upper center",
+        bbox_to_anchor=(0.44, -0.24),
+        ncols=4,
+        columnspacing=1.0,
+        handlelength=1.2,
+    )
+
+
+def _draw_means(axes: Axes, study: CurveStudy) -> None:
+    """Draw the mean errors of every individual over the noise floor."""
+    columns = [(departs, model) for departs in DEPARTS for model in _SHORT]
+    for x, (departs, model) in enumerate(columns):
+        alike = [each for each in study.individuals if each.departs == departs]
+        spread = np.linspace(-0.09, 0.09, len(alike)) if len(alike) > 1 else np.zeros(1)
+        for of, aside in _ASIDE.items():
+            times = [
+                getattr(each.errors[model], of).mean_mm / study.noise_floor_mm for each in alike
+            ]
+            face = _OF_MODEL[model] if of == "fitted" else "white"
+            axes.plot(
+                x + aside + spread,
+                times,
+                color=_OF_MODEL[model],
+                marker="o",
+                markersize=3.0,
+                markerfacecolor=face,
+                linestyle="none",
+            )
+    axes.axhline(1.0, color=BLACK, linestyle="--")
+    axes.axhline(study.bar, color=BEFORE, linestyle=":", linewidth=1.2)
+    axes.text(len(columns) - 0.45, study.bar, "bar", color=BEFORE, va="bottom", ha="right")
+    axes.set_xlim(-0.5, len(columns) - 0.5)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xticks(
+        range(len(columns)),
+        [f"{_SHORT[model]}\n{DEPARTS[departs]}" for departs, model in columns],
+        fontsize=7.0,
+    )
+    axes.grid(visible=False, axis="x")
+    axes.set_ylabel("mean error / noise floor")
+    axes.set_title("every arm: fitted (full), held out (hollow)")
+
+
+def _draw_scores(axes: Axes, study: CurveStudy) -> None:
+    """Draw how far parameters ended from the truth, in their standard uncertainties."""
+    scores = np.array(
+        [score for each in _by_rows(study) for score in each.models["two_level"].scores.values()]
+    )
+    edges = np.arange(-4.0, 4.01, 0.5)
+    axes.hist(scores.clip(-3.99, 3.99), edges.tolist(), density=True, color=SKY)
+    at = np.linspace(-4.0, 4.0, 161)
+    axes.plot(at, norm.pdf(at), color=BLACK)
+    axes.set_xlim(-4.0, 4.0)
+    axes.set_xlabel("(value − truth) / std")
+    axes.set_title(f"{len(scores)} parameters told,\ntwo-level; rms {_rms(scores):.2f}, line: 1")
+    axes.set_yticks([])
+
+
+def _by_rows(study: CurveStudy) -> list[Individual]:
+    return [each for each in study.individuals if each.departs == "rows"]
+
+
+def _rms(scores: np.ndarray[Any, Any]) -> float:
+    return float(np.sqrt(np.mean(scores**2)))

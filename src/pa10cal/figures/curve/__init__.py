@@ -1,0 +1,1 @@
+"""Pictures of a chain laid along a curve, one a module."""

@@ -1,0 +1,127 @@
+"""The pictures and tables of one results folder, drawn in one process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from pa10cal.errors import RecordError, SettingsError
+from pa10cal.figures.options import FigureOptions
+from pa10cal.figures.registry import Entry, NothingToShowError, entries
+from pa10cal.figures.style import looks, write_figure
+from pa10cal.figures.table import write_table
+from pa10cal.files.output import whole_file, write_json
+
+#: Folder of the files of a picture, by what it is.
+_PLACES = {"figure": "figures", "table": "tables", "film": "figures"}
+
+
+class Source(Protocol):
+    """What pictures are drawn from."""
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+
+    @property
+    def footer(self) -> str:
+        """What stands below every picture: where its data come from."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What became of the pictures of a results folder.
+
+    Attributes:
+        made: names of those that were written.
+        left_out: why each of the others was not, by name.
+    """
+
+    made: tuple[str, ...]
+    left_out: dict[str, str]
+
+    @property
+    def lines(self) -> list[str]:
+        """Return it as lines to print."""
+        return [f"{name}: left out, {why}" for name, why in self.left_out.items()] + [
+            f"{len(self.made)} drawn: {', '.join(self.made) or 'none'}"
+        ]
+
+
+def draw_all(folder: str, source: Source, out: Path, settings: FigureOptions) -> Drawn:
+    """Write every picture that has something to show, and remove older files of the others.
+
+    Args:
+        folder: which pictures, of `registry.FOLDERS`.
+        source: what they are drawn from.
+        out: gets the folders `figures` and `tables`, and `pictures.json`, which says what was drawn
+            and why the rest was not.
+        settings: how they are written.
+
+    Raises:
+        RecordError, RawDataError: when a result that is there cannot be used.
+    """
+    made, left_out = [], {}
+    for place in {_PLACES[entry.kind] for entry in entries(folder).values()}:
+        (out / place).mkdir(parents=True, exist_ok=True)
+    for entry in entries(folder).values():
+        why = _unmet(entry, source)
+        try:
+            if why is None:
+                _write(entry, source, out, settings)
+                made.append(entry.name)
+        except NothingToShowError as nothing:
+            why = str(nothing)
+        if why is not None:
+            left_out[entry.name] = why
+            for path in (out / _PLACES[entry.kind]).glob(f"{entry.name}.*"):
+                path.unlink()
+    write_json(out / "pictures.json", {"drawn": made, "left_out": left_out})
+    return Drawn(tuple(made), left_out)
+
+
+def draw_one(folder: str, name: str, source: Source, out: Path, settings: FigureOptions) -> None:
+    """Write one picture; the arguments are those of `draw_all`.
+
+    Raises:
+        SettingsError: when there is no picture of that name.
+        RecordError: when a result that it needs is missing, or holds nothing to show.
+    """
+    known = entries(folder)
+    if name not in known:
+        raise SettingsError(
+            "no such figure or table",
+            where="--figure",
+            value=name,
+            allowed=", ".join(known),
+            remedy="correct the name",
+        )
+    try:
+        _write(known[name], source, out, settings)
+    except NothingToShowError as nothing:
+        raise RecordError(
+            f"nothing to show: {nothing}",
+            where=name,
+            allowed="results that hold what the picture shows",
+            remedy="leave this picture out",
+        ) from None
+
+
+def _unmet(entry: Entry, source: Any) -> str | None:
+    """Return why a need of a picture is not met; those of studies have none."""
+    return next((why for need in entry.picture.needs if (why := source.lacks(need))), None)
+
+
+def _write(entry: Entry, source: Any, out: Path, settings: FigureOptions) -> None:
+    place, module = out / _PLACES[entry.kind], entry.module
+    if entry.kind == "table":
+        write_table(module.tabulate(source), source.footer, place, entry.name)
+        return
+    with looks():
+        if entry.kind == "film":
+            with whole_file(place / f"{entry.name}.{settings.film}") as path:
+                module.film(source, path, settings.png_dpi)
+        else:
+            figure = module.draw(source)
+            write_figure(figure, source.footer, place, entry.name, settings.png_dpi)

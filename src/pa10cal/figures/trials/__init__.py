@@ -1,0 +1,1 @@
+"""Pictures and tables of a study of blind trials, one a module."""

@@ -1,0 +1,69 @@
+"""The figures that blind trials are to reach, and those reached."""
+
+from __future__ import annotations
+
+from pa10cal.figures.registry import Picture
+from pa10cal.figures.table import Grid, Row, Table
+from pa10cal.figures.trial_scores import Bar, Scores
+
+PICTURE = Picture(
+    title="Targets, and values reached",
+    needs=(),
+    caption="""
+Targets of discovery in blind trials, and the values reached ({name}). Each trial is a simulated
+campaign with robot, poses, noise and hidden effects drawn at random; the verdict uses its raw
+files only and is compared with the truth afterwards. The interval is that of a share of so many
+trials. A target that is missed is reported like any other. The result says how well discovery
+does on errors that the simulation can produce.
+""",
+)
+
+_HEADER = ("quantity", "to reach", "reached", "95 % interval", "trials", "met")
+_NOTES = (
+    "Ratios are the position error that the calibrated baseline leaves over what noise alone "
+    "leaves, from the difference to the same campaign without the effect. A turn about the last "
+    "axis, a gain of the logged torque and friction at a rigid joint do not show in it.",
+    "Separable: not in one group with another name, by the geometry of the poses alone. A map of a "
+    "joint's error can do what any named form of the joint does and is no rival of one.",
+    "A trial that failed counts against every figure it belongs to.",
+)
+
+
+def tabulate(scores: Scores) -> Table:
+    """Return a row a figure."""
+    grid = Grid(_HEADER, tuple(map(_row, scores.bars)))
+    return Table("Blind trials: figures to reach", data=grid, shown=(grid,), notes=_notes(scores))
+
+
+def _row(bar: Bar) -> Row:
+    return (
+        bar.what,
+        f"{'≥' if bar.at_least else '≤'} {_figure(bar.limit, bar)}",
+        "" if bar.reached is None else _figure(bar.reached, bar),
+        ""
+        if bar.low is None or bar.high is None or not bar.trials
+        else f"{_figure(bar.low, bar)} to {_figure(bar.high, bar)}",
+        str(bar.trials),
+        {None: "no trial tells", True: "yes", False: "no"}[bar.met],
+    )
+
+
+def _figure(value: float, bar: Bar) -> str:
+    return f"{100.0 * value:.1f} %" if bar.share else f"{value:.3g}"
+
+
+def _notes(scores: Scores) -> tuple[str, ...]:
+    singles, gap = scores.single, scores.gap
+    notes = [*_NOTES]
+    if singles.alternatives is not None:
+        notes.append(
+            f"One effect: {singles.alternatives:.2f} alternatives beside the truth on average; "
+            f"{singles.not_testable} trials hid what the verdict had said it could not show."
+        )
+    if gap is not None:
+        notes.append(
+            f"Held-out error after naming over the mean where nothing is missing: median "
+            f"{gap.median:.2f}, 95 of 100 below {gap.high:.2f}; where nothing is missing itself 95 "
+            f"of 100 below {gap.null_high:.2f}."
+        )
+    return tuple(notes)

@@ -1,0 +1,114 @@
+"""Every module of a folder of pictures is one, and says of itself what the report needs."""
+
+import re
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from pa10cal.figures.draw import draw_all
+from pa10cal.figures.registry import FOLDERS, Picture, entries
+from pa10cal.figures.report import Captions, caption, titles
+
+PACKAGE = Path(__file__).parents[2] / "src/pa10cal/figures"
+EVERY = [(folder, name) for folder in FOLDERS for name in entries(folder)]
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_every_module_of_a_folder_is_a_picture(folder):
+    modules = {path.stem for path in (PACKAGE / folder).glob("*.py")} - {"__init__"}
+    assert set(entries(folder)) == modules
+
+
+def test_names_differ_as_files_do():
+    names = [name for _, name in EVERY]
+    assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize(("folder", "name"), EVERY, ids=lambda each: each)
+def test_captions_are_short_say_that_data_are_synthetic_and_state_no_result(folder, name):
+    text = caption(folder, name, "some-name")
+    assert 4 <= len(textwrap.wrap(text, 120)) <= 10
+    assert "synthetic data" in " ".join(text.split())
+    assert not re.search(r"\d\.\d", text), "a number that a run could change"
+    assert "{" not in text
+
+
+def test_the_report_reads_captions_and_titles_of_a_picture():
+    class Wildcards:
+        campaign, picture = "cell-q", "health"
+
+    assert "``cell-q``" in Captions("campaign", "campaign").of(Wildcards)
+    assert titles("campaign")(Wildcards) == {"picture": "Health of the calibration"}
+    assert repr(Captions("campaign", "campaign")) == "captions of campaign"
+
+
+def test_a_module_that_says_nothing_of_itself_is_a_fault(monkeypatch):
+    from pa10cal.figures.curve import curve_gait
+
+    monkeypatch.setattr(curve_gait, "PICTURE", "a gait")
+    entries.cache_clear()
+    with pytest.raises(TypeError, match=r"curve_gait must state PICTURE and hold one of draw, ta"):
+        entries("curve")
+    monkeypatch.undo()
+    assert isinstance(entries("curve")["curve_gait"].picture, Picture)
+
+
+#: Pictures of every campaign, of one whose effects are sought, and of the paper's or general model.
+ALWAYS = {"health", "health_summary", "parameters_general", "suspected_outliers", "residual_field"}
+SOUGHT = {"where_breakdown", "where_joints", "gap_by_step", "parameter_shifts", "verdict"}
+GENERAL = {"held_out_errors", "accuracy_general"}
+PAPER = {
+    "fig4_test_path",
+    "fig5_before_after",
+    "fig6_holdout",
+    "l_curve",
+    "montecarlo_convergence",
+    "montecarlo_map",
+    "montecarlo_planes",
+    "paper_against_ours",
+    "parameter_uncertainty",
+    "residual_vectors",
+    "table1_parameters",
+}
+
+
+class TestAll:
+    @pytest.fixture(autouse=True)
+    def quick(self, monkeypatch):
+        """Draw without writing; pictures themselves are on trial elsewhere."""
+        for module in ("write_figure", "write_table"):
+            monkeypatch.setattr(f"pa10cal.figures.draw.{module}", lambda *_: None)
+
+    @pytest.mark.parametrize(
+        ("source", "expected"),
+        [
+            ("results", ALWAYS | PAPER | SOUGHT | {"where_torque"}),
+            ("points", ALWAYS | GENERAL | {"error_by_joint"}),
+            ("distance", ALWAYS | GENERAL),
+        ],
+    )
+    def test_what_is_drawn_follows_from_what_the_campaign_is(
+        self, request, tmp_path, source, expected
+    ):
+        results = (
+            request.getfixturevalue("results")
+            if source == "results"
+            else request.getfixturevalue("sighted")[source]
+        )
+        drawn = draw_all("campaign", results, tmp_path, results.settings.figures)
+        assert set(drawn.made) == expected
+        assert set(drawn.left_out) == set(entries("campaign")) - expected
+
+    def test_older_files_of_what_is_left_out_are_removed_and_the_reason_is_kept(
+        self, results, tmp_path
+    ):
+        (tmp_path / "figures").mkdir()
+        old = tmp_path / "figures/joint_error_maps.svg"
+        old.write_text("old")
+        drawn = draw_all("campaign", results, tmp_path, results.settings.figures)
+        assert not old.exists()
+        why = "no error that depends on a joint's angle was named"
+        assert drawn.left_out["joint_error_maps"] == why
+        assert f"joint_error_maps: left out, {why}" in drawn.lines
+        assert why in (tmp_path / "pictures.json").read_text("utf-8")
