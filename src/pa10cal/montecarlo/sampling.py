@@ -72,18 +72,25 @@ def sample_errors(
         length: DisplacementBlock(plan, length)
         for length in {min(BLOCK_CYCLES, cycles - int(start)) for start in starts}
     }
+    ones = np.ones(BLOCK_CYCLES)
     work = []
     for start in starts:
-        inside = np.flatnonzero((cuts >= start) & (cuts < start + BLOCK_CYCLES))
         block = blocks[min(BLOCK_CYCLES, cycles - int(start))]
-        work.append((block, cuts[inside] - start, slice(inside[0], inside[-1] + 1)))
+        inside = np.flatnonzero((cuts >= start) & (cuts < start + BLOCK_CYCLES))
+        bounds = [*(cuts[inside] - start), len(block.error_m)]
+        parts = [
+            (int(cut), block.error_m[first:last], ones[: last - first])
+            for cut, first, last in zip(inside, bounds, bounds[1:], strict=False)
+        ]
+        work.append((block, parts))
     progress(0, len(streams))
     for position, source in enumerate(streams):
-        for block, offsets, columns in work:
+        for block, parts in work:
             source.standard_normal(out=block.normals)
             block.displace(position)
-            np.add.reduceat(block.error_m, offsets, out=sums[0, position, columns])
-            np.add.reduceat(block.squared_m2, offsets, out=sums[1, position, columns])
+            for cut, error_m, one in parts:
+                sums[0, position, cut] = error_m.dot(one)
+                sums[1, position, cut] = error_m.dot(error_m)
         progress(position + 1, len(streams))
     ends = np.searchsorted(np.append(cuts[1:], cycles), counts)
     error_m, squared_m2 = np.cumsum(sums, axis=2)[:, :, ends]
