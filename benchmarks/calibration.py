@@ -19,8 +19,9 @@ from pa10cal.calibration.calibrate import Options, tolerance_rows
 from pa10cal.calibration.inner_poses import rows_of, spread_poses
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.solve import nominal_start, solve
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.offsets import Tolerances
 
@@ -57,14 +58,7 @@ def problem(poses: int) -> TwoLevel:
     noise = Rotation.from_rotvec(rng.normal(scale=5e-5, size=(poses, 3)))
     T[:, :3, :3] = noise.as_matrix() @ T[:, :3, :3]
     labels = np.array([f"P{k:05d}" for k in range(poses)])
-    observations = PoseObservations(
-        labels,
-        states,
-        T,
-        np.zeros((poses, 6, 6)),
-        np.zeros((poses, 6, 0)),
-        np.ones(poses, dtype=np.int64),
-    )
+    observations = Observations.single(labels, states, Pose.of(T, np.zeros((poses, 6, 6))))
     return TwoLevel(model, observations, rows_of(observations, spread_poses(observations, 24)))
 
 
@@ -83,7 +77,7 @@ def solve_by_differences(level: TwoLevel) -> Array:
 
     def place(T_base_ee: Array, psi: Array, rows: Array | slice) -> Array:
         R = Rotation.from_euler("XYZ", psi[3:]).as_matrix()
-        measured = observations.T_instr_ee[rows]
+        measured = observations.measured.T_instr_target[rows]
         position = T_base_ee[rows, :3, 3] @ R.T + psi[:3] - measured[:, :3, 3]
         turned = R @ T_base_ee[rows, :3, :3] @ measured[:, :3, :3].transpose(0, 2, 1)
         chord = 2.0 * Rotation.from_matrix(turned).as_quat(canonical=True)[:, :3]

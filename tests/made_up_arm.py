@@ -7,11 +7,10 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, statics
-from pa10cal.campaign.averages import average_repeats
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.discover import Discovery, discover
 from pa10cal.discovery.evidence.candidates import testable
 from pa10cal.discovery.evidence.fit import Fit, fit
@@ -21,6 +20,9 @@ from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup, Uncertainties
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.rigid_fit import fit_rigid, pose_by_source
+from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates
@@ -91,8 +93,8 @@ def base_frame_of(T_instr_base, small):
 class Measured:
     """A campaign and the baseline calibrated on it."""
 
-    readings: PoseObservations
-    held_out: PoseObservations
+    readings: Observations[Pose]
+    held_out: Observations[Pose]
     setup: MeasurementSetup
     baseline: OperatingPoint
 
@@ -184,7 +186,7 @@ def measure(missing=Missing(), seed=20080427, poses=POSES, apparatus_m=5e-6, pos
     return Measured(single, average_repeats(held_out), setup, calibrated)
 
 
-def _readings(missing, model, x, T_instr_base, layout, rng, pose_m) -> PoseObservations:
+def _readings(missing, model, x, T_instr_base, layout, rng, pose_m) -> Observations[Pose]:
     poses, loads_N = layout
     centre = np.radians([0.0, 10.0, 100.0, 5.0, 50.0, -80.0])
     at_pose = centre + rng.uniform(-SPREAD_RAD, SPREAD_RAD, (poses, 6))
@@ -214,13 +216,12 @@ def _readings(missing, model, x, T_instr_base, layout, rng, pose_m) -> PoseObser
     T_read = fit_rigid(TARGETS_M, p_instr_m).T
     covariances = np.tile(TARGET_NOISE_M**2 * np.eye(3), (count, 3, 1, 1))
     logged_Nm = states.tau_Nm + missing.log(states)
-    return PoseObservations(
+    return measured_poses(
         pose=np.array([f"P{k:02d}" for k in pose]),
         states=replace(states, tau_Nm=logged_Nm + rng.normal(0, TORQUE_NOISE_NM, (count, 6))),
         T_instr_ee=T_read,
-        cov_ee=_stated(T_read, p_instr_m),
+        cov=_stated(T_read, p_instr_m),
         by_apparatus=pose_by_source(T_read, p_instr_m, covariances),
-        repeats=np.ones(count, dtype=np.int64),
     )
 
 

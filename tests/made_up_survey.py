@@ -7,16 +7,18 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.calibration.general.unknowns import tool_frame
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.blocked_cv.discover import BlockedDiscovery, discover_by_blocks
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Tolerances, link_departures
@@ -71,8 +73,8 @@ def rough(joint):
 class Surveyed:
     """A campaign and its calibrated model, which is the truth but for what is hidden."""
 
-    readings: PoseObservations
-    held_out: PoseObservations
+    readings: Observations[Pose]
+    held_out: Observations[Pose]
     baseline: OperatingPoint
 
     @cached_property
@@ -117,13 +119,11 @@ def observe(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT) -> S
     )
     T[:, :3, :3] = Rotation.from_rotvec(turned).as_matrix() @ T[:, :3, :3]
     stated = np.diag([POSITION_M**2] * 3 + [ATTITUDE_RAD**2] * 3)
-    seen = PoseObservations(
+    seen = measured_poses(
         pose=np.array([f"P{k:04d}" for k in range(count)]),
         states=states,
         T_instr_ee=T,
-        cov_ee=np.tile(stated, (count, 1, 1)),
-        by_apparatus=np.zeros((count, 6, 0)),
-        repeats=np.ones(count, dtype=np.int64),
+        cov=np.tile(stated, (count, 1, 1)),
     )
     order = rng.permutation(poses)  # the order of rows tells nothing
     return Surveyed(

@@ -10,9 +10,10 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_general
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.start import find_start
-from pa10cal.campaign.seen import SeenPoints, Sightings
 from pa10cal.commands.command_line import limit_threads
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.points import Points
 from pa10cal.terms.offsets import Tolerances
 
 
@@ -21,7 +22,7 @@ class Ours:
 
     def __init__(self, problem: Problem) -> None:
         self.arm = load_arm("ur10")
-        self.sightings = _sightings(problem)
+        self.observations = _observations(problem)
         length, angle = problem.tolerance_m, problem.tolerance_rad
         self.options = GeneralOptions(
             tolerances=Tolerances(
@@ -31,8 +32,8 @@ class Ours:
 
     def solve(self) -> Fitted:
         """Find about where base and target are, choose the parameters, fit them."""
-        start = find_start(self.arm, self.sightings)
-        self.found = calibrate_general(self.arm, self.sightings, start, None, self.options)
+        start = find_start(self.arm, self.observations)
+        self.found = calibrate_general(self.arm, self.observations, start, None, self.options)
         return Fitted(len(self.found.fit.x), self.found.fit.converged)
 
     def predict_m(self, q_rad: Array) -> Array:
@@ -49,13 +50,13 @@ def _states(q_rad: Array) -> PoseStates:
     return PoseStates(q_rad, unknown, np.zeros_like(q_rad), one, np.full_like(one, np.nan), one)
 
 
-def _sightings(problem: Problem) -> Sightings:
+def _observations(problem: Problem) -> Observations:
     """Return the readings as what an instrument saw of one target whose place nobody stated."""
     count = len(problem.q_train_rad)
     covariance = np.broadcast_to(problem.noise_m**2 * np.eye(3), (count, 1, 3, 3))
-    seen = SeenPoints(("target",), problem.p_train_m[:, None], covariance, None)
+    seen = Points(("target",), problem.p_train_m[:, None], covariance, None)
     labels = np.array([f"P{k:05d}" for k in range(count)])
-    return Sightings(labels, _states(problem.q_train_rad), seen, np.ones(count, dtype=np.int64))
+    return Observations.single(labels, _states(problem.q_train_rad), seen)
 
 
 if __name__ == "__main__":

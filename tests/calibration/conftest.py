@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from made_up_poses import measured_poses
 from pa10cal.arm.state import PoseStates
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.baseline import baseline, solved_parameters
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Tolerances
@@ -71,23 +73,21 @@ def states() -> PoseStates:
 
 
 @pytest.fixture(scope="session")
-def observe(model, truth, T_instr_base, states) -> Callable[..., PoseObservations]:
+def observe(model, truth, T_instr_base, states) -> Callable[..., Observations[Pose]]:
     """Measure the poses with Gaussian noise of 10 um and 50 urad times `noise`."""
 
-    def measure(noise: float = 0.0, seed: int = 0, x: np.ndarray = truth) -> PoseObservations:
+    def measure(noise: float = 0.0, seed: int = 0, x: np.ndarray = truth) -> Observations[Pose]:
         rng = np.random.default_rng(seed)
         T = T_instr_base @ model.predict(states, x)
         sigma = noise * np.array([1e-5] * 3 + [5e-5] * 3)
         error = sigma * rng.standard_normal((len(T), 6))
         T[:, :3, 3] += error[:, :3]
         T[:, :3, :3] = Rotation.from_rotvec(error[:, 3:]).as_matrix() @ T[:, :3, :3]
-        return PoseObservations(
+        return measured_poses(
             pose=np.repeat([f"P{k:02d}" for k in range(1, 28)], 3),
             states=states,
             T_instr_ee=T,
-            cov_ee=np.tile(np.diag(sigma**2), (len(T), 1, 1)),
-            by_apparatus=np.zeros((len(T), 6, 0)),
-            repeats=np.ones(len(T), dtype=np.int64),
+            cov=np.tile(np.diag(sigma**2), (len(T), 1, 1)),
         )
 
     return measure

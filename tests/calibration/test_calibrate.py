@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from made_up_poses import measured_poses
 from pa10cal.calibration.accuracy import deviations, summarise
 from pa10cal.calibration.calibrate import (
     Options,
@@ -20,10 +21,9 @@ from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.load_case import rows_of_load
 from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.calibration.uncertainty import ErrorSources
-from pa10cal.campaign.averages import average_repeats
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
+from pa10cal.observe.averages import average_repeats
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Tolerances
@@ -75,8 +75,9 @@ def test_one_attitude_leaves_two_more_directions_open(model, observe, states, T_
     fixed = replace(states, q_rad=np.repeat(q, 3, axis=0))
     links = Model(chain, model.terms[:1])  # of the 36, the springs' 6 are told in any case
     for chosen, rank in ((states, 28), (fixed, 26)):
-        observations = replace(
-            observe(), states=chosen, T_instr_ee=T_instr_base @ chain.forward(chosen.q_rad)
+        exact = observe().with_states(chosen)
+        observations = exact.with_measured(
+            T_instr_target=T_instr_base @ chain.forward(chosen.q_rad)
         )
         level = one_level(TwoLevel(links, observations, np.arange(81)), T_instr_base)
         jacobian = level.linearise(np.zeros(30)).jacobian.reshape(-1, 30)
@@ -126,16 +127,15 @@ def test_an_error_of_the_apparatus_is_in_the_intervals(model, truth, observe):
     """
     balls = np.array([[0.095, 0, 0.31], [-0.05, 0.08, 0.31], [-0.05, -0.08, 0.312]])
     observations = observe(noise=0.1)
-    T = observations.T_instr_ee
+    T = observations.measured.T_instr_target
     centres = balls @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
     covariances = np.tile(np.diag([1.0, 1.0, 4.0]) * 1e-10, (len(T), 3, 1, 1))
     u_m, scores = 2e-5, []
     for seed in range(30):
         wrong = balls + u_m * np.random.default_rng(seed).standard_normal((3, 3))
         T_fitted = fit_rigid_weighted(wrong, centres, covariances).T
-        measured = replace(
-            observe(noise=0.1, seed=seed),
-            T_instr_ee=T_fitted,
+        measured = observe(noise=0.1, seed=seed).with_measured(
+            T_instr_target=T_fitted,
             by_apparatus=pose_by_source(T_fitted, centres, covariances),
         )
         found = calibrate(
@@ -155,13 +155,11 @@ def test_noise_of_the_torques_is_in_the_intervals(model, truth, states, T_instr_
         each = np.repeat(np.arange(81), 4)
         logged = states.take(each)
         logged = replace(logged, tau_Nm=logged.tau_Nm + rng.normal(scale=0.2, size=(324, 6)))
-        readings = PoseObservations(
+        readings = measured_poses(
             pose=np.repeat([f"P{k:02d}" for k in range(1, 28)], 12),
             states=logged,
             T_instr_ee=T_instr_base @ model.predict(states.take(each), truth),
-            cov_ee=np.zeros((324, 6, 6)),
-            by_apparatus=np.zeros((324, 6, 0)),
-            repeats=np.ones(324, dtype=np.int64),
+            cov=np.zeros((324, 6, 6)),
         )
         found = calibrate(
             model, average_repeats(readings), replace(QUICK, starts=1), ErrorSources(readings)
@@ -218,7 +216,9 @@ def test_negative_stiffness_ends_at_the_bound(model, truth, observe, states, T_i
     torque = states.tau_Nm[:, 2]
     softer = 4e-9 * torque**3  # on top of a linear spring, growing faster than the torque
     moved = replace(states, q_rad=states.q_rad - softer[:, None] * np.eye(6)[2])
-    observations = replace(observe(), T_instr_ee=T_instr_base @ model.predict(moved, linear))
+    observations = observe().with_measured(
+        T_instr_target=T_instr_base @ model.predict(moved, linear)
+    )
     found = calibrate(model, observations, QUICK, AS_MEASURED)
     held = [n for n, at_end in zip(names, found.solution.at_bound, strict=True) if at_end]
     assert "cubic_share_3" in held

@@ -51,7 +51,9 @@ def test_residuals_do_not_depend_on_where_the_instrument_stands(level, truth):
     moved[:3, 3] = [1.0, -2.0, 0.5]
     elsewhere = replace(
         level,
-        observations=replace(level.observations, T_instr_ee=moved @ level.observations.T_instr_ee),
+        observations=level.observations.with_measured(
+            T_instr_target=moved @ level.observations.measured.T_instr_target
+        ),
     )
     x = truth + 2 * level.model.scale
     first, second = level.residuals(x), elsewhere.residuals(x)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -9,9 +11,15 @@ from scipy.spatial.transform import Rotation
 from pa10cal.campaign.description import read_campaign
 from pa10cal.campaign.ingest import ingest_campaign
 from pa10cal.campaign.measured import MeasuredPoses
-from pa10cal.campaign.table import observations, read_pose_table, write_pose_table
+from pa10cal.campaign.table import (
+    observations_of,
+    read_observations,
+    read_pose_table,
+    write_pose_table,
+)
 from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.averages import poses_of
 from pa10cal.settings import IngestSettings
 
 ARMS, AXES = 6, "xyz"
@@ -28,6 +36,14 @@ def poses(raw_campaign) -> MeasuredPoses:
 def table(poses, tmp_path):
     write_pose_table(tmp_path / "poses.parquet", poses, "made-up")
     return read_pose_table(tmp_path / "poses.parquet")
+
+
+@pytest.fixture
+def every(poses, raw_campaign, tmp_path):
+    path = tmp_path / "every.parquet"
+    campaign = read_campaign(raw_campaign.folder)
+    write_pose_table(path, poses, campaign.name)
+    return read_observations(path, campaign)
 
 
 def made_up_poses(repeats, scatter_ee, rng, poses=40):
@@ -65,9 +81,10 @@ def made_up_poses(repeats, scatter_ee, rng, poses=40):
     )
 
 
-def written(poses, tmp_path):
-    write_pose_table(tmp_path / "again.parquet", poses, "made-up")
-    return read_pose_table(tmp_path / "again.parquet")
+def written(poses):
+    """Return poses of a tracker as they are read back."""
+    instrument = SimpleNamespace(kind="pose")
+    return observations_of(poses, SimpleNamespace(instrument=instrument, stated=None))
 
 
 def test_the_same_poses_give_the_same_bytes(poses, tmp_path):
@@ -94,16 +111,16 @@ def test_columns_are_those_of_the_architecture_page(table):
     assert not table.isna().to_numpy().any()
 
 
-def test_poses_are_those_the_touches_were_made_from(table, raw_campaign):
+def test_poses_are_those_the_touches_were_made_from(every, raw_campaign):
     for kind, expected in (("grid", 12), ("holdout", 2), ("line_x", 4), ("line_y", 4)):
-        assert len(observations(table, kind)) == expected
-    single = observations(table, average=False)
+        assert len(poses_of(every, kind)) == expected
+    single = poses_of(every, average=False)
     truth = {key: c for c, key in enumerate(raw_campaign.keys) if key[0] == "grid"}
     labels = zip(single.pose, single.states.load_N, strict=True)
     index = [truth["grid", pose, load, 1] for pose, load in labels]
     T = raw_campaign.T_instr_ee[index]
-    np.testing.assert_allclose(single.T_instr_ee[:, :3, 3], T[:, :3, 3], atol=5e-5)
-    turned = single.T_instr_ee[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
+    np.testing.assert_allclose(single.measured.T_instr_target[:, :3, 3], T[:, :3, 3], atol=5e-5)
+    turned = single.measured.T_instr_target[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
     assert Rotation.from_matrix(turned).magnitude().max() < 2e-4
     np.testing.assert_allclose(single.states.q_rad, raw_campaign.q_rad[index], atol=3e-6)
     np.testing.assert_allclose(single.states.tau_Nm[:, 1], -40.0, atol=0.6)
@@ -115,60 +132,53 @@ def test_arrivals_are_those_of_the_approach(table):
     np.testing.assert_array_equal(s, np.where(np.arange(6) % 2 == rows % 2, 1, -1))
 
 
-def test_averages_are_plain_means_ordered_by_pose_and_load(table):
-    mean = observations(table)
+def test_averages_are_plain_means_ordered_by_pose_and_load(table, every):
+    mean = poses_of(every)
     assert list(mean.pose) == sorted(mean.pose)
     np.testing.assert_array_equal(mean.states.load_N, [0.0, 22.0] * 6)
-    np.testing.assert_array_equal(mean.repeats, 2)
+    np.testing.assert_array_equal(mean.readings, 2)
     rows = table[(table["pose"] == "P03") & (table["load_N"] == 22)]
     place = rows[["ee_x_mm", "ee_y_mm", "ee_z_mm"]].to_numpy()
-    np.testing.assert_allclose(mean.T_instr_ee[5, :3, 3], 1e-3 * place.mean(axis=0), rtol=1e-14)
+    T = mean.measured.T_instr_target[5]
+    np.testing.assert_allclose(T[:3, 3], 1e-3 * place.mean(axis=0), rtol=1e-14)
     np.testing.assert_allclose(mean.states.tau_Nm[5, 2], rows["tau3_Nm"].mean())
     R = Rotation.from_quat(rows[["ee_qw", "ee_qx", "ee_qy", "ee_qz"]], scalar_first=True)
-    np.testing.assert_allclose(mean.T_instr_ee[5, :3, :3], R.mean().as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(T[:3, :3], R.mean().as_matrix(), atol=1e-9)
 
 
-def test_loads_choose_rows(table):
-    only = observations(table, loads=[22])
-    assert set(only.states.load_N) == {22.0}
-    every = observations(table)
-    np.testing.assert_array_equal(only.cov_ee, every.take(every.states.load_N == 22).cov_ee)
-    assert len(observations(table, loads=[90])) == 0
-
-
-def test_a_kind_without_rows_gives_no_poses(table):
-    none = observations(table[table["kind"] == "grid"], "holdout")
+def test_a_kind_without_rows_gives_no_poses(every):
+    none = poses_of(every.take(every.kind == "grid"), "holdout")
     assert len(none) == 0
-    assert none.T_instr_ee.shape == (0, 4, 4)
-    assert none.cov_ee.shape == (0, 6, 6)
+    assert none.measured.T_instr_target.shape == (0, 4, 4)
+    assert none.measured.cov.shape == (0, 6, 6)
 
 
-def test_covariance_of_the_mean_is_the_pooled_scatter_in_the_instruments_axes(tmp_path):
+def test_covariance_of_the_mean_is_the_pooled_scatter_in_the_instruments_axes():
     rng = np.random.default_rng(8)
     sigmas = np.array([0.02, 0.01, 0.005, 5e-5, 2e-5, 1e-5])
     correlated = np.eye(6)
     correlated[0, 4] = correlated[4, 0] = 0.6
     scatter = correlated * np.outer(sigmas, sigmas)
-    table = written(made_up_poses(25, scatter, rng), tmp_path)
-    mean = observations(table)
+    every = written(made_up_poses(25, scatter, rng))
+    mean = poses_of(every)
     unit = np.array([1e-3] * 3 + [1.0] * 3)
-    R = mean.T_instr_ee[7, :3, :3]
+    R = mean.measured.T_instr_target[7, :3, :3]
     to_ee = np.kron(np.eye(2), R.T)
-    found = 25 * to_ee @ mean.cov_ee[7] @ to_ee.T / np.outer(unit, unit)
+    found = 25 * to_ee @ mean.measured.cov[7] @ to_ee.T / np.outer(unit, unit)
     np.testing.assert_allclose(found / np.outer(sigmas, sigmas), correlated, atol=0.15)
-    single = observations(table, average=False)
-    np.testing.assert_allclose(single.cov_ee[7 * 25], 25 * mean.cov_ee[7], rtol=1e-2)
+    single = poses_of(every, average=False)
+    np.testing.assert_allclose(single.measured.cov[7 * 25], 25 * mean.measured.cov[7], rtol=1e-2)
 
 
-def test_covariance_is_the_instruments_where_nothing_is_repeated_or_it_is_asked_for(tmp_path):
+def test_covariance_is_the_instruments_where_nothing_is_repeated_or_it_is_asked_for():
     rng = np.random.default_rng(9)
     scatter = np.diag([1e-4, 1e-4, 1e-4, 1e-9, 1e-9, 1e-9])
     stated = 4.0 * scatter * np.outer([1e-3] * 3 + [1] * 3, [1e-3] * 3 + [1] * 3)
-    once = written(made_up_poses(1, scatter, rng), tmp_path)
-    np.testing.assert_allclose(observations(once).cov_ee[3], stated)
-    thrice = written(made_up_poses(3, scatter, rng), tmp_path)
-    asked = observations(thrice, covariance="instrument")
-    np.testing.assert_allclose(asked.cov_ee[3], stated / 3)
+    once = written(made_up_poses(1, scatter, rng))
+    np.testing.assert_allclose(poses_of(once).measured.cov[3], stated)
+    thrice = written(made_up_poses(3, scatter, rng))
+    asked = poses_of(thrice, covariance="instrument")
+    np.testing.assert_allclose(asked.measured.cov[3], stated / 3)
 
 
 @pytest.mark.parametrize("content", [None, b"kind,pose\n", b""])

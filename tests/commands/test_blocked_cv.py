@@ -32,13 +32,15 @@ def write_campaign(folder, seen):
     folder.mkdir()
     order = np.argsort(seen.states.time_s)
     poses = seen.take(order)
-    quaternions = Rotation.from_matrix(poses.T_instr_ee[:, :3, :3]).as_quat(scalar_first=True)
+    quaternions = Rotation.from_matrix(poses.measured.T_instr_target[:, :3, :3]).as_quat(
+        scalar_first=True
+    )
     joints = ",".join(f"q{j}_deg" for j in range(1, 7))
     lines = [f"time_s,pose,load_N,repeat,{joints},x_mm,y_mm,z_mm,qw,qx,qy,qz"]
     for k, label in enumerate(poses.pose):
         numbers = [
             *(f"{x:.8f}" for x in np.degrees(poses.states.q_rad[k])),
-            *(f"{x:.6f}" for x in 1e3 * poses.T_instr_ee[k, :3, 3]),
+            *(f"{x:.6f}" for x in 1e3 * poses.measured.T_instr_target[k, :3, 3]),
             *(f"{x:.10f}" for x in quaternions[k]),
         ]
         lines.append(f"{poses.states.time_s[k]:.1f},{label},0,1," + ",".join(numbers))

@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 
 from made_up_sightings import sighted
-from pa10cal.campaign.table import observations, read_pose_table
+from pa10cal.campaign.description import read_campaign
+from pa10cal.campaign.table import read_observations, read_pose_table
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.files.arm_text import arm_text
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.averages import poses_of
 
 RAW = Path(__file__).parents[2] / "data" / "raw"
 
@@ -36,11 +38,12 @@ def rows_of(listing):
 def cell_null(tmp_path_factory):
     status, table, listing = run(RAW / "cell-null", tmp_path_factory.mktemp("cell-null"))
     assert status == 0
-    return read_pose_table(table), rows_of(listing)
+    every = read_observations(table, read_campaign(RAW / "cell-null"))
+    return read_pose_table(table), rows_of(listing), every
 
 
 def test_a_clean_campaign_is_taken_whole(cell_null):
-    table, left_out = cell_null
+    table, left_out, _ = cell_null
     assert left_out == []
     assert table.groupby("kind").size().to_dict() == {
         "grid": 810,
@@ -54,15 +57,15 @@ def test_a_clean_campaign_is_taken_whole(cell_null):
 
 
 def test_repeats_of_a_clean_campaign_scatter_as_its_instrument_and_arm_do(cell_null):
-    table, _ = cell_null
-    single = observations(table, average=False)
-    place = 1e3 * single.T_instr_ee[:, :3, 3].reshape(27, 3, 10, 3)
+    every = cell_null[2]
+    single = poses_of(every, average=False)
+    place = 1e3 * single.measured.T_instr_target[:, :3, 3].reshape(27, 3, 10, 3)
     distance = np.linalg.norm(place - place.mean(axis=2, keepdims=True), axis=3)
     assert distance.mean() == pytest.approx(0.027, abs=0.002)
-    mean = observations(table)
+    mean = poses_of(every)
     assert len(mean) == 81
-    assert (mean.repeats == 10).all()
-    spread = np.sqrt(np.trace(mean.cov_ee[:, :3, :3], axis1=1, axis2=2))
+    assert (mean.readings == 10).all()
+    spread = np.sqrt(np.trace(mean.measured.cov[:, :3, :3], axis1=1, axis2=2))
     pooled = np.sqrt((distance**2).sum() / (27 * 3 * 9) / 10) * 1e-3
     np.testing.assert_allclose(spread, pooled, rtol=1e-6)
 

@@ -111,9 +111,9 @@ def test_what_cannot_be_told_at_all_is_listed_with_the_reason(null):
 
 def test_held_out_poses_decide_nothing(wave):
     held_out = wave.held_out
-    T = held_out.T_instr_ee.copy()
+    T = held_out.measured.T_instr_target.copy()
     T[:, :3, 3] += np.random.default_rng(2).normal(0.0, 1e-3, (len(T), 3))
-    spoilt = wave.discovered(held_out=replace(held_out, T_instr_ee=T))
+    spoilt = wave.discovered(held_out=held_out.with_measured(T_instr_target=T))
     without = wave.discovered(held_out=None)
     assert said(spoilt) == said(wave.discovery) == said(without)
     assert spoilt.train.after == wave.discovery.train.after

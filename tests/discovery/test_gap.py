@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
+from made_up_poses import measured_poses
 from pa10cal.arm.state import PoseStates
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.gap import gap
 
 POSES, LOADS_N = 12, (0.0, 44.0)
@@ -19,13 +19,11 @@ def made(poses=POSES, loads_N=LOADS_N):
     count = poses * len(loads_N)
     pose = np.repeat([f"P{k:02d}" for k in range(poses)], len(loads_N))
     zeros = np.zeros((count, 6))
-    measured = PoseObservations(
+    measured = measured_poses(
         pose=pose,
         states=PoseStates(zeros, zeros, zeros, np.tile(loads_N, poses), zeros[:, 0], zeros[:, 0]),
         T_instr_ee=np.tile(np.eye(4), (count, 1, 1)),
-        cov_ee=np.tile(np.eye(6), (count, 1, 1)),
-        by_apparatus=np.zeros((count, 6, 0)),
-        repeats=np.ones(count, dtype=np.int64),
+        cov=np.tile(np.eye(6), (count, 1, 1)),
     )
     off_mm = rng.uniform(0.2, 0.4, count), rng.uniform(0.0, 0.1, count)
     models = []

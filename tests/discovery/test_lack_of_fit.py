@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.calibration.accuracy import Accuracy
-from pa10cal.campaign.averages import average_repeats
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.clustered import mean, slope
 from pa10cal.discovery.discover import compare
 from pa10cal.discovery.evidence.fit import fit
@@ -21,6 +20,7 @@ from pa10cal.discovery.naming import errors_by_name
 from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.averages import average_repeats
 from pa10cal.stages.lack_of_fit_record import lack_of_fit_record
 from pa10cal.stages.naming_record import naming_record
 from pa10cal.terms.baseline import baseline
@@ -83,13 +83,11 @@ def measured(*effects, x=(), seed=20080427):
     U, _, Vt = np.linalg.svd(T[:, :3, :3])
     T[:, :3, :3] = U @ Vt
     noise = np.diag([POSITION_M**2] * 3 + [ROTATION_RAD**2] * 3)
-    return PoseObservations(
+    return measured_poses(
         pose=np.array([f"P{k:02d}" for k in pose]),
         states=replace(states, tau_Nm=logged + rng.normal(0.0, TORQUE_NM, (count, 6))),
         T_instr_ee=T,
-        cov_ee=np.tile(noise, (count, 1, 1)),
-        by_apparatus=np.zeros((count, 6, 0)),
-        repeats=np.ones(count, dtype=np.int64),
+        cov=np.tile(noise, (count, 1, 1)),
     )
 
 
@@ -135,7 +133,7 @@ def test_pure_error_is_all_there_is_where_nothing_is_missing(nothing):
 
 def test_the_floor_is_what_the_noise_of_the_cells_leaves(nothing):
     # Three axes, and two readings a cell: one a direction of arrival.
-    expected_mm = 1e3 * POSITION_M * np.sqrt(3.0 / nothing.cells.repeats.mean())
+    expected_mm = 1e3 * POSITION_M * np.sqrt(3.0 / nothing.cells.readings.mean())
     assert nothing.floor_mm == pytest.approx(expected_mm, rel=0.15)
 
 

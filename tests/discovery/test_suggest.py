@@ -8,10 +8,9 @@ import pytest
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.calibrate import ErrorSources, Options, calibrate
-from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.description import read_campaign
 from pa10cal.campaign.ingest import ingest_campaign
-from pa10cal.campaign.table import observations, read_pose_table, write_pose_table
+from pa10cal.campaign.table import observations_of
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.admissible import Room, draw_admissible, foresee
@@ -25,6 +24,7 @@ from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.suggest import LEAST_NATS, plan, suggest
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.averages import average_repeats
 from pa10cal.settings import IngestSettings, SimulateSettings, parse_section
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.effect import Effect
@@ -77,9 +77,7 @@ def measure(tmp_path_factory):
         write_campaign(made, folder / "raw", folder / "truth.json")
         campaign = read_campaign(folder / "raw")
         poses = ingest_campaign(campaign, ARM, folder / "raw", IngestSettings()).poses
-        write_pose_table(folder / "poses.parquet", poses, campaign.name)
-        table = read_pose_table(folder / "poses.parquet")
-        readings = observations(table, average=False, covariance="instrument")
+        readings = observations_of(poses, campaign).of_kind("grid")
         tool = campaign.tool
         payload = Payload(
             tool.mass_kg,
@@ -236,7 +234,7 @@ def test_drawn_configurations_keep_within_the_room(ratio):
         assert np.hypot(p_base[..., 0], p_base[..., 1]).min() > room.column_m
     T_instr_base = ratio.problem.baseline.T_instr_base
     p_instr = T[:, :3, 3] @ T_instr_base[:3, :3].T + T_instr_base[:3, 3]
-    measured = ratio.problem.cells.T_instr_ee[:, :3, 3]
+    measured = ratio.problem.cells.measured.T_instr_target[:, :3, 3]
     assert np.all(p_instr > measured.min(axis=0) - 0.3)
     assert np.all(p_instr < measured.max(axis=0) + 0.3)
     assert np.ptp(p_instr, axis=0) == pytest.approx(np.ptp(measured, axis=0) + 0.6, rel=0.1)
@@ -255,13 +253,15 @@ def test_what_is_foreseen_is_what_was_measured(ratio):
     states = measured.states
     ahead, start = foresee(ratio.problem, ratio.start, states.q_rad, states.load_N, states.arrival)
     poses = ahead.cells
-    assert poses.T_instr_ee[:, :3, 3] == pytest.approx(measured.T_instr_ee[:, :3, 3], abs=5e-4)
+    assert poses.measured.T_instr_target[:, :3, 3] == pytest.approx(
+        measured.measured.T_instr_target[:, :3, 3], abs=5e-4
+    )
     assert poses.states.tau_Nm == pytest.approx(states.tau_Nm, abs=5.0 * noise.torque_Nm.max())
-    assert np.all(poses.repeats == 4)
+    assert np.all(poses.readings == 4)
     # Touches see the balls from fixed sides, so the end's own axes are not quite all that matters.
     for foreseen, seen in (
-        (poses.by_apparatus, measured.by_apparatus),
-        (4.0 * poses.cov_ee, noise.cov_ee[rows]),
+        (poses.measured.by_apparatus, measured.measured.by_apparatus),
+        (4.0 * poses.measured.cov, noise.cov_ee[rows]),
     ):
         for part in (np.s_[:, :3], np.s_[:, 3:]):
             assert np.linalg.norm((foreseen - seen)[part]) < 0.2 * np.linalg.norm(seen[part])

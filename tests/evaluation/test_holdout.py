@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from made_up_poses import measured_poses
 from pa10cal.arm.state import PoseStates
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.evaluation.holdout import judge
 from pa10cal.evaluation.tool_twist import constant_tool_twist
 
@@ -40,9 +40,7 @@ def test_judges_by_load_and_by_point():
     zeros = np.zeros((4, 6))
     states = PoseStates(zeros, zeros, zeros, load, np.zeros(4), np.zeros(4))
     labels = np.array(["H01", "H01", "H02", "H02"])
-    observations = PoseObservations(
-        labels, states, T, np.zeros((4, 6, 6)), np.zeros((4, 6, 0)), np.ones(4, dtype=np.int64)
-    )
+    observations = measured_poses(labels, states, T, np.zeros((4, 6, 6)))
     found = judge(predicted, np.eye(4), observations)
     assert found.overall.mean_mm == pytest.approx(3.0)
     assert found.overall.peak_mm == pytest.approx(6.0)

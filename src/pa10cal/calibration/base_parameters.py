@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pa10cal.calibration.pose_error import cross_matrix
+from pa10cal.frame.pose_error import cross_matrix
 from pa10cal.terms.term import Parameter, Report
 
 Array = NDArray[np.float64]

@@ -24,8 +24,9 @@ from pa10cal.calibration.uncertainty import (
     propagate,
     with_own_scatter,
 )
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import CalibrationError
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import base_frame
@@ -101,7 +102,7 @@ class Calibration:
 
 def calibrate(
     model: Model,
-    observations: PoseObservations,
+    observations: Observations[Pose],
     options: Options,
     errors: ErrorSources,
     *,
@@ -282,7 +283,7 @@ def _same_span(first: Array, second: Array) -> bool:
     )
 
 
-def _check_enough(model: Model, observations: PoseObservations) -> None:
+def _check_enough(model: Model, observations: Observations[Pose]) -> None:
     unknowns = len(model.parameters) + 6
     if 6 * len(observations) < unknowns:
         raise CalibrationError(
@@ -294,7 +295,7 @@ def _check_enough(model: Model, observations: PoseObservations) -> None:
         )
 
 
-def check_torques(model: Model, observations: PoseObservations) -> None:
+def check_torques(model: Model, observations: Observations[Pose]) -> None:
     """Refuse springs whose torques were not logged.
 
     Raises:

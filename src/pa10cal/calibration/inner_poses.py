@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import CalibrationError
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 
 Array = NDArray[np.float64]
 
 
-def spread_poses(observations: PoseObservations, count: int | None) -> tuple[str, ...]:
+def spread_poses(observations: Observations[Pose], count: int | None) -> tuple[str, ...]:
     """Choose poses far from each other: each next one is the farthest from those chosen.
 
     The paper does not say which 8 of its 27 it took; on a 3 x 3 x 3 pattern this gives corners.
@@ -37,7 +38,7 @@ def spread_poses(observations: PoseObservations, count: int | None) -> tuple[str
 
 
 def random_poses(
-    observations: PoseObservations, count: int | None, draws: int, random_seed: int
+    observations: Observations[Pose], count: int | None, draws: int, random_seed: int
 ) -> list[tuple[str, ...]]:
     """Draw random choices of M poses; none when all poses are used anyway."""
     labels, _ = _places(observations)
@@ -51,18 +52,18 @@ def random_poses(
     ]
 
 
-def rows_of(observations: PoseObservations, poses: tuple[str, ...]) -> NDArray[np.intp]:
+def rows_of(observations: Observations[Pose], poses: tuple[str, ...]) -> NDArray[np.intp]:
     """Return the rows of the named poses, at every load."""
     return np.flatnonzero(np.isin(observations.pose, poses))
 
 
-def _places(observations: PoseObservations) -> tuple[NDArray[np.str_], Array]:
+def _places(observations: Observations[Pose]) -> tuple[NDArray[np.str_], Array]:
     """Return each label with the mean place of its rows."""
     labels, codes = np.unique(observations.pose, return_inverse=True)
     counts = np.bincount(codes)
     places = np.stack(
         [
-            np.bincount(codes, weights=observations.T_instr_ee[:, axis, 3]) / counts
+            np.bincount(codes, weights=observations.measured.T_instr_target[:, axis, 3]) / counts
             for axis in range(3)
         ],
         axis=1,

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.inner import BaseFrame, fit_base_frame
-from pa10cal.calibration.pose_error import pose_error
-from pa10cal.campaign.observations import PoseObservations
+from pa10cal.frame.pose_error import pose_error
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
@@ -50,7 +51,7 @@ class Level(Protocol):
         """Return the model whose parameters are sought."""
 
     @property
-    def observations(self) -> PoseObservations:
+    def observations(self) -> Observations[Pose]:
         """Return the measured poses."""
 
     @property
@@ -79,7 +80,7 @@ class TwoLevel:
     """
 
     model: Model
-    observations: PoseObservations
+    observations: Observations[Pose]
     inner_rows: NDArray[np.intp]
     r_max_m: float = 1.0
 
@@ -88,7 +89,7 @@ class TwoLevel:
         inner = self.observations.take(self.inner_rows)
         return fit_base_frame(
             self.model.predict(inner.states, x),
-            inner.T_instr_ee,
+            inner.measured.T_instr_target,
             attitude_weight_m2=self.r_max_m**2,
         )
 
@@ -96,7 +97,9 @@ class TwoLevel:
         """Return (N, 6) residuals."""
         T_base_ee = self.model.predict(self.observations.states, x)
         base = self._fit(T_base_ee, None)
-        return _residuals(base.T_instr_base @ T_base_ee, self.observations.T_instr_ee, self.r_max_m)
+        return _residuals(
+            base.T_instr_base @ T_base_ee, self.observations.measured.T_instr_target, self.r_max_m
+        )
 
     def linearise(self, x: Array) -> Linearisation:
         """Return residuals and exact derivatives, by one inner solve."""
@@ -110,7 +113,7 @@ class TwoLevel:
         rows = self.inner_rows
         return fit_base_frame(
             T_base_ee[rows],
-            self.observations.T_instr_ee[rows],
+            self.observations.measured.T_instr_target[rows],
             attitude_weight_m2=self.r_max_m**2,
             jacobian=None if jacobian is None else jacobian[rows],
         )
@@ -128,7 +131,7 @@ class OneLevel:
     """
 
     model: Model
-    observations: PoseObservations
+    observations: Observations[Pose]
     T_instr_base: Array
     r_max_m: float = 1.0
 
@@ -144,7 +147,9 @@ class OneLevel:
     def residuals(self, x: Array) -> Array:
         """Return (N, 6) residuals."""
         T_base_ee = self.model.predict(self.observations.states, x)
-        return _residuals(self.T_instr_base @ T_base_ee, self.observations.T_instr_ee, self.r_max_m)
+        return _residuals(
+            self.T_instr_base @ T_base_ee, self.observations.measured.T_instr_target, self.r_max_m
+        )
 
     def linearise(self, x: Array) -> Linearisation:
         """Return residuals and exact derivatives."""
@@ -163,13 +168,13 @@ def _linearise(
     T_base_ee: Array,
     jacobian: Array,
     base: BaseFrame,
-    observations: PoseObservations,
+    observations: Observations[Pose],
     r_max_m: float,
 ) -> Linearisation:
     T_instr_base = base.T_instr_base
     R = T_instr_base[:3, :3]
     base_jacobian = base.jacobian if base.jacobian is not None else np.zeros((6, 0))
-    error = pose_error(T_instr_base @ T_base_ee, observations.T_instr_ee)
+    error = pose_error(T_instr_base @ T_base_ee, observations.measured.T_instr_target)
     # R exp([omega]) p + t: the base moves the point by dt + (R omega) x (R p), turns it by R omega.
     p = T_base_ee[:, :3, 3] @ R.T
     by_base = np.zeros((len(p), 6, 6))

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.accuracy import (
     Accuracy,
-    Deviations,
     align_nominal,
     deviations,
     summarise,
@@ -29,9 +28,11 @@ from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependen
 from pa10cal.calibration.l_curve import LCurvePoint, l_curve
 from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.calibration.uncertainty import ErrorSources, with_own_scatter
-from pa10cal.campaign.averages import average_repeats
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import CalibrationError
+from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.instrument import Deviations
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.baseline import baseline, nominal
 from pa10cal.terms.offsets import Tolerances
 
@@ -99,8 +100,8 @@ class LoadCase:
     load: str
     cubic: Calibration
     linear: Calibration
-    grid: PoseObservations
-    noise: PoseObservations
+    grid: Observations[Pose]
+    noise: Observations[Pose]
     residuals: Deviations
     before: dict[float, Accuracy]
     before_seed_frame: dict[float, Accuracy]
@@ -115,8 +116,8 @@ class LoadCase:
 
 def work_out(
     arm: Arm,
-    readings: PoseObservations,
-    held_out: PoseObservations | None,
+    readings: Observations[Pose],
+    held_out: Observations[Pose] | None,
     T_instr_base_seed: Array,
     load: str,
     u_apparatus_m: float,
@@ -208,7 +209,7 @@ def rows_of_load(load_N: Array, load: str) -> NDArray[np.bool_]:
     return rows
 
 
-def model_deviations(calibration: Calibration, poses: PoseObservations) -> Deviations:
+def model_deviations(calibration: Calibration, poses: Observations[Pose]) -> Deviations:
     """Return predicted minus measured of a calibrated model."""
     T_base_ee = calibration.level.model.predict(poses.states, calibration.solution.x)
     return deviations(T_base_ee, calibration.T_instr_base, poses)
@@ -239,7 +240,7 @@ def _check_one_level(
 
 
 def _health(
-    cubic: Calibration, noise: PoseObservations, held_out: PoseObservations | None
+    cubic: Calibration, noise: Observations[Pose], held_out: Observations[Pose] | None
 ) -> Health:
     """Judge the calibration, base frame included."""
     level, solution = cubic.level, cubic.solution
@@ -247,7 +248,7 @@ def _health(
     k = len(solution.x)
     jacobian = whole.linearise(np.concatenate([solution.x, np.zeros(6)])).jacobian
     unit = np.concatenate([np.full(3, 1.0 / level.r_max_m), np.ones(3)])
-    whitener = np.linalg.inv(np.linalg.cholesky(noise.cov_ee * np.outer(unit, unit)))
+    whitener = np.linalg.inv(np.linalg.cholesky(noise.measured.cov * np.outer(unit, unit)))
     covariance = np.zeros((k + 6, k + 6))
     covariance[:k, :k], covariance[k:, k:] = cubic.covariances.parameters, cubic.covariances.base
     held = [
@@ -267,8 +268,10 @@ def _health(
         position=level.r_max_m * jacobian[:, :3],
         not_identifiable=cubic.not_identifiable,
     )
-    noise_mm = 1e3 * float(np.sqrt(np.trace(noise.cov_ee[:, :3, :3], axis1=1, axis2=2).mean()))
-    p_instr_m = level.observations.T_instr_ee[:, :3, 3]
+    noise_mm = 1e3 * float(
+        np.sqrt(np.trace(noise.measured.cov[:, :3, :3], axis1=1, axis2=2).mean())
+    )
+    p_instr_m = level.observations.measured.T_instr_target[:, :3, 3]
     return health(
         ended,
         Errors(

@@ -13,7 +13,8 @@ from pa10cal.calibration.calibrate import Calibration, pull_beyond_bounds, weak_
 from pa10cal.calibration.health import Health
 from pa10cal.calibration.identifiability import observability
 from pa10cal.calibration.load_case import LoadCase, model_deviations
-from pa10cal.campaign.observations import PoseObservations
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.results import health as health_parts
 from pa10cal.results.accuracy import ResidualRows
 from pa10cal.results.calibration import (
@@ -219,12 +220,12 @@ def _fit_keys(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def _after(calibration: Calibration, grid: PoseObservations) -> dict[str, Accuracy]:
+def _after(calibration: Calibration, grid: Observations[Pose]) -> dict[str, Accuracy]:
     """Return the errors on the grid poses of every load, whether the fit used them or not."""
     return by_load(summarise_by_load(model_deviations(calibration, grid), grid.states.load_N))
 
 
-def _loads(poses: PoseObservations) -> tuple[float, ...]:
+def _loads(poses: Observations[Pose]) -> tuple[float, ...]:
     return tuple(np.unique(poses.states.load_N).tolist())
 
 
@@ -278,7 +279,7 @@ def _warnings(case: LoadCase) -> tuple[str, ...]:
 def _over_repeats(case: LoadCase) -> float:
     """Return the position error left on the poses fitted over what their noise explains."""
     level = case.cubic.level
-    noise_m2 = np.trace(case.noise.cov_ee[:, :3, :3], axis1=1, axis2=2).mean()
+    noise_m2 = np.trace(case.noise.measured.cov[:, :3, :3], axis1=1, axis2=2).mean()
     if not noise_m2 > 0:
         return 0.0
     residuals = level.residuals(case.cubic.solution.x)[:, :3] * level.r_max_m

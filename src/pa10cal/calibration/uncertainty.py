@@ -7,19 +7,20 @@ places of the tooling balls on the apparatus is the same in all poses and is add
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.levels import Linearisation
-from pa10cal.campaign.averages import (
+from pa10cal.observe.averages import (
     average_repeats,
     reading_groups,
     repeat_scatter,
     with_scatter,
 )
-from pa10cal.campaign.observations import PoseObservations
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
@@ -51,13 +52,13 @@ class ErrorSources:
         u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
     """
 
-    readings: PoseObservations | None = None
+    readings: Observations[Pose] | None = None
     u_apparatus_m: float = 0.0
 
 
 def with_own_scatter(
-    observations: PoseObservations, readings: PoseObservations, model: Model, x: Array
-) -> PoseObservations:
+    observations: Observations[Pose], readings: Observations[Pose], model: Model, x: Array
+) -> Observations[Pose]:
     """Give averaged poses the covariance that single readings show about the model.
 
     What a reading's own joint angles and torques explain is taken off first: a servo that stops a
@@ -71,8 +72,8 @@ def with_own_scatter(
     average = average_repeats(readings)
     expected = model.predict(readings.states, x)
     at_average = model.predict(average.states, x)[reading_groups(readings)]
-    explained = replace(
-        readings, T_instr_ee=readings.T_instr_ee @ np.linalg.inv(expected) @ at_average
+    explained = readings.with_measured(
+        T_instr_target=readings.measured.T_instr_target @ np.linalg.inv(expected) @ at_average
     )
     scatter = repeat_scatter(explained)
     return with_scatter(observations, scatter) if scatter.is_known else observations
@@ -80,7 +81,7 @@ def with_own_scatter(
 
 def propagate(
     at_solution: Linearisation,
-    observations: PoseObservations,
+    observations: Observations[Pose],
     inner_rows: NDArray[np.intp],
     terms: Array,
     r_max_m: float,
@@ -114,8 +115,8 @@ def propagate(
     influence = -normal_inverse @ through
     base_influence = base_influence + at_solution.base_jacobian @ influence
     unit = np.concatenate([np.full(3, 1.0 / r_max_m), np.ones(3)])
-    noise = observations.cov_ee * np.outer(unit, unit)
-    common = observations.by_apparatus * unit[:, None]
+    noise = observations.measured.cov * np.outer(unit, unit)
+    common = observations.measured.by_apparatus * unit[:, None]
     from_apparatus = _common(influence, common, u_apparatus_m)
     return Covariances(
         parameters=_independent(influence, noise) + from_apparatus,

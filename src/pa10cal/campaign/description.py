@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, FiniteFloat, StringConstraints
 
 from pa10cal.errors import RawDataError
+from pa10cal.observe.instrument import Stated
 from pa10cal.settings_reading import parse_section
 from pa10cal.settings_section import Section
 
@@ -83,6 +84,12 @@ class Campaign(Section):
     def ball_names(self) -> tuple[str, ...]:
         """Names of the tooling balls, sorted."""
         return tuple(sorted(self.tool.balls_mm))
+
+    @property
+    def stated(self) -> Stated:
+        """What it states of its instrument."""
+        targets_m = {name: 1e-3 * np.array(place) for name, place in self.tool.balls_mm.items()}
+        return Stated(1e-3 * self.instrument.uncertainty_mm, targets_m)
 
     @property
     def p_ee_balls_mm(self) -> Array:

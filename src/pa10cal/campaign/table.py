@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,16 +14,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.state import PoseStates
-from pa10cal.campaign.averages import average_repeats, repeat_scatter, with_scatter
+from pa10cal.campaign.description import Campaign
 from pa10cal.campaign.measured import MeasuredPoses
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import RawDataError
-from pa10cal.frame.rigid_fit import pose_by_source
+from pa10cal.observe.observations import JointLog, Observations
+from pa10cal.observe.registry import instruments
 
 Array = NDArray[np.float64]
 
 SCHEMA = "pa10cal-poses/1"
-MM = 1e-3
 AXES = "xyz"
 QUATERNION = ("ee_qw", "ee_qx", "ee_qy", "ee_qz")
 COVARIANCE = tuple(f"ee_cov_{i}{j}" for i in range(6) for j in range(i, 6))
@@ -76,121 +74,53 @@ def read_pose_table(path: Path, campaign: str | None = None) -> pd.DataFrame:
     return frame
 
 
-def observations(
-    table: pd.DataFrame,
-    kind: str = "grid",
-    loads: Sequence[float] | None = None,
-    average: bool = True,
-    covariance: Literal["repeats", "instrument"] = "repeats",
-) -> PoseObservations:
-    """Return the poses of one kind in metres and radians, ordered by pose and load.
+def read_observations(path: Path, campaign: Campaign) -> Observations:
+    """Read the table of poses as single readings of all kinds, in the order of the table.
 
     Args:
-        table: from `read_pose_table`.
-        kind: `grid`, `holdout`, `line_x` or `line_y`.
-        loads: external loads wanted [N]; None for all.
-        average: whether repeats of the same pose and load become one row (see `average_repeats`).
-        covariance: where `cov_ee` comes from. `repeats`: the scatter of repeats, pooled over all
-            poses and loads of this kind along the end-effector's axes (the instrument's where too
-            little is repeated); `instrument`: its stated uncertainty, propagated. Either is
-            divided by the repeats averaged.
-
-    Returns:
-        P poses; none when the table holds no such rows.
+        path: the file.
+        campaign: description of the campaign it must be of.
 
     Raises:
-        RawDataError: when the instrument saw points or distances, and no poses.
+        RawDataError: when the file is missing, is no such table, or is of another campaign.
     """
-    if "ee_x_mm" not in table.columns:
-        raise RawDataError(
-            "the instrument did not see the end-effector's pose",
-            where=f"table of poses of {table.attrs.get('campaign')}",
-            allowed="a campaign of kind touch_trigger_cmm or pose",
-            remedy="calibrate this campaign with its general model",
-        )
-    every = _single(table[table["kind"] == kind])
-    single = every if loads is None else every.take(np.isin(every.states.load_N, list(loads)))
-    poses = average_repeats(single) if average else single
-    scatter = repeat_scatter(every)
-    if covariance == "repeats" and scatter.is_known:
-        return with_scatter(poses, scatter)
-    return poses
+    table = read_pose_table(path, campaign.name)
+    return _observations({str(name): table[name].to_numpy() for name in table}, campaign)
 
 
-def _single(rows: pd.DataFrame) -> PoseObservations:
-    """Return every row as an observation with the instrument's covariance."""
-    rows = in_order(rows)
-    T = np.tile(np.eye(4), (len(rows), 1, 1))
-    T[:, :3, 3] = MM * _numbers(rows, [f"ee_{axis}_mm" for axis in AXES])
-    T[:, :3, :3] = Rotation.from_quat(_numbers(rows, QUATERNION), scalar_first=True).as_matrix()
-    upper = np.triu_indices(6)
-    cov_ee = np.zeros((len(rows), 6, 6))
-    cov_ee[:, upper[0], upper[1]] = cov_ee[:, upper[1], upper[0]] = _numbers(rows, COVARIANCE)
-    scale = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
-    return PoseObservations(
-        pose=rows["pose"].to_numpy(dtype=str),
-        states=states_of(rows),
-        T_instr_ee=T,
-        cov_ee=cov_ee * np.outer(scale, scale),
-        by_apparatus=_by_apparatus(rows, T),
-        repeats=np.ones(len(rows), dtype=np.int64),
+def observations_of(poses: MeasuredPoses, campaign: Campaign) -> Observations:
+    """Return measured configurations as single readings of all kinds, in order of time."""
+    return _observations({name: np.asarray(x) for name, x in _columns(poses).items()}, campaign)
+
+
+def _observations(columns: dict[str, NDArray[Any]], campaign: Campaign) -> Observations:
+    n = sum(name.startswith("tau") and name.endswith("_u_Nm") for name in columns)
+    slides = np.array([f"q{joint}_m" in columns for joint in range(1, n + 1)])
+
+    def stacked(names: Sequence[str]) -> Array:
+        return np.column_stack([columns[name] for name in names]).astype(float)
+
+    states = PoseStates(
+        q_rad=stacked(_position_columns(slides)),
+        tau_Nm=stacked(_joint_columns("tau", n, "_Nm")),
+        arrival=stacked(_joint_columns("s", n, "")),
+        load_N=columns["load_N"].astype(float),
+        temperature_C=columns["temperature_C"].astype(float),
+        time_s=columns["time_s"].astype(float),
     )
-
-
-def in_order(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return rows of the table in the order of all observations: pose, load, time."""
-    return rows.sort_values(["pose", "load_N", "time_s"], kind="stable")
-
-
-def states_of(rows: pd.DataFrame) -> PoseStates:
-    """Return the state of the arm in every row of the table."""
-    n = sum(name.startswith("tau") and name.endswith("_u_Nm") for name in rows.columns)
-    slides = np.array([f"q{joint}_m" in rows.columns for joint in range(1, n + 1)])
-    return PoseStates(
-        q_rad=_numbers(rows, _position_columns(slides)),
-        tau_Nm=_numbers(rows, _joint_columns("tau", n, "_Nm")),
-        arrival=_numbers(rows, _joint_columns("s", n, "")),
-        load_N=_numbers(rows, ["load_N"])[:, 0],
-        temperature_C=_numbers(rows, ["temperature_C"])[:, 0],
-        time_s=_numbers(rows, ["time_s"])[:, 0],
+    return Observations(
+        pose=columns["pose"].astype(str),
+        states=states,
+        measured=instruments()[campaign.instrument.kind].from_columns(columns, campaign.stated),
+        kind=columns["kind"].astype(str),
+        repeat=columns["repeat"].astype(np.int64),
+        readings=np.ones(len(columns["pose"]), dtype=np.int64),
+        log=JointLog(
+            stacked(_position_columns(slides, "_u")),
+            stacked(_joint_columns("tau", n, "_u_Nm")),
+            columns["dwell_samples"].astype(np.int64),
+        ),
     )
-
-
-def target_names(table: pd.DataFrame) -> tuple[str, ...]:
-    """Return the names of the balls or other targets whose centres the table holds."""
-    held = (re.fullmatch(r"ball(\w+)_x_mm", str(name)) for name in table.columns)
-    return tuple(found.group(1) for found in held if found)
-
-
-def targets_m(rows: pd.DataFrame) -> tuple[Array, Array]:
-    """Return the centres (P, B, 3) [m] of the targets, and their covariances (P, B, 3, 3)."""
-    names = target_names(rows)
-    p_instr_mm = np.zeros((len(rows), len(names), 3))
-    cov_mm2 = np.zeros((len(rows), len(names), 3, 3))
-    for b, name in enumerate(names):
-        p_instr_mm[:, b] = _numbers(rows, [f"ball{name}_{axis}_mm" for axis in AXES])
-        for i in range(3):
-            for j in range(i, 3):
-                column = _numbers(rows, [f"ball{name}_c{AXES[i]}{AXES[j]}_mm2"])[:, 0]
-                cov_mm2[:, b, i, j] = cov_mm2[:, b, j, i] = column
-    return MM * p_instr_mm, MM**2 * cov_mm2
-
-
-def distances_m(rows: pd.DataFrame) -> tuple[Array, Array]:
-    """Return the distances (P,) [m] and their standard uncertainties (P,)."""
-    d_m, u_m = MM * _numbers(rows, ["d_mm", "d_u_mm"]).T
-    return d_m, u_m
-
-
-def _by_apparatus(rows: pd.DataFrame, T_instr_ee: Array) -> Array:
-    """Return how each measured pose answers to the balls' places on the apparatus."""
-    if not target_names(rows):
-        return np.zeros((len(rows), 6, 0))
-    return pose_by_source(T_instr_ee, *targets_m(rows))
-
-
-def _numbers(rows: pd.DataFrame, names: Sequence[str]) -> Array:
-    return np.array(rows[list(names)], dtype=float)
 
 
 def _position_columns(slides: NDArray[np.bool_], uncertainty: str = "") -> list[str]:

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 from pa10cal.calibration.options import CalibrationOptions
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from pa10cal.arm.description import Arm
     from pa10cal.campaign.description import Campaign
+    from pa10cal.observe.observations import Observations
     from pa10cal.results.calibration import CalibrationRecord
 
 #: Load case of the general model beside the paper's: all loads together.
@@ -39,17 +38,17 @@ def calibrate(
         settings: section calibration.
     """
     from pa10cal.campaign.description import read_campaign
-    from pa10cal.campaign.table import read_pose_table
+    from pa10cal.campaign.table import read_observations
     from pa10cal.files.arms import load_arm
     from pa10cal.planning.campaign import takes_general_model
     from pa10cal.results.codec import write
 
     campaign = read_campaign(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
-    table = read_pose_table(poses, campaign.name)
+    every = read_observations(poses, campaign)
     general = load == GENERAL or takes_general_model(settings.model, campaign.instrument.kind)
     work = _by_general_model if general else _by_papers_model
-    record = work(campaign, arm, table, base_frame, load, settings)
+    record = work(campaign, arm, every, base_frame, load, settings)
     write(record, out)
     _say(f"{campaign.name} {load}", record)
 
@@ -57,7 +56,7 @@ def calibrate(
 def _by_papers_model(
     campaign: Campaign,
     arm: Arm,
-    table: pd.DataFrame,
+    every: Observations,
     base_frame: Path,
     load: str,
     settings: CalibrationOptions,
@@ -65,8 +64,8 @@ def _by_papers_model(
     """Work out a load case on two levels, with the paper's unknowns."""
     from pa10cal.calibration.load_case import work_out
     from pa10cal.calibration.records import paper_record
-    from pa10cal.campaign.table import observations
     from pa10cal.errors import CalibrationError
+    from pa10cal.observe.averages import poses_of
     from pa10cal.results.codec import read
     from pa10cal.results.seed import BaseFrameRecord
     from pa10cal.stages.calibration_record import study_of
@@ -80,10 +79,10 @@ def _by_papers_model(
             remedy="set calibration.model to auto",
         )
     seed = read(BaseFrameRecord, base_frame, campaign.name)
-    held_out = observations(table, kind="holdout")
+    held_out = poses_of(every, "holdout")
     case = work_out(
         arm,
-        observations(table, kind="grid", average=False),
+        poses_of(every, "grid", average=False),
         held_out if len(held_out) else None,
         seed.T_instr_base,
         load,
@@ -96,7 +95,7 @@ def _by_papers_model(
 def _by_general_model(
     campaign: Campaign,
     arm: Arm,
-    table: pd.DataFrame,
+    every: Observations,
     base_frame: Path,
     load: str,
     settings: CalibrationOptions,
@@ -105,21 +104,21 @@ def _by_general_model(
     from pa10cal.calibration.general.case import work_out_general
     from pa10cal.calibration.general.records import general_record
     from pa10cal.calibration.load_case import COMBINED, rows_of_load
-    from pa10cal.campaign.sightings import sightings
+    from pa10cal.observe.averages import average_repeats
     from pa10cal.results.codec import read
     from pa10cal.results.seed import BaseFrameRecord
     from pa10cal.stages.general_record import general_options, read_start
     from pa10cal.stages.measurement_setup import payload_of
 
     seed = read(BaseFrameRecord, base_frame, campaign.name)
-    grid = sightings(table, campaign, "grid")
-    held_out = sightings(table, campaign, "holdout")
+    grid = average_repeats(every.of_kind("grid"))
+    held_out = average_repeats(every.of_kind("holdout"))
     case = work_out_general(
         arm,
         grid,
         held_out if len(held_out) else None,
         rows_of_load(grid.states.load_N, COMBINED if load == GENERAL else load),
-        read_start(seed, grid.seen, base_frame),
+        read_start(seed, grid.measured, base_frame),
         load,
         payload_of(campaign, arm),
         general_options(settings),

@@ -86,14 +86,14 @@ def _scores(simulate: SimulateSettings, settings: CalibrationOptions) -> dict[st
     from pa10cal.calibration.calibrate import calibrate
     from pa10cal.calibration.records import parameter_records
     from pa10cal.calibration.uncertainty import ErrorSources
-    from pa10cal.campaign.averages import average_repeats
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.ingest import ingest_campaign
     from pa10cal.campaign.options import IngestOptions
-    from pa10cal.campaign.table import observations, read_pose_table, write_pose_table
+    from pa10cal.campaign.table import observations_of
     from pa10cal.cell.campaign import simulate_campaign
     from pa10cal.cell.write import write_campaign
     from pa10cal.files.arms import load_arm
+    from pa10cal.observe.averages import average_repeats, poses_of
     from pa10cal.stages.calibration_record import study_of
     from pa10cal.stages.records import read_record
     from pa10cal.terms.baseline import baseline
@@ -106,10 +106,8 @@ def _scores(simulate: SimulateSettings, settings: CalibrationOptions) -> dict[st
         write_campaign(made, folder / "raw", folder / "truth.json")
         campaign = read_campaign(folder / "raw")
         ingested = ingest_campaign(campaign, arm, folder / "raw", IngestOptions())
-        write_pose_table(folder / "poses.parquet", ingested.poses, campaign.name)
-        table = read_pose_table(folder / "poses.parquet")
         truth = read_record(folder / "truth.json", "pa10cal-truth/1")["parameters"]
-    readings = observations(table, kind="grid", average=False)
+    readings = poses_of(observations_of(ingested.poses, campaign), average=False)
     found = calibrate(
         baseline(arm, study.flexible_joints, study.tolerances),
         average_repeats(readings),

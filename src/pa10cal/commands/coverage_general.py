@@ -184,9 +184,9 @@ def _study(
     from pa10cal.cell.individual_arm import draw_individual
     from pa10cal.evaluation.known_truth import parameter_scores, prediction_scores
     from pa10cal.files.arms import load_arm
-    from pa10cal.stages.simulated_sightings import (
+    from pa10cal.stages.simulated_observations import (
         draw_by_unknowns,
-        exact_sightings,
+        exact_observations,
         truth_of,
     )
 
@@ -204,7 +204,7 @@ def _study(
             individual, truth = draw_by_unknowns(arm, plan, unknowns, rng)
         found = _calibrated(arm, individual, plan, options, seed)
         by_name.append(parameter_scores(found, truth))
-        others = exact_sightings(individual, plan, _PREDICTED_POSES, seed + _OTHER_POSES * 10**6)
+        others = exact_observations(individual, plan, _PREDICTED_POSES, seed + _OTHER_POSES * 10**6)
         predictions.append(prediction_scores(found, others))
         converged.append(found.fit.converged)
     names = tuple(dict.fromkeys(name for scores in by_name for name in scores))
@@ -222,12 +222,14 @@ def _unknowns(arm: Arm, plan: SightedPlan, options: GeneralOptions, seed: int) -
     from pa10cal.calibration.general.unknowns import choose_unknowns
     from pa10cal.cell.individual_arm import draw_individual
     from pa10cal.cell.sighted import measure_individual
-    from pa10cal.stages.simulated_sightings import sightings_of
+    from pa10cal.stages.simulated_observations import observations_of
 
     individual = draw_individual(arm, plan, np.random.default_rng(seed))
-    seen = sightings_of(measure_individual(individual, plan, seed))
+    seen = observations_of(measure_individual(individual, plan, seed))
     start = find_start(arm, seen)
-    return choose_unknowns(arm, options.tolerances, seen.seen, start.T_instr_base, start.places_m)
+    return choose_unknowns(
+        arm, options.tolerances, seen.measured, start.T_instr_base, start.targets_m
+    )
 
 
 def _plan(case: CoverageCase, settings: CoverageOptions) -> SightedPlan:
@@ -255,8 +257,8 @@ def _calibrated(
     from pa10cal.calibration.general.calibrate import calibrate_general
     from pa10cal.calibration.general.start import find_start
     from pa10cal.cell.sighted import measure_individual
-    from pa10cal.stages.simulated_sightings import payload_of_individual, sightings_of
+    from pa10cal.stages.simulated_observations import observations_of, payload_of_individual
 
-    seen = sightings_of(measure_individual(individual, plan, seed))
+    seen = observations_of(measure_individual(individual, plan, seed))
     payload = payload_of_individual(individual)
     return calibrate_general(arm, seen, find_start(arm, seen), payload, options)

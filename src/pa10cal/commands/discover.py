@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 from pa10cal.discovery.options import DiscoveryOptions
 
 if TYPE_CHECKING:
-    from pa10cal.campaign.observations import PoseObservations
     from pa10cal.discovery.operating_point import OperatingPoint
     from pa10cal.discovery.preparation import MeasurementSetup
+    from pa10cal.observe.observations import Observations
+    from pa10cal.observe.pose import Pose
     from pa10cal.results.calibration import CalibrationRecord
 
 
@@ -40,13 +41,14 @@ def discover(
         suggested: poses to measure next, to write (.csv).
         settings: section discovery.
     """
-    from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.campaign.description import read_campaign
-    from pa10cal.campaign.table import observations, read_pose_table
+    from pa10cal.campaign.table import read_observations
     from pa10cal.discovery.operating_point import OperatingPoint
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import whole_files, write_json, write_text
     from pa10cal.files.schemas import ANALYSIS, EXTENDED, VERDICT
+    from pa10cal.observe.arrivals import with_arrivals
+    from pa10cal.observe.averages import poses_of
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read
     from pa10cal.stages.calibration_record import read_fit, settings_of
@@ -55,17 +57,17 @@ def discover(
     began = time.perf_counter()
     campaign = read_campaign(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
-    table, from_order = read_pose_table(poses, campaign.name), False
+    every, from_order = read_observations(poses, campaign), False
     record = read(CalibrationRecord, calibration, campaign.name)
     used = settings_of(record, calibration)
     model, x, T_instr_base = read_fit(record, arm, calibration, cubic=True)
     setup = setup_of(campaign, arm, used, settings)
-    grid = observations(table, kind="grid", average=False, covariance="instrument")
+    grid = poses_of(every, "grid", average=False, covariance="instrument")
     judge = _by_blocks if _left_out(grid) else _by_repeats
     if judge is _by_blocks:
-        table, from_order = with_arrivals(table)
-        grid = observations(table, kind="grid", average=False, covariance="instrument")
-    held_out = observations(table, kind="holdout")
+        every, from_order = with_arrivals(every)
+        grid = poses_of(every, "grid", average=False, covariance="instrument")
+    held_out = poses_of(every, "holdout")
     if isinstance(record, GeneralCalibrationRecord):
         from pa10cal.stages.general_record import as_modelled, read_general
 
@@ -115,7 +117,7 @@ class _Outcome:
     suggested: str
 
 
-def _left_out(grid: PoseObservations) -> bool:
+def _left_out(grid: Observations[Pose]) -> bool:
     """Tell whether effects are judged by blocks of poses left out, and not by repeats."""
     from pa10cal.discovery.blocked_cv.survey import enough
     from pa10cal.discovery.evidence.repeatability import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
@@ -125,8 +127,8 @@ def _left_out(grid: PoseObservations) -> bool:
 
 
 def _by_repeats(
-    grid: PoseObservations,
-    held_out: PoseObservations,
+    grid: Observations[Pose],
+    held_out: Observations[Pose],
     baseline: OperatingPoint,
     setup: MeasurementSetup,
     settings: DiscoveryOptions,
@@ -177,8 +179,8 @@ def _by_repeats(
 
 
 def _by_blocks(
-    grid: PoseObservations,
-    held_out: PoseObservations,
+    grid: Observations[Pose],
+    held_out: Observations[Pose],
     baseline: OperatingPoint,
     setup: MeasurementSetup,
     settings: DiscoveryOptions,

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from pa10cal.arm.description import Arm
     from pa10cal.campaign.description import Campaign
     from pa10cal.evaluation.holdout import HeldOut
+    from pa10cal.observe.observations import Observations
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
     from pa10cal.results.evaluation import HeldOutModel
 
@@ -33,7 +32,7 @@ def evaluate(
         extended: model with the effects that discovery named (.json).
     """
     from pa10cal.campaign.description import read_campaign
-    from pa10cal.campaign.table import read_pose_table
+    from pa10cal.campaign.table import read_observations
     from pa10cal.evaluation.records import holdout_record, summary
     from pa10cal.files.arms import load_arm
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
@@ -41,14 +40,14 @@ def evaluate(
 
     campaign = read_campaign(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
-    table = read_pose_table(poses, campaign.name)
+    every = read_observations(poses, campaign)
     record = read(CalibrationRecord, calibration, campaign.name)
     models: dict[str, HeldOutModel] = {}
-    if (table["kind"] == "holdout").any():
+    if (every.kind == "holdout").any():
         if isinstance(record, GeneralCalibrationRecord):
-            models = _judge_general(campaign, arm, table, record, calibration, extended)
+            models = _judge_general(campaign, arm, every, record, calibration, extended)
         else:
-            models = _judge_papers(campaign, arm, table, record, calibration, extended)
+            models = _judge_papers(campaign, arm, every, record, calibration, extended)
     found = holdout_record(campaign, record.load, models)
     write(found, out)
     print(f"{campaign.name}: {summary(found)}")
@@ -57,7 +56,7 @@ def evaluate(
 def _judge_papers(
     campaign: Campaign,
     arm: Arm,
-    table: pd.DataFrame,
+    every: Observations,
     record: CalibrationRecord,
     calibration: Path,
     extended: Path | None,
@@ -66,19 +65,19 @@ def _judge_papers(
     import numpy as np
 
     from pa10cal.calibration.accuracy import align_nominal
-    from pa10cal.campaign.table import observations
     from pa10cal.evaluation.holdout import judge
     from pa10cal.evaluation.records import held_out_model
+    from pa10cal.observe.averages import poses_of
     from pa10cal.stages.calibration_record import read_fit
     from pa10cal.terms.baseline import nominal
 
-    held_out = observations(table, kind="holdout")
+    held_out = poses_of(every, "holdout")
     rigid = nominal(arm)
     fits = {
         "uncalibrated": (
             rigid,
             np.zeros(0),
-            align_nominal(rigid, observations(table, kind="grid")),
+            align_nominal(rigid, poses_of(every, "grid")),
         ),
         "linear": read_fit(record, arm, calibration, cubic=False),
         "cubic": read_fit(record, arm, calibration, cubic=True),
@@ -88,21 +87,21 @@ def _judge_papers(
         for name, (model, x, T_instr_base) in fits.items()
     }
     if extended is not None:
-        judged["extended"] = _judge_extended(campaign, arm, table, record, calibration, extended)
+        judged["extended"] = _judge_extended(campaign, arm, every, record, calibration, extended)
     return {name: held_out_model(found, held_out) for name, found in judged.items()}
 
 
 def _judge_general(
     campaign: Campaign,
     arm: Arm,
-    table: pd.DataFrame,
+    every: Observations,
     record: GeneralCalibrationRecord,
     calibration: Path,
     extended: Path | None,
 ) -> dict[str, HeldOutModel]:
     """Judge the models of a general calibration on what the instrument observed."""
-    from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.discovery.options import DiscoveryOptions
+    from pa10cal.observe.arrivals import with_arrivals
     from pa10cal.stages.blocked_cv_model import extended_model
     from pa10cal.stages.calibration_record import settings_of
     from pa10cal.stages.general_evaluation import (
@@ -112,7 +111,7 @@ def _judge_general(
     )
     from pa10cal.stages.measurement_setup import setup_of
 
-    held_out = held_out_with_torques(table, campaign, arm)
+    held_out = held_out_with_torques(every, campaign, arm)
     models = {
         name: judged_record(model, held_out)
         for name, model in general_models(record, arm, calibration).items()
@@ -120,7 +119,7 @@ def _judge_general(
     if extended is not None:
         with_effects = extended_model(extended, record, arm, calibration)
         if with_effects.arrival_from_order:
-            held_out = held_out_with_torques(with_arrivals(table)[0], campaign, arm)
+            held_out = held_out_with_torques(with_arrivals(every)[0], campaign, arm)
         used = settings_of(record, calibration)
         setup = setup_of(campaign, arm, used, DiscoveryOptions())
         held_out = with_effects.completed(held_out, setup)
@@ -133,20 +132,20 @@ def _judge_general(
 def _judge_extended(
     campaign: Campaign,
     arm: Arm,
-    table: pd.DataFrame,
+    every: Observations,
     record: CalibrationRecord,
     calibration: Path,
     extended: Path,
 ) -> HeldOut:
     """Judge the model with the effects that discovery named."""
-    from pa10cal.campaign.arrival_order import with_arrivals
-    from pa10cal.campaign.table import observations
     from pa10cal.discovery.evidence.fit import as_read
     from pa10cal.discovery.operating_point import OperatingPoint
     from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.discovery.preparation import complete_about
     from pa10cal.evaluation.holdout import judge
     from pa10cal.files.schemas import EXTENDED
+    from pa10cal.observe.arrivals import with_arrivals
+    from pa10cal.observe.averages import poses_of
     from pa10cal.stages.calibration_record import read_fit, settings_of
     from pa10cal.stages.extended_record import read_extended
     from pa10cal.stages.measurement_setup import setup_of, with_bends
@@ -157,14 +156,14 @@ def _judge_extended(
     content = read_record(extended, EXTENDED, ("effects", "x", "targets_off_m"), campaign.name)
     baseline, model, x, T_instr_base = read_extended(content, with_bends(model), extended)
     if content.get("arrival_from_order"):
-        table, _ = with_arrivals(table)
+        every, _ = with_arrivals(every)
     poses = complete_about(
-        observations(table, kind="holdout"),
+        poses_of(every, "holdout"),
         baseline,
         OperatingPoint(model, x, T_instr_base),
         setup_of(campaign, arm, used, DiscoveryOptions()),
     )
-    coordinates = poses.by_apparatus.shape[2]
+    coordinates = poses.measured.by_apparatus.shape[2]
     places_m = read_vector(content, "targets_off_m", coordinates, extended)
     T_base_ee = as_read(model.predict(poses.states, x), T_instr_base, poses, places_m)
     return judge(T_base_ee, T_instr_base, poses)

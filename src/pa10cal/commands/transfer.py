@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from pa10cal.campaign.seen import Sightings
+    from pa10cal.observe.observations import Observations
 
 
 def transfer(
@@ -31,14 +29,14 @@ def transfer(
     from dataclasses import replace
 
     from pa10cal.calibration.general.transfer import refit_frames
-    from pa10cal.campaign.arrival_order import with_arrivals
     from pa10cal.campaign.description import read_campaign
-    from pa10cal.campaign.sightings import sightings
-    from pa10cal.campaign.table import read_pose_table
+    from pa10cal.campaign.table import read_observations
     from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.errors import CalibrationError, RecordError
     from pa10cal.files.arms import load_arm
     from pa10cal.fit.loads import with_torques
+    from pa10cal.observe.arrivals import with_arrivals
+    from pa10cal.observe.averages import average_repeats
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
     from pa10cal.results.evaluation import TransferRecord
@@ -53,7 +51,7 @@ def transfer(
 
     campaign = read_campaign(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
-    table = read_pose_table(poses, campaign.name)
+    every = read_observations(poses, campaign)
     record = read(CalibrationRecord, calibration)
     if not isinstance(record, GeneralCalibrationRecord) or record.robot != campaign.robot:
         raise RecordError(
@@ -72,13 +70,13 @@ def transfer(
             remedy="raise calibration.max_iterations, or look at its warnings",
         )
 
-    def sighted(rows: pd.DataFrame) -> tuple[Sightings, Sightings]:
+    def observed(every: Observations) -> tuple[Observations, Observations]:
         """Return grid and held-out poses with torques, as springs need them."""
-        grid = sightings(rows, campaign, "grid")
+        grid = average_repeats(every.of_kind("grid"))
         states, _ = with_torques(arm, grid.states, payload_of(campaign, arm))
-        return replace(grid, states=states), held_out_with_torques(rows, campaign, arm)
+        return replace(grid, states=states), held_out_with_torques(every, campaign, arm)
 
-    grid, held_out = sighted(table)
+    grid, held_out = observed(every)
     judged = {
         name: judged_record(refit_frames(model, grid), held_out)
         for name, model in general_models(record, arm, calibration).items()
@@ -88,7 +86,7 @@ def transfer(
         used = settings_of(record, calibration)
         setup = setup_of(campaign, arm, used, DiscoveryOptions())
         if with_effects.arrival_from_order:
-            grid, held_out = sighted(with_arrivals(table)[0])
+            grid, held_out = observed(with_arrivals(every)[0])
         grid, held_out = (with_effects.completed(rows, setup) for rows in (grid, held_out))
         judged["extended"] = judged_record(
             refit_frames(with_effects.fitted, grid),

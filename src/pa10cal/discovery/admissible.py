@@ -13,7 +13,6 @@ from pa10cal.arm.chain import end_pose_with_screws, frames
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import statics
 from pa10cal.calibration.levels import OneLevel
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.evidence.cells import shared_error
 from pa10cal.discovery.evidence.fit import Fit
 from pa10cal.discovery.evidence.noise_model import NoiseModel
@@ -22,6 +21,8 @@ from pa10cal.discovery.evidence.repeatability import same_circumstances
 from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup, complete
 from pa10cal.errors import DiscoveryError
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 
 Array = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ class Measured(Protocol):
         """Return what is known besides the poses."""
 
     @property
-    def cells(self) -> PoseObservations:
+    def cells(self) -> Observations[Pose]:
         """Return the measured poses."""
 
 
@@ -126,7 +127,7 @@ def _is_admissible(problem: Measured, q_rad: Array, room: Room) -> NDArray[np.bo
 
 def _box(problem: Measured, room: Room) -> tuple[Array, Array]:
     """Return the corners (3,), (3,) of where the end may be, in the instrument's frame."""
-    measured = problem.cells.T_instr_ee[:, :3, 3]
+    measured = problem.cells.measured.T_instr_target[:, :3, 3]
     low, high = measured.min(axis=0), measured.max(axis=0)
     margin = np.maximum(0.5 * (room.volume_factor - 1.0) * (high - low), room.least_margin_m)
     return low - margin, high + margin
@@ -176,13 +177,17 @@ def foresee(
         time_s=np.full(count, measured.time_s[last]),
     )
     repeats = round(len(problem.readings) / (1 + int(same_circumstances(problem.readings).max())))
-    poses = PoseObservations(
+    poses = Observations(
         pose=np.array([f"next {k}" for k in range(count)]),
         states=states,
-        T_instr_ee=baseline.T_instr_base @ baseline.model.predict(states, baseline.x),
-        cov_ee=np.zeros((count, 6, 6)),
-        by_apparatus=np.zeros((count, *problem.readings.by_apparatus.shape[1:])),
-        repeats=np.full(count, repeats),
+        measured=Pose(
+            baseline.T_instr_base @ baseline.model.predict(states, baseline.x),
+            np.zeros((count, 6, 6)),
+            np.zeros((count, *problem.readings.measured.by_apparatus.shape[1:])),
+        ),
+        kind=np.full(count, "grid"),
+        repeat=np.ones(count, dtype=np.int64),
+        readings=np.full(count, repeats),
     )
     poses = _on_apparatus(poses, problem)
     states = complete(poses, baseline, setup).states
@@ -190,25 +195,26 @@ def foresee(
         tau_Nm = states.static_loads.joint_Nm + found.model.torque_Nm(states, found.x)
         states = replace(states, tau_Nm=tau_Nm)
     T_instr_ee = found.level.T_instr_base @ found.model.predict(states, found.x)
-    poses = _on_apparatus(replace(poses, states=states, T_instr_ee=T_instr_ee), problem)
-    poses = replace(poses, cov_ee=_reading_cov(poses, problem) / repeats)
+    poses = poses.with_states(states).with_measured(T_instr_target=T_instr_ee)
+    poses = _on_apparatus(poses, problem)
+    poses = poses.with_measured(cov=_reading_cov(poses, problem) / repeats)
     level = OneLevel(found.model, poses, found.level.T_instr_base, found.level.r_max_m)
     return _weighed(problem, poses), replace(found, level=level)
 
 
-def _weighed(problem: Problem, poses: PoseObservations) -> Problem:
+def _weighed(problem: Problem, poses: Observations[Pose]) -> Problem:
     """Return the problem of other poses."""
     baseline, setup, shared = problem.baseline, problem.setup, shared_error(poses)
     pose = NoiseModel.of(
-        np.linalg.inv(np.linalg.cholesky(poses.cov_ee)),
+        np.linalg.inv(np.linalg.cholesky(poses.measured.cov)),
         shared,
-        setup.uncertainties.apparatus_m * poses.by_apparatus,
+        setup.uncertainties.apparatus_m * poses.measured.by_apparatus,
     )
     torque = None
     if problem.torque is not None and setup.payload is not None:
         coordinates = baseline.model.chain_coordinates(poses.states, baseline.x)
         weights = statics(baseline.model.chain, coordinates, poses.states.load_N, setup.payload)
-        scale = np.sqrt(poses.repeats)[:, None] / problem.noise.torque_Nm
+        scale = np.sqrt(poses.readings)[:, None] / problem.noise.torque_Nm
         loads_N = np.unique(problem.cells.states.load_N)
         common = common_torques(
             poses, weights, baseline, setup.payload, setup.uncertainties, loads_N[loads_N > 0]
@@ -220,22 +226,22 @@ def _weighed(problem: Problem, poses: PoseObservations) -> Problem:
     )
 
 
-def _on_apparatus(poses: PoseObservations, problem: Problem) -> PoseObservations:
+def _on_apparatus(poses: Observations[Pose], problem: Problem) -> Observations[Pose]:
     """Return poses with what places of targets do to them.
 
     That is about the same along the end's own axes everywhere: the mean of the readings.
     """
     readings = problem.readings
-    own = np.mean(_turns(readings).transpose(0, 2, 1) @ readings.by_apparatus, axis=0)
-    return replace(poses, by_apparatus=_turns(poses) @ own)
+    own = np.mean(_turns(readings).transpose(0, 2, 1) @ readings.measured.by_apparatus, axis=0)
+    return poses.with_measured(by_apparatus=_turns(poses) @ own)
 
 
-def _reading_cov(poses: PoseObservations, problem: Problem) -> Array:
+def _reading_cov(poses: Observations[Pose], problem: Problem) -> Array:
     """Return the covariance of one reading of poses, (P, 6, 6), from its sources."""
     readings, noise = problem.readings, problem.noise
     by_joint = noise.joint_rad**2
     of_joints = _spread(_screws(readings, problem), by_joint)
-    stated = noise.instrument**2 * readings.cov_ee
+    stated = noise.instrument**2 * readings.measured.cov
     # What neither joints nor instrument account for is alike in all poses and directions.
     rest = np.mean(np.diagonal(noise.cov_ee - of_joints - stated, axis1=1, axis2=2), axis=0)
     rest = np.repeat(np.maximum(rest.reshape(2, 3).mean(axis=1), 0.0), 3)
@@ -252,14 +258,14 @@ def _spread(screws: Array, variance: Array) -> Array:
     return spread
 
 
-def _turns(poses: PoseObservations) -> Array:
+def _turns(poses: Observations[Pose]) -> Array:
     """Return (P, 6, 6) what turns position and rotation from the end's axes to the instrument's."""
     turn = np.zeros((len(poses), 6, 6))
-    turn[:, :3, :3] = turn[:, 3:, 3:] = poses.T_instr_ee[:, :3, :3]
+    turn[:, :3, :3] = turn[:, 3:, 3:] = poses.measured.T_instr_target[:, :3, :3]
     return turn
 
 
-def _screws(poses: PoseObservations, problem: Problem) -> Array:
+def _screws(poses: Observations[Pose], problem: Problem) -> Array:
     """Return how poses follow each joint's angle, (P, 6, n), along the instrument's axes."""
     baseline = problem.baseline
     chain = baseline.model.chain

@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.calibrate import check_torques
-from pa10cal.campaign.averages import average_repeats
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.contest import Pair
 from pa10cal.discovery.evidence.candidates import testable
 from pa10cal.discovery.evidence.fit import Fit, apparatus_m, as_read, fit
@@ -21,6 +19,9 @@ from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about
 from pa10cal.discovery.verdict import NotTestable
 from pa10cal.errors import DiscoveryError
+from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates
 
@@ -61,8 +62,8 @@ class Discovery:
 
 
 def discover(
-    readings: PoseObservations,
-    held_out: PoseObservations | None,
+    readings: Observations[Pose],
+    held_out: Observations[Pose] | None,
     baseline: OperatingPoint,
     setup: MeasurementSetup,
     error_rate: float,
@@ -105,7 +106,7 @@ def discover(
     )
 
 
-def _check_enough(readings: PoseObservations, baseline: OperatingPoint) -> None:
+def _check_enough(readings: Observations[Pose], baseline: OperatingPoint) -> None:
     """Refuse poses that the model's own parameters could follow wherever they are."""
     poses = len(np.unique(readings.pose))
     unknowns = len(baseline.model.parameters) + 6
@@ -138,7 +139,7 @@ def unresolved(found: Discovery) -> tuple[Pair, ...]:
     return (*rivals, *alone)[:_MOST_PAIRS]
 
 
-def compare(problem: Problem, extended: Fit, poses: PoseObservations) -> Gap:
+def compare(problem: Problem, extended: Fit, poses: Observations[Pose]) -> Gap:
     """Return the gap of baseline and extended model on averaged poses."""
     baseline = problem.baseline
     about = OperatingPoint(extended.model, extended.x, extended.level.T_instr_base)
@@ -155,7 +156,7 @@ def compare(problem: Problem, extended: Fit, poses: PoseObservations) -> Gap:
             ),
             extended.level.T_instr_base,
         ),
-        floor_mm(problem, poses.repeats),
+        floor_mm(problem, poses.readings),
     )
 
 

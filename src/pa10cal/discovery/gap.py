@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t
 
-from pa10cal.calibration.accuracy import Accuracy, Deviations, deviations, summarise
-from pa10cal.campaign.observations import PoseObservations
+from pa10cal.calibration.accuracy import Accuracy, deviations, summarise
+from pa10cal.observe.instrument import Deviations
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 
 Array = NDArray[np.float64]
 
@@ -53,12 +55,12 @@ class Gap:
     reduction_by_load: dict[float, Paired]
     found_before: Deviations
     found_after: Deviations
-    poses: PoseObservations
+    poses: Observations[Pose]
     noise_floor_mm: float
 
 
 def gap(
-    poses: PoseObservations,
+    poses: Observations[Pose],
     before: tuple[Array, Array],
     after: tuple[Array, Array],
     noise_floor_mm: float,

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.clustered import Estimate, mean, slope
 from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.evidence.pure_error import ChannelTest, channel_tests, left_over
 from pa10cal.discovery.joint_space import JointErrors, Periodogram, joint_errors, periodogram
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 
 Array = NDArray[np.float64]
 
@@ -136,7 +137,7 @@ class LackOfFit:
     by_joint: tuple[JointPart, ...]
     by_torque: tuple[TorquePart, ...]
     drifts: tuple[Drift, ...]
-    cells: PoseObservations
+    cells: Observations[Pose]
     position_mm: Array
     joints: JointErrors
     torque_left_Nm: Array | None
@@ -154,7 +155,7 @@ def lack_of_fit(problem: Problem, found: Fit) -> LackOfFit:
     white = left_over(problem.pose, pose_rows(found.level.linearise(found.x)), pose.shared_variance)
     pose_left = np.linalg.solve(problem.pose.whitener, white[..., None])[:, :, 0]
     position_mm = np.asarray(1e3 * pose_left[:, :3], dtype=np.float64)
-    noise_mm2 = 1e6 * np.diagonal(cells.cov_ee, axis1=1, axis2=2)[:, :3]
+    noise_mm2 = 1e6 * np.diagonal(cells.measured.cov, axis1=1, axis2=2)[:, :3]
     squares, noise = (position_mm**2).sum(axis=1), noise_mm2.sum(axis=1)
     joints = joint_errors(problem, found, white)
     torque_left_Nm = _torque_left_Nm(problem, found, torque)
@@ -207,12 +208,12 @@ def _joint_part(problem: Problem, joints: JointErrors, j: int) -> JointPart:
 
 def _torque_part(problem: Problem, left_Nm: Array, j: int) -> TorquePart:
     cells = problem.cells
-    noise = problem.noise.torque_Nm[j] ** 2 / cells.repeats
+    noise = problem.noise.torque_Nm[j] ** 2 / cells.readings
     return TorquePart(
         joint=j + 1,
         rms_Nm=_root_mean(left_Nm**2),
         noise_Nm=_root_mean(noise),
-        arrivals=_arrivals(problem, left_Nm, cells.repeats.astype(float), j),
+        arrivals=_arrivals(problem, left_Nm, cells.readings.astype(float), j),
     )
 
 
@@ -228,7 +229,7 @@ def _arrivals(problem: Problem, values: Array, weight: Array, j: int) -> tuple[A
 
 def _drift(problem: Problem, axis: str, position_mm: Array) -> Drift:
     cells = problem.cells
-    weight = cells.repeats.astype(float)
+    weight = cells.readings.astype(float)
     hours, kelvin = cells.states.time_s / _HOUR_S, cells.states.temperature_C
     logged = bool(np.isfinite(kelvin).all()) and float(np.ptp(kelvin)) > 0.0
     return Drift(

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.calibration.pose_error import pose_error
-from pa10cal.campaign.observations import PoseObservations
+from pa10cal.frame.pose_error import pose_error
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Parameter, Term
@@ -50,17 +51,21 @@ def possible_sizes(model: Model) -> Array:
     )
 
 
-def left(at: OperatingPoint, poses: PoseObservations) -> Array:
+def left(at: OperatingPoint, poses: Observations[Pose]) -> Array:
     """Return predicted less measured poses, (P, 6): position [m], chord of the attitude."""
-    error = pose_error(at.T_instr_base @ at.model.predict(poses.states, at.x), poses.T_instr_ee)
+    error = pose_error(
+        at.T_instr_base @ at.model.predict(poses.states, at.x), poses.measured.T_instr_target
+    )
     return np.concatenate([error.position_m, error.chord], axis=1)
 
 
 def by_terms(
-    at: OperatingPoint, poses: PoseObservations, terms: Sequence[Term], points: Sequence[Array]
+    at: OperatingPoint, poses: Observations[Pose], terms: Sequence[Term], points: Sequence[Array]
 ) -> list[Array]:
     """Return how `left` follows the parameters of terms, each (P, 6, k')."""
-    error = pose_error(at.T_instr_base @ at.model.predict(poses.states, at.x), poses.T_instr_ee)
+    error = pose_error(
+        at.T_instr_base @ at.model.predict(poses.states, at.x), poses.measured.T_instr_target
+    )
     R = at.T_instr_base[:3, :3]
     turn = error.by_rotation @ R
     found = []
@@ -72,7 +77,7 @@ def by_terms(
     return found
 
 
-def by_joints(at: OperatingPoint, poses: PoseObservations, joints: Sequence[int]) -> Array:
+def by_joints(at: OperatingPoint, poses: Observations[Pose], joints: Sequence[int]) -> Array:
     """Return how `left` follows the positions of joints, from 1: (P, 6, j)."""
     chain = at.model.chain
     driven = [chain.motions[chain.joint_columns[joint - 1]].coordinate for joint in joints]

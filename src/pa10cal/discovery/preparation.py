@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates, Seen
 from pa10cal.arm.statics import Payload, Statics
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.fit.loads import statics_of
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import CandidateContext
 
 Array = NDArray[np.float64]
@@ -63,8 +64,8 @@ class MeasurementSetup:
 
 
 def complete(
-    poses: PoseObservations, baseline: OperatingPoint, setup: MeasurementSetup
-) -> PoseObservations:
+    poses: Observations[Pose], baseline: OperatingPoint, setup: MeasurementSetup
+) -> Observations[Pose]:
     """Add to the states of poses what they carry and how they were seen."""
     states = replace(poses.states, seen=_seen(poses, setup.p_ee_targets_m))
     if setup.payload is not None:
@@ -75,11 +76,11 @@ def complete(
 
 
 def complete_about(
-    poses: PoseObservations,
+    poses: Observations[Pose],
     baseline: OperatingPoint,
     about: OperatingPoint,
     setup: MeasurementSetup,
-) -> PoseObservations:
+) -> Observations[Pose]:
     """Add what poses carry by a better model, whose effects may need what the baseline says."""
     poses = complete(poses, baseline, setup)
     return poses if about is baseline else complete(poses, about, setup)
@@ -90,23 +91,23 @@ def static_loads(states: PoseStates, baseline: OperatingPoint, payload: Payload)
     return statics_of(baseline.model, baseline.x, states, payload)
 
 
-def _seen(poses: PoseObservations, p_ee_targets_m: Array) -> Seen:
+def _seen(poses: Observations[Pose], p_ee_targets_m: Array) -> Seen:
     """Return where targets were and how the pose was made of them, along end-effector axes."""
-    R, origin = poses.T_instr_ee[:, :3, :3], poses.T_instr_ee[:, :3, 3]
+    R, origin = poses.measured.T_instr_target[:, :3, :3], poses.measured.T_instr_target[:, :3, 3]
     count = len(poses)
-    if not poses.by_apparatus.shape[2]:
+    if not poses.measured.by_apparatus.shape[2]:
         direct = np.zeros((count, 6, 3))
         direct[:, :3] = R.transpose(0, 2, 1)
         return Seen(origin[:, None, :], direct)
     targets = origin[:, None, :] + np.einsum("pij,bj->pbi", R, p_ee_targets_m)
     # A target read too far by v is one whose stated place on the apparatus is short by R^T v.
-    by_place = poses.by_apparatus.reshape(count, 2, 3, -1, 3)
+    by_place = poses.measured.by_apparatus.reshape(count, 2, 3, -1, 3)
     by_reading = -np.einsum("pki,pakbl,pjl->paibj", R, by_place, R, optimize=True)
     return Seen(targets, by_reading.reshape(count, 6, -1))
 
 
 def context_of(
-    cells: PoseObservations, baseline: OperatingPoint, setup: MeasurementSetup
+    cells: Observations[Pose], baseline: OperatingPoint, setup: MeasurementSetup
 ) -> CandidateContext:
     """Return what decides where effects may sit; the poses are complete."""
     states = cells.states

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import (
     Accuracy,
-    Deviations,
     deviations,
     summarise,
     summarise_by_load,
 )
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.evaluation.tool_twist import ToolTwist, constant_tool_twist
+from pa10cal.observe.instrument import Deviations
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,7 @@ class HeldOut:
     tool_twist: ToolTwist
 
 
-def judge(T_base_ee: Array, T_instr_base: Array, observations: PoseObservations) -> HeldOut:
+def judge(T_base_ee: Array, T_instr_base: Array, observations: Observations[Pose]) -> HeldOut:
     """Judge predictions T_base_ee (P, 4, 4) on held-out configurations."""
     found = deviations(T_base_ee, T_instr_base, observations)
     R_predicted = T_instr_base[:3, :3] @ T_base_ee[:, :3, :3]
@@ -51,5 +52,7 @@ def judge(T_base_ee: Array, T_instr_base: Array, observations: PoseObservations)
             for label in np.unique(observations.pose)
         },
         found=found,
-        tool_twist=constant_tool_twist(R_predicted, observations.T_instr_ee[:, :3, :3]),
+        tool_twist=constant_tool_twist(
+            R_predicted, observations.measured.T_instr_target[:, :3, :3]
+        ),
     )

@@ -16,10 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.calibration.general.calibrate import GeneralCalibration
-from pa10cal.calibration.general.instrument import place_parameters
-from pa10cal.calibration.general.start import turned
 from pa10cal.calibration.identifiability import not_identifiable
-from pa10cal.campaign.seen import SeenDistances, Sightings
+from pa10cal.observe.observations import Observations
 from pa10cal.terms.joint_spring import JointSpring
 
 Array = NDArray[np.float64]
@@ -73,14 +71,14 @@ def parameter_scores(general: GeneralCalibration, truth: KnownTruth) -> dict[str
     return scores
 
 
-def prediction_scores(general: GeneralCalibration, exact: Sightings) -> Array:
+def prediction_scores(general: GeneralCalibration, exact: Observations) -> Array:
     """Return the scores of what the instrument would see in other poses, one by one.
 
     Args:
         general: a calibrated model.
         exact: poses with torques where springs need them, seen without error.
     """
-    problem = replace(general.problem, sightings=turned(exact, general.start))
+    problem = replace(general.problem, observations=exact.turned(general.start.R_ee_target))
     rows = problem.rows(general.fit.x)
     spread = rows.jacobian @ general.fit.covariance
     std = np.sqrt(np.sum(spread * rows.jacobian, axis=2))
@@ -97,7 +95,7 @@ def _true_values(general: GeneralCalibration, truth: KnownTruth) -> dict[str, fl
     """Return the truth in the coordinates in which the model was solved."""
     problem, start = general.problem, general.start
     R, p_m = truth.T_instr_base[:3, :3], truth.T_instr_base[:3, 3]
-    if isinstance(problem.seen, SeenDistances):  # they show but where the fixed point is
+    if not problem.measured.determines_attitude:  # only where the fixed point is
         base = np.concatenate([R.T @ p_m - problem.T_instr_base[:3, 3], np.zeros(3)])
     else:
         base = _motions(np.linalg.inv(problem.T_instr_base) @ truth.T_instr_base)
@@ -106,7 +104,7 @@ def _true_values(general: GeneralCalibration, truth: KnownTruth) -> dict[str, fl
     names = [name.replace(".", "_") for name in (*BASE, *TOOL)]
     values = dict(truth.departures)
     values |= dict(zip(names, [*base, *_motions(T_ee_tool)], strict=True))
-    places = place_parameters(problem.seen)
+    places = problem.measured.target_parameters
     if places:
         p_ee_m = truth.p_ee_targets_m.ravel()
         values |= {parameter.name: float(p) for parameter, p in zip(places, p_ee_m, strict=True)}

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pa10cal.calibration.records import by_load
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.evaluation.holdout import HeldOut
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, HoldoutRecord
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def summary(record: HoldoutRecord) -> str:
     return f"held out ({record.configurations}): mean/peak {errors}"
 
 
-def held_out_model(found: HeldOut, held_out: PoseObservations) -> HeldOutModel:
+def held_out_model(found: HeldOut, held_out: Observations[Pose]) -> HeldOutModel:
     """Return errors of one model over held-out poses, by load, by point and pose by pose."""
     return HeldOutModel(
         **dict(found.overall),

@@ -68,7 +68,11 @@ def _shifts(found: Discovery) -> list[dict[str, Any]]:
 def _rows(found: Discovery, gap: Gap) -> list[dict[str, Any]]:
     """Return every averaged configuration with its errors before and after, base axes."""
     T_instr_base = found.problem.baseline.T_instr_base
-    p_base_mm = 1e3 * (gap.poses.T_instr_ee[:, :3, 3] - T_instr_base[:3, 3]) @ T_instr_base[:3, :3]
+    p_base_mm = (
+        1e3
+        * (gap.poses.measured.T_instr_target[:, :3, 3] - T_instr_base[:3, 3])
+        @ T_instr_base[:3, :3]
+    )
     return [
         {
             "pose": str(gap.poses.pose[k]),

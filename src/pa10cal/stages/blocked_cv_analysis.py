@@ -72,7 +72,9 @@ def _shifts(found: BlockedDiscovery) -> list[dict[str, Any]]:
 def _rows(found: BlockedDiscovery, gap: PartedGap) -> list[dict[str, Any]]:
     """Return every configuration with its errors before and after, along base axes."""
     T_instr_base, poses = found.survey.baseline.T_instr_base, gap.whole.poses
-    p_base_mm = 1e3 * (poses.T_instr_ee[:, :3, 3] - T_instr_base[:3, 3]) @ T_instr_base[:3, :3]
+    p_base_mm = (
+        1e3 * (poses.measured.T_instr_target[:, :3, 3] - T_instr_base[:3, 3]) @ T_instr_base[:3, :3]
+    )
     before_mm, after_mm = (
         found_.position_mm for found_ in (gap.whole.found_before, gap.whole.found_after)
     )

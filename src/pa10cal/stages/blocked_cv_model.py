@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.calibration.general.case import FittedModel
-from pa10cal.campaign.observations import PoseObservations
-from pa10cal.campaign.seen import SeenPoses, Sightings
 from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about
 from pa10cal.files.schemas import EXTENDED
 from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.observe.averages import measured_as_poses
+from pa10cal.observe.observations import Observations
 from pa10cal.results.calibration import GeneralCalibrationRecord
 from pa10cal.stages.blocked_cv_record import read_angles
 from pa10cal.stages.extended_record import read_extended
@@ -45,27 +45,19 @@ class ExtendedModel:
         """Return which poses leave the angles seen, (P,); None where that is not known."""
         return None if self.seen is None else ~self.seen.inside(states.q_rad)
 
-    def completed(self, sightings: Sightings, setup: MeasurementSetup) -> Sightings:
-        """Return sightings whose states hold what the effects depend on.
+    def completed(self, observations: Observations, setup: MeasurementSetup) -> Observations:
+        """Return observations whose states hold what the effects depend on.
 
         Args:
-            sightings: poses with torques, as springs need them.
+            observations: poses with torques, as springs need them.
             setup: what is known of their campaign besides the poses.
         """
-        seen = sightings.seen
-        if not isinstance(seen, SeenPoses):
-            return sightings
-        poses = PoseObservations(
-            pose=sightings.pose,
-            states=sightings.states,
-            T_instr_ee=seen.T_instr_target,
-            cov_ee=seen.cov,
-            by_apparatus=np.zeros((len(sightings), 6, 0)),
-            repeats=sightings.repeats,
-        )
+        if not observations.measured.measures_pose:
+            return observations
+        poses = measured_as_poses(observations)
         about = OperatingPoint(self.fitted.model, self.fitted.x, self.fitted.T_instr_base)
         poses = complete_about(poses, self.baseline, about, setup)
-        return replace(sightings, states=poses.states)
+        return observations.with_states(poses.states)
 
 
 def extended_model(

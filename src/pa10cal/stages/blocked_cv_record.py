@@ -95,7 +95,7 @@ def blocked_extended(found: BlockedDiscovery) -> dict[str, Any]:
         "parameters": parameters_of(found),
         "x": extended.x[:own].tolist(),
         "T_instr_base": extended.T_instr_base.tolist(),
-        "targets_off_m": [0.0] * survey.poses.by_apparatus.shape[2],
+        "targets_off_m": [0.0] * survey.poses.measured.by_apparatus.shape[2],
         "baseline": {
             "x": survey.baseline.x.tolist(),
             "T_instr_base": survey.baseline.T_instr_base.tolist(),

@@ -27,16 +27,15 @@ from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.identifiability import Identifiability, unidentified_directions
 from pa10cal.calibration.load_case import Study, model_deviations
 from pa10cal.calibration.uncertainty import ErrorSources
-from pa10cal.campaign.observations import PoseObservations
-from pa10cal.campaign.seen import SeenPoses, Sightings
 from pa10cal.cell.individual_arm import (
     IndividualArm,
     draw_individual,
     individual_from_departures,
 )
 from pa10cal.cell.sighted import measure_individual
+from pa10cal.observe.averages import measured_as_poses
 from pa10cal.settings import SightedPlan
-from pa10cal.stages.simulated_sightings import sightings_of
+from pa10cal.stages.simulated_observations import observations_of
 from pa10cal.terms.baseline import baseline, nominal
 from pa10cal.terms.term import Parameter
 
@@ -101,10 +100,9 @@ def calibrated_record(
     individual = departing.individual
     arm = individual.arm
     made = measure_individual(individual, plan, random_seed, postures)
-    sightings = sightings_of(made)
+    poses = measured_as_poses(observations_of(made))
     grid = made.kind == "grid"
-    poses = observations_of(sightings)
-    exact = replace(poses, T_instr_ee=individual.T_instr_target(made.truth.rest.T_base_ee))
+    exact = poses.with_measured(T_instr_target=individual.T_instr_target(made.truth.rest.T_base_ee))
 
     two_levels = {
         model: calibrate(
@@ -116,11 +114,8 @@ def calibrated_record(
         for model, inside in (("two_level", study.options.inner_poses), ("two_level_all", None))
     }
     options = GeneralOptions(springs=(), tolerances=study.tolerances)
-    start = find_start(arm, sightings.take(grid))
-    general = calibrate_general(arm, sightings.take(grid), start, None, options)
-    exactly = replace(
-        sightings, seen=replace(_poses_seen(sightings), T_instr_target=exact.T_instr_ee)
-    )
+    start = find_start(arm, poses.take(grid))
+    general = calibrate_general(arm, poses.take(grid), start, None, options)
 
     rigid = nominal(arm)
     T_aligned = align_nominal(rigid, poses.take(grid))
@@ -132,9 +127,9 @@ def calibrated_record(
                 model: model_deviations(found, against).distance_mm
                 for model, found in two_levels.items()
             },
-            "general": fitted(general).deviations(seen).distance_mm,
+            "general": fitted(general).deviations(against).distance_mm,
         }
-        for against, seen in ((poses, sightings), (exact, exactly))
+        for against in (poses, exact)
     )
     return {
         "departs": departing.key,
@@ -206,19 +201,6 @@ def _over_floor(mean_mm: list[float], floor_mm: float) -> dict[str, Any]:
     }
 
 
-def observations_of(sightings: Sightings) -> PoseObservations:
-    """Return sightings of poses as the two-level calibration takes them."""
-    seen = _poses_seen(sightings)
-    return PoseObservations(
-        sightings.pose,
-        sightings.states,
-        seen.T_instr_target,
-        seen.cov,
-        np.zeros((len(sightings), 6, 0)),
-        sightings.repeats,
-    )
-
-
 def summary(distance_mm: Array) -> dict[str, float]:
     """Return mean, peak and root mean square of position errors (P,)."""
     return {
@@ -226,11 +208,6 @@ def summary(distance_mm: Array) -> dict[str, float]:
         "peak_mm": float(distance_mm.max()),
         "rms_mm": float(np.sqrt(np.mean(distance_mm**2))),
     }
-
-
-def _poses_seen(sightings: Sightings) -> SeenPoses:
-    assert isinstance(sightings.seen, SeenPoses)
-    return sightings.seen
 
 
 def _two_level_record(found: Calibration, truth: dict[str, float]) -> dict[str, Any]:

@@ -6,18 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.calibration.accuracy import summarise, summarise_by_load
 from pa10cal.calibration.general.case import FittedModel
-from pa10cal.calibration.general.deviation import accuracy_by_load, accuracy_seen
 from pa10cal.calibration.records import by_load
 from pa10cal.campaign.description import Campaign
-from pa10cal.campaign.seen import SeenPoses, Sightings
-from pa10cal.campaign.sightings import sightings
 from pa10cal.evaluation.tool_twist import constant_tool_twist
 from pa10cal.fit.loads import with_torques
+from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.calibration import GeneralCalibrationRecord
 from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, ToolTwist
@@ -27,9 +27,9 @@ from pa10cal.stages.measurement_setup import payload_of
 Array = NDArray[np.float64]
 
 
-def held_out_with_torques(table: pd.DataFrame, campaign: Campaign, arm: Arm) -> Sightings:
+def held_out_with_torques(every: Observations, campaign: Campaign, arm: Arm) -> Observations:
     """Return what was seen of the held-out poses, with torques as springs need them."""
-    found = sightings(table, campaign, "holdout")
+    found = average_repeats(every.of_kind("holdout"))
     states, _ = with_torques(arm, found.states, payload_of(campaign, arm))
     return replace(found, states=states)
 
@@ -45,7 +45,7 @@ def general_models(
 
 
 def judged_record(
-    model: FittedModel, held_out: Sightings, extrapolated: NDArray[np.bool_] | None = None
+    model: FittedModel, held_out: Observations, extrapolated: NDArray[np.bool_] | None = None
 ) -> HeldOutModel:
     """Return errors of one model over held-out poses, by load, by point and pose by pose.
 
@@ -58,14 +58,13 @@ def judged_record(
     found = model.deviations(held_out)
 
     def errors(rows: NDArray[np.bool_] | None) -> Accuracy | None:
-        return accuracy_seen(found.take(rows)) if rows is not None and rows.any() else None
+        return summarise(found.take(rows)) if rows is not None and rows.any() else None
 
     return HeldOutModel(
-        **dict(accuracy_seen(found)),
-        per_load=by_load(accuracy_by_load(found, held_out.states.load_N)),
+        **dict(summarise(found)),
+        per_load=by_load(summarise_by_load(found, held_out.states.load_N)),
         per_point={
-            str(label): accuracy_seen(found.take(held_out.pose == label))
-            for label in _points(held_out)
+            str(label): summarise(found.take(held_out.pose == label)) for label in _points(held_out)
         },
         tool_twist=_twist(model, held_out),
         inside=errors(None if extrapolated is None else ~extrapolated),
@@ -73,7 +72,7 @@ def judged_record(
         rows=HeldOutRows(
             pose=held_out.pose,
             load_N=held_out.states.load_N,
-            position_mm=found.vector_mm,
+            position_mm=found.position_mm,
             error_mm=found.distance_mm,
             rotation_deg=found.rotation_deg,
             extrapolated=extrapolated,
@@ -85,15 +84,15 @@ def judged_record(
 _MOST_POINTS = 500
 
 
-def _points(held_out: Sightings) -> NDArray[np.str_]:
+def _points(held_out: Observations) -> NDArray[np.str_]:
     labels = np.unique(held_out.pose)
     return labels if len(labels) <= _MOST_POINTS else labels[:0]
 
 
-def _twist(model: FittedModel, held_out: Sightings) -> ToolTwist | None:
-    seen = held_out.seen
-    if not isinstance(seen, SeenPoses):
+def _twist(model: FittedModel, held_out: Observations) -> ToolTwist | None:
+    measured = held_out.measured
+    if not isinstance(measured, Pose):
         return None
     T_base_ee = model.model.predict(held_out.states, model.x)
-    R_measured = seen.T_instr_target[:, :3, :3] @ model.R_ee_target.T
+    R_measured = measured.T_instr_target[:, :3, :3] @ model.R_ee_target.T
     return constant_tool_twist(model.T_instr_base[:3, :3] @ T_base_ee[:, :3, :3], R_measured)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -14,14 +13,14 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.calibrate import GeneralOptions
 from pa10cal.calibration.general.case import FittedModel
-from pa10cal.calibration.general.instrument import Seen
-from pa10cal.calibration.general.start import Start
 from pa10cal.calibration.general.unknowns import tool_frame
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.observations import PoseObservations
-from pa10cal.campaign.seen import SeenPoints, SeenPoses
 from pa10cal.errors import RecordError
 from pa10cal.fit.loads import with_torques
+from pa10cal.observe.instrument import Instrument, Start
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.points import Points
+from pa10cal.observe.pose import Pose
 from pa10cal.results.calibration import GeneralCalibrationRecord, GeneralFit
 from pa10cal.results.seed import BaseFrameRecord
 from pa10cal.terms.joint_spring import JointSpring
@@ -45,24 +44,24 @@ def general_options(settings: CalibrationOptions) -> GeneralOptions:
     )
 
 
-def read_start(seed: BaseFrameRecord, seen: Seen, path: Path) -> Start:
+def read_start(seed: BaseFrameRecord, measured: Instrument, path: Path) -> Start:
     """Return where frames and targets are, from `seed/base_frame.json`.
 
     Args:
         seed: what it holds.
-        seen: what the instrument saw, which says what of it counts.
+        measured: by which instrument, which decides what of it counts.
         path: where it was read from, for the message.
 
     Raises:
         RecordError: when it lacks a target.
     """
     T_ee_target, places_m = np.eye(4), np.zeros(0)
-    if isinstance(seen, SeenPoses):
+    if isinstance(measured, Pose):
         if seed.T_ee_target is not None:
             T_ee_target = seed.T_ee_target
     else:
         stated = seed.p_ee_targets_m or {}
-        names = seen.names if isinstance(seen, SeenPoints) else tuple(stated)[:1]
+        names = measured.names if isinstance(measured, Points) else tuple(stated)[:1]
         missing = [name for name in names or ("target",) if name not in stated]
         if missing:
             raise RecordError(
@@ -118,14 +117,12 @@ def _fit(record: GeneralCalibrationRecord, which: Which) -> GeneralFit:
 
 
 def as_modelled(
-    poses: PoseObservations, model: FittedModel, payload: Payload | None
-) -> PoseObservations:
+    poses: Observations[Pose], model: FittedModel, payload: Payload | None
+) -> Observations[Pose]:
     """Return measured poses as the general model predicts them.
 
     Attitudes are those of the end-effector in place of the target's; torques that were not logged
     are those of the masses described.
     """
-    T = poses.T_instr_ee.copy()
-    T[:, :3, :3] = T[:, :3, :3] @ model.R_ee_target.T
     states, _ = with_torques(model.model.chain.arm, poses.states, payload)
-    return replace(poses, T_instr_ee=T, states=states)
+    return poses.turned(model.R_ee_target).with_states(states)

@@ -68,7 +68,7 @@ def _cells(found: LackOfFit) -> dict[str, Any]:
     return {
         "pose": found.cells.pose.tolist(),
         "load_N": _numbers(states.load_N),
-        "readings": found.cells.repeats.tolist(),
+        "readings": found.cells.readings.tolist(),
         "time_s": _numbers(states.time_s),
         "temperature_C": _numbers(states.temperature_C),
         **{f"position_{axis}_mm": _numbers(found.position_mm[:, k]) for k, axis in enumerate(AXES)},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,16 +15,17 @@ from pa10cal.calibration.accuracy import deviations
 from pa10cal.calibration.calibrate import Calibration, calibrate
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import ErrorSources
-from pa10cal.campaign.averages import average_repeats
 from pa10cal.campaign.description import Campaign, read_campaign
 from pa10cal.campaign.ingest import ingest_campaign
-from pa10cal.campaign.observations import PoseObservations
-from pa10cal.campaign.table import observations, read_pose_table, write_pose_table
+from pa10cal.campaign.table import observations_of
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.files.schemas import VERDICT
+from pa10cal.observe.averages import average_repeats, poses_of
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.stages.calibration_record import study_of
 from pa10cal.stages.measurement_setup import setup_of, with_bends
 from pa10cal.stages.verdict_record import verdict_record
@@ -49,8 +49,8 @@ class CalibratedCampaign:
 
     campaign: Campaign
     arm: Arm
-    readings: PoseObservations
-    held_out: PoseObservations
+    readings: Observations[Pose]
+    held_out: Observations[Pose]
     calibration: Calibration
     seconds: float
 
@@ -78,16 +78,13 @@ def calibrated(raw: Path, settings: JudgingOptions) -> CalibratedCampaign:
     campaign = read_campaign(raw)
     arm = load_arm(campaign.robot, raw)
     ingested = ingest_campaign(campaign, arm, raw, settings.ingest)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "poses.parquet"
-        write_pose_table(path, ingested.poses, campaign.name)
-        table = read_pose_table(path, campaign.name)
-    calibration = _calibrate(arm, observations(table, average=False), settings.calibration)
+    every = observations_of(ingested.poses, campaign)
+    calibration = _calibrate(arm, poses_of(every, average=False), settings.calibration)
     return CalibratedCampaign(
         campaign=campaign,
         arm=arm,
-        readings=observations(table, average=False, covariance="instrument"),
-        held_out=observations(table, kind="holdout"),
+        readings=poses_of(every, average=False, covariance="instrument"),
+        held_out=poses_of(every, "holdout"),
         calibration=calibration,
         seconds=time.perf_counter() - began,
     )
@@ -118,7 +115,7 @@ def judge(known: CalibratedCampaign, settings: JudgingOptions) -> dict[str, Any]
     }
 
 
-def _calibrate(arm: Arm, readings: PoseObservations, settings: CalibrationOptions) -> Calibration:
+def _calibrate(arm: Arm, readings: Observations[Pose], settings: CalibrationOptions) -> Calibration:
     """Calibrate from the nominal arm, and from more starts where that does not converge."""
     study = study_of(settings)
     poses = average_repeats(readings)

@@ -12,12 +12,15 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain, end_pose
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
-from pa10cal.campaign.seen import SeenDistances, SeenPoints, SeenPoses, Sightings
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.distance import Distance
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.points import Points
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.offsets import Tolerances, link_departures
 
 Array = NDArray[np.float64]
-See = Callable[..., Sightings]
+See = Callable[..., Observations]
 
 P_EE_TARGETS_M = np.array([[0.04, -0.03, 0.11], [-0.06, 0.02, 0.09], [0.01, 0.07, 0.05]])
 
@@ -41,7 +44,7 @@ def see(
     tilted: bool = True,
     posed: Callable[[Array], Array] = lambda q_rad: q_rad,
     targets_m: Array = P_EE_TARGETS_M,
-) -> Sightings:
+) -> Observations:
     """Let an instrument see random poses of an arm with random departures.
 
     Where not `tilted`, axes that were designed parallel are. `posed` makes of the joint positions
@@ -82,10 +85,10 @@ def see(
         T[:, :3, :3] = turn.as_matrix() @ T[:, :3, :3] @ twist
         cov = np.zeros((count, 6, 6))
         cov[:, :3, :3], cov[:, 3:, 3:] = unit, 100 * unit
-        seen: SeenPoses | SeenPoints | SeenDistances = SeenPoses(T, cov)
+        seen: Pose | Points | Distance = Pose.of(T, cov)
     elif kind == "distance":
         d_m = np.linalg.norm(p_instr_m[:, 0], axis=1)
-        seen = SeenDistances(d_m + noise_m * generator.standard_normal(count), np.full(count, u_m))
+        seen = Distance(d_m + noise_m * generator.standard_normal(count), np.full(count, u_m))
     else:
         some = p_instr_m[:, : 1 if kind == "point" else 3]
         some = some + noise_m * generator.standard_normal(some.shape)
@@ -93,9 +96,9 @@ def see(
         cov_m2 = np.tile(unit, (*some.shape[:2], 1, 1))
         if kind == "points":
             some[::7, 1], cov_m2[::7, 1] = np.nan, np.nan
-        seen = SeenPoints(names, some, cov_m2, None)
+        seen = Points(names, some, cov_m2, None)
     labels = np.array([f"P{k:04d}" for k in range(count)])
-    return Sightings(labels, states, seen, np.ones(count, dtype=np.int64))
+    return Observations.single(labels, states, seen)
 
 
 @pytest.fixture(name="see", scope="session")

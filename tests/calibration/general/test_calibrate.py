@@ -10,12 +10,11 @@ import pytest
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_general
 from pa10cal.calibration.general.case import fitted, work_out_general
-from pa10cal.calibration.general.instrument import compare
 from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.suspected_outliers import suspected_outliers
-from pa10cal.campaign.seen import SeenPoints
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.points import Points
 
 KINDS = ("pose", "point", "points", "distance")
 
@@ -27,9 +26,9 @@ def calibrated(see):
     def calibrate(robot, kind, **changes):
         key = (robot, kind, tuple(changes.items()))
         if key not in found:
-            sightings = see(robot, kind, **changes)
+            observations = see(robot, kind, **changes)
             arm = load_arm(robot)
-            found[key] = calibrate_general(arm, sightings, find_start(arm, sightings))
+            found[key] = calibrate_general(arm, observations, find_start(arm, observations))
         return found[key]
 
     return calibrate
@@ -92,8 +91,8 @@ def test_what_is_left_out_says_what_others_say(calibrated):
 
 
 def test_a_joint_that_never_moved_leaves_directions_open(see):
-    sightings, arm = see("ur10", "pose"), load_arm("ur10")
-    q_rad = sightings.states.q_rad.copy()
+    observations, arm = see("ur10", "pose"), load_arm("ur10")
+    q_rad = observations.states.q_rad.copy()
     still = see("ur10", "pose", size=0.0)
     q_rad[:, 2] = 0.4
     # Exact poses of the nominal arm with joint 3 held.
@@ -103,7 +102,7 @@ def test_a_joint_that_never_moved_leaves_directions_open(see):
     held = replace(
         still,
         states=replace(still.states, q_rad=q_rad),
-        seen=replace(still.seen, T_instr_target=T),
+        measured=replace(still.measured, T_instr_target=T),
     )
     case = work_out_general(
         arm, held, None, np.ones(60, bool), find_start(arm, held), "combined", None,
@@ -117,13 +116,13 @@ def test_a_joint_that_never_moved_leaves_directions_open(see):
 
 def test_a_wrong_pose_is_listed_and_does_no_harm(see):
     arm = load_arm("ur10")
-    sightings = see("ur10", "point", count=120, noise_m=2e-5)
-    good = calibrate_general(arm, sightings, find_start(arm, sightings))
+    observations = see("ur10", "point", count=120, noise_m=2e-5)
+    good = calibrate_general(arm, observations, find_start(arm, observations))
     assert suspected_outliers(good.problem, good.fit) == ()
-    assert isinstance(sightings.seen, SeenPoints)
-    p_instr_m = sightings.seen.p_instr_m.copy()
+    assert isinstance(observations.measured, Points)
+    p_instr_m = observations.measured.p_instr_m.copy()
     p_instr_m[17, 0, 1] += 3e-3
-    spoilt = replace(sightings, seen=replace(sightings.seen, p_instr_m=p_instr_m))
+    spoilt = replace(observations, measured=replace(observations.measured, p_instr_m=p_instr_m))
     found = calibrate_general(arm, spoilt, find_start(arm, spoilt))
     (wrong,) = suspected_outliers(found.problem, found.fit)
     assert wrong.pose == "P0017"
@@ -141,48 +140,52 @@ def test_a_wrong_pose_is_listed_and_does_no_harm(see):
 
 def test_scatter_beyond_the_stated_uncertainty_is_found(see):
     arm = load_arm("ur10")
-    sightings = see("ur10", "point", count=300, noise_m=1e-4)
-    seen = sightings.seen
-    assert isinstance(seen, SeenPoints)
-    bold = replace(sightings, seen=replace(seen, cov_m2=seen.cov_m2 / 100.0))
+    observations = see("ur10", "point", count=300, noise_m=1e-4)
+    seen = observations.measured
+    assert isinstance(seen, Points)
+    bold = replace(observations, measured=replace(seen, cov_m2=seen.cov_m2 / 100.0))
     found = calibrate_general(arm, bold, find_start(arm, bold))
     assert found.fit.scatter["position"] == pytest.approx(1e-4, rel=0.1)
 
 
 def test_springs_without_torques_are_refused(see):
-    arm, sightings = load_arm("irb120"), see("irb120", "pose")
-    start = find_start(arm, sightings)
+    arm, observations = load_arm("irb120"), see("irb120", "pose")
+    start = find_start(arm, observations)
     with pytest.raises(CalibrationError, match="torques are not known"):
-        calibrate_general(arm, sightings, start, None, GeneralOptions(springs=(2,)))
+        calibrate_general(arm, observations, start, None, GeneralOptions(springs=(2,)))
 
 
 def test_a_spring_that_nothing_loads_is_refused(see):
-    arm, sightings = load_arm("ur10"), see("ur10", "pose")
+    arm, observations = load_arm("ur10"), see("ur10", "pose")
     payload = Payload(0.0, np.zeros(3), np.zeros(3), np.array([0.0, 0.0, -9.81]))
     with pytest.raises(CalibrationError, match="joint 1 carries no torque"):
         calibrate_general(
-            arm, sightings, find_start(arm, sightings), payload, GeneralOptions(springs=(1, 2))
+            arm,
+            observations,
+            find_start(arm, observations),
+            payload,
+            GeneralOptions(springs=(1, 2)),
         )
 
 
 def test_torques_of_the_masses_stand_for_logged_ones(see):
-    arm, sightings = load_arm("ur10"), see("ur10", "pose")
+    arm, observations = load_arm("ur10"), see("ur10", "pose")
     payload = Payload(0.0, np.zeros(3), np.zeros(3), np.array([0.0, 0.0, -9.81]))
-    found = calibrate_general(arm, sightings, find_start(arm, sightings), payload)
+    found = calibrate_general(arm, observations, find_start(arm, observations), payload)
     assert found.torques_from == "masses"
     assert set(found.springs) >= {2, 3}
     assert found.fit.at_bound.any()  # the arm that was seen is rigid
 
 
 def test_too_few_poses_are_refused(see):
-    arm, sightings = load_arm("ur10"), see("ur10", "point", count=8)
+    arm, observations = load_arm("ur10"), see("ur10", "point", count=8)
     with pytest.raises(CalibrationError, match="fewer equations"):
-        calibrate_general(arm, sightings, find_start(arm, sightings))
+        calibrate_general(arm, observations, find_start(arm, observations))
 
 
 def test_nothing_seen_gives_no_row(see):
-    sightings = see("ur10", "points")
-    found = compare(np.tile(np.eye(4), (60, 1, 1)), np.zeros(9), sightings.seen)
+    observations = see("ur10", "points")
+    found = observations.measured.compare(np.tile(np.eye(4), (60, 1, 1)), np.zeros(9))
     assert np.all(found.residual[::7, 3:6] == 0.0)
     assert np.all(found.by_end[::7, 3:6] == 0.0)
 
@@ -201,10 +204,10 @@ def test_axes_as_parallel_as_designed_are_left_so(see):
 
 
 def test_readings_of_another_arm_are_refused(see):
-    arm, sightings = load_arm("ur10"), see("ur10", "point", count=80, noise_m=5e-5)
-    q_rad = sightings.states.q_rad.copy()
+    arm, observations = load_arm("ur10"), see("ur10", "point", count=80, noise_m=5e-5)
+    q_rad = observations.states.q_rad.copy()
     q_rad[:, 2] *= -1.0  # a sign turned round
-    wrong = replace(sightings, states=replace(sightings.states, q_rad=q_rad))
+    wrong = replace(observations, states=replace(observations.states, q_rad=q_rad))
     with pytest.raises(CalibrationError, match="does not fit the readings"):
         work_out_general(
             arm, wrong, None, np.ones(80, bool), find_start(arm, wrong), "combined", None,

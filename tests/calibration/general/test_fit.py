@@ -10,16 +10,17 @@ from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_gene
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.suspected_outliers import suspected_outliers
-from pa10cal.campaign.seen import SeenDistances, SeenPoses
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.distance import Distance
+from pa10cal.observe.pose import Pose
 
 NOISE_M = 5e-5
 
 
-def calibrated(robot, sightings, **options):
+def calibrated(robot, observations, **options):
     arm = load_arm(robot)
-    start = find_start(arm, sightings)
-    return calibrate_general(arm, sightings, start, None, GeneralOptions(**options))
+    start = find_start(arm, observations)
+    return calibrate_general(arm, observations, start, None, GeneralOptions(**options))
 
 
 def links(found):
@@ -38,52 +39,52 @@ def scores(found, exact):
     return np.array([(x - true[name][0]) / std for name, (x, std) in links(found).items()])
 
 
-def with_stated(sightings, times):
+def with_stated(observations, times):
     """State another uncertainty than that of the readings."""
-    seen = sightings.seen
-    if isinstance(seen, SeenPoses):
-        return replace(sightings, seen=replace(seen, cov=times**2 * seen.cov))
-    if isinstance(seen, SeenDistances):
-        return replace(sightings, seen=replace(seen, u_m=times * seen.u_m))
-    return replace(sightings, seen=replace(seen, cov_m2=times**2 * seen.cov_m2))
+    seen = observations.measured
+    if isinstance(seen, Pose):
+        return replace(observations, measured=replace(seen, cov=times**2 * seen.cov))
+    if isinstance(seen, Distance):
+        return replace(observations, measured=replace(seen, u_m=times * seen.u_m))
+    return replace(observations, measured=replace(seen, cov_m2=times**2 * seen.cov_m2))
 
 
-def spoilt(sightings, rows, off_m):
+def spoilt(observations, rows, off_m):
     """Move what was seen in some poses, each another way."""
-    seen = sightings.seen
+    seen = observations.measured
     way = np.random.default_rng(9).standard_normal((len(rows), 3))
     off = off_m * way / np.linalg.norm(way, axis=1)[:, None]
-    if isinstance(seen, SeenPoses):
+    if isinstance(seen, Pose):
         T = seen.T_instr_target.copy()
         T[rows, :3, 3] += off
-        return replace(sightings, seen=replace(seen, T_instr_target=T))
-    if isinstance(seen, SeenDistances):
+        return replace(observations, measured=replace(seen, T_instr_target=T))
+    if isinstance(seen, Distance):
         d_m = seen.d_m.copy()
         d_m[rows] += np.sign(off[:, 0]) * off_m
-        return replace(sightings, seen=replace(seen, d_m=d_m))
+        return replace(observations, measured=replace(seen, d_m=d_m))
     p_instr_m = seen.p_instr_m.copy()
     p_instr_m[rows, 0] += off
-    return replace(sightings, seen=replace(seen, p_instr_m=p_instr_m))
+    return replace(observations, measured=replace(seen, p_instr_m=p_instr_m))
 
 
 def noisy(exact, times, seed):
     """Give exact readings noise, so many times the usual in each pose, and state it."""
-    rng, seen = np.random.default_rng([seed, 1]), exact.seen
+    rng, seen = np.random.default_rng([seed, 1]), exact.measured
     u_m = NOISE_M * times
-    if isinstance(seen, SeenPoses):
+    if isinstance(seen, Pose):
         T, cov = seen.T_instr_target.copy(), np.zeros_like(seen.cov)
         T[:, :3, 3] += u_m[:, None] * rng.standard_normal((len(T), 3))
         turn = Rotation.from_rotvec(10.0 * u_m[:, None] * rng.standard_normal((len(T), 3)))
         T[:, :3, :3] = turn.as_matrix() @ T[:, :3, :3]
         cov[:, range(6), range(6)] = np.outer(u_m**2, [1.0] * 3 + [100.0] * 3)
-        return replace(exact, seen=SeenPoses(T, cov))
-    if isinstance(seen, SeenDistances):
+        return replace(exact, measured=Pose.of(T, cov))
+    if isinstance(seen, Distance):
         return replace(
-            exact, seen=SeenDistances(seen.d_m + u_m * rng.standard_normal(len(u_m)), u_m)
+            exact, measured=Distance(seen.d_m + u_m * rng.standard_normal(len(u_m)), u_m)
         )
     p_instr_m = seen.p_instr_m + u_m[:, None, None] * rng.standard_normal(seen.p_instr_m.shape)
     cov_m2 = (u_m**2)[:, None, None, None] * seen.cov_m2 / np.nanmax(seen.cov_m2)
-    return replace(exact, seen=replace(seen, p_instr_m=p_instr_m, cov_m2=cov_m2))
+    return replace(exact, measured=replace(seen, p_instr_m=p_instr_m, cov_m2=cov_m2))
 
 
 @pytest.mark.parametrize("kind", ["pose", "point", "points", "distance"])
@@ -146,20 +147,22 @@ def test_rough_readings_do_not_spoil_sharp_ones(see, kind):
 
 
 def test_what_is_predicted_does_not_depend_on_where_the_instrument_stands(see):
-    """Sightings turned and moved as a whole calibrate the same arm."""
-    sightings = see("gx4_351s", "pose", count=60, noise_m=NOISE_M)
-    assert isinstance(sightings.seen, SeenPoses)
+    """Observations turned and moved as a whole calibrate the same arm."""
+    observations = see("gx4_351s", "pose", count=60, noise_m=NOISE_M)
+    assert isinstance(observations.measured, Pose)
     T_new_cmm = np.eye(4)
     T_new_cmm[:3] = [[0.0, 1.0, 0.0, 40.0], [0.0, 0.0, 1.0, -3.0], [1.0, 0.0, 0.0, 7.0]]
     moved = replace(
-        sightings,
-        seen=replace(sightings.seen, T_instr_target=T_new_cmm @ sightings.seen.T_instr_target),
+        observations,
+        measured=replace(
+            observations.measured, T_instr_target=T_new_cmm @ observations.measured.T_instr_target
+        ),
     )
-    one, other = (calibrated("gx4_351s", each) for each in (sightings, moved))
+    one, other = (calibrated("gx4_351s", each) for each in (observations, moved))
     for name, (value, std) in links(one).items():
         assert links(other)[name][0] == pytest.approx(value, abs=2e-2 * std)
         assert links(other)[name][1] == pytest.approx(std, rel=1e-3)
-    joints = sightings.states
+    joints = observations.states
     T_one, T_other = (
         each.T_instr_base @ each.model.predict(joints, each.x) for each in map(fitted, (one, other))
     )
@@ -183,9 +186,9 @@ def test_intervals_are_those_with_the_tilts_that_were_left_at_zero(see):
 def test_no_pose_counts_for_little_without_being_listed(see):
     """Also where most poses are far better than the scatter of all."""
     times = np.where(np.random.default_rng(0).random(200) < 0.4, 8.0, 1.0)
-    sightings = noisy(see("iiwa14", "distance", count=200), times, 3)
-    seen = replace(sightings.seen, u_m=np.full(200, 0.01 * NOISE_M))
-    found = calibrated("iiwa14", replace(sightings, seen=seen))
+    observations = noisy(see("iiwa14", "distance", count=200), times, 3)
+    seen = replace(observations.measured, u_m=np.full(200, 0.01 * NOISE_M))
+    found = calibrated("iiwa14", replace(observations, measured=seen))
     listed = {each.pose for each in suspected_outliers(found.problem, found.fit)}
     little = {f"P{row:04d}" for row in np.flatnonzero(found.fit.weights < 0.5)}
     assert little

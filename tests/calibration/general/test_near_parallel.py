@@ -37,8 +37,8 @@ def test_tilts_that_the_description_does_not_know_are_found(see, robot, tilt_deg
     true, described = tilted(robot, tilt_deg), load_arm(robot)
     # The height of a target on the SCARA is told by that of its base: held at zero, so put there.
     targets_m = np.array([[0.04, -0.03, 0.0]])
-    sightings = see(true, kind, count=80, noise_m=5e-5, size=0.0, targets_m=targets_m)
-    found = calibrate_general(described, sightings, find_start(described, sightings))
+    observations = see(true, kind, count=80, noise_m=5e-5, size=0.0, targets_m=targets_m)
+    found = calibrate_general(described, observations, find_start(described, observations))
     assert found.fit.converged
     tilts = dict(
         zip(
@@ -63,8 +63,8 @@ def test_tilts_that_the_description_does_not_know_are_found(see, robot, tilt_deg
 def test_tilts_that_the_description_knows_lengthen_no_link(see, robot, tilt_deg, kind):
     """Departures of every kind, those too that the model leaves to others."""
     arm = tilted(robot, tilt_deg)
-    sightings = see(arm, kind, count=80, noise_m=5e-5)
-    found = calibrate_general(arm, sightings, find_start(arm, sightings))
+    observations = see(arm, kind, count=80, noise_m=5e-5)
+    found = calibrate_general(arm, observations, find_start(arm, observations))
     assert found.fit.converged
     assert max(map(abs, lengths_mm(found).values())) < 3.0
     others = fitted(found).deviations(see(arm, kind, count=40))
@@ -77,8 +77,8 @@ def test_a_tilt_does_not_change_what_is_left_out(see, tilt_deg, kind):
     """One that is known to be small: the height of tool or target, not the turn of a link."""
 
     def left_out(arm):
-        sightings = see(arm, kind)
-        found = calibrate_general(arm, sightings, find_start(arm, sightings))
+        observations = see(arm, kind)
+        found = calibrate_general(arm, observations, find_start(arm, observations))
         parts = [abs(part) for each in found.unknowns.redundant for part in each.said_by.values()]
         return {each.name for each in found.unknowns.redundant}, max(parts)
 

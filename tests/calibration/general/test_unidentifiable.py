@@ -10,24 +10,24 @@ from hypothesis import strategies as st
 from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_general
 from pa10cal.calibration.general.case import fitted, work_out_general
 from pa10cal.calibration.general.start import find_start
-from pa10cal.campaign.seen import SeenPoints
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.points import Points
 
 KINDS = ("pose", "point", "points", "distance")
 NOISE_M = 5e-5
 
 
-def worked_out(robot, sightings):
+def worked_out(robot, observations):
     arm = load_arm(robot)
-    every = np.ones(len(sightings), dtype=bool)
-    start = find_start(arm, sightings)
+    every = np.ones(len(observations), dtype=bool)
+    start = find_start(arm, observations)
     options = GeneralOptions()
-    return work_out_general(arm, sightings, None, every, start, "combined", None, options)
+    return work_out_general(arm, observations, None, every, start, "combined", None, options)
 
 
-def calibrated(robot, sightings):
+def calibrated(robot, observations):
     arm = load_arm(robot)
-    return calibrate_general(arm, sightings, find_start(arm, sightings))
+    return calibrate_general(arm, observations, find_start(arm, observations))
 
 
 def left_out(found):
@@ -82,7 +82,7 @@ def test_the_joint_that_never_moved_is_not_claimed_to_be_known_elsewhere(see):
     """Intervals of predictions where it does move are as wide as what is open."""
     found = calibrated("ur10", see("ur10", "pose", noise_m=NOISE_M, posed=held(3, 0.4)))
     others = see("ur10", "pose", count=40)
-    rows = replace(found.problem, sightings=others).rows(found.fit.x).jacobian[:, :3]
+    rows = replace(found.problem, observations=others).rows(found.fit.x).jacobian[:, :3]
     wide = np.sqrt(np.einsum("pbk,kl,pbl->pb", rows, found.fit.covariance, rows))
     assert np.median(wide) > 20.0 * NOISE_M
     error_m = 1e-3 * fitted(found).deviations(others).distance_mm
@@ -168,9 +168,9 @@ def test_poses_in_one_plane_leave_no_length_astray(see):
         q_rad[:, 5] = 0.1
         return q_rad
 
-    sightings = see("ur10", "point", count=80, noise_m=NOISE_M, posed=posed)
-    assert isinstance(sightings.seen, SeenPoints)
-    case = worked_out("ur10", sightings)
+    observations = see("ur10", "point", count=80, noise_m=NOISE_M, posed=posed)
+    assert isinstance(observations.measured, Points)
+    case = worked_out("ur10", observations)
     assert case.full.fit.converged
     assert case.unidentified_directions
     off = case.full.fit.x / case.full.problem.scale

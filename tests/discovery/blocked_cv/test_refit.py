@@ -26,7 +26,7 @@ def hidden():
 
 @pytest.fixture(scope="module")
 def found(hidden):
-    weighing = unweighed(hidden.readings.cov_ee)
+    weighing = unweighed(hidden.readings.measured.cov)
     return refit(hidden.survey, (DISK, FINE), (np.zeros(2), np.zeros(24)), weighing)
 
 
@@ -61,7 +61,7 @@ def test_nothing_near_fits_better(hidden, found):
 
 def test_a_parameter_stays_within_its_physical_range(hidden):
     spring = JointCompliance("joint 4", 56.0)
-    weighing = unweighed(hidden.readings.cov_ee)
+    weighing = unweighed(hidden.readings.measured.cov)
     found = refit(hidden.survey, (DISK, spring), (np.zeros(2), np.zeros(1)), weighing)
     assert found.x[found.columns_of(spring)][0] >= 0.0
 

@@ -31,7 +31,7 @@ def few():
 def rows(few):
     wanted = {("encoder_eccentricity", "joint 2"), ("cmm_squareness", "instrument")}
     asked = [each for each in askable(few)[0] if (each.effect.id, each.effect.of) in wanted]
-    return Rows(few, unweighed(few.poses.cov_ee), tuple(asked), 36)
+    return Rows(few, unweighed(few.poses.measured.cov), tuple(asked), 36)
 
 
 def test_left_follows_parameters_as_differences_show(few):
@@ -123,7 +123,7 @@ def test_the_family_has_every_map_in_every_form_and_says_what_it_lacks(few):
     asked, unknown = askable(few)
     assert all(isinstance(each, Asked) for each in asked)
     assert {entry.why for entry in unknown} == {"the torques were not logged"}
-    rows = Rows(few, unweighed(few.poses.cov_ee), asked, 144)
+    rows = Rows(few, unweighed(few.poses.measured.cov), asked, 144)
     found, hidden = family(rows, rows.products())
     maps = [each for each in found if each.is_map]
     assert len(maps) == 6 * 9

@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from made_up_poses import measured_poses
 from pa10cal.arm.state import PoseStates
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.evidence.cells import READINGS_A_CELL, gather, shared_error
 
 
 def rows_of(pose, load_N, side, time_s, repeats=None):
     """Return rows; the joint angles of row k are 1 at k, so that means show what they hold."""
     count = len(pose)
-    return PoseObservations(
+    return measured_poses(
         pose=np.array([f"P{k}" for k in pose]),
         states=PoseStates(
             q_rad=np.eye(count),
@@ -24,9 +24,8 @@ def rows_of(pose, load_N, side, time_s, repeats=None):
             time_s=np.asarray(time_s, dtype=float),
         ),
         T_instr_ee=np.tile(np.eye(4), (count, 1, 1)),
-        cov_ee=np.tile(np.eye(6), (count, 1, 1)),
-        by_apparatus=np.zeros((count, 6, 0)),
-        repeats=np.ones(count, dtype=np.int64) if repeats is None else np.asarray(repeats),
+        cov=np.tile(np.eye(6), (count, 1, 1)),
+        readings=np.ones(count, dtype=np.int64) if repeats is None else np.asarray(repeats),
     )
 
 
@@ -49,8 +48,8 @@ def test_every_reading_is_in_one_cell_of_its_own_circumstances(readings):
     cells = gather(readings, cov_ee)
     held = cells.states.q_rad > 0.0
     assert (held.sum(axis=0) == 1).all()
-    assert (held.sum(axis=1) == cells.repeats).all()
-    assert cells.repeats.max() <= READINGS_A_CELL
+    assert (held.sum(axis=1) == cells.readings).all()
+    assert cells.readings.max() <= READINGS_A_CELL
     for k, members in enumerate(held):
         rows = readings.take(members)
         assert set(rows.pose) == {cells.pose[k]}
@@ -58,13 +57,13 @@ def test_every_reading_is_in_one_cell_of_its_own_circumstances(readings):
         np.testing.assert_array_equal(rows.states.arrival, cells.states.arrival[[k] * len(rows)])
         # The mean of so many independent readings.
         expected = cov_ee[members].mean(axis=0) / len(rows)
-        np.testing.assert_allclose(cells.cov_ee[k], expected)
+        np.testing.assert_allclose(cells.measured.cov[k], expected)
 
 
 @given(some_readings())
 @settings(deadline=None, max_examples=40)
 def test_cells_of_the_same_circumstances_follow_each_other_in_time(readings):
-    cells = gather(readings, readings.cov_ee)
+    cells = gather(readings, readings.measured.cov)
     held = cells.states.q_rad > 0.0
     time_s = readings.states.time_s
     keys = list(zip(cells.pose, cells.states.load_N, map(tuple, cells.states.arrival), strict=True))
@@ -72,8 +71,8 @@ def test_cells_of_the_same_circumstances_follow_each_other_in_time(readings):
     for k in range(1, len(keys)):
         if keys[k] == keys[k - 1]:
             assert time_s[held[k - 1]].max() < time_s[held[k]].min()
-            assert abs(int(cells.repeats[k]) - int(cells.repeats[k - 1])) <= 1
-            assert cells.repeats[k] + cells.repeats[k - 1] > READINGS_A_CELL
+            assert abs(int(cells.readings[k]) - int(cells.readings[k - 1])) <= 1
+            assert cells.readings[k] + cells.readings[k - 1] > READINGS_A_CELL
 
 
 def shapes_of(load_N, time_s, side):

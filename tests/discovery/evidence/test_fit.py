@@ -173,7 +173,7 @@ class TestTargetsOffTheirPlaces:
         poses, start = moved.problem.cells, moved.start
         T = start.model.predict(poses.states, start.x)
         read = as_read(T, start.level.T_instr_base, poses, places_m)
-        measured = np.linalg.inv(start.level.T_instr_base) @ poses.T_instr_ee
+        measured = np.linalg.inv(start.level.T_instr_base) @ poses.measured.T_instr_target
         left = [np.linalg.norm((each - measured)[:, :3, 3], axis=1).mean() for each in (T, read)]
         assert left[1] < 0.5 * left[0]
 
@@ -187,6 +187,6 @@ class TestTargetsOffTheirPlaces:
 
     def test_nothing_off_changes_nothing(self, moved):
         T = moved.start.model.predict(moved.problem.cells.states, moved.start.x)
-        zero = np.zeros(moved.problem.cells.by_apparatus.shape[2])
+        zero = np.zeros(moved.problem.cells.measured.by_apparatus.shape[2])
         same = as_read(T, moved.baseline.T_instr_base, moved.problem.cells, zero)
         np.testing.assert_allclose(same, T, atol=1e-15)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from made_up_poses import measured_poses
 from pa10cal.arm.state import PoseStates
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.evidence.repeatability import (
     LEAST_DIFFERENCES,
     repeatability,
@@ -40,13 +40,11 @@ def readings_of(poses=POSES, repeats=REPEATS, seed=1):
     deviation += INSTRUMENT * np.einsum(
         "pij,pj->pi", np.linalg.cholesky(cov_ee), rng.standard_normal((count, 6))
     )
-    readings = PoseObservations(
+    readings = measured_poses(
         pose=np.array([f"P{k:02d}" for k in pose]),
         states=states,
         T_instr_ee=np.tile(np.eye(4), (count, 1, 1)),
-        cov_ee=cov_ee,
-        by_apparatus=np.zeros((count, 6, 0)),
-        repeats=np.ones(count, dtype=np.int64),
+        cov=cov_ee,
     )
     return readings, deviation, screws
 
@@ -65,7 +63,7 @@ def test_scatter_is_laid_to_joints_and_instrument(made):
     # Two directions a pose and load, of four readings each.
     assert found.differences == POSES * len(LOADS_N) * 2 * 3
     expected = np.einsum("pik,k,pjk->pij", screws, JOINT_RAD**2, screws)
-    expected += INSTRUMENT**2 * readings.cov_ee
+    expected += INSTRUMENT**2 * readings.measured.cov
     traces = np.trace(found.cov_ee, axis1=1, axis2=2), np.trace(expected, axis1=1, axis2=2)
     np.testing.assert_allclose(*traces, rtol=0.1)
 

@@ -13,12 +13,12 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.fit import Fit, fit
 from pa10cal.calibration.general.problem import Problem
-from pa10cal.calibration.general.start import Start, turned
 from pa10cal.calibration.general.tilts import Settled, tilts_not_shown
 from pa10cal.calibration.general.unknowns import Unknowns, choose_unknowns
-from pa10cal.campaign.seen import Sightings
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.loads import TorqueSource, with_torques
+from pa10cal.observe.instrument import Start
+from pa10cal.observe.observations import Observations
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets, Tolerances
@@ -81,7 +81,7 @@ class GeneralCalibration:
 
 def calibrate_general(
     arm: Arm,
-    sightings: Sightings,
+    observations: Observations,
     start: Start,
     payload: Payload | None = None,
     options: GeneralOptions | None = None,
@@ -90,7 +90,7 @@ def calibrate_general(
 
     Args:
         arm: the nominal arm.
-        sightings: P poses to fit.
+        observations: P poses to fit.
         start: about where base, tool and targets are.
         payload: what the arm carries; None where it is not known. Springs need torques, logged or
             of the masses that the description of the arm states.
@@ -102,19 +102,19 @@ def calibrate_general(
     """
     began = time.perf_counter()
     options = options or GeneralOptions()
-    states, source = with_torques(arm, sightings.states, payload)
-    sightings = replace(sightings, states=states)
-    springs = _springs(arm, sightings, source, options.springs)
-    tau_Nm = np.abs(sightings.states.tau_Nm).max(axis=0)
-    sightings = turned(sightings, start)
+    states, source = with_torques(arm, observations.states, payload)
+    observations = replace(observations, states=states)
+    springs = _springs(arm, observations, source, options.springs)
+    tau_Nm = np.abs(observations.states.tau_Nm).max(axis=0)
+    observations = observations.turned(start.R_ee_target)
     unknowns = choose_unknowns(
-        arm, options.tolerances, sightings.seen, start.T_instr_base, start.places_m
+        arm, options.tolerances, observations.measured, start.T_instr_base, start.targets_m
     )
     if not options.links:
         unknowns = replace(unknowns, links=Offsets((), ()))
     terms = tuple(JointSpring(joint, float(tau_Nm[joint - 1]), cubic=False) for joint in springs)
     model = Model(Chain.of(arm), (unknowns.links, *terms, unknowns.tool, unknowns.base))
-    problem = Problem(model, unknowns.places, start.places_m, start.T_instr_base, sightings)
+    problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, observations)
     _check_enough(problem)
     x_start = problem.start(_model_start(problem.model, start))
     found = fit(problem, x_start, robust=options.robust, max_iterations=options.max_iterations)
@@ -148,7 +148,7 @@ def _links_of(problem: Problem) -> Offsets:
 
 
 def _springs(
-    arm: Arm, sightings: Sightings, source: TorqueSource, wanted: tuple[int, ...] | None
+    arm: Arm, observations: Observations, source: TorqueSource, wanted: tuple[int, ...] | None
 ) -> tuple[int, ...]:
     """Return the joints to give a spring."""
     if wanted == ():
@@ -174,7 +174,7 @@ def _springs(
                     allowed=f"turning joints of 1 to {arm.n}",
                     remedy="correct the list",
                 )
-            if not np.any(np.abs(sightings.states.tau_Nm[:, joint - 1]) > _NO_TORQUE_NM):
+            if not np.any(np.abs(observations.states.tau_Nm[:, joint - 1]) > _NO_TORQUE_NM):
                 raise CalibrationError(
                     f"joint {joint} carries no torque in any pose, so its spring shows nowhere",
                     where="general.springs",
@@ -183,7 +183,7 @@ def _springs(
                     remedy="leave the joint out, or measure with a load that it carries",
                 )
         return tuple(sorted(set(wanted)))
-    span = np.ptp(sightings.states.tau_Nm, axis=0)
+    span = np.ptp(observations.states.tau_Nm, axis=0)
     turning = ~arm.prismatic
     least = _LEAST_TORQUE_SHARE * float(np.max(span[turning], initial=0.0))
     return tuple(
@@ -209,11 +209,11 @@ def _model_start(model: Model, start: Start) -> Array:
 def _check_enough(problem: Problem) -> None:
     unknowns, rows = len(problem.parameters), int(problem.components_seen.sum())
     if rows < unknowns:
-        a_pose = rows / max(1, len(problem.sightings))
+        a_pose = rows / max(1, len(problem.observations))
         raise CalibrationError(
             "fewer equations than unknowns",
             where="grid poses",
-            value=f"{len(problem.sightings)} poses with {rows} readings, {unknowns} unknowns",
+            value=f"{len(problem.observations)} poses with {rows} readings, {unknowns} unknowns",
             allowed=f"at least {int(np.ceil(unknowns / max(a_pose, 1e-9)))} poses like these",
             remedy="measure more poses",
         )

@@ -11,27 +11,19 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import BASE, Chain, end_pose
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.accuracy import Accuracy
+from pa10cal.calibration.accuracy import Accuracy, summarise, summarise_by_load
 from pa10cal.calibration.general.calibrate import (
     GeneralCalibration,
     GeneralOptions,
     calibrate_general,
 )
-from pa10cal.calibration.general.deviation import (
-    SeenDeviations,
-    accuracy_by_load,
-    accuracy_seen,
-    deviations_seen,
-    spread_mm,
-)
-from pa10cal.calibration.general.instrument import kinds
-from pa10cal.calibration.general.start import Start, turned
 from pa10cal.calibration.general.suspected_outliers import SuspectedOutlier, suspected_outliers
 from pa10cal.calibration.health import Errors, FitSummary, Health, health
 from pa10cal.calibration.identifiability import Direction, not_identifiable, unidentified_directions
-from pa10cal.campaign.seen import Sightings
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.loads import with_torques
+from pa10cal.observe.instrument import Deviations, Start
+from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
@@ -58,12 +50,11 @@ class FittedModel:
     R_ee_target: Array
     places_m: Array
 
-    def deviations(self, sightings: Sightings) -> SeenDeviations:
-        """Compare predictions with sightings whose torques are known where springs need them."""
-        start = Start(self.T_instr_base, np.zeros(3), self.R_ee_target, self.places_m)
-        seen = turned(sightings, start).seen
-        T_base_ee = self.model.predict(sightings.states, self.x)
-        return deviations_seen(T_base_ee, self.T_instr_base, self.places_m, seen)
+    def deviations(self, observations: Observations) -> Deviations:
+        """Compare predictions with observations whose torques are known where springs need them."""
+        measured = observations.measured.turned(self.R_ee_target)
+        T_base_ee = self.model.predict(observations.states, self.x)
+        return measured.deviations(T_base_ee, self.T_instr_base, self.places_m)
 
 
 @dataclass(frozen=True)
@@ -89,8 +80,8 @@ class GeneralCase:
     full: GeneralCalibration
     geometry: GeneralCalibration
     nominal: GeneralCalibration
-    grid: Sightings
-    residuals: SeenDeviations
+    grid: Observations
+    residuals: Deviations
     before: dict[float, Accuracy]
     after: dict[float, Accuracy]
     geometry_after: dict[float, Accuracy]
@@ -103,8 +94,8 @@ class GeneralCase:
 
 def work_out_general(
     arm: Arm,
-    grid: Sightings,
-    held_out: Sightings | None,
+    grid: Observations,
+    held_out: Observations | None,
     rows: NDArray[np.bool_],
     start: Start,
     load: str,
@@ -139,21 +130,21 @@ def work_out_general(
     grid = replace(grid, states=with_torques(arm, grid.states, payload)[0])
     load_N = grid.states.load_N
     found = fitted(full).deviations(grid)
-    _refuse_another_arm(full, accuracy_seen(found.take(rows)).rms_mm, spread_mm(used.seen))
+    _refuse_another_arm(full, summarise(found.take(rows)).rms_mm, used.measured.spread_mm)
     off = None
     if held_out is not None and len(held_out):
         held_out = replace(held_out, states=with_torques(arm, held_out.states, payload)[0])
-        off = accuracy_seen(fitted(full).deviations(held_out))
+        off = summarise(fitted(full).deviations(held_out))
     parameters = full.problem.parameters
     names = {parameter.name for parameter in parameters}
     openly = not_identifiable(full.fit.identifiability, parameters) & names
     doubts = suspected_outliers(full.problem, full.fit)
     trusted = np.setdiff1d(np.flatnonzero(rows), np.flatnonzero(rows)[[d.row for d in doubts]])
     errors = Errors(
-        train_rms_mm=accuracy_seen(found.take(trusted)).rms_mm,
+        train_rms_mm=summarise(found.take(trusted)).rms_mm,
         held_out=off,
         noise_mm=_noise_mm(full),
-        spread_mm=spread_mm(used.seen),
+        spread_mm=used.measured.spread_mm,
         suspected_outliers=len(doubts),
     )
     return GeneralCase(
@@ -163,9 +154,9 @@ def work_out_general(
         nominal=nominal,
         grid=grid,
         residuals=found,
-        before=accuracy_by_load(fitted(nominal).deviations(grid), load_N),
-        after=accuracy_by_load(found, load_N),
-        geometry_after=accuracy_by_load(fitted(geometry).deviations(grid), load_N),
+        before=summarise_by_load(fitted(nominal).deviations(grid), load_N),
+        after=summarise_by_load(found, load_N),
+        geometry_after=summarise_by_load(fitted(geometry).deviations(grid), load_N),
         unidentified_directions=unidentified_directions(full.fit.identifiability, parameters),
         not_identifiable=openly,
         suspected_outliers=doubts,
@@ -218,7 +209,7 @@ def base_motion(model: Model, x_base: Array) -> Array:
 
 def _fit_summary(general: GeneralCalibration, openly: frozenset[str]) -> FitSummary:
     fit, parameters = general.fit, general.problem.parameters
-    columns = kinds(general.problem.seen)[0][1]
+    columns = general.problem.measured.component_kinds[0][1]
     root = np.sqrt(fit.weights)[:, None, None]
     # Of several targets the uncertainty of one is meant, as the error is that of one.
     share = np.sqrt(_targets_seen(general))[:, None, None]
@@ -241,7 +232,7 @@ def _fit_summary(general: GeneralCalibration, openly: frozenset[str]) -> FitSumm
 def _noise_mm(general: GeneralCalibration) -> float:
     """Return what the stated noise explains of the root mean square error."""
     problem = general.problem
-    columns = kinds(problem.seen)[0][1]
+    columns = problem.measured.component_kinds[0][1]
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns]
     seen = problem.components_seen[:, columns]
     per_pose = np.where(seen, variances, 0.0).sum(axis=1) / _targets_seen(general)
@@ -251,6 +242,6 @@ def _noise_mm(general: GeneralCalibration) -> float:
 def _targets_seen(general: GeneralCalibration) -> Array:
     """Return how many targets were seen in each pose, (P,)."""
     problem = general.problem
-    columns = kinds(problem.seen)[0][1]
+    columns = problem.measured.component_kinds[0][1]
     targets: Array = np.maximum(1.0, problem.components_seen[:, columns].sum(axis=1) // 3)
     return targets

@@ -8,14 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.calibration.general.instrument import (
-    Seen,
-    compare,
-    components_seen,
-    place_parameters,
-    stated_covariance,
-)
-from pa10cal.campaign.seen import Sightings
+from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Parameter
 
@@ -41,27 +35,27 @@ class Problem:
 
     Attributes:
         model: chain and terms: links, springs, tool, base.
-        places: coordinates of targets that are unknowns, as indices into `place_parameters`.
+        places: coordinates of targets that are unknowns, as indices into `target_parameters`.
         places_m: (t,) about where the targets sit.
         T_instr_base: (4, 4) where the base is when its term is zero.
-        sightings: P poses, an attitude turned so that the tool's own is near that of the chain.
+        observations: P poses, an attitude turned so that the tool's own is near that of the chain.
     """
 
     model: Model
     places: NDArray[np.intp]
     places_m: Array
     T_instr_base: Array
-    sightings: Sightings
+    observations: Observations
 
     @property
-    def seen(self) -> Seen:
-        """Return what was seen."""
-        return self.sightings.seen
+    def measured(self) -> Instrument:
+        """Return what was measured."""
+        return self.observations.measured
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Return all k unknowns, those of the model first."""
-        everywhere = place_parameters(self.seen)
+        everywhere = self.measured.target_parameters
         return (*self.model.parameters, *(everywhere[k] for k in self.places))
 
     @cached_property
@@ -72,12 +66,12 @@ class Problem:
     @cached_property
     def stated_covariance(self) -> Array:
         """Return the covariance (P, b, b) that the instrument states."""
-        return stated_covariance(self.seen)
+        return self.measured.stated_covariance
 
     @cached_property
     def components_seen(self) -> NDArray[np.bool_]:
         """Return which components were seen, (P, b)."""
-        return components_seen(self.seen)
+        return self.measured.components_seen
 
     def start(self, x_model: Array) -> Array:
         """Return a point (k,) with targets about where they sit."""
@@ -96,23 +90,23 @@ class Problem:
     def predict(self, x: Array) -> Array:
         """Return the end of the chain in the instrument's frame, (P, 4, 4)."""
         predicted: Array = self.T_instr_base @ self.model.predict(
-            self.sightings.states, self.of_model(x)
+            self.observations.states, self.of_model(x)
         )
         return predicted
 
     def residual(self, x: Array) -> Array:
         """Return predicted less seen, (P, b)."""
-        return compare(self.predict(x), self.places_at(x), self.seen).residual
+        return self.measured.compare(self.predict(x), self.places_at(x)).residual
 
     def rows(self, x: Array) -> Rows:
         """Return residuals and exact derivatives."""
-        predicted = self.model.predict_with_jacobian(self.sightings.states, self.of_model(x))
-        found = compare(self.T_instr_base @ predicted.T_base_ee, self.places_at(x), self.seen)
+        predicted = self.model.predict_with_jacobian(self.observations.states, self.of_model(x))
+        found = self.measured.compare(self.T_instr_base @ predicted.T_base_ee, self.places_at(x))
         R = self.T_instr_base[:3, :3]
         by_end = np.concatenate([found.by_end[..., :3] @ R, found.by_end[..., 3:] @ R], axis=2)
         by_model = by_end @ predicted.jacobian
         if not len(self.places):
             return Rows(found.residual, by_model)
         return Rows(
-            found.residual, np.concatenate([by_model, found.by_place[..., self.places]], axis=2)
+            found.residual, np.concatenate([by_model, found.by_targets[..., self.places]], axis=2)
         )

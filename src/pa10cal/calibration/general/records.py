@@ -9,7 +9,6 @@ import numpy as np
 from pa10cal.calibration.base_parameters import report_base
 from pa10cal.calibration.general.calibrate import GeneralCalibration
 from pa10cal.calibration.general.case import FittedModel, GeneralCase, fitted
-from pa10cal.calibration.general.instrument import place_parameters
 from pa10cal.calibration.identifiability import not_identifiable, observability
 from pa10cal.calibration.records import by_load, health_part, reported_keys
 from pa10cal.results.accuracy import ResidualRows
@@ -44,7 +43,7 @@ def general_record(
     """
     full = case.full
     identifiability = full.fit.identifiability
-    load_N = full.problem.sightings.states.load_N
+    load_N = full.problem.observations.states.load_N
     before, geometry = by_load(case.before), by_load(case.geometry_after)
     return GeneralCalibrationRecord(
         campaign=campaign.name,
@@ -75,7 +74,7 @@ def general_record(
         nominal=GeneralFit(**_fit_keys(case.nominal)),
         residuals=_residuals(case),
         suspected_outliers=case.suspected_outliers,
-        health=health_part(case.health, full.problem.sightings.pose),
+        health=health_part(case.health, full.problem.observations.pose),
         warnings=_warnings(case),
         seconds=case.seconds,
         settings=settings.model_dump(mode="json"),
@@ -132,7 +131,7 @@ def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, Ca
             at_bound=any(bool(found.at_bound[j]) for j in solved),
         )
     records |= _base_parameters(general, model)
-    everywhere = place_parameters(problem.seen)
+    everywhere = problem.measured.target_parameters
     for column, k in enumerate(problem.places, start=len(found.x) - len(problem.places)):
         name = everywhere[k].name
         place = {
@@ -191,7 +190,7 @@ def _residuals(case: GeneralCase) -> ResidualRows:
         pose=case.grid.pose,
         load_N=case.grid.states.load_N,
         place_mm=1e3 * model.model.predict(case.grid.states, model.x)[:, :3, 3],
-        position_mm=case.residuals.vector_mm,
+        position_mm=case.residuals.position_mm,
         rotation_deg=case.residuals.rotation_deg,
     )
 

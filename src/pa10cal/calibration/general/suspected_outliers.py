@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from pa10cal.calibration.general.fit import Fit
-from pa10cal.calibration.general.instrument import kinds
 from pa10cal.calibration.general.problem import Problem
 from pa10cal.results.calibration import SuspectedOutlier as SuspectedOutlier
 
@@ -31,13 +30,13 @@ def suspected_outliers(problem: Problem, fit: Fit) -> tuple[SuspectedOutlier, ..
             fit.scatter[kind] ** 2
             + np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns].mean(axis=1)
         )
-        for kind, columns in kinds(problem.seen)
+        for kind, columns in problem.measured.component_kinds
     }
     return tuple(
         SuspectedOutlier(
             row=int(row),
-            pose=str(problem.sightings.pose[row]),
-            load_N=float(problem.sightings.states.load_N[row]),
+            pose=str(problem.observations.pose[row]),
+            load_N=float(problem.observations.states.load_N[row]),
             distance=float(fit.distance[row]),
             weight=float(fit.weights[row]),
             why=_why(problem, fit, sizes, int(row)),
@@ -49,7 +48,7 @@ def suspected_outliers(problem: Problem, fit: Fit) -> tuple[SuspectedOutlier, ..
 def _why(problem: Problem, fit: Fit, sizes: dict[str, Array], row: int) -> str:
     """Say which kind of component is furthest off."""
     found = []
-    for kind, columns in kinds(problem.seen):
+    for kind, columns in problem.measured.component_kinds:
         off = float(np.linalg.norm(fit.residual[row, columns]))
         text = f"{np.degrees(off):.3f} deg" if kind == "attitude" else f"{1e3 * off:.3f} mm"
         times = off / float(sizes[kind][row])

@@ -9,29 +9,29 @@ import numpy as np
 from pa10cal.calibration.general.case import FittedModel, base_motion
 from pa10cal.calibration.general.fit import fit
 from pa10cal.calibration.general.problem import Problem
-from pa10cal.calibration.general.start import find_start, turned
+from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.unknowns import choose_unknowns
-from pa10cal.campaign.seen import Sightings
 from pa10cal.errors import CalibrationError
+from pa10cal.observe.observations import Observations
 from pa10cal.terms.fixed import Fixed
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Tolerances
 
 
-def refit_frames(model: FittedModel, sightings: Sightings) -> FittedModel:
-    """Fit base and tool, or targets, of a calibrated model to other sightings of the same arm.
+def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
+    """Fit base and tool, or targets, of a calibrated model to other observations of the same arm.
 
     Args:
         model: the calibrated model; everything in it but base, tool and targets stays.
-        sightings: P poses of the arm, with what its terms need.
+        observations: P poses of the arm, with what its terms need.
 
     Raises:
         CalibrationError: when the fit does not converge, or the poses do not fix the frames.
     """
     arm = model.model.chain.arm
-    start = find_start(arm, sightings)
+    start = find_start(arm, observations)
     unknowns = choose_unknowns(
-        arm, Tolerances(), sightings.seen, start.T_instr_base, start.places_m
+        arm, Tolerances(), observations.measured, start.T_instr_base, start.targets_m
     )
     fixed, first = [], 0
     for term in model.model.terms:
@@ -42,7 +42,11 @@ def refit_frames(model: FittedModel, sightings: Sightings) -> FittedModel:
     chain = model.model.chain
     with_frames = Model(chain, (*fixed, unknowns.tool, unknowns.base))
     problem = Problem(
-        with_frames, unknowns.places, start.places_m, start.T_instr_base, turned(sightings, start)
+        with_frames,
+        unknowns.places,
+        start.targets_m,
+        start.T_instr_base,
+        observations.turned(start.R_ee_target),
     )
     x_model = np.zeros(len(with_frames.parameters))
     for k, parameter in enumerate(with_frames.parameters):

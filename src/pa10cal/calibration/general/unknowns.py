@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import TOOL, Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
-from pa10cal.calibration.general.instrument import Seen, compare, ideal, place_parameters
-from pa10cal.campaign.seen import SeenPoses
+from pa10cal.observe.instrument import Instrument
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets, Tolerances, base_frame, link_departures
 from pa10cal.terms.term import Parameter
@@ -60,7 +59,7 @@ class Unknowns:
         links: departures kept.
         tool: motions of the tool kept; none where the instrument has targets of its own.
         base: motions of the base kept.
-        places: coordinates of targets kept, as indices into `place_parameters`.
+        places: coordinates of targets kept, as indices into `target_parameters`.
         redundant: what was left out, with those that say the same.
     """
 
@@ -80,36 +79,37 @@ def tool_frame() -> Offsets:
 
 
 def choose_unknowns(
-    arm: Arm, tolerances: Tolerances, seen: Seen, T_instr_base: Array, places_m: Array
+    arm: Arm, tolerances: Tolerances, measured: Instrument, T_instr_base: Array, targets_m: Array
 ) -> Unknowns:
     """Choose the parameters that arm and instrument can tell.
 
     Args:
         arm: the nominal arm.
         tolerances: of the link parameters.
-        seen: what the instrument sees; its readings play no part.
+        measured: by which instrument; its readings play no part.
         T_instr_base: (4, 4) about where the base stands.
-        places_m: (t,) about where the targets sit.
+        targets_m: (t,) about where the targets sit.
     """
     links, base, tool = link_departures(arm, tolerances), base_frame(), tool_frame()
-    has_tool = isinstance(seen, SeenPoses)
+    # The tool is part of the chain where the targets are not unknowns of their own.
+    has_tool = not measured.target_parameters
     frames = (base, tool) if has_tool else (base,)
     model = Model(Chain.of(arm), (*frames, links))
     states = _random_states(arm)
     predicted = model.predict_with_jacobian(states, np.zeros(len(model.parameters)))
     T_instr_ee = T_instr_base @ predicted.T_base_ee
-    found = compare(T_instr_ee, places_m, ideal(T_instr_ee, places_m, seen))
+    found = measured.ideal(T_instr_ee, targets_m).compare(T_instr_ee, targets_m)
     by_model = found.by_end @ _along_instrument(predicted.jacobian, T_instr_base)
     at = sum(len(frame.parameters) for frame in frames)
-    parameters = (*model.parameters[:at], *place_parameters(seen), *model.parameters[at:])
-    columns = np.concatenate([by_model[..., :at], found.by_place, by_model[..., at:]], axis=2)
+    parameters = (*model.parameters[:at], *measured.target_parameters, *model.parameters[at:])
+    columns = np.concatenate([by_model[..., :at], found.by_targets, by_model[..., at:]], axis=2)
     columns = columns.reshape(-1, len(parameters)) * [p.scale for p in parameters]
     base_first = len(base.parameters)
     kept = _well_said(columns, _independent(columns), base_first)
     redundant = _redundant(columns, kept, parameters)
     names = {parameters[k].name for k in kept}
     first_place = at
-    places = [k - first_place for k in kept if first_place <= k < first_place + len(places_m)]
+    places = [k - first_place for k in kept if first_place <= k < first_place + len(targets_m)]
     return Unknowns(
         links=links.only(names),
         tool=tool.only(names) if has_tool else Offsets((), ()),

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri, stdtrit
 
-from pa10cal.calibration.general.instrument import kinds
 from pa10cal.calibration.general.problem import Problem, Rows
 
 Array = NDArray[np.float64]
@@ -134,7 +133,7 @@ def _limit(problem: Problem, distance: Array, least: float) -> Array:
 def _whitener(problem: Problem, scatter: dict[str, float]) -> Array:
     """Return (P, b, b) that makes stated errors and scatter independent and of unit size."""
     own = np.zeros(problem.stated_covariance.shape[1])
-    for kind, rows in kinds(problem.seen):
+    for kind, rows in problem.measured.component_kinds:
         own[rows] = scatter[kind] ** 2 + _FINEST**2
     total = problem.stated_covariance + np.diag(own)
     inverse: Array = np.linalg.inv(np.linalg.cholesky(total))
@@ -146,14 +145,14 @@ def _stated_sizes(problem: Problem) -> dict[str, float]:
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
     return {
         kind: float(np.sqrt(variances[:, rows][problem.components_seen[:, rows]].mean()))
-        for kind, rows in kinds(problem.seen)
+        for kind, rows in problem.measured.component_kinds
     }
 
 
 def first_scatter(problem: Problem, rows: Rows) -> Scatter:
     """Return a scatter to set out with: that of the start itself, which stray poses do not set."""
     found = {}
-    for kind, columns in kinds(problem.seen):
+    for kind, columns in problem.measured.component_kinds:
         size = np.abs(rows.residual[:, columns][problem.components_seen[:, columns]])
         found[kind] = float(np.median(size) / 0.6745)
     return Scatter(found, _stated_sizes(problem), dict.fromkeys(found, 0.0))
@@ -178,7 +177,7 @@ def refreshed(
     leverage = np.sum((weighed.rows @ parts) ** 2, axis=2)
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
     sizes, dof = {}, {}
-    for kind, columns in kinds(problem.seen):
+    for kind, columns in problem.measured.component_kinds:
         seen, stated = problem.components_seen[:, columns], variances[:, columns]
         counts = np.where(seen, weighed.weights[:, None] ** 2, 0.0)
         left = counts * (1.0 - leverage[:, columns])

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate
 from pa10cal.discovery.blocked_cv.family import askable, family
 from pa10cal.discovery.blocked_cv.finest import finest
@@ -34,6 +33,8 @@ from pa10cal.discovery.operating_point import OperatingPoint, left
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.verdict import Finding, NotTestable, Unexplained, Word, reported, word_of
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -82,8 +83,8 @@ class BlockedDiscovery:
 
 
 def discover_by_blocks(
-    readings: PoseObservations,
-    held_out: PoseObservations | None,
+    readings: Observations[Pose],
+    held_out: Observations[Pose] | None,
     baseline: OperatingPoint,
     setup: MeasurementSetup,
     error_rate: float,

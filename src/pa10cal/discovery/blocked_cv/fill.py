@@ -77,7 +77,9 @@ def fill(
 def _room(survey: Survey) -> Room:
     """Return the usual room, and as low and as near to the column as poses were measured."""
     T_instr_base, usual = survey.baseline.T_instr_base, Room()
-    p_base_m = (survey.poses.T_instr_ee[:, :3, 3] - T_instr_base[:3, 3]) @ T_instr_base[:3, :3]
+    p_base_m = (
+        survey.poses.measured.T_instr_target[:, :3, 3] - T_instr_base[:3, 3]
+    ) @ T_instr_base[:3, :3]
     return Room(
         floor_m=min(usual.floor_m, float(p_base_m[:, 2].min())),
         column_m=min(usual.column_m, float(np.hypot(*p_base_m[:, :2].T).min())),

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import Accuracy, deviations, summarise
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.blocked_cv.finest import Level
 from pa10cal.discovery.blocked_cv.refit import Refit, moved_base
 from pa10cal.discovery.blocked_cv.survey import Survey
@@ -17,6 +16,8 @@ from pa10cal.discovery.naming import Named
 from pa10cal.discovery.operating_point import OperatingPoint, possible_sizes
 from pa10cal.discovery.preparation import complete_about
 from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 
@@ -46,7 +47,7 @@ def compare(
     campaign: Survey,
     extended: Refit,
     seen: AnglesSeen,
-    poses: PoseObservations,
+    poses: Observations[Pose],
     noise_floor_mm: float,
 ) -> PartedGap:
     """Return the gap of calibrated and extended model on some poses.

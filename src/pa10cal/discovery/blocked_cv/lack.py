@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.blocked_cv.noise import Noise
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.clustered import mean, slope
@@ -13,6 +12,8 @@ from pa10cal.discovery.evidence.pure_error import ChannelTest
 from pa10cal.discovery.joint_space import POSSIBLE_RAD, JointErrors, periodogram
 from pa10cal.discovery.lack_of_fit import AXES, Arrival, Drift, JointPart, LackOfFit, Part
 from pa10cal.discovery.operating_point import OperatingPoint, by_joints, left
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 
 Array = NDArray[np.float64]
 
@@ -62,7 +63,7 @@ def lack_of_fit(survey: Survey, place: OperatingPoint, noise: Noise) -> LackOfFi
     )
 
 
-def _joint_errors(place: OperatingPoint, cells: PoseObservations, cov_ee: Array) -> JointErrors:
+def _joint_errors(place: OperatingPoint, cells: Observations[Pose], cov_ee: Array) -> JointErrors:
     """Turn what a model leaves into errors of the joints' positions, by least squares."""
     whiten = np.linalg.inv(np.linalg.cholesky(cov_ee))
     rows = whiten @ by_joints(place, cells, range(1, cells.states.n + 1))
@@ -75,7 +76,9 @@ def _joint_errors(place: OperatingPoint, cells: PoseObservations, cov_ee: Array)
     )
 
 
-def _joint_part(survey: Survey, cells: PoseObservations, joints: JointErrors, j: int) -> JointPart:
+def _joint_part(
+    survey: Survey, cells: Observations[Pose], joints: JointErrors, j: int
+) -> JointPart:
     arm, states = survey.context.arm, cells.states
     error, weight = joints.error_rad[:, j], joints.weight[:, j]
     share = weight / weight.sum()
@@ -95,8 +98,8 @@ def _joint_part(survey: Survey, cells: PoseObservations, joints: JointErrors, j:
     )
 
 
-def _drift(poses: PoseObservations, axis: str, position_mm: Array) -> Drift:
-    weight = poses.repeats.astype(float)
+def _drift(poses: Observations[Pose], axis: str, position_mm: Array) -> Drift:
+    weight = poses.readings.astype(float)
     hours, kelvin = poses.states.time_s / _HOUR_S, poses.states.temperature_C
     logged = bool(np.isfinite(kelvin).all()) and float(np.ptp(kelvin)) > 0.0
     return Drift(

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import norm
 
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.evidence.judge import mean_length
 from pa10cal.discovery.evidence.repeatability import LEAST_DIFFERENCES
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -40,7 +41,7 @@ class Noise:
         return float(1e3 * mean_length(mean)[0])
 
 
-def noise_of(poses: PoseObservations, residual: Array) -> Noise:
+def noise_of(poses: Observations[Pose], residual: Array) -> Noise:
     """Find the noise of readings.
 
     What two nearly equal poses differ by, less what a model says of the difference, is noise; a
@@ -52,14 +53,14 @@ def noise_of(poses: PoseObservations, residual: Array) -> Noise:
     """
     first, second = nearly_same(poses)
     if len(first) < LEAST_DIFFERENCES:
-        return Noise(poses.cov_ee, 0)
+        return Noise(poses.measured.cov, 0)
     difference = np.abs(residual[first] - residual[second]) / np.sqrt(2.0)
     sizes = [_MEDIAN_TO_SIGMA * np.median(difference[:, k : k + 3]) for k in (0, 3)]
     one = np.diag(np.repeat(np.square(sizes), 3))
     return Noise(np.tile(one, (len(poses), 1, 1)), len(first))
 
 
-def nearly_same(poses: PoseObservations) -> tuple[Index, Index]:
+def nearly_same(poses: Observations[Pose]) -> tuple[Index, Index]:
     """Return the poses of pairs that are nearly the same, the nearest first, each pose once."""
     states = poses.states
     keys = np.column_stack([states.q_rad, states.load_N])

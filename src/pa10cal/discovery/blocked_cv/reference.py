@@ -32,7 +32,7 @@ def weighed_rows(survey: Survey, asked: tuple[Asked, ...], knots: int) -> Rows:
         asked: effects.
         knots: of the maps.
     """
-    stated = survey.poses.cov_ee
+    stated = survey.poses.measured.cov
     named = tuple(each for each in asked if not (each.effect.generic or each.shape))
     rows = Rows(survey, unweighed(stated), named, _KNOTS)
     weighing = weigh(left(rows.place, survey.poses), float(len(rows.own)), stated)

@@ -87,7 +87,7 @@ def refit(
         x, whole = fit.ahead(x, step, weighing, (lower, upper))
         std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
         residual = left(fit.place(x), survey.poses)
-        weighing = weigh(residual, fit.dof(covariance), survey.poses.cov_ee)
+        weighing = weigh(residual, fit.dof(covariance), survey.poses.measured.cov)
         if whole and float(np.abs(step / std)[~held].max()) < _ARRIVED:
             converged = True
             break

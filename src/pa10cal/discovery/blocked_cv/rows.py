@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.blocked_cv.products import Products, in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
 from pa10cal.discovery.blocked_cv.weighing import Weighing
@@ -22,6 +21,8 @@ from pa10cal.discovery.operating_point import (
     left,
     possible_sizes,
 )
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import b_splines_by_knots, harmonics_at_knots
 
@@ -167,7 +168,7 @@ class Rows:
         found: Array = np.linalg.solve(whiteners, left_over.reshape(len(whiteners), 6, -1))
         return found
 
-    def _own(self, poses: PoseObservations) -> Array:
+    def _own(self, poses: Observations[Pose]) -> Array:
         model, x = self.place.model, self.place.x
         stops = np.cumsum([0, *(len(term.parameters) for term in model.terms)])
         points = [x[first:last] for first, last in pairwise(stops)]
@@ -175,7 +176,7 @@ class Rows:
         found: Array = columns * possible_sizes(model)
         return found
 
-    def _effects(self, poses: PoseObservations) -> Sequence[Array]:
+    def _effects(self, poses: Observations[Pose]) -> Sequence[Array]:
         effects = [each.effect for each in self.asked]
         found = by_terms(self.place, poses, effects, [each.start for each in self.asked])
         return [

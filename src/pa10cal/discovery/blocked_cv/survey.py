@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.errors import DiscoveryError
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
@@ -38,7 +39,7 @@ class Survey:
         torques_logged: whether the torques are those of a log, and not of described masses.
     """
 
-    poses: PoseObservations
+    poses: Observations[Pose]
     block: Index
     baseline: OperatingPoint
     setup: MeasurementSetup
@@ -46,7 +47,7 @@ class Survey:
     torques_logged: bool
 
     @property
-    def cells(self) -> PoseObservations:
+    def cells(self) -> Observations[Pose]:
         """Return the poses, each a cell of its own."""
         return self.poses
 
@@ -57,7 +58,7 @@ class Survey:
 
 
 def survey(
-    readings: PoseObservations,
+    readings: Observations[Pose],
     baseline: OperatingPoint,
     setup: MeasurementSetup,
     *,

@@ -7,14 +7,15 @@ the covariance of an error of unknown cause that they share.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.campaign.averages import average_groups
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.evidence.repeatability import same_circumstances
+from pa10cal.observe.averages import average_groups
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -23,7 +24,7 @@ Index = NDArray[np.intp]
 READINGS_A_CELL = 4
 
 
-def gather(readings: PoseObservations, cov_ee: Array) -> PoseObservations:
+def gather(readings: Observations[Pose], cov_ee: Array) -> Observations[Pose]:
     """Average readings into cells, ordered by pose, load, direction and time.
 
     Args:
@@ -40,7 +41,7 @@ def gather(readings: PoseObservations, cov_ee: Array) -> PoseObservations:
         start += size
     code = circumstances * (stretch.max() + 1) + stretch
     code = np.unique(code, return_inverse=True)[1]
-    return average_groups(replace(readings, cov_ee=cov_ee), code)
+    return average_groups(readings.with_measured(cov=cov_ee), code)
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class SharedError:
     size: Array
 
 
-def shared_error(cells: PoseObservations) -> SharedError:
+def shared_error(cells: Observations[Pose]) -> SharedError:
     """Lay out the errors that cells of a pose share.
 
     Args:
@@ -72,14 +73,14 @@ def shared_error(cells: PoseObservations) -> SharedError:
         rows = np.flatnonzero(cells.pose == pose)
         shapes = _shapes(cells.take(rows))
         # Whitening by the covariance of a mean of k readings makes a shared error sqrt(k) larger.
-        shapes *= np.sqrt(cells.repeats[rows])[:, None]
+        shapes *= np.sqrt(cells.readings[rows])[:, None]
         values, vectors = np.linalg.eigh(shapes @ shapes.T)
         turn[np.ix_(rows, rows)] = vectors.T
         size[rows] = np.maximum(values, 0.0)
     return SharedError(turn, size)
 
 
-def _shapes(cells: PoseObservations) -> Array:
+def _shapes(cells: Observations[Pose]) -> Array:
     """Return how an error of one pose may go with its cells, (c, s), each of unit size."""
     states = cells.states
     columns = [np.ones(len(cells))]

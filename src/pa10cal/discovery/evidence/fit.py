@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.calibration.levels import Linearisation, OneLevel
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.minimise import minimise
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.operating_point import possible_sizes
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import base_frame
@@ -135,7 +136,7 @@ def apparatus_m(problem: Problem, found: Fit) -> Array:
 
 
 def as_read(
-    T_base_ee: Array, T_instr_base: Array, poses: PoseObservations, places_m: Array
+    T_base_ee: Array, T_instr_base: Array, poses: Observations[Pose], places_m: Array
 ) -> Array:
     """Return predicted poses as the instrument reads them with targets off their places.
 
@@ -149,7 +150,7 @@ def as_read(
         (P, 4, 4) in the base frame.
     """
     R = T_instr_base[:3, :3]
-    moved = poses.by_apparatus @ places_m
+    moved = poses.measured.by_apparatus @ places_m
     T: Array = T_base_ee.copy()
     T[:, :3, 3] += moved[:, :3] @ R
     turned: Array = Rotation.from_rotvec(moved[:, 3:] @ R).as_matrix() @ T[:, :3, :3]

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.campaign.averages import reading_groups
 from pa10cal.discovery.evidence.confirm import Confirmation, confirm
 from pa10cal.discovery.evidence.fit import Fit, covariance_of, fit
 from pa10cal.discovery.evidence.likelihood import Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.evidence.search import Found, ended_at, evidence_about, less, threshold
 from pa10cal.discovery.verdict import MAP, Finding, Unexplained, Word, is_named, reported, word_of
+from pa10cal.observe.averages import reading_groups
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.arm.statics import Payload, Statics
-from pa10cal.calibration.pose_error import pose_error
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.discovery.evidence.cells import gather, shared_error
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.evidence.repeatability import Repeatability, repeatability
@@ -22,6 +20,9 @@ from pa10cal.discovery.preparation import (
     context_of,
     static_loads,
 )
+from pa10cal.frame.pose_error import pose_error
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import CandidateContext
 
 Array = NDArray[np.float64]
@@ -45,8 +46,8 @@ class Problem:
 
     baseline: OperatingPoint
     setup: MeasurementSetup
-    readings: PoseObservations
-    cells: PoseObservations
+    readings: Observations[Pose]
+    cells: Observations[Pose]
     noise: Repeatability
     pose: NoiseModel
     torque: NoiseModel | None
@@ -55,7 +56,7 @@ class Problem:
 
 
 def prepare(
-    readings: PoseObservations,
+    readings: Observations[Pose],
     baseline: OperatingPoint,
     setup: MeasurementSetup,
     about: OperatingPoint | None = None,
@@ -78,15 +79,15 @@ def prepare(
     cells = complete_about(gather(readings, noise.cov_ee), baseline, about, setup)
     shared = shared_error(cells)
     pose = NoiseModel.of(
-        np.linalg.inv(np.linalg.cholesky(cells.cov_ee)),
+        np.linalg.inv(np.linalg.cholesky(cells.measured.cov)),
         shared,
-        setup.uncertainties.apparatus_m * cells.by_apparatus,
+        setup.uncertainties.apparatus_m * cells.measured.by_apparatus,
     )
     torque, left = None, np.zeros_like(cells.states.tau_Nm)
     if setup.payload is not None and np.all(np.isfinite(cells.states.tau_Nm)):
         weights = static_loads(cells.states, about, setup.payload)
         left = cells.states.tau_Nm - weights.torque_Nm
-        scale = np.sqrt(cells.repeats)[:, None] / noise.torque_Nm
+        scale = np.sqrt(cells.readings)[:, None] / noise.torque_Nm
         loads_N = np.unique(cells.states.load_N)
         common = common_torques(
             cells, weights, about, setup.payload, setup.uncertainties, loads_N[loads_N > 0]
@@ -107,11 +108,13 @@ def prepare(
     )
 
 
-def _deviation_and_screws(poses: PoseObservations, baseline: OperatingPoint) -> tuple[Array, Array]:
+def _deviation_and_screws(
+    poses: Observations[Pose], baseline: OperatingPoint
+) -> tuple[Array, Array]:
     """Return measured minus predicted (P, 6) and joint screws (P, 6, n), instrument's axes."""
     chain = baseline.model.chain
     end = end_pose_with_screws(chain, baseline.model.chain_coordinates(poses.states, baseline.x))
-    error = pose_error(baseline.T_instr_base @ end.T, poses.T_instr_ee)
+    error = pose_error(baseline.T_instr_base @ end.T, poses.measured.T_instr_target)
     screws = end.screws[:, :, chain.joint_columns]
     R = baseline.T_instr_base[:3, :3]
     turned = np.concatenate([R @ screws[:, :3], R @ screws[:, 3:]], axis=1)
@@ -119,7 +122,7 @@ def _deviation_and_screws(poses: PoseObservations, baseline: OperatingPoint) -> 
 
 
 def common_torques(
-    cells: PoseObservations,
+    cells: Observations[Pose],
     weights: Statics,
     baseline: OperatingPoint,
     payload: Payload,

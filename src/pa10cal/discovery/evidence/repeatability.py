@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from pa10cal.campaign.observations import PoseObservations
 from pa10cal.errors import DiscoveryError
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -48,7 +49,7 @@ class Repeatability:
     differences: int
 
 
-def same_circumstances(readings: PoseObservations) -> Index:
+def same_circumstances(readings: Observations[Pose]) -> Index:
     """Return (P,) a number for every pose, load and direction of arrival, from 0."""
     states = readings.states
     keys = np.column_stack(
@@ -61,7 +62,7 @@ def same_circumstances(readings: PoseObservations) -> Index:
     return np.unique(keys, axis=0, return_inverse=True)[1].ravel()
 
 
-def repeatability(readings: PoseObservations, deviation: Array, screws: Array) -> Repeatability:
+def repeatability(readings: Observations[Pose], deviation: Array, screws: Array) -> Repeatability:
     """Find the noise of single readings.
 
     Args:
@@ -87,7 +88,7 @@ def repeatability(readings: PoseObservations, deviation: Array, screws: Array) -
     sources = np.concatenate(
         [
             np.einsum("pik,pjk->pkij", screws, screws),
-            readings.cov_ee[:, None],
+            readings.measured.cov[:, None],
             _one_sort(len(readings), slice(0, 3)),
             _one_sort(len(readings), slice(3, 6)),
         ],
@@ -106,12 +107,12 @@ def repeatability(readings: PoseObservations, deviation: Array, screws: Array) -
     )
 
 
-def repeated(readings: PoseObservations) -> int:
+def repeated(readings: Observations[Pose]) -> int:
     """Return how many readings repeat one of the same pose, load and direction of arrival."""
     return len(_successive(readings)[1])
 
 
-def _successive(readings: PoseObservations) -> tuple[Index, Index]:
+def _successive(readings: Observations[Pose]) -> tuple[Index, Index]:
     """Return an order of the readings, and where in it a reading and its next one stand."""
     circumstances = same_circumstances(readings)
     order = np.lexsort((readings.states.time_s, circumstances))

@@ -11,19 +11,18 @@ from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.campaign.description import read_campaign
 from pa10cal.campaign.ingest import ingest_campaign
 from pa10cal.campaign.options import IngestOptions
-from pa10cal.campaign.sightings import sightings
-from pa10cal.campaign.table import read_pose_table, write_pose_table
+from pa10cal.campaign.table import read_observations, write_pose_table
 from pa10cal.cell.individual_arm import draw_individual
 from pa10cal.cell.sighted import measure_individual, measure_sighted
 from pa10cal.cell.sighted_write import write_sighted
 from pa10cal.evaluation.known_truth import class_of, parameter_scores, prediction_scores
 from pa10cal.files.arms import load_arm
 from pa10cal.settings import SightedPlan
-from pa10cal.stages.simulated_sightings import (
+from pa10cal.stages.simulated_observations import (
     draw_by_unknowns,
-    exact_sightings,
+    exact_observations,
+    observations_of,
     payload_of_individual,
-    sightings_of,
 )
 
 #: Noise so small that anything but the right coordinates of the truth would show.
@@ -39,12 +38,12 @@ def test_a_campaign_in_memory_is_the_one_of_its_files(tmp_path, instrument):
     campaign = read_campaign(tmp_path / "raw")
     ingested = ingest_campaign(campaign, arm, tmp_path / "raw", IngestOptions())
     write_pose_table(tmp_path / "poses.parquet", ingested.poses, campaign.name)
-    read = sightings(read_pose_table(tmp_path / "poses.parquet"), campaign)
-    found = sightings_of(made)
+    read = read_observations(tmp_path / "poses.parquet", campaign).of_kind("grid")
+    found = observations_of(made)
     assert list(found.pose) == list(read.pose)
     assert found.states.q_rad == pytest.approx(read.states.q_rad, abs=1e-8)
-    for field in fields(read.seen):
-        ours, theirs = getattr(found.seen, field.name), getattr(read.seen, field.name)
+    for field in fields(read.measured):
+        ours, theirs = getattr(found.measured, field.name), getattr(read.measured, field.name)
         if field.name == "names":
             assert ours == theirs
         else:
@@ -68,13 +67,13 @@ def test_the_truth_is_stated_in_the_coordinates_of_the_model(robot, plan):
         poses=60, holdout_share=0.0, states_targets=False, target_m=0.05, target_rad=1.0,
         **SHARP, **plan,
     )  # fmt: skip
-    first = sightings_of(measure_sighted(arm, plan, 3))
+    first = observations_of(measure_sighted(arm, plan, 3))
     start = find_start(arm, first)
     unknowns = choose_unknowns(
-        arm, GeneralOptions().tolerances, first.seen, start.T_instr_base, start.places_m
+        arm, GeneralOptions().tolerances, first.measured, start.T_instr_base, start.targets_m
     )
     individual, truth = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(4))
-    seen = sightings_of(measure_individual(individual, plan, 4))
+    seen = observations_of(measure_individual(individual, plan, 4))
     found = calibrate_general(
         arm,
         seen,
@@ -99,13 +98,13 @@ def test_predictions_of_an_arm_off_in_any_way_are_held_to_what_it_does():
     arm = load_arm("ur10")
     plan = SightedPlan(instrument="points", targets=1, poses=60, holdout_share=0.0)
     individual = draw_individual(arm, plan, np.random.default_rng(1))
-    seen = sightings_of(measure_individual(individual, plan, 1))
+    seen = observations_of(measure_individual(individual, plan, 1))
     found = calibrate_general(arm, seen, find_start(arm, seen))
-    scores = prediction_scores(found, exact_sightings(individual, plan, 50, 2))
+    scores = prediction_scores(found, exact_observations(individual, plan, 50, 2))
     assert scores.shape == (150,)
     assert 0.4 < np.sqrt(np.mean(scores**2)) < 1.8
     other = draw_individual(arm, plan, np.random.default_rng(2))
-    assert np.abs(prediction_scores(found, exact_sightings(other, plan, 50, 2))).mean() > 10.0
+    assert np.abs(prediction_scores(found, exact_observations(other, plan, 50, 2))).mean() > 10.0
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,6 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.unknowns import Unknowns
-from pa10cal.campaign.seen import SeenDistances, SeenPoints, SeenPoses, Sightings
 from pa10cal.cell.individual_arm import (
     IndividualArm,
     draw_individual,
@@ -25,6 +24,11 @@ from pa10cal.cell.mechanism import GRAVITY_M_S2
 from pa10cal.cell.sighted import SeenPose, SeenTargets, SightedCampaign, measure_individual
 from pa10cal.evaluation.known_truth import KnownTruth
 from pa10cal.fit.loads import with_torques
+from pa10cal.observe.distance import Distance
+from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.points import Points
+from pa10cal.observe.pose import Pose
 from pa10cal.settings import SightedPlan
 
 Array = NDArray[np.float64]
@@ -34,21 +38,21 @@ _TEMPERATURE_C = 20.0
 _EXACT = {"position_mm": 1e-5, "attitude_rad": 1e-8, "unseen_share": 0.0}
 
 
-def sightings_of(campaign: SightedCampaign) -> Sightings:
+def observations_of(campaign: SightedCampaign) -> Observations:
     """Return what the estimator takes of a campaign in which nothing is repeated."""
     count, plan = len(campaign), campaign.plan
     u_m = 1e-3 * plan.position_mm
-    seen: SeenPoses | SeenPoints | SeenDistances
+    measured: Instrument
     if isinstance(campaign.seen, SeenPose):
         variances = np.repeat([u_m**2, plan.attitude_rad**2], 3)
-        seen = SeenPoses(campaign.seen.T_instr_target, np.tile(np.diag(variances), (count, 1, 1)))
+        measured = Pose.of(campaign.seen.T_instr_target, np.tile(np.diag(variances), (count, 1, 1)))
     elif isinstance(campaign.seen, SeenTargets):
         targets, p_instr_m = campaign.truth.individual.targets, campaign.seen.p_instr_m
         cov_m2 = np.where(np.isnan(p_instr_m[..., None]), np.nan, u_m**2 * np.eye(3))
         stated_m = targets.p_ee_stated_m if plan.states_targets else None
-        seen = SeenPoints(targets.names, p_instr_m, cov_m2, stated_m)
+        measured = Points(targets.names, p_instr_m, cov_m2, stated_m)
     else:
-        seen = SeenDistances(campaign.seen.d_m, np.full(count, u_m))
+        measured = Distance(campaign.seen.d_m, np.full(count, u_m))
     states = PoseStates(
         q_rad=campaign.q,
         tau_Nm=np.full_like(campaign.q, np.nan) if campaign.tau_Nm is None else campaign.tau_Nm,
@@ -57,12 +61,12 @@ def sightings_of(campaign: SightedCampaign) -> Sightings:
         temperature_C=np.full(count, _TEMPERATURE_C),
         time_s=campaign.time_s,
     )
-    return Sightings(campaign.pose, states, seen, np.ones(count, dtype=np.int64))
+    return Observations.single(campaign.pose, states, measured)
 
 
-def exact_sightings(
+def exact_observations(
     individual: IndividualArm, plan: SightedPlan, poses: int, random_seed: int
-) -> Sightings:
+) -> Observations:
     """Return other poses of an individual, seen all but exactly, with torques where it has masses.
 
     Args:
@@ -72,7 +76,7 @@ def exact_sightings(
         random_seed: draws them.
     """
     wanted = plan.model_copy(update={"poses": poses, **_EXACT})
-    found = sightings_of(measure_individual(individual, wanted, random_seed))
+    found = observations_of(measure_individual(individual, wanted, random_seed))
     states, _ = with_torques(individual.arm, found.states, payload_of_individual(individual))
     return replace(found, states=states)
 

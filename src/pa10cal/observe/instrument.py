@@ -1,0 +1,267 @@
+"""What every kind of instrument has: what it measured, and all that depends on its kind.
+
+An instrument is P measured poses: what it measured in each, with covariance. Whatever differs from
+one kind to another is a method of its class, so that nothing else has to ask which kind it is.
+
+The chain ends at the end-effector frame. Where the target sits on it is part of the model: for an
+instrument that measures poses six small motions of the tool, for others the place of every target.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.terms.term import Parameter
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Rows = Index | NDArray[np.bool_] | slice
+
+MM = 1e-3
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a campaign's description states of its instrument.
+
+    Attributes:
+        uncertainty_m: standard uncertainty of one measured coordinate or distance.
+        targets_m: places of targets in the end-effector frame (3,), by name.
+    """
+
+    uncertainty_m: float
+    targets_m: Mapping[str, Array]
+
+    def places_m(self, names: tuple[str, ...]) -> Array | None:
+        """Return the places (B, 3) of targets; None where one of them is not stated."""
+        if not set(names) <= set(self.targets_m):
+            return None
+        return np.array([self.targets_m[name] for name in names], dtype=float).reshape(-1, 3)
+
+
+@dataclass(frozen=True)
+class Words:
+    """How messages and captions speak of an instrument's errors.
+
+    Attributes:
+        error: label of an axis: `position error`.
+        of: what the errors are of, one sentence.
+        arrows: what an arrow that shows one is.
+    """
+
+    error: str
+    of: str
+    arrows: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Predicted minus measured in P poses, b components each; zero rows where nothing was seen.
+
+    Attributes:
+        residual: (P, b) [m], and chord of the attitude [rad] where it is measured.
+        by_end: (P, b, 6) derivative by velocity and angular velocity of the end of the chain, along
+            the instrument's axes.
+        by_targets: (P, b, t) derivative by the places of targets (t = 0 where the tool is part of
+            the chain).
+    """
+
+    residual: Array
+    by_end: Array
+    by_targets: Array
+
+
+@dataclass(frozen=True)
+class Start:
+    """Approximate frames and targets, from which a fit starts.
+
+    Attributes:
+        T_instr_base: (4, 4) base in the instrument's frame [m].
+        p_ee_target_m: (3,) origin of the tool frame in the end-effector frame, where the
+            instrument measures poses.
+        R_ee_target: (3, 3) attitude of that frame; measured attitudes are turned by it, so that
+            the tool's remaining attitude is small.
+        targets_m: (t,) places of targets in the end-effector frame, x, y, z of each.
+    """
+
+    T_instr_base: Array
+    p_ee_target_m: Array
+    R_ee_target: Array
+    targets_m: Array
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """Predicted minus measured in P configurations.
+
+    Attributes:
+        distance_mm: (P,) position error; root mean square over the targets seen; the error of the
+            distance itself where a distance was measured.
+        position_mm: (P, 3) mean over the targets, along base axes; along the line of sight where a
+            distance was measured.
+        rotation_deg: (P, 3) axis times angle along base axes; None where no attitude is measured.
+    """
+
+    distance_mm: Array
+    position_mm: Array
+    rotation_deg: Array | None
+
+    @property
+    def angle_deg(self) -> Array | None:
+        """Return the orientation errors (P,); None where no attitude is measured."""
+        if self.rotation_deg is None:
+            return None
+        angle: Array = np.linalg.norm(self.rotation_deg, axis=1)
+        return angle
+
+    def rotation_of(self, k: int) -> list[float] | None:
+        """Return the rotation of one configuration as a list; None where none is measured."""
+        found: list[float] | None = (
+            None if self.rotation_deg is None else self.rotation_deg[k].tolist()
+        )
+        return found
+
+    def take(self, rows: Rows) -> Deviations:
+        """Return some of the configurations."""
+        turned = None if self.rotation_deg is None else self.rotation_deg[rows]
+        return Deviations(self.distance_mm[rows], self.position_mm[rows], turned)
+
+
+@dataclass(frozen=True)
+class Instrument(ABC):
+    """What an instrument measured in P poses.
+
+    Attributes:
+        kind: the word of `instrument.kind` in campaign.yaml.
+        words: how captions speak of its errors.
+        measures_pose: whether it measures position and attitude, as the paper's model needs.
+        from_touches: whether its raw data are touches and a resolver log, as in the paper.
+        determines_attitude: whether it determines the attitude of the base in its own frame.
+        needs_lines: whether straight moves along the base's axes help to find the base frame.
+    """
+
+    kind: ClassVar[str]
+    words: ClassVar[Words]
+    measures_pose: ClassVar[bool] = False
+    from_touches: ClassVar[bool] = False
+    needs_lines: ClassVar[bool] = False
+    determines_attitude: ClassVar[bool] = True
+    #: Fields that belong to all poses together.
+    _of_all: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Return the number of poses."""
+
+    def take(self, rows: Rows) -> Self:
+        """Return what was measured in some of the poses; arrays have one entry a pose."""
+        return replace(
+            self,
+            **{
+                field.name: getattr(self, field.name)[rows]
+                for field in fields(self)
+                if field.name not in self._of_all
+            },
+        )
+
+    @abstractmethod
+    def averaged(self, code: Index) -> Self:
+        """Average the readings of each group.
+
+        Args:
+            code: (P,) number of each reading's group, from 0, none omitted.
+
+        Returns:
+            One row a group, its covariance that of the mean of independent readings.
+        """
+
+    @abstractmethod
+    def ideal(self, T_instr_ee: Array, targets_m: Array) -> Instrument:
+        """Return what it would measure of poses (P, 4, 4) without error, all targets in sight."""
+
+    @property
+    def target_names(self) -> tuple[str, ...]:
+        """Return the names of the targets that it measures one by one."""
+        return ()
+
+    @property
+    def target_parameters(self) -> tuple[Parameter, ...]:
+        """Return the coordinates of targets in the end-effector frame that are unknowns of a fit.
+
+        They are t = 3 a target, or none where the tool is part of the chain.
+        """
+        return tuple(
+            Parameter(f"target_{name}_{axis}".replace("__", "_"), "m", 1e-3)
+            for name in self.target_names
+            for axis in "xyz"
+        )
+
+    @abstractmethod
+    def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
+        """Compare predicted poses of the end of the chain with what was measured.
+
+        Args:
+            T_instr_ee: (P, 4, 4) end of the chain in the instrument's frame [m].
+            targets_m: (t,) places of the targets, as `target_parameters`.
+        """
+
+    @property
+    @abstractmethod
+    def components_seen(self) -> NDArray[np.bool_]:
+        """Return which of the b components of a comparison were measured in each pose, (P, b)."""
+
+    @property
+    @abstractmethod
+    def stated_covariance(self) -> Array:
+        """Return the stated covariance (P, b, b) of the components; unit where nothing was seen."""
+
+    @property
+    @abstractmethod
+    def component_kinds(self) -> tuple[tuple[str, slice], ...]:
+        """Return the kinds of components that have a scatter of their own, and where they are."""
+
+    @abstractmethod
+    def find_start(self, T_base_ee: Array) -> Start:
+        """Find frames and targets from modelled poses (P, 4, 4), wherever they are.
+
+        Raises:
+            CalibrationError: when the poses do not determine them.
+        """
+
+    def turned(self, R_ee_target: Array) -> Self:  # noqa: ARG002 - only attitudes are turned
+        """Return the measurements with attitudes of the end-effector in place of the target's."""
+        return self
+
+    @abstractmethod
+    def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
+        """Compare predictions with measurements, configuration by configuration.
+
+        Args:
+            T_base_ee: (P, 4, 4) predicted end of the chain in the base frame [m].
+            T_instr_base: (4, 4) base frame.
+            targets_m: (t,) places of the targets in the end-effector frame.
+        """
+
+    @property
+    @abstractmethod
+    def spread_mm(self) -> float:
+        """Return how far the measured places or distances spread about their middle, rms."""
+
+    @classmethod
+    @abstractmethod
+    def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
+        """Read P poses from columns (P,) of the table of poses."""
+
+
+def group_means(values: Array, code: Index) -> Array:
+    """Return the mean (G, ...) of the values (P, ...) of each group."""
+    count = np.bincount(code)
+    total = np.zeros((len(count), *values.shape[1:]))
+    np.add.at(total, code, values)
+    return np.asarray(total / count.reshape(-1, *[1] * (values.ndim - 1)))

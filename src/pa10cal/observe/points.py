@@ -1,0 +1,161 @@
+"""An instrument that measures the positions of one or more targets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import override
+
+from pa10cal.frame.hand_eye import hand_eye_from_points
+from pa10cal.observe.instrument import (
+    Array,
+    Comparison,
+    Deviations,
+    Index,
+    Instrument,
+    Start,
+    Stated,
+    Words,
+    group_means,
+)
+from pa10cal.observe.targets import (
+    by_end_and_targets,
+    carried_targets,
+    names_of_columns,
+    places_of_columns,
+)
+
+
+@dataclass(frozen=True)
+class Points(Instrument):
+    """Positions of B targets in P poses.
+
+    Attributes:
+        names: (B,) names of the targets.
+        p_instr_m: (P, B, 3) positions in the instrument's frame, nan where a target was not seen.
+        cov_m2: (P, B, 3, 3) their covariances, nan where a target was not seen.
+        p_ee_stated_m: (B, 3) places of the targets in the end-effector frame as the campaign's
+            description states them; None where it does not state them all.
+    """
+
+    names: tuple[str, ...]
+    p_instr_m: Array
+    cov_m2: Array
+    p_ee_stated_m: Array | None
+
+    kind: ClassVar[str] = "points"
+    words: ClassVar[Words] = Words(
+        "position error",
+        "The error of a pose is the root mean square over the targets seen in it.",
+        "Arrows: mean over the targets seen in a pose.",
+    )
+    _of_all: ClassVar[tuple[str, ...]] = ("names", "p_ee_stated_m")
+
+    def __len__(self) -> int:
+        return len(self.p_instr_m)
+
+    @override
+    def averaged(self, code: Index) -> Self:
+        """Average each target over the readings in which it was seen."""
+        seen = np.isfinite(self.p_instr_m[..., 0])
+        share = group_means(seen.astype(float), code)
+        share[share == 0.0] = np.nan  # not seen in any reading
+        times = share * np.bincount(code)[:, None]
+        p_instr_m = group_means(np.where(seen[..., None], self.p_instr_m, 0.0), code)
+        cov_m2 = group_means(np.where(seen[..., None, None], self.cov_m2, 0.0), code)
+        return replace(
+            self,
+            p_instr_m=p_instr_m / share[..., None],
+            cov_m2=cov_m2 / (share * times)[..., None, None],
+        )
+
+    @override
+    def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
+        """Return what it would measure of poses (P, 4, 4) without error, all targets in sight."""
+        p_instr_m, _ = carried_targets(T_instr_ee, targets_m)
+        unit = np.broadcast_to(np.eye(3), (*p_instr_m.shape[:2], 3, 3))
+        return replace(self, p_instr_m=p_instr_m, cov_m2=unit)
+
+    @property
+    @override
+    def target_names(self) -> tuple[str, ...]:
+        """Return the names of the targets."""
+        return self.names
+
+    @override
+    def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
+        """Compare predicted with measured positions, target by target."""
+        p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
+        residual = p_instr_m - self.p_instr_m
+        by_end, by_targets = by_end_and_targets(T_instr_ee, arms)
+        missing = np.isnan(residual)
+        for part in (residual, by_end, by_targets):
+            part[missing] = 0.0
+        rows = (len(self), residual.shape[1] * 3)
+        return Comparison(
+            residual.reshape(rows), by_end.reshape(*rows, 6), by_targets.reshape(*rows, -1)
+        )
+
+    @property
+    @override
+    def components_seen(self) -> NDArray[np.bool_]:
+        """Return which coordinates were measured in each pose, (P, 3 B)."""
+        return np.isfinite(self.p_instr_m).reshape(len(self), -1)
+
+    @property
+    @override
+    def stated_covariance(self) -> Array:
+        """Return the stated covariance (P, 3 B, 3 B); unit where a target was not seen."""
+        count, targets = self.p_instr_m.shape[:2]
+        cov = np.zeros((count, targets, 3, targets, 3))
+        for b in range(targets):
+            cov[:, b, :, b] = np.where(
+                np.isnan(self.p_instr_m[:, b, :1, None]), np.eye(3), self.cov_m2[:, b]
+            )
+        return cov.reshape(count, 3 * targets, 3 * targets)
+
+    @property
+    @override
+    def component_kinds(self) -> tuple[tuple[str, slice], ...]:
+        """Positions."""
+        return (("position", slice(0, 3 * len(self.names))),)
+
+    @override
+    def find_start(self, T_base_ee: Array) -> Start:
+        """Find base and targets from positions alone."""
+        found = hand_eye_from_points(
+            T_base_ee, self.p_instr_m, self.p_ee_stated_m, names=self.names
+        )
+        targets_m = found.T_ee_targets[:, :3, 3].ravel()
+        return Start(found.T_instr_base, np.zeros(3), np.eye(3), targets_m)
+
+    @override
+    def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
+        """Compare predicted with measured positions: rms and mean over the targets seen."""
+        T_instr_ee = T_instr_base @ T_base_ee
+        residual = self.compare(T_instr_ee, targets_m).residual
+        each_mm = 1e3 * residual.reshape(len(residual), -1, 3)
+        times = np.isfinite(self.p_instr_m[..., 0]).sum(axis=1)
+        return Deviations(
+            np.sqrt(np.sum(each_mm**2, axis=(1, 2)) / times),
+            (each_mm.sum(axis=1) / times[:, None]) @ T_instr_base[:3, :3],
+            None,
+        )
+
+    @property
+    @override
+    def spread_mm(self) -> float:
+        """Return how far the targets' positions spread about their middle, rms."""
+        return 1e3 * float(np.sqrt(np.sum(np.nanvar(self.p_instr_m.reshape(-1, 3), axis=0))))
+
+    @classmethod
+    @override
+    def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
+        """Read P poses from columns (P,) of the table of poses."""
+        names = names_of_columns(columns)
+        p_m, cov_m2, _ = places_of_columns(columns, names)
+        return cls(names, p_m, cov_m2, stated.places_m(names))

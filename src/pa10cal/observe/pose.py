@@ -1,0 +1,173 @@
+"""An instrument that measures position and attitude of one target: a 6-D tracker."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from typing_extensions import override
+
+from pa10cal.frame.hand_eye import hand_eye_from_poses
+from pa10cal.frame.pose_error import pose_error
+from pa10cal.observe.instrument import (
+    MM,
+    Array,
+    Comparison,
+    Deviations,
+    Index,
+    Instrument,
+    Start,
+    Stated,
+    Words,
+    group_means,
+)
+
+_PLACE = ("ee_x_mm", "ee_y_mm", "ee_z_mm")
+_QUATERNION = ("ee_qw", "ee_qx", "ee_qy", "ee_qz")
+_COVARIANCE = tuple(f"ee_cov_{i}{j}" for i in range(6) for j in range(i, 6))
+
+
+@dataclass(frozen=True)
+class Pose(Instrument):
+    """Position and attitude of one target in P poses.
+
+    Attributes:
+        T_instr_target: (P, 4, 4) target in the instrument's frame [m]; for balls that are touched
+            the end-effector itself, by the balls' stated places.
+        cov: (P, 6, 6) covariance of position [m] and of a small rotation [rad] applied on the
+            left, both along the instrument's axes.
+        by_apparatus: (P, 6, a) derivative of the measured pose (position, small left rotation) by
+            the a coordinates of targets on the apparatus [m], whose error is the same in every
+            pose; a = 0 where the instrument measures the pose itself.
+    """
+
+    T_instr_target: Array
+    cov: Array
+    by_apparatus: Array
+
+    kind: ClassVar[str] = "pose"
+    words: ClassVar[Words] = Words(
+        "position error",
+        "Errors are distances of the target seen, predicted from measured.",
+        "Arrows: of the target.",
+    )
+    measures_pose: ClassVar[bool] = True
+    needs_lines: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, T_instr_target: Array, cov: Array) -> Pose:
+        """Return poses that are measured themselves, and not through targets of an apparatus."""
+        return Pose(T_instr_target, cov, np.zeros((len(cov), 6, 0)))
+
+    def __len__(self) -> int:
+        return len(self.T_instr_target)
+
+    @override
+    def averaged(self, code: Index) -> Self:
+        """Average readings: mean positions, chordal mean of the attitudes."""
+        T = group_means(self.T_instr_target, code)
+        U, _, Vt = np.linalg.svd(T[:, :3, :3])
+        U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
+        T[:, :3, :3] = U @ Vt
+        return replace(
+            self.take(np.unique(code, return_index=True)[1]),
+            T_instr_target=T,
+            cov=group_means(self.cov, code) / np.bincount(code)[:, None, None],
+            by_apparatus=group_means(self.by_apparatus, code),
+        )
+
+    @override
+    def ideal(self, T_instr_ee: Array, targets_m: Array) -> Pose:
+        """Return what it would measure of poses (P, 4, 4) without error."""
+        return Pose.of(T_instr_ee, np.broadcast_to(np.eye(6), (len(T_instr_ee), 6, 6)))
+
+    @override
+    def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
+        """Compare predicted with measured poses: position, then chord of the attitude."""
+        count = len(T_instr_ee)
+        error = pose_error(T_instr_ee, self.T_instr_target)
+        by_end = np.zeros((count, 6, 6))
+        by_end[:, :3, :3] = np.eye(3)
+        by_end[:, 3:, 3:] = error.by_rotation
+        residual = np.concatenate([error.position_m, error.chord], axis=1)
+        return Comparison(residual, by_end, np.zeros((count, 6, 0)))
+
+    @property
+    @override
+    def components_seen(self) -> NDArray[np.bool_]:
+        """Return that all six components were measured in each pose, (P, 6)."""
+        return np.ones((len(self), 6), dtype=bool)
+
+    @property
+    @override
+    def stated_covariance(self) -> Array:
+        """Return the stated covariance (P, 6, 6)."""
+        return self.cov
+
+    @property
+    @override
+    def component_kinds(self) -> tuple[tuple[str, slice], ...]:
+        """Positions and attitudes."""
+        return (("position", slice(0, 3)), ("attitude", slice(3, 6)))
+
+    @override
+    def find_start(self, T_base_ee: Array) -> Start:
+        """Find base and target by hand-eye calibration."""
+        found = hand_eye_from_poses(T_base_ee, self.T_instr_target)
+        T_ee_target = found.T_ee_targets[0]
+        return Start(found.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], np.zeros(0))
+
+    @override
+    def turned(self, R_ee_target: Array) -> Self:
+        """Return the measurements with attitudes of the end-effector in place of the target's."""
+        T = self.T_instr_target.copy()
+        T[:, :3, :3] = T[:, :3, :3] @ R_ee_target.T
+        return replace(self, T_instr_target=T)
+
+    @override
+    def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
+        """Compare predictions with measurements, an attitude turned to the end-effector's."""
+        error = pose_error(T_instr_base @ T_base_ee, self.T_instr_target)
+        to_base = T_instr_base[:3, :3]
+        chord = np.linalg.norm(error.chord, axis=1)
+        angle = 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0))
+        # The chord is twice the sine of half the angle.
+        stretch = np.divide(angle, chord, out=np.ones_like(angle), where=chord > 0)
+        position_mm = 1e3 * error.position_m @ to_base
+        return Deviations(
+            np.linalg.norm(position_mm, axis=1),
+            position_mm,
+            np.degrees(error.chord * stretch[:, None]) @ to_base,
+        )
+
+    @property
+    @override
+    def spread_mm(self) -> float:
+        """Return how far the target's places spread about their middle, rms."""
+        return 1e3 * float(np.sqrt(np.sum(np.var(self.T_instr_target[:, :3, 3], axis=0))))
+
+    @classmethod
+    @override
+    def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
+        """Read P poses from columns (P,) of the table of poses."""
+        T, cov = pose_of_columns(columns)
+        return cls(T, cov, np.zeros((len(T), 6, 0)))
+
+
+def pose_of_columns(columns: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Return the poses (P, 4, 4) [m] of a table of poses, and their covariance (P, 6, 6)."""
+    count = len(columns[_PLACE[0]])
+    T = np.tile(np.eye(4), (count, 1, 1))
+    T[:, :3, 3] = MM * np.column_stack([columns[name] for name in _PLACE])
+    quaternion = np.column_stack([columns[name] for name in _QUATERNION])
+    T[:, :3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    upper = np.triu_indices(6)
+    cov = np.zeros((count, 6, 6))
+    stacked = np.column_stack([columns[name] for name in _COVARIANCE])
+    cov[:, upper[0], upper[1]] = cov[:, upper[1], upper[0]] = stacked
+    scale = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
+    return T, cov * np.outer(scale, scale)

@@ -1,0 +1,53 @@
+"""Directions of arrival that the order of poses gives."""
+
+import numpy as np
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.observe.arrivals import with_arrivals
+from pa10cal.observe.distance import Distance
+from pa10cal.observe.observations import Observations
+
+
+def observed(q1, q2, s1=0.0):
+    """Return readings of an arm of two joints, ten seconds apart."""
+    count = len(q1)
+    zeros = np.zeros(count)
+    states = PoseStates(
+        q_rad=np.column_stack([q1, q2]),
+        tau_Nm=np.zeros((count, 2)),
+        arrival=np.column_stack([np.broadcast_to(s1, count), zeros]).astype(float),
+        load_N=zeros,
+        temperature_C=zeros,
+        time_s=10.0 * np.arange(count),
+    )
+    labels = np.array([f"P{k}" for k in range(count)], dtype=str)
+    return Observations.single(labels, states, Distance(zeros, zeros))
+
+
+def test_a_joint_arrives_from_where_it_stood_before():
+    found, from_order = with_arrivals(observed([0.0, 0.5, 0.3, 0.7], [0.1, 0.0, 0.2, 0.1]))
+    assert from_order
+    assert found.states.arrival.T.tolist() == [[0, 1, -1, 1], [0, -1, 1, -1]]
+
+
+def test_one_that_stays_keeps_its_last_direction():
+    found, _ = with_arrivals(observed([0.0, 0.5, 0.50001, 0.5, 0.2], [0.0] * 5))
+    assert found.states.arrival.T.tolist() == [[0, 1, 1, 1, -1], [0] * 5]
+
+
+def test_time_decides_whatever_the_order_of_rows():
+    rows = observed([0.0, 0.5, 0.3, 0.7], [0.0] * 4).take(np.array([2, 0, 3, 1]))
+    found, _ = with_arrivals(rows)
+    assert found.pose.tolist() == rows.pose.tolist()
+    assert found.states.arrival[[1, 3, 0, 2], 0].tolist() == [0, 1, -1, 1]
+
+
+def test_what_was_logged_is_left_alone():
+    logged = observed([0.0, 0.5, 0.3], [0.0] * 3, s1=[0, -1, 0])
+    found, from_order = with_arrivals(logged)
+    assert not from_order
+    assert found is logged
+
+
+def test_no_readings_stay_as_they_are():
+    assert with_arrivals(observed([], []))[1] is False
