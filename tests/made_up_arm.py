@@ -17,7 +17,7 @@ from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import Found, evidence_about, less
 from pa10cal.discovery.operating_point import OperatingPoint
-from pa10cal.discovery.preparation import MeasurementSetup, Uncertainties
+from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.rigid_fit import fit_rigid, pose_by_source
 from pa10cal.observe.averages import average_repeats
@@ -175,9 +175,7 @@ def measure(missing=Missing(), seed=20080427, poses=POSES, apparatus_m=5e-6, pos
     T_instr_base = np.eye(4)
     T_instr_base[:3, :3] = Rotation.from_rotvec([0.01, -0.02, 1.6]).as_matrix()
     T_instr_base[:3, 3] = [0.3, 0.2, -0.15]
-    setup = MeasurementSetup(
-        BURDEN, TARGETS_M, 21.0, FLEXIBLE, Uncertainties(apparatus_m=apparatus_m)
-    )
+    setup = MeasurementSetup(BURDEN, TARGETS_M, 21.0, FLEXIBLE, apparatus_m)
     single = _readings(missing, model, x, T_instr_base, (poses, (0.0, 44.0)), rng, pose_m)
     held_out = _readings(missing, model, x, T_instr_base, (10, (0.0, 22.0, 66.0)), rng, pose_m)
     nominal = OperatingPoint(model, np.where(x == 3e-3, 2e-3, 0.0), T_instr_base)

@@ -208,7 +208,7 @@ def _weighed(problem: Problem, poses: Observations[Pose]) -> Problem:
     pose = NoiseModel.of(
         np.linalg.inv(np.linalg.cholesky(poses.measured.cov)),
         shared,
-        setup.uncertainties.apparatus_m * poses.measured.by_apparatus,
+        setup.apparatus_m * poses.measured.by_apparatus,
     )
     torque = None
     if problem.torque is not None and setup.payload is not None:
@@ -217,7 +217,7 @@ def _weighed(problem: Problem, poses: Observations[Pose]) -> Problem:
         scale = np.sqrt(poses.readings)[:, None] / problem.noise.torque_Nm
         loads_N = np.unique(problem.cells.states.load_N)
         common = common_torques(
-            poses, weights, baseline, setup.payload, setup.uncertainties, loads_N[loads_N > 0]
+            poses, weights, baseline, setup.payload, setup.options, loads_N[loads_N > 0]
         )
         torque = NoiseModel.of(scale[:, :, None] * np.eye(poses.states.n), shared, common)
     left = np.zeros_like(poses.states.tau_Nm)

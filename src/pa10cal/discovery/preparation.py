@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,37 +10,13 @@ from numpy.typing import NDArray
 from pa10cal.arm.state import PoseStates, Seen
 from pa10cal.arm.statics import Payload, Statics
 from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.fit.loads import statics_of
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import CandidateContext
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Uncertainties:
-    """Standard uncertainties of what repeats cannot show.
-
-    Attributes:
-        apparatus_m: a target's place on the apparatus, per axis.
-        load: an external load, relative.
-        mass: a link's mass, relative.
-        com_m: a link's centre of mass, per axis.
-        load_point_m: where the load hangs, per axis.
-        tool_com_m: the apparatus' centre of mass, per axis.
-        level_rad: how level the base stands, about each of its horizontal axes.
-        torque_zero: zero of a logged torque, relative to the rated torque.
-    """
-
-    apparatus_m: float = 5e-6
-    load: float = 0.005
-    mass: float = 0.3
-    com_m: float = 0.03
-    load_point_m: float = 2e-3
-    tool_com_m: float = 2e-3
-    level_rad: float = 1e-3
-    torque_zero: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -53,14 +29,16 @@ class MeasurementSetup:
             none for an instrument that gives poses.
         reference_temperature_C: temperature at which lengths are nominal.
         flexible_joints: joints that the model gives a spring.
-        uncertainties: of what repeats cannot show.
+        apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
+        options: standard uncertainties of what else repeats cannot show.
     """
 
     payload: Payload | None
     p_ee_targets_m: Array
     reference_temperature_C: float
     flexible_joints: tuple[int, ...]
-    uncertainties: Uncertainties = Uncertainties()
+    apparatus_m: float = 5e-6
+    options: DiscoveryOptions = field(default_factory=DiscoveryOptions)
 
 
 def complete(

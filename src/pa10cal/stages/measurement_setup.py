@@ -10,7 +10,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import Campaign
 from pa10cal.discovery.options import DiscoveryOptions
-from pa10cal.discovery.preparation import MeasurementSetup, Uncertainties
+from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.terms.model import Model
 
 MM = 1e-3
@@ -25,16 +25,8 @@ def setup_of(
         p_ee_targets_m=MM * campaign.p_ee_balls_mm,
         reference_temperature_C=campaign.reference_temperature_C,
         flexible_joints=calibration.flexible_joints,
-        uncertainties=Uncertainties(
-            apparatus_m=MM * calibration.apparatus_uncertainty_mm,
-            load=discovery.load_uncertainty,
-            mass=discovery.mass_uncertainty,
-            com_m=MM * discovery.com_uncertainty_mm,
-            load_point_m=MM * discovery.load_point_uncertainty_mm,
-            tool_com_m=MM * discovery.tool_com_uncertainty_mm,
-            level_rad=1e-3 * discovery.level_uncertainty_mrad,
-            torque_zero=discovery.torque_zero_uncertainty,
-        ),
+        apparatus_m=MM * calibration.apparatus_uncertainty_mm,
+        options=discovery,
     )
 
 

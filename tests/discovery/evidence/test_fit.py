@@ -180,8 +180,7 @@ class TestTargetsOffTheirPlaces:
     def test_the_gap_is_taken_with_them(self, moved):
         with_places = compare(moved.problem, moved.start, moved.held_out)
         assert with_places.after.mean_mm < 1.3 * 0.0092
-        known = replace(moved.problem.setup.uncertainties, apparatus_m=1e-9)
-        setup = replace(moved.problem.setup, uncertainties=known)
+        setup = replace(moved.problem.setup, apparatus_m=1e-9)
         without = compare(replace(moved.problem, setup=setup), moved.start, moved.held_out)
         assert without.after.mean_mm > 2.0 * with_places.after.mean_mm
 

@@ -126,7 +126,7 @@ def apparatus_m(problem: Problem, found: Fit) -> Array:
     They are integrated out in the fit, and are known best once it is done: the error of their
     places that the poses all share.
     """
-    u_m = problem.setup.uncertainties.apparatus_m
+    u_m = problem.setup.apparatus_m
     scale = problem.pose.whitening(found.pose_variance).scale[:, None]
     common = scale * problem.pose.common
     left = scale * problem.pose.rows(pose_rows(found.level.linearise(found.x))[:, :, :1])

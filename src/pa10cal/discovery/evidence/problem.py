@@ -13,9 +13,9 @@ from pa10cal.discovery.evidence.cells import gather, shared_error
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.evidence.repeatability import Repeatability, repeatability
 from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import (
     MeasurementSetup,
-    Uncertainties,
     complete_about,
     context_of,
     static_loads,
@@ -26,6 +26,7 @@ from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import CandidateContext
 
 Array = NDArray[np.float64]
+MM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ def prepare(
     pose = NoiseModel.of(
         np.linalg.inv(np.linalg.cholesky(cells.measured.cov)),
         shared,
-        setup.uncertainties.apparatus_m * cells.measured.by_apparatus,
+        setup.apparatus_m * cells.measured.by_apparatus,
     )
     torque, left = None, np.zeros_like(cells.states.tau_Nm)
     if setup.payload is not None and np.all(np.isfinite(cells.states.tau_Nm)):
@@ -90,7 +91,7 @@ def prepare(
         scale = np.sqrt(cells.readings)[:, None] / noise.torque_Nm
         loads_N = np.unique(cells.states.load_N)
         common = common_torques(
-            cells, weights, about, setup.payload, setup.uncertainties, loads_N[loads_N > 0]
+            cells, weights, about, setup.payload, setup.options, loads_N[loads_N > 0]
         )
         torque = NoiseModel.of(
             scale[:, :, None] * np.eye(baseline.model.chain.arm.n), shared, common
@@ -126,7 +127,7 @@ def common_torques(
     weights: Statics,
     baseline: OperatingPoint,
     payload: Payload,
-    uncertainties: Uncertainties,
+    options: DiscoveryOptions,
     loads_N: Array,
 ) -> Array:
     """Return what errors of masses, loads and zeros do to the torques, (C, n, c), at their size.
@@ -136,19 +137,20 @@ def common_torques(
     arm = baseline.model.chain.arm
     mass_kg = np.zeros(arm.n) if arm.mass_kg is None else arm.mass_kg
     by_link = np.stack(
-        [uncertainties.mass * mass_kg, *[uncertainties.com_m * mass_kg] * 3], axis=1
+        [options.mass_uncertainty * mass_kg, *[MM * options.com_uncertainty_mm * mass_kg] * 3],
+        axis=1,
     ).ravel()
     load_N = cells.states.load_N[:, None] * (cells.states.load_N[:, None] == loads_N)
     by_payload = [
         static_loads(cells.states, baseline, moved).torque_Nm - weights.torque_Nm
-        for moved in _misplaced(payload, uncertainties)
+        for moved in _misplaced(payload, options)
     ]
     rated_Nm = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0))
-    zero = np.tile(np.diag(uncertainties.torque_zero * rated_Nm), (len(cells), 1, 1))
+    zero = np.tile(np.diag(options.torque_zero_uncertainty * rated_Nm), (len(cells), 1, 1))
     return np.concatenate(
         [
             weights.torque_by_mass * by_link,
-            uncertainties.load * weights.torque_by_load[:, :, None] * load_N[:, None, :],
+            options.load_uncertainty * weights.torque_by_load[:, :, None] * load_N[:, None, :],
             np.stack(by_payload, axis=2),
             zero,
         ],
@@ -156,17 +158,20 @@ def common_torques(
     )
 
 
-def _misplaced(payload: Payload, uncertainties: Uncertainties) -> list[Payload]:
+def _misplaced(payload: Payload, options: DiscoveryOptions) -> list[Payload]:
     """Return the payload with load, apparatus and gravity off by their standard uncertainties."""
     g = payload.gravity_m_s2
-    level = uncertainties.level_rad * np.linalg.norm(g)
+    level = MM * options.level_uncertainty_mrad * np.linalg.norm(g)
     return [
         *(
-            replace(payload, load_point_m=payload.load_point_m + uncertainties.load_point_m * axis)
+            replace(
+                payload,
+                load_point_m=payload.load_point_m + MM * options.load_point_uncertainty_mm * axis,
+            )
             for axis in np.eye(3)
         ),
         *(
-            replace(payload, com_m=payload.com_m + uncertainties.tool_com_m * axis)
+            replace(payload, com_m=payload.com_m + MM * options.tool_com_uncertainty_mm * axis)
             for axis in np.eye(3)
         ),
         *(replace(payload, gravity_m_s2=g + level * axis) for axis in np.eye(3)[:2]),
