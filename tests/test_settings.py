@@ -10,9 +10,10 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.errors import SettingsError
 from pa10cal.montecarlo.options import MonteCarloOptions
-from pa10cal.settings import Settings, SightedPlan, SimulateSettings, parse_settings
+from pa10cal.settings import Settings, parse_settings
 from pa10cal.settings_reading import read_settings_argument
 
 ROOT = Path(__file__).parents[1]
@@ -48,7 +49,7 @@ def test_config_shows_how_to_ask_for_any_arm_with_every_default():
     shown = yaml.safe_load("\n".join(line.removeprefix("  # ") for line in lines[first:]))
     written = shown["any-arm"]
     assert parse_settings({"campaigns": ["c1"], "simulate": shown}, where="config.yaml")
-    defaults = SimulateSettings(without_touches=SightedPlan()).model_dump(mode="json")
+    defaults = SimulateOptions(without_touches=TrackerOptions()).model_dump(mode="json")
     assert written == {key: defaults[key] for key in ("random_seed", "robot", "without_touches")}
 
 

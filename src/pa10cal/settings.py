@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.options import IngestOptions
+from pa10cal.cell.options import SimulateOptions
 from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.evaluation.options import (
@@ -27,11 +28,6 @@ from pa10cal.settings_reading import read_settings_argument as read_settings_arg
 from pa10cal.settings_section import NonNegative as NonNegative
 from pa10cal.settings_section import Positive as Positive
 from pa10cal.settings_section import Section as Section
-from pa10cal.settings_simulate import CellNoiseSettings as CellNoiseSettings
-from pa10cal.settings_simulate import CellPosesSettings as CellPosesSettings
-from pa10cal.settings_simulate import HiddenEffectSettings as HiddenEffectSettings
-from pa10cal.settings_simulate import SightedPlan as SightedPlan
-from pa10cal.settings_simulate import SimulateSettings as SimulateSettings
 
 # The names that sections had when they all stood here.
 IngestSettings = IngestOptions
@@ -114,7 +110,7 @@ class Settings(Section):
         description="folder or address of a public data set by name, e.g. {ipa-robot-accuracy: "
         "../data}",
     )
-    simulate: dict[CampaignName, SimulateSettings] = Field(
+    simulate: dict[CampaignName, SimulateOptions] = Field(
         default_factory=dict,
         description="campaigns that `snakemake --cores 1 simulate` writes with the virtual cell",
     )

@@ -9,14 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from made_up_robot import nominal_of, rebuilt
 from pa10cal.arm.chain import BASE, Chain, bend_coordinates, frames
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.cell.individual import build_robot
-from pa10cal.cell.mechanism import GRAVITY_M_S2, Mechanism
+from pa10cal.cell.mechanism import GRAVITY_M_S2
+from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.poses import place_poses
 from pa10cal.errors import ArmError
 from pa10cal.files.arms import load_arm
-from pa10cal.settings import SimulateSettings
 
 conventions = st.sampled_from(["standard", "modified"])
 seeds = st.integers(0, 10_000)
@@ -167,32 +168,29 @@ def test_down_is_gravity_seen_from_the_end(random_arm, seed):
 def robot():
     """The paper's robot and its apparatus, as the virtual cell builds them."""
     rng = np.random.default_rng(1)
-    return build_robot(load_arm("pa10_6ce"), SimulateSettings(), "text_e7", rng)
+    return build_robot(load_arm("pa10_6ce"), SimulateOptions(), "text_e7", rng)
 
 
 def payload_of(robot):
-    apparatus = robot.apparatus
-    return Payload(apparatus.mass_kg, apparatus.com_m, apparatus.load_point_m, GRAVITY_M_S2)
+    payload = robot.mechanism.payload
+    return Payload(payload.mass_kg, payload.com_m, payload.load_point_m, GRAVITY_M_S2)
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
 @pytest.mark.parametrize("sliding", [None, 1, 3])
 def test_weights_act_as_in_the_virtual_cell(robot, convention, sliding):
     arm = replace(robot.arm, convention=convention, prismatic=np.arange(6) == sliding)
-    built = replace(robot, arm=arm)
+    built = rebuilt(robot, arm=arm)
     rng = np.random.default_rng(3)
     q, load_N = rng.uniform(-2, 2, (10, 6)), rng.uniform(0, 90, 10)
     chain = Chain.of(arm)
     found = statics(chain, chain.coordinates(q), load_N, payload_of(built))
-    mechanism = Mechanism.nominal(built)
+    held = nominal_of(built).statics(q, load_N)
     for pose in range(10):
-        mechanism.hang(load_N[pose])
-        torque_Nm = mechanism.torques_Nm(q[pose])
-        moments = mechanism.moments()
-        assert found.torque_Nm[pose] == pytest.approx(torque_Nm, abs=1e-9)
-        assert found.static_loads.base_Nm[pose] == pytest.approx(moments.base_Nm, abs=1e-9)
+        assert found.torque_Nm[pose] == pytest.approx(held.torque_Nm[pose], abs=1e-9)
+        assert found.static_loads.base_Nm[pose] == pytest.approx(held.base_Nm[pose], abs=1e-9)
         for link in range(6):
-            wanted = moments.link_Nm[link]
+            wanted = held.link_Nm[pose, link]
             if link + 1 == sliding:
                 continue  # the cell takes that moment about where the joint has slid to
             if link < 5:
@@ -203,7 +201,7 @@ def test_weights_act_as_in_the_virtual_cell(robot, convention, sliding):
 
 def test_torques_are_of_the_size_known_of_this_arm(robot):
     # contract, mean over poses: joint 4 under 3 N m, joints 1 and 6 near zero, joints 2 and 3:
-    poses = place_poses(robot.arm, Mechanism.nominal(robot), SimulateSettings().poses, 0)
+    poses = place_poses(robot.arm, nominal_of(robot), SimulateOptions().poses, 0)
     chain = Chain.of(robot.arm)
     coordinates = chain.coordinates(poses.grid)
     wanted = {0.0: (60, 37), 22.0: (75, 48), 44.0: (89, 59), 90.0: (119, 82)}

@@ -1,22 +1,21 @@
 """Whole campaigns: the paper's figures, noise, determinism, and what each effect leaves in them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
+from made_up_robot import rebuilt
 from pa10cal.arm.description import Arm
-from pa10cal.cell.built import Departures
 from pa10cal.cell.campaign import measure_campaign, simulate_campaign
-from pa10cal.cell.effects.instrument import CmmScale, ToolSag
+from pa10cal.cell.effects.effect import InstrumentEffect
 from pa10cal.cell.effects.joint import Backlash, FrictionTorque, TorqueGain, TransmissionError
-from pa10cal.cell.effects.kinds import InstrumentEffect
 from pa10cal.cell.effects.outside import BowedAxis, DressPack, Hysteresis
 from pa10cal.cell.effects.structure import BaseDrift, ThermalGrowth
+from pa10cal.cell.effects.tool_and_instrument import CmmScale, ToolSag
+from pa10cal.cell.options import CellNoiseOptions, SimulateOptions
+from pa10cal.cell.robot import Departures
 from pa10cal.errors import SettingsError
-from pa10cal.settings import CellNoiseSettings, SimulateSettings
 
-QUIET = CellNoiseSettings(**dict.fromkeys(CellNoiseSettings.model_fields, 0.0))
+QUIET = CellNoiseOptions(**dict.fromkeys(CellNoiseOptions.model_fields, 0.0))
 TOUCHES = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
 #: The paper, unloaded, at 22 N and at 44 N: mean position error before calibration [mm].
 PAPER_BEFORE_MM = (0.58, 1.02, 1.80)
@@ -33,32 +32,32 @@ def rigid_fit(source, target):
 
 def centres(campaign):
     """Ball centres [mm], (C, 3, 3), from the touches alone."""
-    points = campaign.cmm[["x_mm", "y_mm", "z_mm"]].to_numpy().reshape(-1, 3, 5, 3)
+    points = campaign.tables["cmm"][["x_mm", "y_mm", "z_mm"]].to_numpy().reshape(-1, 3, 5, 3)
     return (points - 12.7 * TOUCHES).mean(axis=2)
 
 
 def flanges(campaign):
     """Measured flanges in the machine, (C, 3, 3) and (C, 3) [mm]."""
-    balls = 1e3 * campaign.truth.robot.apparatus.balls_measured_m
+    balls = 1e3 * campaign.truth.robot.targets.p_ee_stated_m
     fits = [rigid_fit(balls, found) for found in centres(campaign)]
     return np.array([R for R, _ in fits]), np.array([p for _, p in fits])
 
 
 def moving(campaign, name):
     """A logged column as (C, samples)."""
-    return campaign.resolver[name].to_numpy().reshape(len(campaign.truth.schedule), -1)
+    return campaign.tables["resolver"][name].to_numpy().reshape(len(campaign.truth.schedule), -1)
 
 
 @pytest.fixture(scope="module")
 def paper(arm):
     """The paper's experiment, nothing hidden."""
-    return simulate_campaign("paper", arm, SimulateSettings())
+    return simulate_campaign("paper", arm, SimulateOptions())
 
 
 def test_before_calibration_it_errs_as_the_papers_robot(paper, robot, plain):
-    nominal = plain(replace(robot, departures=Departures.none(6)))
+    nominal = plain(rebuilt(robot, departures=Departures.none(6)))
     schedule = paper.truth.schedule
-    T = np.array([nominal.frames(q)[-1] for q in schedule.q_rad])
+    T = np.array([nominal.frames(q)[-1] for q in schedule.q])
     R_cmm, p_instr = flanges(paper)
     grid = schedule.kind == "grid"
     unloaded = grid & (schedule.load_N == 0.0)
@@ -96,29 +95,29 @@ def test_torques_are_of_the_size_of_the_papers_arm(paper):
 
 def test_tables_have_the_columns_and_rows_of_the_contract(paper):
     named = ["kind", "pose", "load_N", "repeat", "ball", "touch"]
-    assert list(paper.cmm.columns) == ["time_s", *named, "x_mm", "y_mm", "z_mm"]
+    assert list(paper.tables["cmm"].columns) == ["time_s", *named, "x_mm", "y_mm", "z_mm"]
     joints = range(1, 7)
-    assert list(paper.resolver.columns) == [
+    assert list(paper.tables["resolver"].columns) == [
         "time_s",
         *(f"q{j}_deg" for j in joints),
         *(f"tau{j}_Nm" for j in joints),
         "temperature_C",
     ]
     configurations = 22 + 27 * 10 * 3 + 10 * 4 * 3
-    assert len(paper.cmm) == configurations * 15
-    assert len(paper.resolver) == configurations * 20
-    for table in (paper.cmm, paper.resolver):
+    assert len(paper.tables["cmm"]) == configurations * 15
+    assert len(paper.tables["resolver"]) == configurations * 20
+    for table in (paper.tables["cmm"], paper.tables["resolver"]):
         assert not table.isna().any().any()
         assert table["time_s"].is_monotonic_increasing
-    assert set(paper.cmm["ball"]) == {"A", "B", "C"}
+    assert set(paper.tables["cmm"]["ball"]) == {"A", "B", "C"}
 
 
 def test_touches_lie_on_their_balls_and_inside_the_dwell(paper):
-    points = paper.cmm[["x_mm", "y_mm", "z_mm"]].to_numpy().reshape(-1, 5, 3)
+    points = paper.tables["cmm"][["x_mm", "y_mm", "z_mm"]].to_numpy().reshape(-1, 5, 3)
     off = points - centres(paper).reshape(-1, 1, 3) - 12.7 * TOUCHES
     assert off.std() == pytest.approx(0.004 * np.sqrt(0.8), rel=0.05)
     start_s = paper.truth.schedule.start_s
-    touched = paper.cmm["time_s"].to_numpy().reshape(len(start_s), -1) - start_s[:, None]
+    touched = paper.tables["cmm"]["time_s"].to_numpy().reshape(len(start_s), -1) - start_s[:, None]
     logged = moving(paper, "time_s") - start_s[:, None]
     assert logged.shape[1] == 20
     assert np.all(touched.min(axis=1) > logged[:, 10])
@@ -129,10 +128,10 @@ def test_joints_approach_from_where_they_come_and_then_stand(paper):
     schedule = paper.truth.schedule
     for j in range(6):
         q = np.radians(moving(paper, f"q{j + 1}_deg"))
-        way = schedule.q_rad[:, j] - schedule.q_from_rad[:, j]
-        wanted = schedule.q_from_rad[:, j] + way / 11
+        way = schedule.q[:, j] - schedule.q_from[:, j]
+        wanted = schedule.q_from[:, j] + way / 11
         assert q[:, 0] == pytest.approx(wanted, abs=1e-4)
-        assert q[:, 10:] == pytest.approx(np.repeat(schedule.q_rad[:, [j]], 10, axis=1), abs=1e-4)
+        assert q[:, 10:] == pytest.approx(np.repeat(schedule.q[:, [j]], 10, axis=1), abs=1e-4)
         assert q[:, 10:].std(axis=1).mean() < 1e-5
         last = np.sign(q[:, 10] - q[:, 9])
         moves = schedule.arrival[:, j] != 0
@@ -156,15 +155,15 @@ def test_torque_noise_at_rest_and_in_motion(paper):
 
 def test_the_same_seed_gives_the_same_campaign_and_another_does_not(arm, short):
     one, two = (simulate_campaign("x", arm, short) for _ in range(2))
-    assert one.cmm.equals(two.cmm)
-    assert one.resolver.equals(two.resolver)
+    assert one.tables["cmm"].equals(two.tables["cmm"])
+    assert one.tables["resolver"].equals(two.tables["resolver"])
     other = simulate_campaign("x", arm, short.model_copy(update={"random_seed": 1}))
-    assert not np.allclose(other.cmm["x_mm"], one.cmm["x_mm"], atol=1.0)
-    assert not other.resolver.equals(one.resolver)
+    assert not np.allclose(other.tables["cmm"]["x_mm"], one.tables["cmm"]["x_mm"], atol=1.0)
+    assert not other.tables["resolver"].equals(one.tables["resolver"])
 
 
 def test_without_noise_repeats_agree_and_truth_is_measured(arm):
-    settings = SimulateSettings(repeats=2, loads_N=(0.0,), holdout_points=0, noise=QUIET)
+    settings = SimulateOptions(repeats=2, loads_N=(0.0,), holdout_points=0, noise=QUIET)
     campaign = simulate_campaign("x", arm, settings)
     truth = campaign.truth
     attitude, place_mm = flanges(campaign)
@@ -178,11 +177,11 @@ def test_without_noise_repeats_agree_and_truth_is_measured(arm):
 
 def test_touches_are_on_the_balls_as_they_are_not_as_they_were_measured(arm):
     badly_measured = QUIET.model_copy(update={"apparatus_mm": 1.0})
-    settings = SimulateSettings(repeats=1, loads_N=(0.0,), holdout_points=0, noise=badly_measured)
+    settings = SimulateOptions(repeats=1, loads_N=(0.0,), holdout_points=0, noise=badly_measured)
     campaign = simulate_campaign("x", arm, settings)
     truth = campaign.truth
     T = truth.robot.T_instr_base @ truth.rest.T_base_ee
-    balls = truth.robot.apparatus.balls_m
+    balls = truth.robot.targets.p_ee_m
     wanted = np.einsum("cij,bj->cbi", T[:, :3, :3], balls) + T[:, None, :3, 3]
     assert centres(campaign) == pytest.approx(1e3 * wanted, abs=2e-4)
 
@@ -205,7 +204,7 @@ def test_an_arm_of_seven_joints_is_measured_too():
         mass_kg=np.full(7, 3.0),
         com_m=np.zeros((7, 3)),
     )
-    settings = SimulateSettings(
+    settings = SimulateOptions(
         built="drawn",
         flexible_joints=(2, 4, 6),
         repeats=1,
@@ -217,13 +216,13 @@ def test_an_arm_of_seven_joints_is_measured_too():
         ),
     )
     campaign = simulate_campaign("x", arm, settings)
-    assert list(campaign.resolver.columns[[1, 7, 8, 14]]) == [
+    assert list(campaign.tables["resolver"].columns[[1, 7, 8, 14]]) == [
         "q1_deg",
         "q7_deg",
         "tau1_Nm",
         "tau7_Nm",
     ]
-    still = np.abs(campaign.truth.q_motor_rad - campaign.truth.rest.q_rad).max(axis=0)
+    still = np.abs(campaign.truth.q_motor - campaign.truth.rest.q).max(axis=0)
     assert np.all(still[[1, 3, 5]] > 1e-4)
     assert np.all(still[[0, 2, 4]] < 1e-4)
 
@@ -237,7 +236,7 @@ def test_drawn_robots_are_other_robots_and_still_find_rest(arm, short):
     lengths = [truth.robot.departures.a_m for truth in robots]
     assert len(np.unique(lengths, axis=0)) == 3
     for truth in robots:
-        deflection = np.abs(truth.q_motor_rad - truth.rest.q_rad).max(axis=0)
+        deflection = np.abs(truth.q_motor - truth.rest.q).max(axis=0)
         assert np.all(deflection[[1, 2, 4]] > 1e-4)
         assert np.all(deflection[[0, 3, 5]] < 1e-12)
 
@@ -258,24 +257,24 @@ def hidden(arm, robot, short):
 
 def test_friction_shows_in_its_own_torque_by_arrival_and_nowhere_else(hidden):
     plain, rubbing = hidden(), hidden(FrictionTorque(tau_c=4.0).at("joint 2"))
-    assert rubbing.cmm.equals(plain.cmm)
+    assert rubbing.tables["cmm"].equals(plain.tables["cmm"])
     more = moving(rubbing, "tau2_Nm") - moving(plain, "tau2_Nm")
     s = plain.truth.schedule.arrival[:, [1]]
     assert set(s.ravel()) >= {-1.0, 1.0}
     assert more == pytest.approx(np.repeat(4.0 * s, 20, axis=1), abs=0.06)
-    same = [name for name in plain.resolver.columns if name != "tau2_Nm"]
-    assert rubbing.resolver[same].equals(plain.resolver[same])
+    same = [name for name in plain.tables["resolver"].columns if name != "tau2_Nm"]
+    assert rubbing.tables["resolver"][same].equals(plain.tables["resolver"][same])
 
 
 def test_torque_gain_shows_in_its_own_torque_and_nowhere_else(hidden):
     plain, loud = hidden(), hidden(TorqueGain(g=0.1).at("joint 3"))
-    assert loud.cmm.equals(plain.cmm)
+    assert loud.tables["cmm"].equals(plain.tables["cmm"])
     assert moving(loud, "tau3_Nm") == pytest.approx(1.1 * moving(plain, "tau3_Nm"), abs=0.05)
 
 
 def test_dress_pack_shows_in_the_log_on_the_way_and_at_rest(hidden):
     plain, pulled = hidden(), hidden(DressPack(k=4.0, q0=0.1).at("joint 1"))
-    assert pulled.cmm.equals(plain.cmm)
+    assert pulled.tables["cmm"].equals(plain.tables["cmm"])
     more = moving(pulled, "tau1_Nm") - moving(plain, "tau1_Nm")
     q = np.radians(moving(plain, "q1_deg"))
     assert more == pytest.approx(4.0 * (q - 0.1), abs=0.06)
@@ -283,8 +282,12 @@ def test_dress_pack_shows_in_the_log_on_the_way_and_at_rest(hidden):
 
 def test_hysteresis_turns_the_link_and_the_motor_does_not_know(hidden, arm):
     plain, lagging = hidden(), hidden(Hysteresis(h=1e-3).at("joint 2"))
-    assert lagging.resolver.filter(like="_deg").equals(plain.resolver.filter(like="_deg"))
-    turned = lagging.truth.rest.q_rad[:, 1] - plain.truth.rest.q_rad[:, 1]
+    assert (
+        lagging.tables["resolver"]
+        .filter(like="_deg")
+        .equals(plain.tables["resolver"].filter(like="_deg"))
+    )
+    turned = lagging.truth.rest.q[:, 1] - plain.truth.rest.q[:, 1]
     load = np.abs(plain.truth.rest.tau_Nm[:, 1]) / arm.torque_limit_Nm[1]
     wanted = 1e-3 * plain.truth.schedule.arrival[:, 1] * load
     # The spring follows the torque of the turned posture by some percent of the turn.
@@ -294,16 +297,20 @@ def test_hysteresis_turns_the_link_and_the_motor_does_not_know(hidden, arm):
 def test_transmission_error_turns_the_link_and_the_motor_does_not_know(hidden):
     effect = TransmissionError(A=3e-4, phi=0.5).at("joint 1")
     plain, erring = hidden(), hidden(effect)
-    assert erring.resolver.filter(like="_deg").equals(plain.resolver.filter(like="_deg"))
-    q = plain.truth.q_motor_rad[:, 0]
-    turned = erring.truth.rest.q_rad[:, 0] - plain.truth.rest.q_rad[:, 0]
+    assert (
+        erring.tables["resolver"]
+        .filter(like="_deg")
+        .equals(plain.tables["resolver"].filter(like="_deg"))
+    )
+    q = plain.truth.q_motor[:, 0]
+    turned = erring.truth.rest.q[:, 0] - plain.truth.rest.q[:, 0]
     assert turned == pytest.approx(3e-4 * np.sin(100 * q + 0.5), abs=1e-12)
     assert np.abs(centres(erring) - centres(plain)).max() > 0.1
 
 
 def test_backlash_turns_the_link_by_arrival(hidden):
     plain, loose = hidden(), hidden(Backlash(b=1e-4).at("joint 2"))
-    turned = loose.truth.rest.q_rad[:, 1] - plain.truth.rest.q_rad[:, 1]
+    turned = loose.truth.rest.q[:, 1] - plain.truth.rest.q[:, 1]
     # The spring follows the torque of the turned posture by some percent of the turn.
     assert turned == pytest.approx(1e-4 * plain.truth.schedule.arrival[:, 1], rel=0.03, abs=1e-12)
 
@@ -311,18 +318,18 @@ def test_backlash_turns_the_link_by_arrival(hidden):
 def test_several_joint_effects_add_up(hidden):
     first, second = TransmissionError(A=3e-4, phi=0.5), Backlash(b=1e-4)
     both = hidden(first.at("joint 1"), second.at("joint 1"))
-    apart = [hidden(effect.at("joint 1")).truth.rest.q_rad for effect in (first, second)]
-    plain = hidden().truth.rest.q_rad
-    assert both.truth.rest.q_rad == pytest.approx(sum(apart) - plain, abs=1e-12)
+    apart = [hidden(effect.at("joint 1")).truth.rest.q for effect in (first, second)]
+    plain = hidden().truth.rest.q
+    assert both.truth.rest.q == pytest.approx(sum(apart) - plain, abs=1e-12)
 
 
 def test_scale_and_sag_show_in_the_touches_alone(hidden):
     plain = hidden()
     scaled = hidden(CmmScale(s=(1e-3, 0.0, -2e-3)).at("instrument"))
     xyz = ["x_mm", "y_mm", "z_mm"]
-    wanted = plain.cmm[xyz].to_numpy() * [1.001, 1.0, 0.998]
-    assert scaled.cmm[xyz].to_numpy() == pytest.approx(wanted, abs=2e-4)
-    assert scaled.resolver.equals(plain.resolver)
+    wanted = plain.tables["cmm"][xyz].to_numpy() * [1.001, 1.0, 0.998]
+    assert scaled.tables["cmm"][xyz].to_numpy() == pytest.approx(wanted, abs=2e-4)
+    assert scaled.tables["resolver"].equals(plain.tables["resolver"])
     sagging = hidden(ToolSag(c=1e-3).at("tool"))
     shift = (centres(sagging) - centres(plain)).mean(axis=1)
     R = plain.truth.robot.T_instr_base[:3, :3] @ plain.truth.rest.T_base_ee[:, :3, :3]
@@ -340,13 +347,13 @@ def test_base_drift_grows_with_time(hidden):
 
 def test_temperature_stays_at_the_reference_unless_it_is_asked_to_drift(hidden):
     steady = hidden()
-    assert np.abs(steady.resolver["temperature_C"] - 21.0).max() < 0.1
+    assert np.abs(steady.tables["resolver"]["temperature_C"] - 21.0).max() < 0.1
     drifting = hidden(temperature_drift_C=5.0)
     log = moving(drifting, "temperature_C")[:, 10:].mean(axis=1)
     assert log == pytest.approx(drifting.truth.temperature_C, abs=0.03)
     assert np.ptp(log) > 0.5
     assert np.abs(log - 21.0).max() < 5.1
-    assert drifting.cmm.equals(steady.cmm)
+    assert drifting.tables["cmm"].equals(steady.tables["cmm"])
 
 
 def test_growth_needs_a_drift_of_temperature(hidden):
@@ -360,9 +367,12 @@ def test_growth_needs_a_drift_of_temperature(hidden):
 def test_a_bow_shows_in_the_touches_alone(hidden):
     bow = BowedAxis(axis=1, along=0, sag=1e-3, half_m=0.3, centre_m=0.4)
     bowed, straight = hidden(bow.at("instrument")), hidden()
-    assert bowed.resolver.equals(straight.resolver)
-    more_mm = bowed.cmm[["x_mm", "y_mm", "z_mm"]] - straight.cmm[["x_mm", "y_mm", "z_mm"]]
-    u = (1e-3 * straight.cmm["x_mm"].to_numpy() - 0.4) / 0.3
+    assert bowed.tables["resolver"].equals(straight.tables["resolver"])
+    more_mm = (
+        bowed.tables["cmm"][["x_mm", "y_mm", "z_mm"]]
+        - straight.tables["cmm"][["x_mm", "y_mm", "z_mm"]]
+    )
+    u = (1e-3 * straight.tables["cmm"]["x_mm"].to_numpy() - 0.4) / 0.3
     assert more_mm["y_mm"].to_numpy() == pytest.approx(u**2 * (1 + 0.2 * u), abs=2e-4)
     assert not more_mm[["x_mm", "z_mm"]].to_numpy().any()
 

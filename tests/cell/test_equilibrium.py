@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.cell.built import Springs
 from pa10cal.cell.effects.joint import JointCompliance, SoftWindup
 from pa10cal.cell.equilibrium import rest_poses
-from pa10cal.cell.individual import PAPER_K_CUB, TABLE_1_K_LIN
-from pa10cal.cell.mechanism import Mechanism
+from pa10cal.cell.individual import PAPER_K_CUB, TABLE_1_K_LIN, draw_individual
+from pa10cal.cell.options import TrackerOptions
+from pa10cal.cell.robot import Springs
 from pa10cal.errors import SimulationError
+from pa10cal.files.arms import load_arm
 
 POSTURES = np.random.default_rng(7).uniform(-1.5, 1.5, (12, 6))
 LOADS = np.resize([0.0, 22.0, 44.0, 90.0], 12)
@@ -35,21 +36,19 @@ def test_springs_balance_gravity_in_the_deflected_posture(robot, plain, reading)
     springs = Springs(TABLE_1_K_LIN, PAPER_K_CUB[reading], reading)
     built = replace(robot, springs=springs)
     found = rest(built)
-    delta = POSTURES - found.q_rad
+    delta = POSTURES - found.q
     soft = springs.flexible
     assert np.abs(delta[:, ~soft]).max() == 0.0
     assert np.abs(delta[:, soft]).max() > 1e-3
     held = springs.k_lin[soft] * delta[:, soft] + springs.k_cub[soft] * delta[:, soft] ** 3
     assert np.abs(held - found.tau_Nm[:, soft]).max() < 1e-8  # 1e-13 rad by its stiffness
-    for q, tau, load_N in zip(found.q_rad, found.tau_Nm, LOADS, strict=True):
+    for q, tau, load_N in zip(found.q, found.tau_Nm, LOADS, strict=True):
         assert tau == pytest.approx(energy_slope(plain(built), q, load_N), abs=1e-6)
 
 
 def test_flange_is_that_of_the_link_angles(robot):
     found = rest(robot)
-    mechanism = Mechanism.of(robot)
-    for q, T in zip(found.q_rad, found.T_base_ee, strict=True):
-        assert np.array_equal(mechanism.T_base_ee(q), T)
+    assert np.array_equal(robot.mechanism.T_base_ee(found.q), found.T_base_ee)
 
 
 def test_torque_is_not_that_of_the_undeflected_posture(robot):
@@ -67,7 +66,7 @@ def test_windup_comes_on_top_of_the_spring(robot):
     soft = SoftWindup(A=2e-4, tau0=10.0).at("joint 2")
     yielding = JointCompliance(K=5e4).at("joint 4")
     found = rest(robot, (soft, yielding))
-    delta = POSTURES - found.q_rad
+    delta = POSTURES - found.q
     tau = found.tau_Nm
     delta[:, 1] -= 2e-4 * np.tanh(tau[:, 1] / 10.0)
     k_lin, k_cub = robot.springs.k_lin[1], robot.springs.k_cub[1]
@@ -79,3 +78,23 @@ def test_refuses_an_arm_that_falls_over(robot):
     limp = Springs(np.full(6, 5.0), np.zeros(6), "limp")
     with pytest.raises(SimulationError, match="finds no rest"):
         rest(replace(robot, springs=limp))
+
+
+def test_no_pose_is_no_trouble(robot):
+    none = rest(robot, drive=np.zeros((0, 6)), load_N=np.zeros(0))
+    assert none.T_base_ee.shape == (0, 4, 4)
+    assert none.tau_Nm.shape == (0, 6)
+
+
+@pytest.mark.parametrize("name", ["ur10", "iiwa14"])
+def test_springs_of_any_arm_balance_the_torques_of_the_deflected_posture(name):
+    arm = load_arm(name)
+    plan = TrackerOptions(flexible_joints=(2, 3, 4))
+    soft = draw_individual(arm, plan, np.random.default_rng(3))
+    drive = np.random.default_rng(5).uniform(-1.5, 1.5, (6, arm.n))
+    loads_N = np.resize([0.0, 60.0], 6)
+    found = rest(soft, drive=drive, load_N=loads_N)
+    delta = (drive - found.q)[:, [1, 2, 3]]
+    k_lin, k_cub = soft.springs.k_lin[[1, 2, 3]], soft.springs.k_cub[[1, 2, 3]]
+    tau = soft.mechanism.statics(found.q, loads_N).torque_Nm[:, [1, 2, 3]]
+    assert np.abs(k_lin * delta + k_cub * delta**3 - tau).max() < 1e-7

@@ -5,15 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from made_up_robot import nominal_of
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.cell.individual import build_robot
-from pa10cal.cell.mechanism import Mechanism
+from pa10cal.cell.options import CellNoiseOptions, SimulateOptions
 from pa10cal.errors import SimulationError
-from pa10cal.settings import CellNoiseSettings, SimulateSettings, ToleranceSettings
 
-DRAWN = SimulateSettings(built="drawn")
+DRAWN = SimulateOptions(built="drawn")
 
 
-def build(arm, settings=SimulateSettings(), reading="text_e7", seed=0):  # noqa: B008
+def build(arm, settings=SimulateOptions(), reading="text_e7", seed=0):  # noqa: B008
     return build_robot(arm, settings, reading, np.random.default_rng(seed))
 
 
@@ -33,7 +34,7 @@ def test_the_two_readings_of_the_cubic_stiffness(arm, reading, power):
 
 
 def test_a_row_with_beta_has_no_departure_of_d(arm):
-    for settings in (SimulateSettings(), DRAWN):
+    for settings in (SimulateOptions(), DRAWN):
         departures = build(arm, settings).departures
         assert departures.d_m[1] == 0.0
         assert np.flatnonzero(departures.beta_rad).tolist() == [1]
@@ -41,7 +42,7 @@ def test_a_row_with_beta_has_no_departure_of_d(arm):
 
 def test_drawn_robots_scatter_by_the_tolerances(arm):
     robots = [build(arm, DRAWN, seed=seed) for seed in range(100)]
-    tolerances = ToleranceSettings()
+    tolerances = Tolerances()
     for name in ("a_m", "alpha_rad", "theta_rad"):
         values = np.array([getattr(robot.departures, name) for robot in robots])
         assert values.std() == pytest.approx(getattr(tolerances, name), rel=0.15)
@@ -58,7 +59,7 @@ def test_the_balls_come_to_the_middle_of_the_machine_in_a_general_attitude(arm):
         assert attitude @ attitude.T == pytest.approx(np.eye(3), abs=1e-12)
         assert np.linalg.det(attitude) == pytest.approx(1.0)
         assert 0.0 < np.arccos(attitude[2, 2]) < np.radians(2.0)
-        centre = Mechanism.nominal(robot).T_base_ee(np.radians(SimulateSettings().poses.centre_deg))
+        centre = nominal_of(robot).T_base_ee(np.radians([SimulateOptions().poses.centre_deg]))[0]
         balls = (robot.T_instr_base @ centre @ [0.0, 0.0, 0.31, 1.0])[:3]
         assert balls == pytest.approx(np.full(3, 0.4), abs=0.1)
 
@@ -66,31 +67,31 @@ def test_the_balls_come_to_the_middle_of_the_machine_in_a_general_attitude(arm):
 def test_the_separate_measurement_of_the_balls_is_off_by_its_noise(arm):
     off = np.array(
         [
-            robot.apparatus.balls_measured_m - robot.apparatus.balls_m
+            robot.targets.p_ee_stated_m - robot.targets.p_ee_m
             for robot in (build(arm, seed=seed) for seed in range(60))
         ]
     )
     assert 1e3 * off.std() == pytest.approx(0.005, rel=0.15)
-    exact = SimulateSettings(noise=CellNoiseSettings(apparatus_mm=0.0))
-    apparatus = build(arm, exact).apparatus
-    assert np.array_equal(apparatus.balls_measured_m, apparatus.balls_m)
+    exact = SimulateOptions(noise=CellNoiseOptions(apparatus_mm=0.0))
+    balls = build(arm, exact).targets
+    assert np.array_equal(balls.p_ee_stated_m, balls.p_ee_m)
 
 
 def test_true_masses_are_those_of_the_description_by_their_factors(arm):
     factor = (1.0, 0.8, 1.2, 1.0, 1.0, 1.3)
-    heavier = build(arm, SimulateSettings(mass_factor=factor))
-    assert heavier.mass_kg == pytest.approx(arm.mass_kg * factor)
+    heavier = build(arm, SimulateOptions(mass_factor=factor))
+    assert heavier.mechanism.mass_kg == pytest.approx(arm.mass_kg * factor)
     as_described = build(arm)
-    assert np.array_equal(as_described.mass_kg, arm.mass_kg)
+    assert np.array_equal(as_described.mechanism.mass_kg, arm.mass_kg)
     assert np.array_equal(heavier.T_instr_base, as_described.T_instr_base)
 
 
 BAD = [
-    ({"mass_kg": None}, SimulateSettings(), "no masses"),
-    ({"name": "other"}, SimulateSettings(), "Table I belongs to another robot"),
-    ({}, SimulateSettings(built="drawn", flexible_joints=(2, 7)), "does not exist"),
-    ({}, SimulateSettings(poses={"centre_deg": (0, 0, 0)}), "3 joint angles for 6 joints"),
-    ({}, SimulateSettings(mass_factor=(1.1, 1.0)), "2 mass factors for 6 links"),
+    ({"mass_kg": None}, SimulateOptions(), "no masses"),
+    ({"name": "other"}, SimulateOptions(), "Table I belongs to another robot"),
+    ({}, SimulateOptions(built="drawn", flexible_joints=(2, 7)), "does not exist"),
+    ({}, SimulateOptions(poses={"centre_deg": (0, 0, 0)}), "3 joint angles for 6 joints"),
+    ({}, SimulateOptions(mass_factor=(1.1, 1.0)), "2 mass factors for 6 links"),
 ]
 
 

@@ -6,35 +6,35 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.cell.built import Departures
-from pa10cal.cell.mechanism import Mechanism
+from made_up_robot import nominal_of, rebuilt
+from pa10cal.cell.options import CellPosesOptions
 from pa10cal.cell.poses import place_poses
+from pa10cal.cell.robot import Departures
 from pa10cal.errors import SimulationError
-from pa10cal.settings import CellPosesSettings
 
-LAYOUT = CellPosesSettings()
+LAYOUT = CellPosesOptions()
 
 
 @pytest.fixture(scope="module")
 def poses(arm, robot):
-    return place_poses(arm, Mechanism.nominal(robot), LAYOUT, 10)
+    return place_poses(arm, nominal_of(robot), LAYOUT, 10)
 
 
 @pytest.fixture(scope="module")
 def flanges(robot, plain, poses):
     """Flanges of all poses by products of matrices, (P, 4, 4) a kind."""
-    nominal = plain(replace(robot, departures=Departures.none(6)))
+    described = plain(rebuilt(robot, departures=Departures.none(6)))
 
     def of(kind):
-        return np.array([nominal.frames(q)[-1] for q in getattr(poses, kind)])
+        return np.array([described.frames(q)[-1] for q in getattr(poses, kind)])
 
     return of
 
 
 @pytest.fixture(scope="module")
 def middle(robot, plain):
-    nominal = plain(replace(robot, departures=Departures.none(6)))
-    return nominal.frames(np.radians(LAYOUT.centre_deg))[-1]
+    described = plain(rebuilt(robot, departures=Departures.none(6)))
+    return described.frames(np.radians(LAYOUT.centre_deg))[-1]
 
 
 def test_grid_is_three_by_three_by_three_about_the_middle(flanges, middle):
@@ -84,9 +84,9 @@ def test_all_poses_keep_the_joint_limits_and_a_typical_reach(arm, poses, flanges
 
 
 def test_the_same_layout_comes_out_again_and_another_seed_changes_it(arm, robot, poses):
-    nominal = Mechanism.nominal(robot)
-    again = place_poses(arm, nominal, LAYOUT, 10)
-    other = place_poses(arm, nominal, CellPosesSettings(tilt_seed=2), 10)
+    described = nominal_of(robot)
+    again = place_poses(arm, described, LAYOUT, 10)
+    other = place_poses(arm, described, CellPosesOptions(tilt_seed=2), 10)
     assert np.array_equal(again.grid, poses.grid)
     assert not np.array_equal(other.grid, poses.grid)
     assert not np.array_equal(other.holdout, poses.holdout)
@@ -94,10 +94,10 @@ def test_the_same_layout_comes_out_again_and_another_seed_changes_it(arm, robot,
 
 @pytest.mark.parametrize("layout", ["grid", "wide"])
 def test_further_poses_come_after_those_of_the_layout(arm, robot, layout):
-    nominal = Mechanism.nominal(robot)
+    described = nominal_of(robot)
     extra = ((10.0, 20.0, 80.0, 100.0, -45.0, 30.0), (-60.0, 0.0, 100.0, 0.0, 60.0, 200.0))
-    plain = place_poses(arm, nominal, CellPosesSettings(layout=layout), 10)
-    more = place_poses(arm, nominal, CellPosesSettings(layout=layout, extra_deg=extra), 10)
+    plain = place_poses(arm, described, CellPosesOptions(layout=layout), 10)
+    more = place_poses(arm, described, CellPosesOptions(layout=layout, extra_deg=extra), 10)
     assert np.array_equal(more.grid[:-2], plain.grid)
     assert np.degrees(more.grid[-2:]) == pytest.approx(np.array(extra))
     assert np.array_equal(more.holdout, plain.holdout)
@@ -113,7 +113,7 @@ BAD = [
 @pytest.mark.parametrize(("change", "value"), BAD)
 def test_refuses_poses_out_of_reach_or_beyond_a_limit(arm, robot, change, value):
     with pytest.raises(SimulationError, match=value) as refusal:
-        place_poses(arm, Mechanism.nominal(robot), CellPosesSettings(**change), 10)
+        place_poses(arm, nominal_of(robot), CellPosesOptions(**change), 10)
     assert "pose " in str(refusal.value)
     assert "poses.spacing_m" in str(refusal.value)
 
@@ -125,7 +125,7 @@ def test_refuses_poses_out_of_reach_or_beyond_a_limit(arm, robot, change, value)
 def test_refuses_further_poses_that_the_arm_cannot_take(arm, robot, pose_deg, value):
     extra = ((0.0,) * 6, pose_deg)
     with pytest.raises(SimulationError, match=value) as refusal:
-        place_poses(arm, Mechanism.nominal(robot), CellPosesSettings(extra_deg=extra), 10)
+        place_poses(arm, nominal_of(robot), CellPosesOptions(extra_deg=extra), 10)
     assert "poses.extra_deg[1]" in str(refusal.value)
 
 
@@ -151,7 +151,7 @@ def test_the_poses_tell_34_of_the_36_unknowns(robot, poses):
             if (name == "beta_rad") <= (i == 1) and not (name == "d_m" and i == 1):
                 stepped = getattr(robot.departures, name).copy()
                 stepped[i] += h
-                built = replace(robot, departures=replace(robot.departures, **{name: stepped}))
+                built = rebuilt(robot, departures=replace(robot.departures, **{name: stepped}))
                 columns.append(change(flange(built), h))
     for name in ("k_lin", "k_cub"):
         for i in (1, 2, 4):

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
+from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.poses import Poses
-from pa10cal.cell.schedule import make_schedule
-from pa10cal.settings import SimulateSettings
+from pa10cal.cell.schedule import sweeps
 
 RNG = np.random.default_rng(0)
 POSES = Poses(*(RNG.uniform(-1, 1, (count, 6)) for count in (11, 11, 27, 10)))
 
 
 def schedule(seed=0, **settings):
-    return make_schedule(POSES, SimulateSettings(**settings), np.random.default_rng(seed))
+    return sweeps(POSES, SimulateOptions(**settings), np.random.default_rng(seed))
 
 
 def rows(plan, kind):
@@ -38,7 +38,7 @@ def test_counts_are_those_of_the_experiment():
 def test_the_same_label_is_the_same_command():
     plan = schedule()
     for label in np.unique(plan.pose):
-        assert len(np.unique(plan.q_rad[plan.pose == label], axis=0)) == 1
+        assert len(np.unique(plan.q[plan.pose == label], axis=0)) == 1
 
 
 def test_time_runs_forward_and_a_change_of_weight_takes_longer():
@@ -60,7 +60,7 @@ def test_on_one_path_every_repeat_arrives_alike():
 def test_on_alternating_paths_poses_are_met_from_both_neighbours():
     plan = schedule(path="alternating")
     label = plan.pose == "P14"
-    from_poses = {tuple(q) for q in plan.q_from_rad[label]}
+    from_poses = {tuple(q) for q in plan.q_from[label]}
     assert from_poses == {tuple(POSES.grid[12]), tuple(POSES.grid[14])}
 
 
@@ -75,8 +75,8 @@ def test_a_joint_that_hardly_moves_does_not_arrive():
     line = np.zeros((11, 6))
     line[:, 0] = np.linspace(0, 1e-4, 11)
     line[:, 1] = np.linspace(1, 0, 11)
-    plan = make_schedule(
-        Poses(line, line, POSES.grid, POSES.holdout), SimulateSettings(), np.random.default_rng(0)
+    plan = sweeps(
+        Poses(line, line, POSES.grid, POSES.holdout), SimulateOptions(), np.random.default_rng(0)
     )
     assert plan.arrival[5, :3].tolist() == [0.0, -1.0, 0.0]
 
@@ -84,8 +84,8 @@ def test_a_joint_that_hardly_moves_does_not_arrive():
 def test_held_out_points_come_shuffled_and_always_from_somewhere_else():
     plan = schedule()
     held = rows(plan, "holdout")
-    assert len(np.unique(plan.q_from_rad[held] - plan.q_rad[held], axis=0)) > 30
-    assert np.abs(plan.q_from_rad[held] - plan.q_rad[held]).max(axis=1).min() > 0.0
+    assert len(np.unique(plan.q_from[held] - plan.q[held], axis=0)) > 30
+    assert np.abs(plan.q_from[held] - plan.q[held]).max(axis=1).min() > 0.0
     in_order = sorted(zip(plan.pose[held], plan.load_N[held], plan.repeat[held], strict=True))
     assert in_order != list(zip(plan.pose[held], plan.load_N[held], plan.repeat[held], strict=True))
     again, other = schedule(), schedule(seed=1)
@@ -95,7 +95,7 @@ def test_held_out_points_come_shuffled_and_always_from_somewhere_else():
 
 def test_no_held_out_points_where_none_are_asked_for():
     empty = Poses(POSES.line_x, POSES.line_y, POSES.grid, np.empty((0, 6)))
-    plan = make_schedule(empty, SimulateSettings(), np.random.default_rng(0))
+    plan = sweeps(empty, SimulateOptions(), np.random.default_rng(0))
     assert len(rows(plan, "holdout")) == 0
     assert len(rows(schedule(holdout_loads_N=()), "holdout")) == 0
 
@@ -103,6 +103,6 @@ def test_no_held_out_points_where_none_are_asked_for():
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_single_held_out_point_is_left_in_between(count):
     few = Poses(POSES.line_x, POSES.line_y, POSES.grid, POSES.holdout[:count])
-    plan = make_schedule(few, SimulateSettings(), np.random.default_rng(0))
+    plan = sweeps(few, SimulateOptions(), np.random.default_rng(0))
     held = rows(plan, "holdout")
-    assert np.abs(plan.q_from_rad[held] - plan.q_rad[held]).max(axis=1).min() > 0.0
+    assert np.abs(plan.q_from[held] - plan.q[held]).max(axis=1).min() > 0.0

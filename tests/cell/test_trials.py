@@ -5,16 +5,21 @@ import json
 import numpy as np
 import pytest
 
+from made_up_robot import nominal_of
 from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.effects.outside import OUTSIDE
-from pa10cal.cell.effects.vocabulary import LIBRARY, make_effects
-from pa10cal.cell.mechanism import Mechanism
+from pa10cal.cell.effects.effect import Site
+from pa10cal.cell.effects.vocabulary import (
+    all_effects,
+    make_effects,
+    outside,
+    places_of,
+    vocabulary,
+)
+from pa10cal.cell.options import CellPosesOptions, SimulateOptions
 from pa10cal.cell.poses import place_poses
-from pa10cal.cell.references import OUTSIDE_REFERENCES, REFERENCES, Site
-from pa10cal.cell.trials import KINDS, LINKS, TILT_SEEDS, draw_trials
+from pa10cal.cell.trials import KINDS, TILT_SEEDS, draw_trials
 from pa10cal.commands.command_line import run_command
 from pa10cal.errors import SettingsError
-from pa10cal.settings import CellPosesSettings, SimulateSettings
 
 NOTHING_HIDDEN = ("null", "wrong_noise", "wrong_mass")
 SHORT = {"repeats": 1, "loads_N": (0.0, 44.0), "holdout_points": 1, "holdout_repeats": 1}
@@ -42,29 +47,27 @@ def test_the_same_seed_gives_the_same_trials_and_another_does_not(kind):
 def test_names_are_different_and_give_nothing_away():
     names = [trial.name for trial in all_kinds(20)]
     assert len(set(names)) == len(names)
-    for word in (*KINDS, *LIBRARY, *OUTSIDE):
+    for word in (*KINDS, *all_effects()):
         assert not any(word in name for name in names)
 
 
 def test_singles_go_through_the_whole_vocabulary_in_either_layout():
-    trials = draw_trials("single", 2 * len(LIBRARY), 3)
+    trials = draw_trials("single", 2 * len(vocabulary()), 3)
     for layout in ("grid", "wide"):
         found = [t for t in trials if t.settings.poses.layout == layout]
-        assert sorted(hidden(trial)[0][0] for trial in found) == sorted(LIBRARY)
+        assert sorted(hidden(trial)[0][0] for trial in found) == sorted(vocabulary())
     assert all(len(trial.sizes) == 1 for trial in trials)
 
 
 def test_outside_goes_through_what_has_no_name():
-    assert [hidden(t)[0][0] for t in draw_trials("outside", 4, 3)] == list(OUTSIDE_REFERENCES)
-    assert set(OUTSIDE_REFERENCES) == set(OUTSIDE)
-    assert set(REFERENCES) == set(LIBRARY)
+    assert [hidden(t)[0][0] for t in draw_trials("outside", 4, 3)] == list(outside())
 
 
 @pytest.mark.parametrize(("kind", "members"), [("pair", 2), ("triple", 3)])
 def test_several_effects_are_never_the_same_at_the_same_place(kind, members):
     for trial in draw_trials(kind, 100, 4):
         assert len(set(hidden(trial))) == len(hidden(trial)) == len(trial.sizes) == members
-        assert {id_ for id_, _ in hidden(trial)} <= set(LIBRARY)
+        assert {id_ for id_, _ in hidden(trial)} <= set(vocabulary())
         assert trial.size == min(trial.sizes)
 
 
@@ -100,7 +103,7 @@ def test_nothing_is_hidden_where_only_a_statement_is_wrong(kind):
         assert trial.size == 0.0
         stated_mm, factor = trial.settings.stated_uncertainty_mm, trial.settings.mass_factor
         assert (stated_mm is not None) == (kind == "wrong_noise")
-        assert (len(factor) == LINKS) == (kind == "wrong_mass")
+        assert (len(factor) == 6) == (kind == "wrong_mass")
         if stated_mm is not None:
             assert 1.5 <= max(stated_mm / 0.0121, 0.0121 / stated_mm) <= 4.0
         if factor:
@@ -138,18 +141,22 @@ def test_robots_layouts_and_paths_vary():
     assert {trial.settings.poses.layout for trial in only} == {"wide"}
 
 
-def test_every_place_of_a_reference_takes_its_effect(robot):
+def test_every_place_of_a_trial_takes_its_effect(robot):
     rng = np.random.default_rng(0)
-    for name, reference in {**REFERENCES, **OUTSIDE_REFERENCES}.items():
-        for of in reference.places:
-            raw = {"id": name, "of": of, "parameters": reference.draw(Site(of, "grid"), 1.0, rng)}
-            settings = SimulateSettings(hidden_effects=(raw,))
+    for name, effect in all_effects().items():
+        places = places_of(effect.trial_places or effect.places, robot, loaded=(2, 3, 4, 5))
+        assert places
+        for of in places:
+            site = Site(of, rated_Nm=100.0, typical_Nm=30.0, coulomb_Nm=10.0, half_m=0.3)
+            raw = {"id": name, "of": of, "parameters": effect.at_size(site, 1.0, rng)}
+            settings = SimulateOptions(hidden_effects=(raw,))
             assert make_effects(settings.hidden_effects, robot)[0].of == of
 
 
 def test_a_drawn_error_map_is_no_single_harmonic():
     rng = np.random.default_rng(1)
-    knots = np.array(REFERENCES["joint_error_map"].draw(Site("joint 1", "grid"), 1.0, rng)["knots"])
+    drawn = vocabulary()["joint_error_map"].at_size(Site("joint 1"), 1.0, rng)
+    knots = np.array(drawn["knots"])
     assert np.degrees(np.abs(knots).max()) * 3600 == pytest.approx(30.0)
     power = np.abs(np.fft.rfft(knots)) ** 2
     assert power[1:4] / power.sum() == pytest.approx(np.full(3, 1 / 3), abs=1e-9)
@@ -157,7 +164,7 @@ def test_a_drawn_error_map_is_no_single_harmonic():
 
 @pytest.mark.parametrize("layout", ["grid", "wide"])
 def test_the_cell_measures_every_single_at_its_largest(arm, layout):
-    for trial in draw_trials("single", len(LIBRARY), 12, layouts=(layout,), size=3.0):
+    for trial in draw_trials("single", len(vocabulary()), 12, layouts=(layout,), size=3.0):
         campaign = simulate_campaign(trial.name, arm, trial.settings.model_copy(update=SHORT))
         assert [effect.id for effect in campaign.truth.effects] == [hidden(trial)[0][0]]
         assert np.isfinite(campaign.truth.rest.T_base_ee).all()
@@ -177,9 +184,9 @@ def test_the_stage_writes_the_trials_of_the_other_kinds(tmp_path, kind):
 
 
 def test_attitudes_of_the_grid_are_all_within_reach(arm, robot):
-    nominal = Mechanism.nominal(robot)
+    nominal = nominal_of(robot)
     for seed in range(1, TILT_SEEDS["grid"] + 1):
-        poses = place_poses(arm, nominal, CellPosesSettings(tilt_seed=seed), 10)
+        poses = place_poses(arm, nominal, CellPosesOptions(tilt_seed=seed), 10)
         assert len(poses.holdout) == 10
 
 

@@ -6,21 +6,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.cell.built import Departures
+from made_up_robot import nominal_of, rebuilt
 from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.mechanism import Mechanism
-from pa10cal.cell.poses import place_poses
-from pa10cal.cell.wide import draw_wide, neighbours_path
+from pa10cal.cell.options import CellPosesOptions, SimulateOptions
+from pa10cal.cell.poses import draw_wide, neighbours_path, place_poses
+from pa10cal.cell.robot import Departures
 from pa10cal.errors import SimulationError
-from pa10cal.settings import CellPosesSettings, SimulateSettings
 
-WIDE = CellPosesSettings(layout="wide")
+WIDE = CellPosesOptions(layout="wide")
 BALLS_M = np.array([[0, 0, 0], [0.095, 0, 0.31], [-0.05, 0.08, 0.31], [-0.05, -0.08, 0.312]])
 
 
 @pytest.fixture(scope="module")
 def poses(arm, robot):
-    return place_poses(arm, Mechanism.nominal(robot), WIDE, 10)
+    return place_poses(arm, nominal_of(robot), WIDE, 10)
 
 
 def test_sixty_poses_and_other_held_out_ones(poses):
@@ -42,36 +41,34 @@ def test_joints_sweep_widely_within_80_percent_of_their_limits_and_150_deg(arm, 
 
 
 def test_flange_and_balls_stay_clear_of_floor_and_column(robot, plain, poses):
-    nominal = plain(replace(robot, departures=Departures.none(6)))
+    described = plain(rebuilt(robot, departures=Departures.none(6)))
     for q in np.vstack([poses.grid, poses.holdout]):
-        T = nominal.frames(q)[-1]
+        T = described.frames(q)[-1]
         points = BALLS_M @ T[:3, :3].T + T[:3, 3]
         assert points[:, 2].min() > 0.15
         assert np.hypot(points[:, 0], points[:, 1]).min() >= 0.25
 
 
 def test_the_tool_takes_all_attitudes(robot, plain, poses):
-    nominal = plain(replace(robot, departures=Departures.none(6)))
-    R = np.array([nominal.frames(q)[-1][:3, :3] for q in poses.grid])
+    described = plain(rebuilt(robot, departures=Departures.none(6)))
+    R = np.array([described.frames(q)[-1][:3, :3] for q in poses.grid])
     turns = Rotation.from_matrix(R @ R[0].T).magnitude()
     assert np.degrees(turns).max() > 120.0
 
 
 def test_the_straight_moves_stay_those_of_the_grid(arm, robot, poses):
-    grid = place_poses(arm, Mechanism.nominal(robot), CellPosesSettings(), 10)
+    grid = place_poses(arm, nominal_of(robot), CellPosesOptions(), 10)
     assert np.array_equal(poses.line_x, grid.line_x)
     assert np.array_equal(poses.line_y, grid.line_y)
 
 
 def test_the_same_seed_gives_the_same_poses_on_every_robot(arm, robot, poses):
-    other = replace(robot, departures=Departures.none(6))
-    again = place_poses(arm, Mechanism.nominal(other), WIDE, 10)
+    other = rebuilt(robot, departures=Departures.none(6))
+    again = place_poses(arm, nominal_of(other), WIDE, 10)
     assert np.array_equal(again.grid, poses.grid)
     assert np.array_equal(again.holdout, poses.holdout)
     seed_2 = WIDE.model_copy(update={"tilt_seed": 2})
-    assert not np.array_equal(
-        place_poses(arm, Mechanism.nominal(robot), seed_2, 10).grid, poses.grid
-    )
+    assert not np.array_equal(place_poses(arm, nominal_of(robot), seed_2, 10).grid, poses.grid)
 
 
 def test_the_path_goes_on_to_the_nearest_pose_left():
@@ -81,7 +78,7 @@ def test_the_path_goes_on_to_the_nearest_pose_left():
 
 def test_the_path_visits_every_pose_once_and_is_shorter(poses, arm, robot):
     rng = np.random.default_rng(3)
-    drawn = draw_wide(arm, Mechanism.nominal(robot), 40, rng)
+    drawn = draw_wide(arm, nominal_of(robot), 40, rng)
     path = neighbours_path(drawn)
     assert np.array_equal(np.unique(path, axis=0), np.unique(drawn, axis=0))
     length = [np.linalg.norm(np.diff(q, axis=0), axis=1).sum() for q in (path, drawn)]
@@ -90,7 +87,7 @@ def test_the_path_visits_every_pose_once_and_is_shorter(poses, arm, robot):
 
 @pytest.mark.parametrize("path", ["same", "alternating"])
 def test_joints_arrive_both_ways(arm, path):
-    settings = SimulateSettings(
+    settings = SimulateOptions(
         poses=WIDE, path=path, repeats=2, loads_N=(0.0,), holdout_repeats=1, built="drawn"
     )
     schedule = simulate_campaign("x", arm, settings).truth.schedule
@@ -103,14 +100,14 @@ def test_joints_arrive_both_ways(arm, path):
 
 def test_the_number_of_poses_can_be_chosen(arm, robot):
     few = WIDE.model_copy(update={"wide_poses": 3})
-    poses = place_poses(arm, Mechanism.nominal(robot), few, 0)
+    poses = place_poses(arm, nominal_of(robot), few, 0)
     assert poses.grid.shape == (3, 6)
     assert poses.holdout.shape == (0, 6)
 
 
 def test_refuses_an_arm_that_cannot_lift_its_tool(arm, robot):
     low = replace(arm, d_m=arm.d_m - np.array([5.0, 0, 0, 0, 0, 0]))
-    nominal = Mechanism.nominal(replace(robot, arm=low))
+    lowered = nominal_of(rebuilt(robot, arm=low))
     with pytest.raises(SimulationError, match="clear of floor") as refusal:
-        draw_wide(low, nominal, 2, np.random.default_rng(0))
+        draw_wide(low, lowered, 2, np.random.default_rng(0))
     assert "poses.layout" in str(refusal.value)

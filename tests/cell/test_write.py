@@ -9,15 +9,20 @@ import pandas as pd
 import pytest
 import yaml
 
+from made_up_robot import logged_q, seen_m, seen_p, seen_T, track
+from pa10cal.campaign.description import read_campaign
+from pa10cal.campaign.ingest import ingest_campaign
+from pa10cal.campaign.options import IngestOptions
 from pa10cal.cell.campaign import simulate_campaign
+from pa10cal.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 from pa10cal.cell.write import write_campaign
 from pa10cal.errors import SimulationError
-from pa10cal.settings import HiddenEffectSettings, SimulateSettings
+from pa10cal.files.arms import load_arm
 
 
 @pytest.fixture(scope="module")
 def campaign(arm, short):
-    effect = HiddenEffectSettings(
+    effect = HiddenEffectOptions(
         id="transmission_error", of="joint 2", parameters={"A": 3e-4, "phi": 1.25}
     )
     return simulate_campaign("secret", arm, short.model_copy(update={"hidden_effects": (effect,)}))
@@ -45,9 +50,9 @@ def test_description_says_what_the_contract_asks(written, campaign):
     assert content["gravity_m_s2"] == [0.0, 0.0, -9.80665]
     assert content["files"] == {"cmm": "cmm.csv.gz", "resolver": "resolver.csv.gz"}
     assert set(content["tool"]) == {"mass_kg", "com_mm", "load_point_mm", "balls_mm"}
-    measured = 1e3 * campaign.truth.robot.apparatus.balls_measured_m
+    measured = 1e3 * campaign.truth.robot.targets.p_ee_stated_m
     assert np.array(list(content["tool"]["balls_mm"].values())) == pytest.approx(measured, abs=1e-4)
-    assert not np.allclose(measured, 1e3 * campaign.truth.robot.apparatus.balls_m, atol=1e-4)
+    assert not np.allclose(measured, 1e3 * campaign.truth.robot.targets.p_ee_m, atol=1e-4)
 
 
 def test_a_wrong_statement_of_the_instrument_changes_that_statement_alone(campaign, tmp_path, arm):
@@ -74,7 +79,7 @@ def test_provenance_says_synthetic_and_gives_nothing_away(written):
 
 def test_tables_read_back_as_they_were(written, campaign):
     for name in ("cmm", "resolver"):
-        table = getattr(campaign, name)
+        table = campaign.tables[name]
         read = pd.read_csv(written / f"raw/secret/{name}.csv.gz")
         pd.testing.assert_frame_equal(read, table, check_dtype=False, rtol=0, atol=1e-9)
     first = gzip.decompress((written / "raw/secret/resolver.csv.gz").read_bytes()).decode()
@@ -111,13 +116,13 @@ def test_truth_tells_everything_with_units(written, campaign):
     ]
     assert np.array(truth["T_instr_base_m"]) == pytest.approx(campaign.truth.robot.T_instr_base)
     assert truth["settings"]["noise"]["touch_mm"] == 0.004
-    assert {kind: len(q) for kind, q in truth["poses_rad"].items()} == {
+    assert {kind: len(q) for kind, q in truth["poses_rad_or_m"].items()} == {
         "line_x": 11,
         "line_y": 11,
         "grid": 27,
         "holdout": 10,
     }
-    assert SimulateSettings.model_validate(truth["settings"]) == campaign.settings
+    assert SimulateOptions.model_validate(truth["settings"]) == campaign.settings
 
 
 @pytest.mark.parametrize(
@@ -151,3 +156,160 @@ def test_replaces_a_former_campaign(written, campaign):
     (folder / "cmm.csv.gz").write_bytes(b"former")
     write_campaign(campaign, folder, written / "truth/secret.json")
     assert (folder / "cmm.csv.gz").read_bytes() == before
+
+
+# Trackers: one table, of any arm.
+
+INSTRUMENTS = ("pose", "points", "distance")
+
+
+def tracked(arm, instrument="pose", seed=3, poses=12, **plan):
+    return track(arm, TrackerOptions(instrument=instrument, poses=poses, **plan), seed)
+
+
+@pytest.fixture(params=INSTRUMENTS)
+def any_tracked(any_arm, request):
+    plan = {"repeat_every": 3, "resolver_rad": 1e-5, "loads_N": (0.0, 22.0)}
+    return tracked(any_arm, request.param, **plan)
+
+
+def test_folder_of_a_tracker_holds_the_contracts_files_and_no_truth(any_tracked, tmp_path):
+    write_campaign(any_tracked, tmp_path / "raw/s", tmp_path / "s.truth.json")
+    assert sorted(path.name for path in (tmp_path / "raw/s").iterdir()) == [
+        "campaign.yaml",
+        "poses.csv",
+    ]
+    write_campaign(any_tracked, tmp_path / "raw/t")
+    assert sorted(path.name for path in tmp_path.rglob("*.json")) == ["s.truth.json"]
+
+
+def test_table_of_a_tracker_reads_back_as_it_was(any_tracked, tmp_path):
+    write_campaign(any_tracked, tmp_path)
+    read = pd.read_csv(tmp_path / "poses.csv")
+    table = any_tracked.tables["poses"]
+    pd.testing.assert_frame_equal(read, table, check_dtype=False, rtol=0, atol=1e-6)
+    text = (tmp_path / "poses.csv").read_text()
+    assert "nan" not in text
+    assert "-0.00000," not in text
+    slides = any_tracked.truth.robot.arm.prismatic
+    names = [f"q{k}_mm" if slide else f"q{k}_deg" for k, slide in enumerate(slides, start=1)]
+    assert [name for name in read if name[0] == "q" and name[1].isdigit()] == names
+
+
+def test_what_was_read_stands_beside_its_uncertainty(arm):
+    poses, points, distances = (tracked(arm, kind).tables["poses"] for kind in INSTRUMENTS)
+    assert (poses["u_x_mm"] == 0.05).all()
+    assert (poses["u_qw"] == 1e-4).all()
+    assert np.linalg.norm(poses[["qw", "qx", "qy", "qz"]], axis=1) == pytest.approx(1.0)
+    assert {f"{u}T{b}_{axis}_mm" for u in ("", "u_") for b in (1, 2, 3) for axis in "xyz"} <= set(
+        points.columns
+    )
+    assert (distances["u_d_mm"] == 0.05).all()
+    assert not {"x_mm", "qw"} & set(distances.columns)
+
+
+def test_cells_of_targets_not_seen_are_empty(arm, tmp_path):
+    campaign = tracked(arm, "points", unseen_share=0.5)
+    write_campaign(campaign, tmp_path)
+    lines = (tmp_path / "poses.csv").read_text().splitlines()
+    at = lines[0].split(",").index("T2_y_mm")
+    empty = [line.split(",")[at] == "" for line in lines[1:]]
+    assert empty == np.isnan(seen_p(campaign)[:, 1, 1]).tolist()
+    assert any(empty)
+
+
+def test_description_of_a_tracker_says_what_the_contract_asks(any_tracked, tmp_path):
+    write_campaign(any_tracked, tmp_path)
+    content = yaml.safe_load((tmp_path / "campaign.yaml").read_text())
+    robot, kind = any_tracked.truth.robot, any_tracked.instrument.kind
+    assert content["schema"] == "pa10cal-campaign/1"
+    assert content["robot"] == robot.arm.name
+    assert content["instrument"] == {"kind": kind, "uncertainty_mm": 0.05}
+    assert content["files"] == {"poses": "poses.csv"}
+    assert content["gravity_m_s2"] == [0.0, 0.0, -9.80665]
+    assert content["tool"]["mass_kg"] == 1.0
+    assert "synthetic" in content["provenance"]
+    stated = content["tool"].get("balls_mm", {})
+    names = {"pose": set(), "points": {"T1", "T2", "T3"}, "distance": {"T1"}}
+    assert set(stated) == names[kind]
+    for name, point in stated.items():
+        b = robot.targets.names.index(name)
+        assert point == pytest.approx(1e3 * robot.targets.p_ee_stated_m[b], abs=1e-4)
+        assert np.abs(np.array(point) - 1e3 * robot.targets.p_ee_m[b]).max() > 1e-3
+
+
+def test_places_of_targets_need_not_be_stated(arm, tmp_path):
+    write_campaign(tracked(arm, "points", states_targets=False), tmp_path)
+    assert "balls_mm" not in yaml.safe_load((tmp_path / "campaign.yaml").read_text())["tool"]
+
+
+def test_truth_is_enough_to_know_what_was_seen(any_arm, tmp_path):
+    campaign = tracked(any_arm, "points", unseen_share=0.0, position_mm=1e-5)
+    write_campaign(campaign, tmp_path / "raw", tmp_path / "s.json")
+    truth = json.loads((tmp_path / "s.json").read_text())
+    assert truth["schema"] == "pa10cal-truth/1"
+    assert SimulateOptions.model_validate(truth["settings"]) == campaign.settings
+    for q, seen in zip(truth["q_motor_rad_or_m"], seen_p(campaign), strict=True):
+        T = np.array(truth["T_instr_base_m"])
+        for k, placement in enumerate(truth["joint_placements_m"]):
+            moved, (cos, sin) = np.eye(4), (np.cos(q[k]), np.sin(q[k]))
+            if any_arm.prismatic[k]:
+                moved[2, 3] = q[k]
+            else:
+                moved[:2, :2] = [[cos, -sin], [sin, cos]]
+            T = T @ placement @ moved
+        T = T @ truth["T_last_joint_ee_m"]
+        points = [(T @ [*point, 1.0])[:3] for point in truth["tool"]["targets_m"].values()]
+        assert seen == pytest.approx(np.array(points), abs=1e-6)
+
+
+def test_truth_of_a_tracker_names_springs_and_no_departures_of_rows(arm, tmp_path):
+    campaign = tracked(arm, flexible_joints=(2, 5))
+    write_campaign(campaign, tmp_path / "raw", tmp_path / "s.json")
+    parameters = json.loads((tmp_path / "s.json").read_text())["parameters"]
+    k_lin = campaign.truth.robot.springs.k_lin
+    assert parameters["K_lin_5"] == {"value": k_lin[4], "unit": "N m/rad"}
+    assert set(parameters) == {f"K_{kind}_{joint}" for kind in ("lin", "cub") for joint in (2, 5)}
+
+
+def test_the_same_tracked_campaign_gives_the_same_bytes(any_tracked, tmp_path):
+    for name in ("one", "two"):
+        write_campaign(any_tracked, tmp_path / name, tmp_path / f"{name}.json")
+    for file in ("poses.csv", "campaign.yaml"):
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+    assert (tmp_path / "one.json").read_bytes() == (tmp_path / "two.json").read_bytes()
+
+
+def test_refuses_a_folder_of_touches_for_a_tracker(any_tracked, tmp_path):
+    (tmp_path / "cmm.csv.gz").write_bytes(b"other")
+    with pytest.raises(SimulationError, match=r"cmm\.csv\.gz"):
+        write_campaign(any_tracked, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["ur10", "gx4_351s", "iiwa14"])
+@pytest.mark.parametrize("instrument", INSTRUMENTS)
+def test_the_reader_of_campaigns_takes_it_as_it_was_seen(tmp_path, name, instrument):
+    arm = load_arm(name)
+    campaign = tracked(arm, instrument, poses=20, repeat_every=4, loads_N=(0.0, 22.0))
+    write_campaign(campaign, tmp_path)
+    ingested = ingest_campaign(read_campaign(tmp_path), arm, tmp_path, IngestOptions())
+    assert ingested.left_out == ()
+    poses, made = ingested.poses, campaign.truth.schedule
+    assert poses.kind.tolist() == made.kind.tolist()
+    assert poses.pose.tolist() == made.pose.tolist()
+    assert poses.load_N.tolist() == made.load_N.tolist()
+    assert np.abs(poses.q_rad - logged_q(campaign)).max() < 1e-12
+    if instrument == "pose":
+        T = seen_T(campaign)
+        T[:, :3, 3] *= 1e3
+        assert np.abs(poses.T_instr_ee_mm - T).max() < 1e-6
+        variances = np.diagonal(poses.cov_ee_mm, axis1=1, axis2=2)
+        assert variances == pytest.approx(np.tile([0.05**2] * 3 + [2e-4**2] * 3, (len(T), 1)))
+    elif instrument == "points":
+        seen_mm = 1e3 * seen_p(campaign)
+        assert poses.ball_names == ("T1", "T2", "T3")
+        assert np.array_equal(np.isnan(poses.p_instr_balls_mm), np.isnan(seen_mm))
+        assert np.nanmax(np.abs(poses.p_instr_balls_mm - seen_mm)) < 1e-6
+    else:
+        assert np.abs(poses.d_mm - 1e3 * seen_m(campaign, "d_mm")[:, 0]).max() < 1e-6
+        assert poses.d_u_mm == pytest.approx(0.05)

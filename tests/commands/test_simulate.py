@@ -70,7 +70,9 @@ def test_writes_a_campaign_of_any_arm_without_touches(tmp_path, capsys, instrume
     description = yaml.safe_load((folder / "campaign.yaml").read_text())
     assert (description["name"], description["instrument"]["kind"]) == ("c1", instrument)
     assert len((folder / "poses.csv").read_text().splitlines()) == 1 + 8
-    assert json.loads((tmp_path / "c1.json").read_text())["settings"]["poses"] == 8
+    assert (
+        json.loads((tmp_path / "c1.json").read_text())["settings"]["without_touches"]["poses"] == 8
+    )
     shown = capsys.readouterr()
     assert shown.err == ""
     assert shown.out.startswith("c1: ")

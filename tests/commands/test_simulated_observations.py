@@ -5,6 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from made_up_robot import track
 from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_general
 from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.unknowns import choose_unknowns
@@ -12,15 +13,15 @@ from pa10cal.campaign.description import read_campaign
 from pa10cal.campaign.ingest import ingest_campaign
 from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.table import read_observations, write_pose_table
-from pa10cal.cell.individual_arm import draw_individual
-from pa10cal.cell.sighted import measure_individual, measure_sighted
-from pa10cal.cell.sighted_write import write_sighted
+from pa10cal.cell.individual import draw_individual
+from pa10cal.cell.options import TrackerOptions
+from pa10cal.cell.write import write_campaign
 from pa10cal.evaluation.known_truth import class_of, parameter_scores, prediction_scores
 from pa10cal.files.arms import load_arm
-from pa10cal.settings import SightedPlan
 from pa10cal.stages.simulated_observations import (
     draw_by_unknowns,
     exact_observations,
+    measured,
     observations_of,
     payload_of_individual,
 )
@@ -32,9 +33,9 @@ SHARP = {"position_mm": 1e-5, "attitude_rad": 1e-8, "unseen_share": 0.0}
 @pytest.mark.parametrize("instrument", ["pose", "points", "distance"])
 def test_a_campaign_in_memory_is_the_one_of_its_files(tmp_path, instrument):
     arm = load_arm("gx4_351s")
-    plan = SightedPlan(instrument=instrument, poses=12, holdout_share=0.0, targets=2)
-    made = measure_sighted(arm, plan, 5)
-    write_sighted(made, tmp_path / "raw", "made")
+    plan = TrackerOptions(instrument=instrument, poses=12, holdout_share=0.0, targets=2)
+    made = track(arm, plan, 5)
+    write_campaign(made, tmp_path / "raw")
     campaign = read_campaign(tmp_path / "raw")
     ingested = ingest_campaign(campaign, arm, tmp_path / "raw", IngestOptions())
     write_pose_table(tmp_path / "poses.parquet", ingested.poses, campaign.name)
@@ -63,17 +64,17 @@ def test_a_campaign_in_memory_is_the_one_of_its_files(tmp_path, instrument):
 )
 def test_the_truth_is_stated_in_the_coordinates_of_the_model(robot, plan):
     arm = load_arm(robot)
-    plan = SightedPlan(
+    plan = TrackerOptions(
         poses=60, holdout_share=0.0, states_targets=False, target_m=0.05, target_rad=1.0,
         **SHARP, **plan,
     )  # fmt: skip
-    first = observations_of(measure_sighted(arm, plan, 3))
+    first = observations_of(track(arm, plan, 3))
     start = find_start(arm, first)
     unknowns = choose_unknowns(
         arm, GeneralOptions().tolerances, first.measured, start.T_instr_base, start.targets_m
     )
     individual, truth = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(4))
-    seen = observations_of(measure_individual(individual, plan, 4))
+    seen = observations_of(measured(individual, plan, 4))
     found = calibrate_general(
         arm,
         seen,
@@ -96,9 +97,9 @@ def test_the_truth_is_stated_in_the_coordinates_of_the_model(robot, plan):
 
 def test_predictions_of_an_arm_off_in_any_way_are_held_to_what_it_does():
     arm = load_arm("ur10")
-    plan = SightedPlan(instrument="points", targets=1, poses=60, holdout_share=0.0)
+    plan = TrackerOptions(instrument="points", targets=1, poses=60, holdout_share=0.0)
     individual = draw_individual(arm, plan, np.random.default_rng(1))
-    seen = observations_of(measure_individual(individual, plan, 1))
+    seen = observations_of(measured(individual, plan, 1))
     found = calibrate_general(arm, seen, find_start(arm, seen))
     scores = prediction_scores(found, exact_observations(individual, plan, 50, 2))
     assert scores.shape == (150,)

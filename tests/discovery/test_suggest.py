@@ -12,6 +12,7 @@ from pa10cal.campaign.description import read_campaign
 from pa10cal.campaign.ingest import ingest_campaign
 from pa10cal.campaign.table import observations_of
 from pa10cal.cell.campaign import simulate_campaign
+from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.admissible import Room, draw_admissible, foresee
 from pa10cal.discovery.evidence import candidates as family
@@ -25,7 +26,7 @@ from pa10cal.discovery.suggest import LEAST_NATS, plan, suggest
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.averages import average_repeats
-from pa10cal.settings import IngestSettings, SimulateSettings, parse_section
+from pa10cal.settings import IngestSettings, parse_section
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates
@@ -73,7 +74,7 @@ def measure(tmp_path_factory):
             },
         }
         folder = tmp_path_factory.mktemp("campaign")
-        made = simulate_campaign("c", ARM, parse_section(SimulateSettings, raw, where="test"))
+        made = simulate_campaign("c", ARM, parse_section(SimulateOptions, raw, where="test"))
         write_campaign(made, folder / "raw", folder / "truth.json")
         campaign = read_campaign(folder / "raw")
         poses = ingest_campaign(campaign, ARM, folder / "raw", IngestSettings()).poses

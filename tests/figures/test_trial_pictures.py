@@ -8,7 +8,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from pa10cal.cell.references import OUTSIDE_REFERENCES, REFERENCES
+from pa10cal.cell.effects.vocabulary import outside, vocabulary
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.errors import RecordError
 from pa10cal.figures.registry import NothingToShowError
@@ -101,9 +101,9 @@ def write_scores(folder, kinds):
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
     several = {"pair": 2, "triple": 3}
-    names = sorted(REFERENCES)
+    names = sorted(vocabulary())
     kinds = [("single", (name,)) for name in names for _ in range(4)]
-    kinds += [("outside", (name,)) for name in sorted(OUTSIDE_REFERENCES) for _ in range(3)]
+    kinds += [("outside", (name,)) for name in sorted(outside()) for _ in range(3)]
     for kind, count in COUNTS.items():
         kinds += [(kind, tuple(names[: several.get(kind, 0)]))] * count
     return write_scores(tmp_path_factory.mktemp("full"), kinds)

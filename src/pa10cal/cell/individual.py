@@ -1,21 +1,30 @@
-"""One individual robot: the paper's, or one drawn from manufacturing tolerances."""
+"""One individual robot: the paper's, one drawn from tolerances, or one that departs as told."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, replace
 from typing import Literal
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
-from pa10cal.cell.apparatus import BALLS_DESIGN_M, make_apparatus
-from pa10cal.cell.built import BuiltRobot, Departures, Springs
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.cell.mechanism import Mechanism
+from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.poses import centre_rad
+from pa10cal.cell.robot import Departures, Robot, Springs, Targets
+from pa10cal.cell.tool import (
+    BALLS_DESIGN_M,
+    apparatus_payload,
+    make_balls,
+    ring_of_targets,
+    tool_payload,
+)
 from pa10cal.errors import SimulationError
-from pa10cal.settings import SimulateSettings, ToleranceSettings
 
 Array = NDArray[np.float64]
 KcubReading = Literal["text_e7", "table_e8"]
@@ -37,9 +46,11 @@ PAPER_K_CUB: dict[KcubReading, Array] = {
 }
 
 #: Where the balls are in the measuring machine, and how level the robot stands.
-_CMM_MIDDLE_M = np.array([0.40, 0.40, 0.40])
-_CMM_MIDDLE_SPREAD_M = 0.02
+_MACHINE_MIDDLE_M = np.array([0.40, 0.40, 0.40])
+_MACHINE_MIDDLE_SPREAD_M = 0.02
 _TILT_RAD = 4e-3
+#: How far the robot stands from the origin of a tracker, in any direction.
+STAND_OFF_M = (1.5, 2.5)
 
 #: Joint stiffness a rated torque, and its spread, of a drawn robot; harmonic drives of the
 #: paper's robot lie at 85 to 177 rated torques a radian, hardening by 1 to 19 % at 5 mrad.
@@ -47,92 +58,162 @@ _K_LIN_PER_RATED = 120.0
 _K_LIN_SPREAD = 0.25
 _K_CUB_PER_K_LIN = 1700.0
 
+_MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
+_LINK_DEPARTURE = re.compile(r"delta_(a|alpha|d|theta|beta)_([1-9][0-9]*)")
+_FRAME_DEPARTURE = re.compile(r"(base|tool)_(r?[xyz])")
+
 
 def build_robot(
     arm: Arm,
-    settings: SimulateSettings,
+    settings: SimulateOptions,
     kcub_reading: KcubReading,
     rng: np.random.Generator,
-) -> BuiltRobot:
-    """Build one robot and stand it in front of the measuring machine.
+) -> Robot:
+    """Build one robot with its tool and stand it in front of the instrument.
 
     Args:
-        arm: its description, with masses.
-        settings: whether it is the paper's robot or a drawn one, how well its apparatus was
-            measured, how far its masses are off, and the middle of the grid, which comes to the
-            middle of the machine.
+        arm: its description; with masses where joints are flexible or loads hang.
+        settings: of its campaign: how it departs, its springs, its tool, how far its masses are
+            off. Of touched balls also the middle of the grid, which comes to the middle of the
+            measuring machine.
         kcub_reading: which of the paper's two cubic stiffnesses holds.
-        rng: draws the base's place, the balls, and the departures where they are drawn.
+        rng: draws it.
 
     Raises:
-        SimulationError: for an arm without masses or rated torques, for Table I on another robot,
-            or for mass factors that are not as many as the links.
+        SimulationError: for springs or touched balls of an arm without masses or rated torques, a
+            flexible joint that does not exist or slides, Table I on another robot, or mass factors
+            that are not as many as the links.
     """
-    if arm.mass_kg is None or arm.com_m is None:
-        raise SimulationError(
-            "the arm has no masses, so gravity cannot load its springs",
-            where=f"robot {arm.name}",
-            allowed="an arm description with mass_kg and com_m",
-            remedy="add them to the description or choose another robot",
-        )
+    if settings.without_touches is not None:
+        return _before_tracker(arm, settings.without_touches, settings.mass_factor, rng)
+    _need_masses(arm, "an arm description with mass_kg and com_m")
     refuse_unrated(arm, range(1, arm.n + 1), "robot")
     if settings.built == "table_1":
         departures, springs = _paper_robot(arm, kcub_reading)
     else:
-        departures, springs = _drawn_robot(arm, settings.flexible_joints, rng)
-    apparatus = make_apparatus(settings.noise.apparatus_mm, rng)
-    nominal = Mechanism(arm, Departures.none(arm.n), arm.mass_kg, arm.com_m, apparatus)
-    T_base_middle = nominal.T_base_ee(centre_rad(arm, settings.poses))
+        departures = draw_departures(arm, rng)
+        springs = draw_springs(arm, settings.flexible_joints, rng)
+    balls = make_balls(settings.noise.apparatus_mm, rng)
+    payload = apparatus_payload()
+    nominal = Mechanism.of(arm, Departures.none(arm.n), payload)
+    T_base_middle = nominal.T_base_ee(centre_rad(arm, settings.poses)[None])[0]
     p_base_middle_m = (T_base_middle @ np.append(BALLS_DESIGN_M.mean(axis=0), 1.0))[:3]
-    return BuiltRobot(
+    return Robot(
         arm=arm,
-        departures=departures,
+        mechanism=Mechanism.of(arm, departures, payload, _masses_kg(arm, settings.mass_factor)),
         springs=springs,
-        mass_kg=_true_masses_kg(arm.mass_kg, settings.mass_factor),
-        com_m=arm.com_m,
-        apparatus=apparatus,
-        T_instr_base=_stand(p_base_middle_m, rng),
+        T_instr_base=_in_machine(p_base_middle_m, rng),
+        targets=balls,
+        T_ee_target=np.eye(4),
+        departures=departures,
     )
 
 
-def _true_masses_kg(described_kg: Array, factor: tuple[float, ...]) -> Array:
-    if factor and len(factor) != len(described_kg):
-        raise SimulationError(
-            f"{len(factor)} mass factors for {len(described_kg)} links",
-            where="mass_factor",
-            value=factor,
-            allowed=f"{len(described_kg)} factors, or none",
-            remedy="give one factor a link",
+def draw_individual(arm: Arm, plan: TrackerOptions, rng: np.random.Generator) -> Robot:
+    """Draw one robot in front of a tracker; see `build_robot`."""
+    return _before_tracker(arm, plan, (), rng)
+
+
+def _before_tracker(
+    arm: Arm, plan: TrackerOptions, mass_factor: tuple[float, ...], rng: np.random.Generator
+) -> Robot:
+    """Draw geometry, springs, base, and where the targets are."""
+    geometry, stiffness = rng.spawn(2)  # springs or none, the geometry is the same
+    springs = _springs_before_tracker(arm, plan, stiffness)
+    departures = draw_departures(arm, geometry) if plan.departs == "rows" else None
+    mechanism = Mechanism.of(
+        arm,
+        departures or Departures.none(arm.n),
+        tool_payload(plan.tool_mass_kg),
+        _masses_kg(arm, mass_factor),
+    )
+    if departures is None:
+        turn_rad = np.array([plan.axis_rad, plan.axis_rad, plan.zero_rad])
+        axes = _small_motions(arm.n, plan.axis_m, turn_rad, geometry)
+        flange = _small_motions(1, plan.axis_m, plan.axis_rad, geometry)[0]
+        mechanism = replace(
+            mechanism,
+            placements=mechanism.placements @ axes,
+            T_last_ee=mechanism.T_last_ee @ flange,
         )
-    return described_kg * np.array(factor) if factor else described_kg
+    T_instr_base = _anywhere(geometry)
+    T_ee_target = _small_motions(1, plan.target_m, plan.target_rad, geometry)[0]
+    designed = ring_of_targets(plan.target_count)
+    targets = replace(designed, p_ee_m=geometry.normal(designed.p_ee_m, plan.target_m))
+    return Robot(arm, mechanism, springs, T_instr_base, targets, T_ee_target, departures)
 
 
-def _paper_robot(arm: Arm, kcub_reading: KcubReading) -> tuple[Departures, Springs]:
-    if arm.name != PAPER_ROBOT:
-        raise SimulationError(
-            "Table I belongs to another robot",
-            where="robot",
-            value=arm.name,
-            allowed=f"{PAPER_ROBOT} with built: table_1",
-            remedy="set built: drawn",
-        )
-    return TABLE_1, Springs(TABLE_1_K_LIN, PAPER_K_CUB[kcub_reading], kcub_reading)
+def robot_from_departures(
+    arm: Arm,
+    departures: Mapping[str, float],
+    *,
+    plan: TrackerOptions | None = None,
+    springs: Springs | None = None,
+    T_instr_base: Array | None = None,
+    targets: Targets | None = None,
+) -> Robot:
+    """Build the robot that departs from its description by exactly the named parameters.
+
+    Args:
+        arm: its description.
+        departures: by name [m, rad]: `delta_a_k`, `delta_alpha_k`, `delta_d_k`, `delta_theta_k`,
+            `delta_beta_k` of row k; `base_x`, `base_y`, `base_z`, `base_rx`, `base_ry`, `base_rz`
+            and the same of `tool`: shifts along x, y, z, then turns about the moved x, y, z. The
+            base moves outside the arm's constant frame before its first row; the tool moves the
+            end-effector frame, behind the constant one.
+        plan: gives the tool's mass and the number of targets; None for the defaults.
+        springs: its springs; None for none.
+        T_instr_base: (4, 4) where its base would be without departures; None for the instrument's
+            own frame.
+        targets: its targets, in the end-effector frame; None for such as are where the campaign
+            says.
+
+    Raises:
+        SimulationError: for a name that is not one of these.
+    """
+    plan = TrackerOptions() if plan is None else plan
+    rows = Departures.none(arm.n)
+    columns = {field.name.rsplit("_", 1)[0]: getattr(rows, field.name) for field in fields(rows)}
+    frames = {"base": dict.fromkeys(_MOTIONS, 0.0), "tool": dict.fromkeys(_MOTIONS, 0.0)}
+    for name, value in departures.items():
+        link, frame = _LINK_DEPARTURE.fullmatch(name), _FRAME_DEPARTURE.fullmatch(name)
+        if link and int(link[2]) <= arm.n:
+            columns[link[1]][int(link[2]) - 1] = value
+        elif frame:
+            frames[frame[1]][frame[2]] = value
+        else:
+            raise SimulationError(
+                "no such departure",
+                where="departures",
+                value=name,
+                allowed=f"delta_a_k, delta_alpha_k, delta_d_k, delta_theta_k, delta_beta_k with "
+                f"k from 1 to {arm.n}; base_x … base_rz, tool_x … tool_rz",
+                remedy="correct the name",
+            )
+    mechanism = Mechanism.of(arm, rows, tool_payload(plan.tool_mass_kg))
+    stands = np.eye(4) if T_instr_base is None else T_instr_base
+    return Robot(
+        arm=arm,
+        mechanism=replace(mechanism, T_last_ee=mechanism.T_last_ee @ _in_turn(frames["tool"])),
+        springs=springs or Springs.rigid(arm.n),
+        T_instr_base=stands @ _in_turn(frames["base"]),
+        targets=ring_of_targets(plan.target_count) if targets is None else targets,
+        T_ee_target=np.eye(4),
+        departures=rows,
+    )
 
 
-def _drawn_robot(
-    arm: Arm, flexible_joints: tuple[int, ...], rng: np.random.Generator
-) -> tuple[Departures, Springs]:
-    """Draw departures from the tolerances and springs from the rated torques."""
-    tolerance = ToleranceSettings()
+def draw_departures(arm: Arm, rng: np.random.Generator) -> Departures:
+    """Draw departures of every row from the manufacturing tolerances."""
+    tolerance = Tolerances()
     hayati = arm.hayati.astype(float)
-    departures = Departures(
+    return Departures(
         a_m=rng.normal(0.0, tolerance.a_m, arm.n),
         alpha_rad=rng.normal(0.0, tolerance.alpha_rad, arm.n),
         d_m=rng.normal(0.0, tolerance.d_m, arm.n) * (1.0 - hayati),
         theta_rad=rng.normal(0.0, tolerance.theta_rad, arm.n),
         beta_rad=rng.normal(0.0, tolerance.beta_rad, arm.n) * hayati,
     )
-    return departures, draw_springs(arm, flexible_joints, rng)
 
 
 def draw_springs(arm: Arm, flexible_joints: tuple[int, ...], rng: np.random.Generator) -> Springs:
@@ -187,11 +268,86 @@ def refuse_unrated(arm: Arm, joints: Iterable[int], where: str) -> None:
         )
 
 
-def _stand(p_base_middle_m: Array, rng: np.random.Generator) -> Array:
+def _need_masses(arm: Arm, allowed: str) -> None:
+    if arm.mass_kg is None or arm.com_m is None:
+        raise SimulationError(
+            "the arm has no masses, so gravity cannot load its springs",
+            where=f"robot {arm.name}",
+            allowed=allowed,
+            remedy="add them to the description or choose another robot",
+        )
+
+
+def _masses_kg(arm: Arm, factor: tuple[float, ...]) -> Array | None:
+    """Return the true masses of the links; None where none are described."""
+    if factor and len(factor) != arm.n:
+        raise SimulationError(
+            f"{len(factor)} mass factors for {arm.n} links",
+            where="mass_factor",
+            value=factor,
+            allowed=f"{arm.n} factors, or none",
+            remedy="give one factor a link",
+        )
+    if arm.mass_kg is None or not factor:
+        return arm.mass_kg
+    true_kg: Array = arm.mass_kg * np.array(factor)
+    return true_kg
+
+
+def _paper_robot(arm: Arm, kcub_reading: KcubReading) -> tuple[Departures, Springs]:
+    if arm.name != PAPER_ROBOT:
+        raise SimulationError(
+            "Table I belongs to another robot",
+            where="robot",
+            value=arm.name,
+            allowed=f"{PAPER_ROBOT} with built: table_1",
+            remedy="set built: drawn",
+        )
+    return TABLE_1, Springs(TABLE_1_K_LIN, PAPER_K_CUB[kcub_reading], kcub_reading)
+
+
+def _springs_before_tracker(arm: Arm, plan: TrackerOptions, rng: np.random.Generator) -> Springs:
+    if not plan.flexible_joints:
+        return Springs.rigid(arm.n)
+    _need_masses(arm, "an arm description with mass_kg and com_m, or no flexible joints")
+    springs = draw_springs(arm, plan.flexible_joints, rng)
+    return springs if plan.hardening else replace(springs, k_cub=np.zeros(arm.n))
+
+
+def _in_machine(p_base_middle_m: Array, rng: np.random.Generator) -> Array:
     """Return the base in the machine: turned any way about the vertical, and not quite level."""
     roll, pitch = rng.normal(0.0, _TILT_RAD, 2)
     T_instr_base = np.eye(4)
-    T_instr_base[:3, :3] = pin.rpy.rpyToMatrix(roll, pitch, rng.uniform(-np.pi, np.pi))
-    p_instr_middle_m = _CMM_MIDDLE_M + rng.normal(0.0, _CMM_MIDDLE_SPREAD_M, 3)
+    yaw = rng.uniform(-np.pi, np.pi)
+    T_instr_base[:3, :3] = Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix()
+    p_instr_middle_m = _MACHINE_MIDDLE_M + rng.normal(0.0, _MACHINE_MIDDLE_SPREAD_M, 3)
     T_instr_base[:3, 3] = p_instr_middle_m - T_instr_base[:3, :3] @ p_base_middle_m
     return T_instr_base
+
+
+def _anywhere(rng: np.random.Generator) -> Array:
+    """Draw the (4, 4) base in the instrument's frame: any attitude, any direction, some way off."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.random(rng=rng).as_matrix()
+    direction = rng.standard_normal(3)
+    T[:3, 3] = rng.uniform(*STAND_OFF_M) * direction / np.linalg.norm(direction)
+    return T
+
+
+def _in_turn(motions: Mapping[str, float]) -> Array:
+    """Return (4, 4): shifts, then turns about the moved x, y and z."""
+    T = np.eye(4)
+    turns_rad = [motions[f"r{axis}"] for axis in "xyz"]
+    T[:3, :3] = Rotation.from_euler("XYZ", turns_rad).as_matrix()
+    T[:3, 3] = [motions[axis] for axis in "xyz"]
+    return T
+
+
+def _small_motions(
+    count: int, shift_m: float, turn_rad: Array | float, rng: np.random.Generator
+) -> Array:
+    """Draw (count, 4, 4) motions: shifts and rotation vectors with these standard deviations."""
+    T = np.tile(np.eye(4), (count, 1, 1))
+    T[:, :3, 3] = shift_m * rng.standard_normal((count, 3))
+    T[:, :3, :3] = Rotation.from_rotvec(turn_rad * rng.standard_normal((count, 3))).as_matrix()
+    return T

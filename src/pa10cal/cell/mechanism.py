@@ -1,16 +1,22 @@
-"""The arm as a pinocchio model: placements from its rows, gravity torques, moments in its links."""
+"""The mechanism of one robot in many poses at once: placements, gravity torques, moments.
+
+Every joint moves about or along the z axis of a frame of its own, which sits anywhere on the link
+before it: a placement is any rigid motion, so that axes may be off in all directions. Poses are
+products of placements and joint motions; forces and moments are carried from the tool inward.
+Neither knows of Denavit-Hartenberg parameters. Tests hold both against pinocchio.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
-from pa10cal.cell.built import Apparatus, BuiltRobot, Departures
+from pa10cal.cell.robot import Departures, Payload
 
 Array = NDArray[np.float64]
 
@@ -20,16 +26,16 @@ GRAVITY_M_S2 = np.array([0.0, 0.0, -9.80665])
 
 @dataclass(frozen=True)
 class Strain:
-    """How the structure has moved from its unloaded shape.
+    """How the structure has moved from its unloaded shape, in each of P configurations.
 
-    A link's end is the frame in which the next joint turns (the flange, for the last link).
+    A link's end is the frame in which the next joint moves (the flange, for the last link).
 
     Attributes:
-        base_turn_rad: (3,) small rotation of the base about its origin, along base axes.
-        base_shift_m: (3,) displacement of the base along base axes.
-        turn_rad: (n, 3) rotation of each link's end, along the axes of that end.
-        shift_m: (n, 3) displacement of each link's end, along the axes of that end.
-        stretch: (n,) relative growth of each link.
+        base_turn_rad: (P, 3) small rotation of the base about its origin, along base axes.
+        base_shift_m: (P, 3) displacement of the base along base axes.
+        turn_rad: (P, n, 3) rotation of each link's end, along the axes of that end.
+        shift_m: (P, n, 3) displacement of each link's end, along the axes of that end.
+        stretch: (P, n) relative growth of each link.
     """
 
     base_turn_rad: Array
@@ -39,186 +45,249 @@ class Strain:
     stretch: Array
 
     @classmethod
-    def none(cls, n: int) -> Strain:
-        """Return the unloaded shape of an arm with `n` joints."""
-        return cls(np.zeros(3), np.zeros(3), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n))
+    def none(cls, poses: int, joints: int) -> Strain:
+        """Return the unloaded shape."""
+        return cls(
+            np.zeros((poses, 3)),
+            np.zeros((poses, 3)),
+            np.zeros((poses, joints, 3)),
+            np.zeros((poses, joints, 3)),
+            np.zeros((poses, joints)),
+        )
 
     def __add__(self, other: Strain) -> Strain:
         return Strain(
-            self.base_turn_rad + other.base_turn_rad,
-            self.base_shift_m + other.base_shift_m,
-            self.turn_rad + other.turn_rad,
-            self.shift_m + other.shift_m,
-            self.stretch + other.stretch,
+            *(getattr(self, each.name) + getattr(other, each.name) for each in fields(self))
         )
 
     def distance(self, other: Strain) -> float:
         """Return the largest difference of any component [rad, m or 1]."""
         return max(
-            float(np.abs(self.base_turn_rad - other.base_turn_rad).max()),
-            float(np.abs(self.base_shift_m - other.base_shift_m).max()),
-            float(np.abs(self.turn_rad - other.turn_rad).max()),
-            float(np.abs(self.shift_m - other.shift_m).max()),
-            float(np.abs(self.stretch - other.stretch).max()),
+            float(np.abs(getattr(self, each.name) - getattr(other, each.name)).max(initial=0.0))
+            for each in fields(self)
         )
 
 
 @dataclass(frozen=True)
-class Moments:
-    """What weights bend the structure with, in the posture last asked for.
+class Statics:
+    """What weights do to an arm at rest in P poses.
 
     Attributes:
-        link_Nm: (n, 3) moment that each link carries at its far end, about and along the axes of
-            the frame from which the next joint turns or slides (zero for the last link, whose
-            apparatus is part of it).
-        base_Nm: (3,) overturning moment about the base's origin, along base axes.
+        torque_Nm: (P, n) what the motors exert (forces [N] of sliding joints).
+        link_Nm: (P, n, 3) moment that each link carries at its far end, about and along the axes
+            of the frame from which the next joint moves (zero for the last link, whose payload is
+            part of it).
+        base_Nm: (P, 3) overturning moment about the base's origin, along base axes.
     """
 
+    torque_Nm: Array
     link_Nm: Array
     base_Nm: Array
 
 
+@dataclass(frozen=True)
 class Mechanism:
-    """A pinocchio model of one arm, whose shape and hanging load may change.
+    """Joints and links of one robot, with their weights.
 
-    Joint i turns (or slides) about its own z axis. The part of its row that follows the joint,
-    and the part of the next row that precedes the next joint, make the placement of joint i + 1.
+    Attributes:
+        placements: (n, 4, 4) frame of each joint at position 0, in the frame that the joint before
+            it carries along (the base, for the first) [m].
+        T_last_ee: (4, 4) end-effector in the frame that the last joint carries along [m].
+        slides: (n,) whether the joint slides along its z axis.
+        mass_kg: (n,) masses of the links, zero where they are not known.
+        com_m: (n, 3) their centres of mass in the frame that their joint carries along.
+        payload: what the arm carries.
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        departures: Departures,
-        mass_kg: Array,
-        com_m: Array,
-        apparatus: Apparatus,
-    ) -> None:
-        before, after = row_parts(arm, departures)
-        self.n = arm.n
-        self._placements = [pin.SE3(arm.T_base_row1) * before[0]]
-        self._placements += [last * first for last, first in zip(after, before[1:], strict=False)]
-        self._flange = after[-1] * pin.SE3(arm.T_row_n_ee)
-        self._flange_strained = self._flange
-        self._moved = np.zeros(self.n, dtype=bool)
-        self._load_point_m = apparatus.load_point_m
-        self._model = pin.Model()
-        self._model.gravity.linear = GRAVITY_M_S2
-        for joint, placement in enumerate(self._placements):
-            turns = pin.JointModelPZ() if arm.prismatic[joint] else pin.JointModelRZ()
-            self._model.addJoint(joint, turns, placement, f"joint {joint + 1}")
-            self._model.inertias[joint + 1] = after[joint].act(_body(mass_kg[joint], com_m[joint]))
-        self._last_inertia = self._model.inertias[self.n] + self._flange.act(
-            _body(apparatus.mass_kg, apparatus.com_m)
+    placements: Array
+    T_last_ee: Array
+    slides: NDArray[np.bool_]
+    mass_kg: Array
+    com_m: Array
+    payload: Payload
+
+    @classmethod
+    def of(
+        cls, arm: Arm, departures: Departures, payload: Payload, mass_kg: Array | None = None
+    ) -> Mechanism:
+        """Lay out the rows of an arm.
+
+        Args:
+            arm: its description.
+            departures: by what its rows are off.
+            payload: what it carries.
+            mass_kg: (n,) true masses of its links; None for those of the description, and links
+                without weight where that has none.
+        """
+        before, after = _row_parts(arm, departures)
+        placements = before.copy()
+        placements[0] = arm.T_base_row1 @ before[0]
+        placements[1:] = after[:-1] @ before[1:]
+        com_m = np.zeros((arm.n, 3)) if arm.com_m is None else arm.com_m
+        described_kg = np.zeros(arm.n) if arm.mass_kg is None else arm.mass_kg
+        return cls(
+            placements=placements,
+            T_last_ee=after[-1] @ arm.T_row_n_ee,
+            slides=arm.prismatic,
+            mass_kg=described_kg if mass_kg is None else mass_kg,
+            com_m=np.einsum("kij,kj->ki", after[:, :3, :3], com_m) + after[:, :3, 3],
+            payload=payload,
         )
-        self._model.inertias[self.n] = self._last_inertia
-        self._data = self._model.createData()
-
-    @classmethod
-    def of(cls, robot: BuiltRobot) -> Mechanism:
-        """Return the robot as built."""
-        return cls(robot.arm, robot.departures, robot.mass_kg, robot.com_m, robot.apparatus)
-
-    @classmethod
-    def nominal(cls, robot: BuiltRobot) -> Mechanism:
-        """Return the robot with the geometry its maker describes."""
-        none = Departures.none(robot.arm.n)
-        return cls(robot.arm, none, robot.mass_kg, robot.com_m, robot.apparatus)
 
     @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.placements)
+
+    @cached_property
     def spans_m(self) -> Array:
         """(n, 3) from each joint to the end of its link, along the axes of that end."""
-        ends = [*self._placements[1:], self._flange]
-        return np.array([end.rotation.T @ end.translation for end in ends])
+        ends = np.concatenate([self.placements[1:], self.T_last_ee[None]])
+        spans: Array = np.einsum("kij,ki->kj", ends[:, :3, :3], ends[:, :3, 3])
+        return spans
 
-    def hang(self, load_N: float) -> None:
-        """Hang a weight of `load_N` at the load point, in place of what hung there."""
-        mass_kg = load_N / float(np.linalg.norm(GRAVITY_M_S2))
-        weight = self._flange.act(_body(mass_kg, self._load_point_m))
-        self._model.inertias[self.n] = self._last_inertia + weight
+    @cached_property
+    def long_links(self) -> tuple[int, ...]:
+        """Upper arm and forearm, as numbers from 0 in the order of the chain.
 
-    def take_shape(self, strain: Strain) -> None:
-        """Move base and links from their unloaded places by `strain`."""
-        base = pin.SE3(pin.exp3(strain.base_turn_rad), strain.base_shift_m)
-        self._model.jointPlacements[1] = base * self._placements[0]
-        moves = strain.turn_rad.any(axis=1) | strain.shift_m.any(axis=1) | (strain.stretch != 0.0)
-        ends = [*self._placements[1:], self._flange]
-        for link in np.flatnonzero(moves | self._moved).tolist():
-            end = ends[link]
-            grown = pin.SE3(end.rotation, end.translation * (1.0 + strain.stretch[link]))
-            moved = pin.SE3(pin.exp3(strain.turn_rad[link]), strain.shift_m[link])
-            if link + 1 < self.n:
-                self._model.jointPlacements[link + 2] = grown * moved
+        Of the links after the first and before the last they are the two longest; an arm of fewer
+        than four joints has fewer.
+        """
+        length_m = np.linalg.norm(self.spans_m, axis=1)
+        inner = range(1, self.n - 1)
+        return tuple(sorted(sorted(inner, key=lambda link: -float(length_m[link]))[:2]))
+
+    def T_base_ee(self, q: Array, strain: Strain | None = None) -> Array:
+        """Return the end-effector in the base, (P, 4, 4) [m], with the links at `q` (P, n)."""
+        placements, T_last_ee = self._strained(strain)
+        T = np.eye(4)
+        for joint in range(self.n):
+            T = T @ self._carried_along(placements[joint], joint, q[:, joint])
+        return np.broadcast_to(T @ T_last_ee, (len(q), 4, 4)).copy()
+
+    def T_base_joints(self, q: Array) -> Array:
+        """Return the frames of the joints in the base, (n, P, 4, 4) [m]; z is the joint's axis."""
+        T, frames = np.eye(4), []
+        for joint in range(self.n):
+            T = T @ self._carried_along(self.placements[joint], joint, q[:, joint])
+            frames.append(T)
+        return np.array(frames)
+
+    def statics(self, q: Array, load_N: Array, strain: Strain | None = None) -> Statics:
+        """Return torques and moments (P, …) that go with the links at rest at `q` (P, n).
+
+        Args:
+            q: (P, n) positions of the links [rad, or m of a sliding joint].
+            load_N: (P,) weights that hang at the load point.
+            strain: of the structure; None for its unloaded shape.
+        """
+        placements, T_last_ee = self._strained(strain)
+        cos, sin = np.cos(q), np.sin(q)
+        down = self._gravity(placements, cos, sin)
+        tau, link_Nm = np.empty(q.shape), np.zeros((*q.shape, 3))
+        force, moment = self._hold_up_payload(T_last_ee, down[-1], load_N)
+        for joint in reversed(range(self.n)):
+            weight = self.mass_kg[joint] * down[joint]
+            force = force - weight
+            moment = moment - np.cross(self.com_m[joint], weight)
+            tau[:, joint] = (force if self.slides[joint] else moment)[:, 2]
+            if self.slides[joint]:
+                lever_m = q[:, joint, None] * np.array([0.0, 0.0, 1.0])
+                moment = moment + np.cross(lever_m, force)
             else:
-                self._flange_strained = grown * moved
-        self._moved = moves
+                force = _turned_about_z(force, cos[:, joint], sin[:, joint])
+                moment = _turned_about_z(moment, cos[:, joint], sin[:, joint])
+            if joint:
+                link_Nm[:, joint - 1] = -moment  # the link carries the opposite of what holds it
+            R, p = placements[joint][..., :3, :3], placements[joint][..., :3, 3]
+            force = np.einsum("...ij,...j->...i", R, force)
+            moment = np.einsum("...ij,...j->...i", R, moment) + np.cross(p, force)
+        return Statics(tau, link_Nm, -moment)
 
-    def torques_Nm(self, q: Array) -> Array:
-        """Return the (n,) torques that hold the arm at rest with its links at `q` (n,)."""
-        tau: Array = pin.computeGeneralizedGravity(self._model, self._data, q).copy()
-        return tau
+    def _strained(self, strain: Strain | None) -> tuple[list[Array], Array]:
+        """Return placements of the joints and the end-effector's, (4, 4) or (P, 4, 4) each."""
+        if strain is None:
+            return list(self.placements), self.T_last_ee
+        ends = [*self.placements[1:], self.T_last_ee]
+        moved = []
+        for link, end in enumerate(ends):
+            T = np.tile(end, (len(strain.stretch), 1, 1))
+            turn = Rotation.from_rotvec(strain.turn_rad[:, link]).as_matrix()
+            T[:, :3, 3] *= 1.0 + strain.stretch[:, link, None]
+            T[:, :3, 3] += strain.shift_m[:, link] @ end[:3, :3].T
+            T[:, :3, :3] = end[:3, :3] @ turn
+            moved.append(T)
+        T_base = np.tile(np.eye(4), (len(strain.stretch), 1, 1))
+        T_base[:, :3, :3] = Rotation.from_rotvec(strain.base_turn_rad).as_matrix()
+        T_base[:, :3, 3] = strain.base_shift_m
+        return [T_base @ self.placements[0], *moved[:-1]], moved[-1]
 
-    def moments(self) -> Moments:
-        """Return the moments that go with the last call of `torques_Nm`."""
-        placements, moved, holds = self._model.jointPlacements, self._data.liMi, self._data.f
-        link_Nm = np.zeros((self.n, 3))
-        for joint in range(2, self.n + 1):
-            # A joint that slides takes its frame along, but not the end of the link before it.
-            T_end_joint = placements[joint].actInv(moved[joint])
-            # What holds the next link up; the link itself carries the opposite.
-            link_Nm[joint - 2] = -T_end_joint.act(holds[joint]).angular
-        return Moments(link_Nm, -moved[1].act(holds[1]).angular)
-
-    def T_base_ee(self, q: Array) -> Array:
-        """Return the (4, 4) flange in the base frame [m] with the links at `q` (n,)."""
-        T: Array = self._flange_in_base(q).homogeneous.copy()
+    def _carried_along(self, placement: Array, joint: int, q: Array) -> Array:
+        """Return what a joint at `q` (P,) carries along, seen from the joint before it."""
+        T = np.broadcast_to(placement, (len(q), 4, 4)).copy()
+        if self.slides[joint]:
+            T[:, :3, 3] += q[:, None] * placement[..., :3, 2]
+            return T
+        cos, sin = np.cos(q)[:, None], np.sin(q)[:, None]
+        x, y = placement[..., :3, 0], placement[..., :3, 1]
+        T[:, :3, 0] = cos * x + sin * y
+        T[:, :3, 1] = cos * y - sin * x
         return T
 
-    def log_error(self, q: Array, T_base_wanted: Array) -> tuple[Array, Array]:
-        """Return how far the flange is from a wanted place, and how the joints move it.
+    def _gravity(self, placements: list[Array], cos: Array, sin: Array) -> list[Array]:
+        """Return gravity (P, 3) along the axes of what each joint carries along."""
+        down, found = np.broadcast_to(GRAVITY_M_S2, (len(cos), 3)), []
+        for joint, placement in enumerate(placements):
+            down = np.einsum("...ji,...j->...i", placement[..., :3, :3], down)
+            if not self.slides[joint]:
+                down = _turned_about_z(down, cos[:, joint], -sin[:, joint])
+            found.append(down)
+        return found
 
-        Returns:
-            (6,) motion [m, rad] that brings the flange there, along its own axes; and the (6, n)
-            Jacobian of the flange along the same axes.
-        """
-        T_base_ee = self._flange_in_base(q)
-        error = pin.log6(T_base_ee.actInv(pin.SE3(T_base_wanted))).vector
-        in_joint = pin.computeJointJacobian(self._model, self._data, q, self.n)
-        return error, self._flange_strained.toActionMatrixInverse() @ in_joint
-
-    def _flange_in_base(self, q: Array) -> Any:
-        pin.forwardKinematics(self._model, self._data, q)
-        return self._data.oMi[self.n] * self._flange_strained
+    def _hold_up_payload(self, T_last_ee: Array, down: Array, load_N: Array) -> tuple[Array, Array]:
+        """Return force and moment (P, 3) on tool and load, about and along the last link's axes."""
+        R, p = T_last_ee[..., :3, :3], T_last_ee[..., :3, 3]
+        tool = self.payload.mass_kg * down
+        load = (load_N / np.linalg.norm(GRAVITY_M_S2))[:, None] * down
+        moment = np.cross(R @ self.payload.com_m + p, tool)
+        moment += np.cross(R @ self.payload.load_point_m + p, load)
+        return -(tool + load), -moment
 
 
-def row_parts(arm: Arm, departures: Departures) -> tuple[list[Any], list[Any]]:
-    """Return, for every row, the constant motions before and after its joint, as pinocchio.SE3.
+def _turned_about_z(vectors: Array, cos: Array, sin: Array) -> Array:
+    """Return vectors (P, 3) turned about z by angles of these cosines and sines (P,)."""
+    x, y, z = vectors.T
+    return np.column_stack([cos * x - sin * y, sin * x + cos * y, z])
+
+
+def _row_parts(arm: Arm, departures: Departures) -> tuple[Array, Array]:
+    """Return the constant motions (n, 4, 4) before and after each row's joint.
 
     The frames before the first row and after the last are not in them.
     """
     before, after = [], []
     for i in range(arm.n):
         offset = _turn("z", arm.theta_rad[i] + departures.theta_rad[i])
-        along_z = _slide("z", arm.d_m[i] + departures.d_m[i])
-        along_x = _slide("x", arm.a_m[i] + departures.a_m[i])
+        along_z = _slide(2, arm.d_m[i] + departures.d_m[i])
+        along_x = _slide(0, arm.a_m[i] + departures.a_m[i])
         twist = _turn("x", arm.alpha_rad[i] + departures.alpha_rad[i])
         hayati = _turn("y", arm.beta_rad[i] + departures.beta_rad[i])
         if arm.convention == "standard":
             before.append(offset)
-            after.append(along_z * along_x * twist * hayati)
+            after.append(along_z @ along_x @ twist @ hayati)
         else:
-            before.append(hayati * twist * along_x * offset)
+            before.append(hayati @ twist @ along_x @ offset)
             after.append(along_z)
-    return before, after
+    return np.array(before), np.array(after)
 
 
-def _turn(axis: str, angle_rad: float) -> Any:
-    return pin.SE3(pin.rpy.rotate(axis, angle_rad), np.zeros(3))
+def _turn(axis: str, angle_rad: float) -> Array:
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler(axis, angle_rad).as_matrix()
+    return T
 
 
-def _slide(axis: str, distance_m: float) -> Any:
-    return pin.SE3(np.eye(3), distance_m * np.eye(3)["xyz".index(axis)])
-
-
-def _body(mass_kg: float, com_m: Array) -> Any:
-    """Return a point mass: at rest nothing else of a body matters."""
-    return pin.Inertia(float(mass_kg), np.asarray(com_m, dtype=float), np.zeros((3, 3)))
+def _slide(axis: int, distance_m: float) -> Array:
+    T = np.eye(4)
+    T[axis, 3] = distance_m
+    return T

@@ -1,18 +1,19 @@
-"""Where the cell measures: calibration poses, held-out points, straight moves; joint angles."""
+"""Where the cell measures: calibration poses, held-out points, straight moves; joint positions."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
 from pa10cal.cell.mechanism import Mechanism
-from pa10cal.cell.wide import draw_wide, neighbours_path
+from pa10cal.cell.options import CellPosesOptions
+from pa10cal.cell.tool import BALLS_DESIGN_M
 from pa10cal.errors import SimulationError
-from pa10cal.settings import CellPosesSettings
 
 Array = NDArray[np.float64]
 
@@ -22,11 +23,23 @@ _IK_TOLERANCE = 1e-12
 _IK_STEPS = 8  #: way points from the middle of the grid to a pose, to stay on one branch
 _IK_ITERATIONS = 30
 _IK_DAMPING = 1e-3  #: of the first rounds at a way point; the last rounds are undamped
+#: Directions in which no joint moves the flange, as a part of the easiest one.
+_IK_SINGULAR = 1e-12
+
+#: Joint angles drawn at random lie within this part of the range between the limits, about its
+#: middle ...
+RANGE_USED = 0.8
+#: ... and within this of zero.
+LARGEST_ANGLE_RAD = np.radians(150.0)
+#: Flange and balls stay this far above the base's origin, and this far off the base's axis.
+FLOOR_M = 0.15
+COLUMN_M = 0.25
+_MOST_DRAWS = 1000  #: for each pose wanted
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Commanded joint angles [rad], of the nominal arm.
+    """Commanded joint positions [rad, or m of a sliding joint], of the nominal arm.
 
     Attributes:
         line_x: (11, n) straight move along the base's x axis, tool attitude fixed.
@@ -42,7 +55,7 @@ class Poses:
     holdout: Array
 
 
-def centre_rad(arm: Arm, settings: CellPosesSettings) -> Array:
+def centre_rad(arm: Arm, settings: CellPosesOptions) -> Array:
     """Return the (n,) joint angles in the middle of the grid.
 
     Raises:
@@ -60,10 +73,18 @@ def centre_rad(arm: Arm, settings: CellPosesSettings) -> Array:
     return centre
 
 
+def joint_bounds(arm: Arm) -> tuple[Array, Array]:
+    """Return the (n,) least and largest positions drawn [rad, or m of a sliding joint]."""
+    low, high = arm.limits_rad.T
+    unused = 0.5 * (1.0 - RANGE_USED) * (high - low)
+    largest = np.where(arm.prismatic, np.inf, LARGEST_ANGLE_RAD)
+    return np.maximum(low + unused, -largest), np.minimum(high - unused, largest)
+
+
 def place_poses(
-    arm: Arm, nominal: Mechanism, settings: CellPosesSettings, holdout_points: int
+    arm: Arm, nominal: Mechanism, settings: CellPosesOptions, holdout_points: int
 ) -> Poses:
-    """Lay out the poses of a campaign.
+    """Lay out the poses of a campaign of touched balls.
 
     Args:
         arm: gives the joint limits.
@@ -97,7 +118,65 @@ def place_poses(
     )
 
 
-def _extra_rad(arm: Arm, settings: CellPosesSettings) -> Array:
+def draw_wide(arm: Arm, nominal: Mechanism, count: int, rng: np.random.Generator) -> Array:
+    """Draw poses evenly in joint space, and keep those in which the tool is clear of the robot.
+
+    Whether links, rods and measuring machine collide otherwise is not looked at.
+
+    Args:
+        arm: gives the joint limits.
+        nominal: the arm with the geometry its maker describes.
+        count: P, how many.
+        rng: draws them.
+
+    Returns:
+        (P, n) joint positions, in the order in which they were drawn.
+
+    Raises:
+        SimulationError: when hardly any posture is clear.
+    """
+    low, high = joint_bounds(arm)
+    found: list[Array] = []
+    for _ in range(_MOST_DRAWS * count):
+        if len(found) == count:
+            break
+        q = rng.uniform(low, high)
+        if _is_clear(nominal.T_base_ee(q[None])[0]):
+            found.append(q)
+    if len(found) < count:
+        raise SimulationError(
+            "the arm cannot hold its tool clear of floor and column",
+            where="poses.layout",
+            value=f"{len(found)} of {count} poses after {_MOST_DRAWS * count} draws",
+            allowed=f"flange and balls {FLOOR_M:g} m above the base, {COLUMN_M:g} m off its axis",
+            remedy="set poses.layout: grid for this arm",
+        )
+    return np.array(found).reshape(count, arm.n)
+
+
+def neighbours_path(q: Array) -> Array:
+    """Return the poses (P, n) in an order that goes on to the nearest one not yet visited.
+
+    It starts at the first pose; near means the root of the summed squares of joint positions.
+    """
+    distance = cdist(q, q)
+    order = [0]
+    for _ in range(len(q) - 1):
+        distance[:, order[-1]] = np.inf
+        order.append(int(np.argmin(distance[order[-1]])))
+    path: Array = q[order]
+    return path
+
+
+def _is_clear(T_base_ee: Array) -> bool:
+    """Tell whether flange and balls are clear of the floor and of the robot's column."""
+    in_ee_m = np.vstack([np.zeros(3), BALLS_DESIGN_M])
+    points_m = in_ee_m @ T_base_ee[:3, :3].T + T_base_ee[:3, 3]
+    off_axis_m = np.hypot(points_m[:, 0], points_m[:, 1])
+    return bool(points_m[:, 2].min() > FLOOR_M and off_axis_m.min() >= COLUMN_M)
+
+
+def _extra_rad(arm: Arm, settings: CellPosesOptions) -> Array:
     """Return the (E, n) joint angles that the settings add."""
     for number, angles_deg in enumerate(settings.extra_deg):
         where = f"poses.extra_deg[{number}]"
@@ -158,51 +237,71 @@ class _Reach:
         self._arm = arm
         self._nominal = nominal
         self._centre_rad = centre_rad
-        self._T_base_centre = nominal.T_base_ee(centre_rad)
+        self._T_base_centre = nominal.T_base_ee(centre_rad[None])[0]
 
     def joints(self, label: str, shift_m: Array, tilt_rad: Array | None = None) -> Array:
-        """Return (P, n) joint angles that shift and tilt the flange from the middle.
+        """Return (P, n) joint positions that shift and tilt the flange from the middle.
 
         Args:
             label: letter of the poses, for messages.
             shift_m: (P, 3) displacements along base axes.
             tilt_rad: (P, 3) rotation vectors along the tool's own axes; None for no tilt.
         """
-        tilts = np.zeros_like(shift_m) if tilt_rad is None else tilt_rad
-        q = np.empty((len(shift_m), self._arm.n))
-        for i, (shift, tilt) in enumerate(zip(shift_m, tilts, strict=True)):
-            q[i] = self._reach(f"{label}{i + 1:02d}", shift, tilt)
-        return q
-
-    def _reach(self, label: str, shift_m: Array, tilt_rad: Array) -> Array:
-        q = self._centre_rad.copy()
+        tilt = np.zeros_like(shift_m) if tilt_rad is None else tilt_rad
+        q = np.tile(self._centre_rad, (len(shift_m), 1))
+        residual = np.zeros(len(q))
         for share in np.linspace(0.0, 1.0, _IK_STEPS + 1)[1:]:
-            T_wanted = self._T_base_centre.copy()
-            T_wanted[:3, 3] += share * shift_m
-            T_wanted[:3, :3] = T_wanted[:3, :3] @ pin.exp3(share * tilt_rad)
-            q, left = self._solve(q, T_wanted)
+            T_wanted = np.tile(self._T_base_centre, (len(q), 1, 1))
+            T_wanted[:, :3, 3] += share * shift_m
+            turn = Rotation.from_rotvec(share * tilt).as_matrix()
+            T_wanted[:, :3, :3] = T_wanted[:, :3, :3] @ turn
+            q, residual = self._solve(q, T_wanted)
         low, high = self._arm.limits_rad.T
-        if left > _IK_TOLERANCE:
-            self._refuse(label, f"{left:.1e} m or rad short", "a point that the arm can reach")
-        if np.any((q < low) | (q > high)):
-            joint = int(np.argmax(np.maximum(low - q, q - high)))
-            self._refuse(
-                label,
-                f"joint {joint + 1} at {np.degrees(q[joint]):.1f} deg",
-                f"{np.degrees(low[joint]):.0f} to {np.degrees(high[joint]):.0f} deg",
-            )
+        for i, position in enumerate(q):
+            name = f"{label}{i + 1:02d}"
+            if residual[i] > _IK_TOLERANCE:
+                short = f"{residual[i]:.1e} m or rad short"
+                self._refuse(name, short, "a point that the arm can reach")
+            if np.any((position < low) | (position > high)):
+                joint = int(np.argmax(np.maximum(low - position, position - high)))
+                self._refuse(
+                    name,
+                    f"joint {joint + 1} at {np.degrees(position[joint]):.1f} deg",
+                    f"{np.degrees(low[joint]):.0f} to {np.degrees(high[joint]):.0f} deg",
+                )
         return q
 
-    def _solve(self, q: Array, T_wanted: Array) -> tuple[Array, float]:
-        """Return joint angles by damped Newton steps, and the error left."""
+    def _solve(self, q: Array, T_wanted: Array) -> tuple[Array, Array]:
+        """Return joint positions by damped Newton steps, and the largest error of each pose."""
+        q, residual = q.copy(), np.full(len(q), np.inf)
         for iteration in range(_IK_ITERATIONS):
-            error, J = self._nominal.log_error(q, T_wanted)
-            left = float(np.abs(error).max())
-            if left <= _IK_TOLERANCE:
+            T_base_ee = self._nominal.T_base_ee(q)
+            R_ee_base = T_base_ee[:, :3, :3].transpose(0, 2, 1)
+            shift = np.einsum("pij,pj->pi", R_ee_base, (T_wanted - T_base_ee)[:, :3, 3])
+            turn = Rotation.from_matrix(R_ee_base @ T_wanted[:, :3, :3]).as_rotvec()
+            error = np.hstack([shift, turn])
+            residual = np.abs(error).max(axis=1, initial=0.0)
+            moving = residual > _IK_TOLERANCE
+            if not moving.any():
                 break
-            damping = _IK_DAMPING if iteration < _IK_ITERATIONS // 2 and left > 1e-3 else 0.0
-            q = q + J.T @ np.linalg.solve(J @ J.T + damping**2 * np.eye(6), error)
-        return q, left
+            first = (iteration < _IK_ITERATIONS // 2) & (residual > 1e-3)
+            J = self._jacobian(q, T_base_ee)
+            JJ = J @ J.transpose(0, 2, 1)
+            JJ[first] += _IK_DAMPING**2 * np.eye(6)
+            weights = np.linalg.pinv(JJ, rcond=_IK_SINGULAR, hermitian=True) @ error[..., None]
+            q[moving] += (J.transpose(0, 2, 1) @ weights)[moving, :, 0]
+        return q, residual
+
+    def _jacobian(self, q: Array, T_base_ee: Array) -> Array:
+        """Return how the joints move the flange, (P, 6, n), along its own axes."""
+        joints = self._nominal.T_base_joints(q)
+        axes = joints[..., :3, 2].transpose(1, 0, 2)
+        arms = T_base_ee[:, None, :3, 3] - joints[..., :3, 3].transpose(1, 0, 2)
+        slides = self._nominal.slides[:, None]
+        shift = np.where(slides, axes, np.cross(axes, arms))
+        turn = np.where(slides, 0.0, axes)
+        R_base_ee = T_base_ee[:, :3, :3]
+        return np.concatenate([shift @ R_base_ee, turn @ R_base_ee], axis=2).transpose(0, 2, 1)
 
     def _refuse(self, label: str, value: str, allowed: str) -> None:
         raise SimulationError(

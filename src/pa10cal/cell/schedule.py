@@ -7,12 +7,13 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.poses import Poses
-from pa10cal.settings import SimulateSettings
 
 Array = NDArray[np.float64]
 
-#: One configuration takes this long; hanging another weight between sweeps takes a pause.
+#: One configuration of touched balls takes this long; hanging another weight between sweeps takes a
+#: pause.
 BLOCK_S = 45.0
 LOAD_CHANGE_S = 300.0
 #: A joint that moves by less than this does not turn its drive round.
@@ -29,8 +30,8 @@ class Schedule:
         load_N: (C,) hanging weight.
         repeat: (C,) from 1.
         start_s: (C,) when the robot sets out for each.
-        q_rad: (C, n) commanded joint angles.
-        q_from_rad: (C, n) where the arm comes from.
+        q: (C, n) commanded joint positions [rad, or m of a sliding joint].
+        q_from: (C, n) where the arm comes from.
     """
 
     kind: NDArray[np.str_]
@@ -38,8 +39,8 @@ class Schedule:
     load_N: Array
     repeat: NDArray[np.int64]
     start_s: Array
-    q_rad: Array
-    q_from_rad: Array
+    q: Array
+    q_from: Array
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -47,19 +48,19 @@ class Schedule:
     @property
     def arrival(self) -> Array:
         """(C, n) direction in which each joint arrives: -1, 0 (hardly moves) or +1."""
-        move = self.q_rad - self.q_from_rad
+        move = self.q - self.q_from
         arrival: Array = np.where(np.abs(move) < LEAST_MOVE_RAD, 0.0, np.sign(move))
         return arrival
 
 
-def make_schedule(poses: Poses, settings: SimulateSettings, rng: np.random.Generator) -> Schedule:
-    """Order the configurations of a campaign.
+def sweeps(poses: Poses, settings: SimulateOptions, rng: np.random.Generator) -> Schedule:
+    """Order the configurations of a campaign of touched balls.
 
     Straight moves come first, unloaded, then one sweep of repeats through the grid a load, then
     the held-out points in shuffled order. A sweep runs round a closed path, so that the first
     pose is approached as in every other repeat.
     """
-    sweeps = [
+    parts = [
         _sweep("line_x", "LX", poses.line_x, 0.0, 1, settings.path),
         _sweep("line_y", "LY", poses.line_y, 0.0, 1, settings.path),
         *(
@@ -68,24 +69,56 @@ def make_schedule(poses: Poses, settings: SimulateSettings, rng: np.random.Gener
         ),
     ]
     if len(poses.holdout) and settings.holdout_loads_N:
-        sweeps.append(_shuffled(poses, settings, rng))
-    loads = np.concatenate([sweep.load_N for sweep in sweeps])
-    sweep_starts = np.cumsum([len(sweep) for sweep in sweeps])[:-1]
+        parts.append(_shuffled(poses, settings, rng))
+    loads = np.concatenate([part.load_N for part in parts])
+    first = np.cumsum([len(part) for part in parts])[:-1]
     pauses = np.zeros(len(loads))
-    pauses[sweep_starts] = LOAD_CHANGE_S * (loads[sweep_starts] != loads[sweep_starts - 1])
+    pauses[first] = LOAD_CHANGE_S * (loads[first] != loads[first - 1])
     start_s = BLOCK_S * np.arange(len(loads)) + np.cumsum(pauses)
     joined = {
-        field.name: np.concatenate([getattr(sweep, field.name) for sweep in sweeps])
+        field.name: np.concatenate([getattr(part, field.name) for part in parts])
         for field in fields(Schedule)
     }
     return Schedule(**{**joined, "start_s": start_s})
 
 
-def _sweep(
-    kind: str, letter: str, q_rad: Array, load_N: float, repeats: int, path: str
-) -> Schedule:
+def one_after_another(commands: Array, plan: TrackerOptions) -> Schedule:
+    """Order the configurations of a tracker's campaign, each approached straight from the last.
+
+    Calibration poses come first, then those of them that are repeated, then the held-out ones. The
+    first configuration is approached from where the arm stands already.
+
+    Args:
+        commands: (P, n) commanded joint positions [rad, or m of a sliding joint].
+        plan: share held out, repeats, loads, time a configuration takes.
+    """
+    count = len(commands)
+    holdout = round(plan.holdout_share * count)
+    grid = count - holdout
+    every = plan.repeat_every
+    again = np.arange(every - 1, grid, every) if every else np.arange(0)
+    pose = np.concatenate([np.arange(grid), again, np.arange(grid, grid + holdout)])
+    repeat = np.ones(len(pose), dtype=np.int64)
+    repeat[grid : grid + len(again)] = 2
+    labels = np.array(
+        [f"P{number:03d}" for number in range(1, grid + 1)]
+        + [f"H{number:03d}" for number in range(1, holdout + 1)]
+    )
+    q = commands[pose]
+    return Schedule(
+        kind=np.where(pose < grid, "grid", "holdout"),
+        pose=labels[pose],
+        load_N=np.resize(plan.loads_N, count)[pose],
+        repeat=repeat,
+        start_s=plan.seconds_a_pose * np.arange(len(pose), dtype=float),
+        q=q,
+        q_from=np.concatenate([q[:1], q[:-1]]),
+    )
+
+
+def _sweep(kind: str, letter: str, q: Array, load_N: float, repeats: int, path: str) -> Schedule:
     """Run `repeats` times round the closed path through the poses."""
-    count = len(q_rad)
+    count = len(q)
     runs = [np.arange(count)] * repeats
     if path == "alternating":
         runs = [run[::-1] if repeat % 2 else run for repeat, run in enumerate(runs)]
@@ -93,10 +126,10 @@ def _sweep(
     came_from = np.concatenate([np.roll(run, 1) for run in runs])
     numbers = np.repeat(np.arange(1, repeats + 1), count)
     loads_N = np.full(len(order), load_N)
-    return _configurations(kind, letter, q_rad, order, came_from, loads_N, numbers)
+    return _configurations(kind, letter, q, order, came_from, loads_N, numbers)
 
 
-def _shuffled(poses: Poses, settings: SimulateSettings, rng: np.random.Generator) -> Schedule:
+def _shuffled(poses: Poses, settings: SimulateOptions, rng: np.random.Generator) -> Schedule:
     """Shuffle points, loads and repeats of the held-out points.
 
     Where shuffling asks for one point twice in a row, the arm goes to the first grid pose in
@@ -118,25 +151,25 @@ def _shuffled(poses: Poses, settings: SimulateSettings, rng: np.random.Generator
         "holdout", "H", poses.holdout, order, came_from, load[shuffled], repeat[shuffled]
     )
     again = (order == came_from)[:, None]
-    return replace(schedule, q_from_rad=np.where(again, poses.grid[0], schedule.q_from_rad))
+    return replace(schedule, q_from=np.where(again, poses.grid[0], schedule.q_from))
 
 
 def _configurations(
     kind: str,
     letter: str,
-    q_rad: Array,
+    q: Array,
     order: NDArray[np.intp],
     came_from: NDArray[np.intp],
     load_N: Array,
     repeat: NDArray[np.int64],
 ) -> Schedule:
-    labels = np.array([f"{letter}{number:02d}" for number in range(1, len(q_rad) + 1)])
+    labels = np.array([f"{letter}{number:02d}" for number in range(1, len(q) + 1)])
     return Schedule(
         kind=np.full(len(order), kind),
         pose=labels[order],
         load_N=load_N.astype(float),
         repeat=repeat,
         start_s=np.zeros(len(order)),
-        q_rad=q_rad[order],
-        q_from_rad=q_rad[came_from],
+        q=q[order],
+        q_from=q[came_from],
     )

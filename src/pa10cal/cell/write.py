@@ -4,122 +4,113 @@ from __future__ import annotations
 
 import gzip
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import yaml
 
-from pa10cal.cell.campaign import (
-    INSTRUMENT_UNCERTAINTY_MM,
-    REFERENCE_TEMPERATURE_C,
-    Campaign,
-)
+from pa10cal.cell.campaign import REFERENCE_TEMPERATURE_C, Campaign
 from pa10cal.cell.mechanism import GRAVITY_M_S2
-from pa10cal.cell.truth import truth_record
+from pa10cal.cell.robot import Robot
 from pa10cal.errors import SimulationError
 from pa10cal.files.output import whole_file, write_json, write_text
 
 CAMPAIGN_SCHEMA = "pa10cal-campaign/1"
+TRUTH_SCHEMA = "pa10cal-truth/1"
 DESCRIPTION_FILE = "campaign.yaml"
-CMM_FILE = "cmm.csv.gz"
-RESOLVER_FILE = "resolver.csv.gz"
 PROVENANCE = (
     "synthetic: written by this project's own virtual cell, not measured on a robot; "
     "what effects it hides, if any, is not told here"
 )
-#: How many decimals a column has in its file, by the end of its name; others are written as is.
-DECIMALS = {"time_s": 2, "_mm": 4, "_deg": 5, "_Nm": 3, "_C": 2}
+_UNITS = {"a_m": "m", "alpha_rad": "rad", "d_m": "m", "theta_rad": "rad", "beta_rad": "rad"}
 
 
-def write_campaign(campaign: Campaign, folder: Path, truth: Path) -> None:
-    """Write a campaign's folder and, elsewhere, its truth.
+def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) -> None:
+    """Write a campaign's folder and, where it is asked for, its truth elsewhere.
 
     The description comes last, so that a folder with a description is whole.
 
     Args:
         campaign: what to write.
         folder: the campaign's folder; files of a former campaign in it are replaced.
-        truth: the file for what is hidden.
+        truth: the file for what is hidden; None for none.
 
     Raises:
         SimulationError: when the truth would lie inside the folder, or when the folder holds
             anything that is not a campaign's.
     """
-    claim_folder(folder, truth, (CMM_FILE, RESOLVER_FILE))
-    write_json(truth, truth_record(campaign))
-    write_table(campaign.cmm, folder / CMM_FILE)
-    write_table(campaign.resolver, folder / RESOLVER_FILE)
-    write_description(campaign_description(campaign), folder)
+    instrument = campaign.instrument
+    _claim_folder(folder, truth, list(instrument.files.values()))
+    if truth is not None:
+        write_json(truth, truth_record(campaign))
+    for key, name in instrument.files.items():
+        write_table(campaign.tables[key], folder / name, instrument.decimals)
+    text = yaml.safe_dump(
+        campaign_description(campaign), sort_keys=False, default_flow_style=None, width=90
+    )
+    write_text(folder / DESCRIPTION_FILE, text)
 
 
 def campaign_description(campaign: Campaign) -> dict[str, Any]:
     """Return the content of campaign.yaml, as in the raw-data contract."""
-    apparatus = campaign.truth.robot.apparatus
-    stated_mm = campaign.settings.stated_uncertainty_mm
-    balls_mm = (1e3 * apparatus.balls_measured_m).round(4).tolist()
+    robot = campaign.truth.robot
     return {
         "schema": CAMPAIGN_SCHEMA,
         "name": campaign.name,
-        "robot": campaign.truth.robot.arm.name,
+        "robot": robot.arm.name,
         "provenance": PROVENANCE,
-        "instrument": {
-            "kind": "touch_trigger_cmm",
-            "uncertainty_mm": INSTRUMENT_UNCERTAINTY_MM if stated_mm is None else stated_mm,
-        },
-        "ball_diameter_mm": round(1e3 * apparatus.ball_diameter_m, 4),
-        "tool": {
-            "mass_kg": apparatus.mass_kg,
-            "com_mm": (1e3 * apparatus.com_m).round(4).tolist(),
-            "load_point_mm": (1e3 * apparatus.load_point_m).round(4).tolist(),
-            "balls_mm": dict(zip(apparatus.ball_names, balls_mm, strict=True)),
-        },
+        **campaign.instrument.description(robot),
         "gravity_m_s2": GRAVITY_M_S2.tolist(),
         "reference_temperature_C": REFERENCE_TEMPERATURE_C,
-        "files": {"cmm": CMM_FILE, "resolver": RESOLVER_FILE},
+        "files": dict(campaign.instrument.files),
     }
 
 
-def claim_folder(folder: Path, truth: Path | None, files: Sequence[str]) -> None:
-    """Make sure that a campaign may be written, and take a former description away.
+def truth_record(campaign: Campaign) -> dict[str, Any]:
+    """Return all that a campaign hides, with units, ready for JSON; no estimate reads it."""
+    truth, settings = campaign.truth, campaign.settings
+    robot, mechanism = truth.robot, truth.robot.mechanism
+    payload, targets = mechanism.payload, robot.targets
+    poses = truth.poses
+    by_purpose = (
+        {}
+        if poses is None
+        else {field.name: getattr(poses, field.name).tolist() for field in fields(poses)}
+    )
+    return {
+        "schema": TRUTH_SCHEMA,
+        "campaign": campaign.name,
+        "robot": robot.arm.name,
+        "random_seed": settings.random_seed,
+        "kcub_reading": robot.springs.source,
+        "parameters": _parameters(robot),
+        "T_instr_base_m": robot.T_instr_base.tolist(),
+        "joint_placements_m": mechanism.placements.tolist(),
+        "T_last_joint_ee_m": mechanism.T_last_ee.tolist(),
+        "T_ee_target_m": robot.T_ee_target.tolist(),
+        "mass_kg": mechanism.mass_kg.tolist(),
+        "com_in_joint_frame_m": mechanism.com_m.tolist(),
+        "tool": {
+            "mass_kg": payload.mass_kg,
+            "com_m": payload.com_m.tolist(),
+            "load_point_m": payload.load_point_m.tolist(),
+            "targets_m": dict(zip(targets.names, targets.p_ee_m.tolist(), strict=True)),
+        },
+        "hidden_effects": [
+            {"id": effect.id, "of": effect.of, "parameters": effect.model_dump()}
+            for effect in truth.effects
+        ],
+        "settings": settings.model_dump(mode="json"),
+        "poses_rad_or_m": by_purpose,
+        "q_motor_rad_or_m": truth.q_motor.tolist(),
+    }
 
-    Args:
-        folder: the campaign's folder.
-        truth: the file for what is hidden, if there is to be one.
-        files: names of the raw files.
 
-    Raises:
-        SimulationError: see `write_campaign`.
-    """
-    if truth is not None and truth.resolve().is_relative_to(folder.resolve()):
-        raise SimulationError(
-            "the truth must not lie in the campaign's folder",
-            where="--truth",
-            value=str(truth),
-            allowed="a path outside the campaign's folder",
-            remedy="name another place",
-        )
-    own = {DESCRIPTION_FILE, *files}
-    foreign = sorted({entry.name for entry in folder.glob("*")} - own)
-    if foreign or folder.is_file():
-        raise SimulationError(
-            "the folder holds something that is not a campaign's",
-            where="--out",
-            value=", ".join(foreign) or str(folder),
-            allowed=f"a new folder, or one with {', '.join(sorted(own))} only",
-            remedy="name another folder or move the files away",
-        )
-    (folder / DESCRIPTION_FILE).unlink(missing_ok=True)
-
-
-def write_description(content: dict[str, Any], folder: Path) -> None:
-    """Write campaign.yaml."""
-    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=90)
-    write_text(folder / DESCRIPTION_FILE, text)
-
-
-def write_table(table: pd.DataFrame, path: Path, decimals: Mapping[str, int] = DECIMALS) -> None:
+def write_table(table: pd.DataFrame, path: Path, decimals: Mapping[str, int]) -> None:
     """Write a CSV, gzipped if its name says so, whose bytes depend on the table alone.
 
     Args:
@@ -139,6 +130,51 @@ def write_table(table: pd.DataFrame, path: Path, decimals: Mapping[str, int] = D
         content = packed.getvalue()
     with whole_file(path) as beside:
         beside.write_bytes(content)
+
+
+def _parameters(robot: Robot) -> dict[str, dict[str, Any]]:
+    """Return departures and springs by name; a row has no beta or no d, as its maker says.
+
+    A robot whose axes depart in any way has no departures of rows.
+    """
+    parameters: dict[str, dict[str, Any]] = {}
+    hayati = robot.arm.hayati
+    for field in () if robot.departures is None else fields(robot.departures):
+        name = field.name.rsplit("_", 1)[0]
+        for i, value in enumerate(getattr(robot.departures, field.name)):
+            if not (name == "beta" and not hayati[i]) and not (name == "d" and hayati[i]):
+                parameters[f"delta_{name}_{i + 1}"] = {
+                    "value": float(value),
+                    "unit": _UNITS[field.name],
+                }
+    for joint in np.flatnonzero(robot.springs.flexible).tolist():
+        k_lin, k_cub = float(robot.springs.k_lin[joint]), float(robot.springs.k_cub[joint])
+        parameters[f"K_lin_{joint + 1}"] = {"value": k_lin, "unit": "N m/rad"}
+        parameters[f"K_cub_{joint + 1}"] = {"value": k_cub, "unit": "N m/rad^3"}
+    return parameters
+
+
+def _claim_folder(folder: Path, truth: Path | None, files: Sequence[str]) -> None:
+    """Make sure that a campaign may be written, and take a former description away."""
+    if truth is not None and truth.resolve().is_relative_to(folder.resolve()):
+        raise SimulationError(
+            "the truth must not lie in the campaign's folder",
+            where="--truth",
+            value=str(truth),
+            allowed="a path outside the campaign's folder",
+            remedy="name another place",
+        )
+    own = {DESCRIPTION_FILE, *files}
+    foreign = sorted({entry.name for entry in folder.glob("*")} - own)
+    if foreign or folder.is_file():
+        raise SimulationError(
+            "the folder holds something that is not a campaign's",
+            where="--out",
+            value=", ".join(foreign) or str(folder),
+            allowed=f"a new folder, or one with {', '.join(sorted(own))} only",
+            remedy="name another folder or move the files away",
+        )
+    (folder / DESCRIPTION_FILE).unlink(missing_ok=True)
 
 
 def _as_text(column: pd.Series[Any], decimals: Mapping[str, int]) -> list[str]:

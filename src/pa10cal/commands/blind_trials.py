@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any, cast, get_args
 from pa10cal.evaluation.options import JudgingOptions
 
 if TYPE_CHECKING:
-    from pa10cal.cell.references import Layout
-    from pa10cal.cell.trials import Trial
-    from pa10cal.settings import SimulateSettings
+    from pa10cal.cell.options import SimulateOptions
+    from pa10cal.cell.trials import Layout, Trial
     from pa10cal.stages.trial_judging import CalibratedCampaign
 
 
@@ -91,7 +90,7 @@ def _at_least_one(count: int) -> int:
 
 
 def _layouts(text: str) -> tuple[Layout, ...]:
-    from pa10cal.cell.references import Layout
+    from pa10cal.cell.trials import Layout
     from pa10cal.errors import SettingsError
 
     known: tuple[Layout, ...] = get_args(Layout)
@@ -129,7 +128,7 @@ def _try(trial: Trial, settings: JudgingOptions) -> tuple[dict[str, Any], dict[s
     return verdict, truth_record(trial, moved_mm, seconds)
 
 
-def _measured(trial: Trial, cell: SimulateSettings, settings: JudgingOptions) -> CalibratedCampaign:
+def _measured(trial: Trial, cell: SimulateOptions, settings: JudgingOptions) -> CalibratedCampaign:
     """Write a raw campaign, throw the record of what it hides away, and calibrate with the rest."""
     from pa10cal.cell.campaign import simulate_campaign
     from pa10cal.cell.write import write_campaign

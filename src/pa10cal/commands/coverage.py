@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.settings import SimulateSettings
+from pa10cal.cell.options import SimulateOptions
 
 if TYPE_CHECKING:
     from pa10cal.calibration.load_case import Study
@@ -22,7 +22,7 @@ def coverage(
     out: Path,
     campaigns: int = 50,
     first_seed: int = 1,
-    simulate: SimulateSettings = SimulateSettings(),
+    simulate: SimulateOptions = SimulateOptions(),
     settings: CalibrationOptions = CalibrationOptions(),
 ) -> None:
     """Count how often intervals hold the truth of simulated campaigns, with the paper's model.
@@ -81,7 +81,7 @@ def coverage(
     )
 
 
-def _scores(simulate: SimulateSettings, settings: CalibrationOptions) -> dict[str, float]:
+def _scores(simulate: SimulateOptions, settings: CalibrationOptions) -> dict[str, float]:
     """Simulate, ingest and calibrate one campaign; score every identifiable parameter."""
     from pa10cal.calibration.calibrate import calibrate
     from pa10cal.calibration.records import parameter_records

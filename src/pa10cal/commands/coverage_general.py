@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from pa10cal.arm.description import Arm
     from pa10cal.calibration.general.calibrate import GeneralCalibration, GeneralOptions
     from pa10cal.calibration.general.unknowns import Unknowns
-    from pa10cal.cell.individual_arm import IndividualArm
+    from pa10cal.cell.options import TrackerOptions
+    from pa10cal.cell.robot import Robot
     from pa10cal.evaluation.coverage import Coverage
     from pa10cal.evaluation.options import CoverageCase
-    from pa10cal.settings import SightedPlan
 
 #: Poses in which each calibration has to predict.
 _PREDICTED_POSES = 40
@@ -181,7 +181,7 @@ def _study(
 
     import numpy as np
 
-    from pa10cal.cell.individual_arm import draw_individual
+    from pa10cal.cell.individual import draw_individual
     from pa10cal.evaluation.known_truth import parameter_scores, prediction_scores
     from pa10cal.files.arms import load_arm
     from pa10cal.stages.simulated_observations import (
@@ -214,28 +214,27 @@ def _study(
     )
 
 
-def _unknowns(arm: Arm, plan: SightedPlan, options: GeneralOptions, seed: int) -> Unknowns:
+def _unknowns(arm: Arm, plan: TrackerOptions, options: GeneralOptions, seed: int) -> Unknowns:
     """Return what arm and instrument can tell, which is the same in every campaign."""
     import numpy as np
 
     from pa10cal.calibration.general.start import find_start
     from pa10cal.calibration.general.unknowns import choose_unknowns
-    from pa10cal.cell.individual_arm import draw_individual
-    from pa10cal.cell.sighted import measure_individual
-    from pa10cal.stages.simulated_observations import observations_of
+    from pa10cal.cell.individual import draw_individual
+    from pa10cal.stages.simulated_observations import measured, observations_of
 
     individual = draw_individual(arm, plan, np.random.default_rng(seed))
-    seen = observations_of(measure_individual(individual, plan, seed))
+    seen = observations_of(measured(individual, plan, seed))
     start = find_start(arm, seen)
     return choose_unknowns(
         arm, options.tolerances, seen.measured, start.T_instr_base, start.targets_m
     )
 
 
-def _plan(case: CoverageCase, settings: CoverageOptions) -> SightedPlan:
-    from pa10cal.settings import SightedPlan
+def _plan(case: CoverageCase, settings: CoverageOptions) -> TrackerOptions:
+    from pa10cal.cell.options import TrackerOptions
 
-    return SightedPlan(
+    return TrackerOptions(
         instrument=case.instrument,
         poses=settings.poses,
         holdout_share=0.0,
@@ -251,14 +250,17 @@ def _plan(case: CoverageCase, settings: CoverageOptions) -> SightedPlan:
 
 
 def _calibrated(
-    arm: Arm, individual: IndividualArm, plan: SightedPlan, options: GeneralOptions, seed: int
+    arm: Arm, individual: Robot, plan: TrackerOptions, options: GeneralOptions, seed: int
 ) -> GeneralCalibration:
     """Measure an individual and calibrate it."""
     from pa10cal.calibration.general.calibrate import calibrate_general
     from pa10cal.calibration.general.start import find_start
-    from pa10cal.cell.sighted import measure_individual
-    from pa10cal.stages.simulated_observations import observations_of, payload_of_individual
+    from pa10cal.stages.simulated_observations import (
+        measured,
+        observations_of,
+        payload_of_individual,
+    )
 
-    seen = observations_of(measure_individual(individual, plan, seed))
+    seen = observations_of(measured(individual, plan, seed))
     payload = payload_of_individual(individual)
     return calibrate_general(arm, seen, find_start(arm, seen), payload, options)

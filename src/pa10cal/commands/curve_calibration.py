@@ -27,18 +27,18 @@ def curve_calibration(
     """
     import numpy as np
 
+    from pa10cal.cell.options import TrackerOptions
     from pa10cal.curve.chain_arm import chain_arm
     from pa10cal.curve.postures import draw_postures
     from pa10cal.files.output import write_json
     from pa10cal.files.schemas import CURVE_CALIBRATION
-    from pa10cal.settings import SightedPlan
     from pa10cal.stages.calibration_record import study_of
     from pa10cal.stages.curve_study import BAR, calibrated_record, draw_departing, summaries
 
     study = study_of(calibration)
     limit_rad = float(np.radians(settings.limit_deg))
     arm = chain_arm(f"chain_{settings.links}", settings.links, settings.link_m, limit_rad)
-    plan = SightedPlan(
+    plan = TrackerOptions(
         poses=settings.postures,
         holdout_share=settings.holdout_share,
         position_mm=settings.position_mm,

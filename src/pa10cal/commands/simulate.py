@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pa10cal.settings import SimulateSettings
+from pa10cal.cell.options import SimulateOptions
 
 
 def simulate(
@@ -14,7 +14,7 @@ def simulate(
     out: Path,
     truth: Path,
     kcub_reading: Literal["text_e7", "table_e8"] = "text_e7",
-    settings: SimulateSettings = SimulateSettings(),
+    settings: SimulateOptions = SimulateOptions(),
 ) -> None:
     """Write a campaign with the virtual cell.
 
@@ -26,16 +26,9 @@ def simulate(
         settings: an entry of section simulate.
     """
     from pa10cal.cell.campaign import simulate_campaign
-    from pa10cal.cell.sighted import measure_sighted
-    from pa10cal.cell.sighted_write import write_sighted
     from pa10cal.cell.write import write_campaign
     from pa10cal.files.arms import load_arm
 
     arm = load_arm(settings.robot)
-    if settings.without_touches is not None:
-        sighted = measure_sighted(arm, settings.without_touches, settings.random_seed)
-        write_sighted(sighted, out, name, truth)
-    else:
-        campaign = simulate_campaign(name, arm, settings, kcub_reading)
-        write_campaign(campaign, out, truth)
+    write_campaign(simulate_campaign(name, arm, settings, kcub_reading), out, truth)
     print(f"{name}: {arm.title} in {out}, what is hidden in {truth}")

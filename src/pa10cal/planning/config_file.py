@@ -11,7 +11,8 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from pa10cal.settings import Settings, SightedPlan, SimulateSettings
+from pa10cal.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.settings import Settings
 
 _WIDTH = 120
 _HEAD = """\
@@ -104,8 +105,8 @@ def _simulated(campaigns: Mapping[str, Any]) -> Iterator[str]:
                 yield from (f"      - {_flow(each)}" for each in value)
             else:
                 yield f"    {key}: {_flow(value)} # {comment}"
-    fields = SimulateSettings.model_fields
-    example = SimulateSettings(without_touches=SightedPlan())
+    fields = SimulateOptions.model_fields
+    example = SimulateOptions(without_touches=TrackerOptions())
     yield f"  # {_EXAMPLE}: # {_SAID_OF_EXAMPLE}"
     for name in ("random_seed", "robot", "without_touches"):
         for line in _setting(name, getattr(example, name), fields[name]):

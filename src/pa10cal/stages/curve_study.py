@@ -27,15 +27,11 @@ from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.identifiability import Identifiability, unidentified_directions
 from pa10cal.calibration.load_case import Study, model_deviations
 from pa10cal.calibration.uncertainty import ErrorSources
-from pa10cal.cell.individual_arm import (
-    IndividualArm,
-    draw_individual,
-    individual_from_departures,
-)
-from pa10cal.cell.sighted import measure_individual
+from pa10cal.cell.individual import draw_individual, robot_from_departures
+from pa10cal.cell.options import TrackerOptions
+from pa10cal.cell.robot import Robot
 from pa10cal.observe.averages import measured_as_poses
-from pa10cal.settings import SightedPlan
-from pa10cal.stages.simulated_observations import observations_of
+from pa10cal.stages.simulated_observations import measured, observations_of
 from pa10cal.terms.baseline import baseline, nominal
 from pa10cal.terms.term import Parameter
 
@@ -58,12 +54,12 @@ class Departing:
 
     key: str
     said: str
-    individual: IndividualArm
+    individual: Robot
     truth: dict[str, float]
 
 
 def draw_departing(
-    arm: Arm, plan: SightedPlan, study: Study, rng: np.random.Generator
+    arm: Arm, plan: TrackerOptions, study: Study, rng: np.random.Generator
 ) -> tuple[Departing, Departing]:
     """Draw one individual that departs by the rows of the chain, and one that departs in any way.
 
@@ -78,7 +74,7 @@ def draw_departing(
     rows = baseline(arm, (), study.tolerances).parameters
     truth = {each.name: float(rng.normal(0.0, each.scale)) for each in rows}
     free = replace(draw_individual(arm, plan, rng), T_ee_target=np.eye(4))
-    by_rows = individual_from_departures(arm, truth, plan=plan, T_instr_base=free.T_instr_base)
+    by_rows = robot_from_departures(arm, truth, plan=plan, T_instr_base=free.T_instr_base)
     return (
         Departing("rows", "departs by the parameters of its rows", by_rows, truth),
         Departing("any_way", "departs in any way, axes and flange in six directions", free, {}),
@@ -86,7 +82,7 @@ def draw_departing(
 
 
 def calibrated_record(
-    departing: Departing, plan: SightedPlan, study: Study, postures: Array, random_seed: int
+    departing: Departing, plan: TrackerOptions, study: Study, postures: Array, random_seed: int
 ) -> dict[str, Any]:
     """Measure an individual in postures (P, 2 n), calibrate it with both models, and tell.
 
@@ -99,9 +95,9 @@ def calibrated_record(
     """
     individual = departing.individual
     arm = individual.arm
-    made = measure_individual(individual, plan, random_seed, postures)
+    made = measured(individual, plan, random_seed, postures)
     poses = measured_as_poses(observations_of(made))
-    grid = made.kind == "grid"
+    grid = made.truth.schedule.kind == "grid"
     exact = poses.with_measured(T_instr_target=individual.T_instr_target(made.truth.rest.T_base_ee))
 
     two_levels = {
@@ -150,7 +146,7 @@ def calibrated_record(
             "general": _general_record(general),
         },
         "poses": {
-            "pose": made.pose.tolist(),
+            "pose": made.truth.schedule.pose.tolist(),
             "held_out": (~grid).tolist(),
             **{f"{model}_mm": each.tolist() for model, each in found_mm.items()},
         },

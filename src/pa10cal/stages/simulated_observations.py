@@ -9,19 +9,19 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.unknowns import Unknowns
-from pa10cal.cell.individual_arm import (
-    IndividualArm,
-    draw_individual,
-    individual_from_departures,
-)
+from pa10cal.cell.campaign import Campaign, measure_campaign
+from pa10cal.cell.individual import draw_individual, robot_from_departures
 from pa10cal.cell.mechanism import GRAVITY_M_S2
-from pa10cal.cell.sighted import SeenPose, SeenTargets, SightedCampaign, measure_individual
+from pa10cal.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.cell.robot import Robot
 from pa10cal.evaluation.known_truth import KnownTruth
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.distance import Distance
@@ -29,7 +29,6 @@ from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Points
 from pa10cal.observe.pose import Pose
-from pa10cal.settings import SightedPlan
 
 Array = NDArray[np.float64]
 
@@ -38,34 +37,60 @@ _TEMPERATURE_C = 20.0
 _EXACT = {"position_mm": 1e-5, "attitude_rad": 1e-8, "unseen_share": 0.0}
 
 
-def observations_of(campaign: SightedCampaign) -> Observations:
+def measured(
+    robot: Robot, plan: TrackerOptions, random_seed: int, postures: Array | None = None
+) -> Campaign:
+    """Measure a robot with a tracker, nothing hidden; see `cell.campaign.measure_campaign`."""
+    options = SimulateOptions(random_seed=random_seed, without_touches=plan)
+    return measure_campaign("simulated", options, robot, postures=postures)
+
+
+def observations_of(campaign: Campaign) -> Observations:
     """Return what the estimator takes of a campaign in which nothing is repeated."""
-    count, plan = len(campaign), campaign.plan
-    u_m = 1e-3 * plan.position_mm
-    measured: Instrument
-    if isinstance(campaign.seen, SeenPose):
+    table, arm = campaign.tables["poses"], campaign.truth.robot.arm
+    q = np.column_stack(
+        [
+            1e-3 * table[f"q{joint}_mm"] if slides else np.radians(table[f"q{joint}_deg"])
+            for joint, slides in enumerate(arm.prismatic, start=1)
+        ]
+    )
+    tau_Nm = table.filter(regex=r"^tau\d+_Nm$").to_numpy(dtype=float)
+    states = PoseStates(
+        q_rad=q,
+        tau_Nm=tau_Nm if tau_Nm.size else np.full_like(q, np.nan),
+        arrival=np.zeros_like(q),
+        load_N=table["load_N"].to_numpy(dtype=float),
+        temperature_C=np.full(len(table), _TEMPERATURE_C),
+        time_s=table["time_s"].to_numpy(dtype=float),
+    )
+    pose = table["pose"].to_numpy(dtype=str)
+    return Observations.single(pose, states, _read_by(campaign, table))
+
+
+def _read_by(campaign: Campaign, table: pd.DataFrame) -> Instrument:
+    """Return what the instrument read."""
+    plan = campaign.settings.without_touches
+    assert plan is not None
+    count, u_m = len(table), 1e-3 * plan.position_mm
+    if plan.instrument == "pose":
+        T = np.tile(np.eye(4), (count, 1, 1))
+        T[:, :3, 3] = 1e-3 * table[["x_mm", "y_mm", "z_mm"]].to_numpy()
+        quaternion = table[["qw", "qx", "qy", "qz"]].to_numpy()
+        T[:, :3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
         variances = np.repeat([u_m**2, plan.attitude_rad**2], 3)
-        measured = Pose.of(campaign.seen.T_instr_target, np.tile(np.diag(variances), (count, 1, 1)))
-    elif isinstance(campaign.seen, SeenTargets):
-        targets, p_instr_m = campaign.truth.individual.targets, campaign.seen.p_instr_m
+        return Pose.of(T, np.tile(np.diag(variances), (count, 1, 1)))
+    if plan.instrument == "points":
+        targets = campaign.truth.robot.targets
+        columns = [f"{name}_{axis}_mm" for name in targets.names for axis in "xyz"]
+        p_instr_m = 1e-3 * table[columns].to_numpy().reshape(count, -1, 3)
         cov_m2 = np.where(np.isnan(p_instr_m[..., None]), np.nan, u_m**2 * np.eye(3))
         stated_m = targets.p_ee_stated_m if plan.states_targets else None
-        measured = Points(targets.names, p_instr_m, cov_m2, stated_m)
-    else:
-        measured = Distance(campaign.seen.d_m, np.full(count, u_m))
-    states = PoseStates(
-        q_rad=campaign.q,
-        tau_Nm=np.full_like(campaign.q, np.nan) if campaign.tau_Nm is None else campaign.tau_Nm,
-        arrival=np.zeros_like(campaign.q),
-        load_N=campaign.load_N,
-        temperature_C=np.full(count, _TEMPERATURE_C),
-        time_s=campaign.time_s,
-    )
-    return Observations.single(campaign.pose, states, measured)
+        return Points(targets.names, p_instr_m, cov_m2, stated_m)
+    return Distance(1e-3 * table["d_mm"].to_numpy(), np.full(count, u_m))
 
 
 def exact_observations(
-    individual: IndividualArm, plan: SightedPlan, poses: int, random_seed: int
+    individual: Robot, plan: TrackerOptions, poses: int, random_seed: int
 ) -> Observations:
     """Return other poses of an individual, seen all but exactly, with torques where it has masses.
 
@@ -76,22 +101,22 @@ def exact_observations(
         random_seed: draws them.
     """
     wanted = plan.model_copy(update={"poses": poses, **_EXACT})
-    found = observations_of(measure_individual(individual, wanted, random_seed))
+    found = observations_of(measured(individual, wanted, random_seed))
     states, _ = with_torques(individual.arm, found.states, payload_of_individual(individual))
     return replace(found, states=states)
 
 
-def payload_of_individual(individual: IndividualArm) -> Payload | None:
+def payload_of_individual(individual: Robot) -> Payload | None:
     """Return what an individual carries; None where the masses of its links are not known."""
     if individual.arm.mass_kg is None:
         return None
-    payload = individual.linkage.payload
+    payload = individual.mechanism.payload
     return Payload(payload.mass_kg, payload.com_m, payload.load_point_m, GRAVITY_M_S2)
 
 
 def draw_by_unknowns(
-    arm: Arm, plan: SightedPlan, unknowns: Unknowns, rng: np.random.Generator
-) -> tuple[IndividualArm, KnownTruth]:
+    arm: Arm, plan: TrackerOptions, unknowns: Unknowns, rng: np.random.Generator
+) -> tuple[Robot, KnownTruth]:
     """Draw an individual that departs by no parameter but those that a model holds.
 
     Links depart by the parameters' scales; base, targets and springs are drawn as those of any
@@ -116,11 +141,11 @@ def draw_by_unknowns(
         p_ee_m = np.zeros(targets.p_ee_m.size)
         p_ee_m[unknowns.places] = targets.p_ee_m.ravel()[unknowns.places]
         targets = replace(targets, p_ee_m=p_ee_m.reshape(-1, 3))
-    individual = individual_from_departures(
+    individual = robot_from_departures(
         arm,
         departures,
         plan=plan,
-        springs=free.linkage.springs,
+        springs=free.springs,
         T_instr_base=free.T_instr_base,
         targets=targets,
     )
@@ -128,12 +153,12 @@ def draw_by_unknowns(
     return individual, truth_of(individual, departures)
 
 
-def truth_of(individual: IndividualArm, departures: Mapping[str, float]) -> KnownTruth:
+def truth_of(individual: Robot, departures: Mapping[str, float]) -> KnownTruth:
     """Return what an individual hides, its links departing by the parameters named."""
     return KnownTruth(
         departures,
         individual.T_instr_base,
         individual.T_ee_target,
         individual.targets.p_ee_m,
-        individual.linkage.springs.k_lin,
+        individual.springs.k_lin,
     )

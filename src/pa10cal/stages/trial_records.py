@@ -26,7 +26,7 @@ def truth_record(trial: Trial, moved_mm: Sequence[float | None], seconds: float)
         "schema": TRIAL_TRUTH,
         "campaign": trial.name,
         "kind": trial.kind,
-        "layout": settings.poses.layout,
+        "layout": trial.bench,
         "path": settings.path,
         "temperature_drift_C": settings.temperature_drift_C,
         "flexible_joints": list(settings.flexible_joints),

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from pa10cal.cell.effects import outside
-from pa10cal.cell.effects.kinds import Motion
+from pa10cal.cell.effects.effect import Motion
 from pa10cal.cell.effects.structure import LinkBending
-from pa10cal.cell.effects.vocabulary import LIBRARY, make_effects
+from pa10cal.cell.effects.vocabulary import make_effects, vocabulary
+from pa10cal.cell.effects.vocabulary import outside as without_name
 from pa10cal.cell.equilibrium import rest_poses
+from pa10cal.cell.options import HiddenEffectOptions
 from pa10cal.errors import SettingsError
-from pa10cal.settings import HiddenEffectSettings
 
 RNG = np.random.default_rng(17)
 Q = RNG.uniform(-1.2, 1.2, (12, 6))
@@ -31,7 +32,7 @@ GOOD = [
 
 
 def entry(id_, of, parameters):
-    return HiddenEffectSettings(id=id_, of=of, parameters=parameters)
+    return HiddenEffectOptions(id=id_, of=of, parameters=parameters)
 
 
 def rest(robot, *effects):
@@ -40,8 +41,8 @@ def rest(robot, *effects):
 
 def test_they_are_hidden_by_name_and_are_not_in_the_vocabulary(robot):
     effects = make_effects([entry(*good) for good in GOOD], robot)
-    assert [effect.id for effect in effects] == list(outside.OUTSIDE)
-    assert not set(outside.OUTSIDE) & set(LIBRARY)
+    assert [effect.id for effect in effects] == list(without_name())
+    assert not set(without_name()) & set(vocabulary())
     assert all(field.description for e in effects for field in type(e).model_fields.values())
 
 
@@ -80,7 +81,7 @@ def test_bowed_axis_reads_a_parabola_and_a_little_cubic_of_another_coordinate():
 def test_hysteresis_lags_by_arrival_and_torque(rigid, arm):
     plain = rest(rigid)
     lagging = rest(rigid, outside.Hysteresis(h=2e-4).at("joint 2"))
-    turned = lagging.q_rad - plain.q_rad
+    turned = lagging.q - plain.q
     load = np.abs(lagging.tau_Nm[:, 1]) / arm.torque_limit_Nm[1]
     assert turned[:, 1] == pytest.approx(2e-4 * S[:, 1] * load, abs=1e-12)
     assert np.ptp(load) > 0.1
@@ -90,12 +91,12 @@ def test_hysteresis_lags_by_arrival_and_torque(rigid, arm):
 def test_hysteresis_needs_an_arrival(robot):
     effect = outside.Hysteresis(h=2e-4).at("joint 2")
     still = rest_poses(robot, (effect,), Q, LOADS, ZERO, ZERO)
-    assert np.array_equal(still.q_rad, rest_poses(robot, (), Q, LOADS, ZERO, ZERO).q_rad)
+    assert np.array_equal(still.q, rest_poses(robot, (), Q, LOADS, ZERO, ZERO).q)
 
 
 def test_dress_pack_is_carried_by_a_stiff_joint_and_moves_nothing(rigid):
     plain, pulled = rest(rigid), rest(rigid, outside.DressPack(k=3.0, q0=0.2).at("joint 4"))
-    assert np.array_equal(pulled.q_rad, plain.q_rad)
+    assert np.array_equal(pulled.q, plain.q)
     more = pulled.tau_Nm - plain.tau_Nm
     assert more[:, 3] == pytest.approx(3.0 * (Q[:, 3] - 0.2), abs=1e-12)
     assert np.abs(np.delete(more, 3, axis=1)).max() == 0.0
@@ -103,11 +104,11 @@ def test_dress_pack_is_carried_by_a_stiff_joint_and_moves_nothing(rigid):
 
 def test_dress_pack_deflects_a_spring_with_the_weights(robot, plain):
     found = rest(robot, outside.DressPack(k=5.0, q0=-0.4).at("joint 3"))
-    delta = Q[:, 2] - found.q_rad[:, 2]
+    delta = Q[:, 2] - found.q[:, 2]
     k_lin, k_cub = robot.springs.k_lin[2], robot.springs.k_cub[2]
     assert k_lin * delta + k_cub * delta**3 == pytest.approx(found.tau_Nm[:, 2], abs=1e-8)
     other, h, axis = plain(robot), 1e-5, np.eye(6)[2]
-    for q, tau, load_N in zip(found.q_rad, found.tau_Nm, LOADS, strict=True):
+    for q, tau, load_N in zip(found.q, found.tau_Nm, LOADS, strict=True):
         weights = (other.energy(q + h * axis, load_N) - other.energy(q - h * axis, load_N)) / 2 / h
         assert tau[2] == pytest.approx(weights + 5.0 * (q[2] + 0.4), abs=1e-6)
 

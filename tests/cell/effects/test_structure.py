@@ -118,7 +118,7 @@ def test_springs_and_structure_yield_together(robot, plain):
     effect = structure.LinkBending(c=1e-6).at("upper_arm")
     zero = np.zeros(8)
     rest = rest_poses(robot, (effect,), Q, LOADS, zero, zero)
-    delta = Q - rest.q_rad
+    delta = Q - rest.q
     k_lin, k_cub = robot.springs.k_lin, robot.springs.k_cub
     for j in (1, 2, 4):
         held = k_lin[j] * delta[:, j] + k_cub[j] * delta[:, j] ** 3

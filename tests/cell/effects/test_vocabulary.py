@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pa10cal.cell.effects.vocabulary import LIBRARY, make_effects
+from pa10cal.cell.effects.vocabulary import make_effects, vocabulary
+from pa10cal.cell.options import HiddenEffectOptions
 from pa10cal.errors import SettingsError
-from pa10cal.settings import HiddenEffectSettings
 
 #: One good entry of every effect.
 GOOD = [
@@ -32,12 +32,12 @@ GOOD = [
 
 
 def entry(id_, of, parameters):
-    return HiddenEffectSettings(id=id_, of=of, parameters=parameters)
+    return HiddenEffectOptions(id=id_, of=of, parameters=parameters)
 
 
 def test_every_effect_of_the_library_has_a_good_entry(robot):
     effects = make_effects([entry(*good) for good in GOOD], robot)
-    assert {effect.id for effect in effects} == set(LIBRARY)
+    assert {effect.id for effect in effects} == set(vocabulary())
     for effect, (_, of, parameters) in zip(effects, GOOD, strict=True):
         assert effect.of == of
         found = effect.model_dump()
@@ -47,7 +47,7 @@ def test_every_effect_of_the_library_has_a_good_entry(robot):
 
 
 def test_every_parameter_says_what_it_is_and_its_unit():
-    for effect in LIBRARY.values():
+    for effect in vocabulary().values():
         for name, field in effect.model_fields.items():
             assert field.description, f"{effect.id}.{name}"
 

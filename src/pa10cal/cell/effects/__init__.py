@@ -1,1 +1,1 @@
-"""What a real robot does beyond the paper's model: one small class an effect."""
+"""What a real robot does beyond its model: one small class an effect, found by looking here."""

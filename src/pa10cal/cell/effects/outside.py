@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from pa10cal.cell.effects.kinds import (
+from pa10cal.cell.effects.effect import (
+    ARC_SECOND,
     Array,
     CarriedTorqueEffect,
-    DriveEffect,
-    Effect,
     Finite,
     FinitePositive,
     InstrumentEffect,
     LostMotionEffect,
     Motion,
+    Site,
+    either_sign,
 )
+from pa10cal.cell.effects.joint import Harmonic
 
 Axis = Annotated[int, Field(ge=0, le=2)]
 
@@ -25,60 +27,40 @@ Axis = Annotated[int, Field(ge=0, le=2)]
 BOW_CUBIC = 0.2
 
 
-class ThirdHarmonic(DriveEffect):
+class ThirdHarmonic(Harmonic):
     """An error of three cycles a turn of the joint, as of a disk clamped by three screws."""
 
     id: ClassVar[str] = "third_harmonic"
-
-    A: Finite = Field(description="amplitude [rad]")
-    phi: Finite = Field(description="phase [rad]")
+    named: ClassVar[bool] = False
 
     def turn_rad(self, motion: Motion) -> Array:
         """Return A sin(3 q_j + phi)."""
-        phase = 3.0 * motion.q_rad[:, self.joint] + self.phi
-        return self.at_joint(self.A * np.sin(phase), motion.q_rad.shape[1])
-
-
-class Hysteresis(LostMotionEffect):
-    """The link lags behind the motor by more where the joint carries more."""
-
-    id: ClassVar[str] = "hysteresis"
-
-    h: Finite = Field(description="lag under the rated torque [rad]")
-
-    def lost_rad(self, tau_Nm: Array, arrival: Array, rated_Nm: Array) -> Array:
-        """Return h s_j |tau_j| / rated torque."""
-        lost = np.zeros_like(tau_Nm)
-        load = np.abs(tau_Nm[self.joint]) / rated_Nm[self.joint]
-        lost[self.joint] = self.h * arrival[self.joint] * load
-        return lost
-
-
-class DressPack(CarriedTorqueEffect):
-    """Cables and hoses along the arm pull a joint towards the angle at which they hang free."""
-
-    id: ClassVar[str] = "dress_pack"
-
-    k: FinitePositive = Field(description="stiffness of the pull [N m/rad]")
-    q0: Finite = Field(description="angle of the joint without pull [rad]")
-
-    def carried_Nm(self, q_rad: Array) -> Array:
-        """Return k (q_j - q0)."""
-        carried = np.zeros_like(q_rad)
-        carried[..., self.joint] = self.k * (q_rad[..., self.joint] - self.q0)
-        return carried
+        return self.sine(motion, 3.0)
 
 
 class BowedAxis(InstrumentEffect):
     """A guideway that is not straight: one axis reads a bow along another."""
 
     id: ClassVar[str] = "bowed_axis"
+    named: ClassVar[bool] = False
 
     axis: Axis = Field(description="axis that reads wrong, 0 to 2")
     along: Axis = Field(description="axis along which it does, another one, 0 to 2")
     sag: Finite = Field(description="reading error half_m from the centre, its even part [m]")
     half_m: FinitePositive = Field(description="half the length of the bow [m]")
     centre_m: Finite = Field(description="coordinate of its middle [m]")
+
+    @classmethod
+    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return a bow of 25 micrometres over the measured volume, along any axis."""
+        axis, along = rng.permutation(3)[:2].tolist()
+        return {
+            "axis": axis,
+            "along": along,
+            "sag": either_sign(size * 2.5e-5, rng),
+            "half_m": site.half_m,
+            "centre_m": site.middle_m[along],
+        }
 
     @field_validator("along")
     @classmethod
@@ -95,7 +77,44 @@ class BowedAxis(InstrumentEffect):
         return extra
 
 
-#: What can be hidden in a campaign besides the vocabulary.
-OUTSIDE: dict[str, type[Effect]] = {
-    effect.id: effect for effect in (ThirdHarmonic, BowedAxis, DressPack, Hysteresis)
-}
+class DressPack(CarriedTorqueEffect):
+    """Cables and hoses along the arm pull a joint towards the angle at which they hang free."""
+
+    id: ClassVar[str] = "dress_pack"
+    named: ClassVar[bool] = False
+    trial_places: ClassVar[tuple[str, ...]] = ("rated joint",)
+
+    k: FinitePositive = Field(description="stiffness of the pull [N m/rad]")
+    q0: Finite = Field(description="angle of the joint without pull [rad]")
+
+    @classmethod
+    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return a pull of 2 % of the rated torque a radian."""
+        return {"k": size * 0.02 * site.rated_Nm, "q0": float(rng.uniform(-0.5, 0.5))}
+
+    def carried_Nm(self, q_rad: Array) -> Array:
+        """Return k (q_j - q0)."""
+        carried = np.zeros_like(q_rad)
+        carried[..., self.joint] = self.k * (q_rad[..., self.joint] - self.q0)
+        return carried
+
+
+class Hysteresis(LostMotionEffect):
+    """The link lags behind the motor by more where the joint carries more."""
+
+    id: ClassVar[str] = "hysteresis"
+    named: ClassVar[bool] = False
+    trial_places: ClassVar[tuple[str, ...]] = ("loaded joint",)
+
+    h: Finite = Field(description="lag under the rated torque [rad]")
+
+    @classmethod
+    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return an arc minute either way under the rated torque."""
+        del site
+        return {"h": either_sign(size * (60.0 * ARC_SECOND), rng)}
+
+    def lost_rad(self, tau_Nm: Array, arrival: Array, rated_Nm: Array) -> Array:
+        """Return h s_j |tau_j| / rated torque."""
+        load = np.abs(tau_Nm[:, self.joint]) / rated_Nm[self.joint]
+        return self.at_joint(self.h * arrival[:, self.joint] * load, tau_Nm.shape[1])

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from pa10cal.cell.effects.kinds import (
+from pa10cal.cell.effects.effect import (
     LONG_LINKS,
     Array,
     Finite,
     Loading,
+    Site,
     StructureEffect,
     Triple,
+    any_direction,
 )
 from pa10cal.cell.mechanism import Strain
 
@@ -26,16 +28,25 @@ class LinkBending(StructureEffect):
 
     id: ClassVar[str] = "link_bending"
     places: ClassVar[tuple[str, ...]] = LONG_LINKS
+    by_weights: ClassVar[bool] = True
+    plausible_size: ClassVar[float] = 2.5
 
     c: Finite = Field(description="turn of the link's end a moment [rad/(N m)]")
 
+    @classmethod
+    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return 2e-6 rad/(N m)."""
+        del site, rng
+        return {"c": size * 2e-6}
+
     def strain(self, loading: Loading) -> Strain:
         """Turn the end by c M, shift it by (2/3) L (c M) x axis, as for a force at the end."""
-        link = loading.shape.link(self.of)
-        length_m, axis = _length_and_axis(loading.shape.spans_m[link])
-        moment = loading.moments.link_Nm[link]
-        turn = self.c * (moment - (moment @ axis) * axis)
-        return _moved_end(loading, link, turn, (2.0 / 3.0) * length_m * _cross(turn, axis))
+        link = loading.link(self.of)
+        span_m = loading.mechanism.spans_m[link]
+        axis = span_m / np.linalg.norm(span_m)
+        moment_Nm = loading.statics.link_Nm[:, link]
+        turn = self.c * (moment_Nm - np.outer(moment_Nm @ axis, axis))
+        return _moved_end(loading, link, turn, 2.0 / 3.0 * np.cross(turn, span_m))
 
 
 class LinkTorsion(StructureEffect):
@@ -43,15 +54,24 @@ class LinkTorsion(StructureEffect):
 
     id: ClassVar[str] = "link_torsion"
     places: ClassVar[tuple[str, ...]] = ("forearm",)
+    by_weights: ClassVar[bool] = True
+    plausible_size: ClassVar[float] = 0.67
 
     c: Finite = Field(description="twist of the link a moment [rad/(N m)]")
 
+    @classmethod
+    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return 3e-5 rad/(N m)."""
+        del site, rng
+        return {"c": size * 3e-5}
+
     def strain(self, loading: Loading) -> Strain:
         """Turn the end about the link's axis by c M_axis."""
-        link = loading.shape.link(self.of)
-        _, axis = _length_and_axis(loading.shape.spans_m[link])
-        moment = loading.moments.link_Nm[link]
-        return _moved_end(loading, link, self.c * (moment @ axis) * axis, np.zeros(3))
+        link = loading.link(self.of)
+        span_m = loading.mechanism.spans_m[link]
+        axis = span_m / np.linalg.norm(span_m)
+        turn = self.c * np.outer(loading.statics.link_Nm[:, link] @ axis, axis)
+        return _moved_end(loading, link, turn, np.zeros_like(turn))
 
 
 class BaseCompliance(StructureEffect):
@@ -59,14 +79,22 @@ class BaseCompliance(StructureEffect):
 
     id: ClassVar[str] = "base_compliance"
     places: ClassVar[tuple[str, ...]] = ("base",)
+    by_weights: ClassVar[bool] = True
+    plausible_size: ClassVar[float] = 2.0
 
     cx: Finite = Field(description="tilt about x a moment about x [rad/(N m)]")
     cy: Finite = Field(description="tilt about y a moment about y [rad/(N m)]")
 
+    @classmethod
+    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return 1.5e-6 rad/(N m) about both axes."""
+        del site, rng
+        return {"cx": size * 1.5e-6, "cy": size * 1.5e-6}
+
     def strain(self, loading: Loading) -> Strain:
         """Turn the base about x and y by c_x M_x and c_y M_y."""
-        turn = np.array([self.cx, self.cy, 0.0]) * loading.moments.base_Nm
-        return replace(_none(loading), base_turn_rad=turn)
+        turn = np.array([self.cx, self.cy, 0.0]) * loading.statics.base_Nm
+        return replace(loading.none, base_turn_rad=turn)
 
 
 class BaseDrift(StructureEffect):
@@ -74,13 +102,20 @@ class BaseDrift(StructureEffect):
 
     id: ClassVar[str] = "base_drift"
     places: ClassVar[tuple[str, ...]] = ("base",)
+    plausible_size: ClassVar[float] = 2.6  # the plausible rate is that of one axis
 
     rate: Triple = Field(description="velocity along base axes [m/h]")
 
+    @classmethod
+    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return 20 micrometres an hour in any direction."""
+        del site
+        return {"rate": any_direction(size * 2e-5, rng)}
+
     def strain(self, loading: Loading) -> Strain:
         """Shift the base by rate times the hours since the start."""
-        shift = np.array(self.rate) * loading.time_s / SECONDS_PER_HOUR
-        return replace(_none(loading), base_shift_m=shift)
+        shift = np.outer(loading.time_s, self.rate) / SECONDS_PER_HOUR
+        return replace(loading.none, base_shift_m=shift)
 
 
 class ThermalGrowth(StructureEffect):
@@ -88,35 +123,28 @@ class ThermalGrowth(StructureEffect):
 
     id: ClassVar[str] = "thermal_growth"
     places: ClassVar[tuple[str, ...]] = ("arm",)
+    by_temperature: ClassVar[bool] = True
+    plausible_size: ClassVar[float] = 1.7
 
     alpha: Finite = Field(description="expansion coefficient [1/K]")
 
+    @classmethod
+    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return that of steel."""
+        del site, rng
+        return {"alpha": size * 1.2e-5}
+
     def strain(self, loading: Loading) -> Strain:
         """Stretch the links by alpha (T - T_ref)."""
-        none = _none(loading)
+        none = loading.none
         stretch = none.stretch.copy()
-        stretch[[0, *loading.shape.long_links]] = self.alpha * loading.warming_K
+        grown = self.alpha * loading.warming_K[:, None]
+        stretch[:, sorted({0, *loading.mechanism.long_links})] = grown
         return replace(none, stretch=stretch)
 
 
-def _none(loading: Loading) -> Strain:
-    return Strain.none(len(loading.shape.spans_m))
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return the cross product of two vectors; numpy's own takes ten times as long for one."""
-    return np.array(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
-
-
-def _length_and_axis(span_m: Array) -> tuple[float, Array]:
-    length_m = float(np.linalg.norm(span_m))
-    return length_m, span_m / length_m
-
-
 def _moved_end(loading: Loading, link: int, turn_rad: Array, shift_m: Array) -> Strain:
-    none = _none(loading)
+    none = loading.none
     turn, shift = none.turn_rad.copy(), none.shift_m.copy()
-    turn[link], shift[link] = turn_rad, shift_m
+    turn[:, link], shift[:, link] = turn_rad, shift_m
     return replace(none, turn_rad=turn, shift_m=shift)

@@ -1,69 +1,54 @@
 """The effects the cell knows, by name, and how a settings entry becomes one of them.
 
-`LIBRARY` is the vocabulary; what `outside.OUTSIDE` lists can be hidden too, but has no name in it.
+An effect is known once its class is in a module of this folder.
 """
 
 from __future__ import annotations
 
 import difflib
+import pkgutil
 from collections.abc import Sequence
+from functools import cache
+from importlib import import_module
 
-from pa10cal.cell.built import BuiltRobot
-from pa10cal.cell.effects.instrument import CmmScale, CmmSquareness, ToolSag
-from pa10cal.cell.effects.joint import (
-    Backlash,
-    EncoderEccentricity,
-    EncoderEllipticity,
-    FrictionTorque,
-    GearRatioError,
-    JointCompliance,
-    JointErrorMap,
-    SoftWindup,
-    TorqueGain,
-    TransmissionError,
-    WristCoupling,
-)
-from pa10cal.cell.effects.kinds import LONG_LINKS, Effect, Shape
-from pa10cal.cell.effects.outside import OUTSIDE
-from pa10cal.cell.effects.structure import (
-    BaseCompliance,
-    BaseDrift,
-    LinkBending,
-    LinkTorsion,
-    ThermalGrowth,
-)
-from pa10cal.cell.mechanism import Mechanism
+import numpy as np
+
+from pa10cal.cell import effects
+from pa10cal.cell.effects.effect import LONG_LINKS, Effect
+from pa10cal.cell.options import HiddenEffectOptions
+from pa10cal.cell.robot import Robot
 from pa10cal.errors import SettingsError
-from pa10cal.settings import HiddenEffectSettings, parse_section
-
-#: Every effect of the vocabulary.
-LIBRARY: dict[str, type[Effect]] = {
-    effect.id: effect
-    for effect in (
-        TransmissionError,
-        EncoderEccentricity,
-        EncoderEllipticity,
-        JointErrorMap,
-        GearRatioError,
-        Backlash,
-        FrictionTorque,
-        TorqueGain,
-        JointCompliance,
-        SoftWindup,
-        WristCoupling,
-        LinkBending,
-        LinkTorsion,
-        BaseCompliance,
-        BaseDrift,
-        ThermalGrowth,
-        ToolSag,
-        CmmScale,
-        CmmSquareness,
-    )
-}
+from pa10cal.settings_reading import parse_section
 
 
-def make_effects(entries: Sequence[HiddenEffectSettings], robot: BuiltRobot) -> tuple[Effect, ...]:
+@cache
+def all_effects() -> dict[str, type[Effect]]:
+    """Return every effect by its id, module by module, each in the order of its file."""
+    found: dict[str, type[Effect]] = {}
+    for name in sorted(module.name for module in pkgutil.iter_modules(effects.__path__)):
+        module = import_module(f"{effects.__name__}.{name}")
+        for each in vars(module).values():
+            if (
+                isinstance(each, type)
+                and issubclass(each, Effect)
+                and each.__module__ == module.__name__
+                and "id" in vars(each)
+            ):
+                found[each.id] = each
+    return found
+
+
+def vocabulary() -> dict[str, type[Effect]]:
+    """Return the effects of the vocabulary."""
+    return {name: each for name, each in all_effects().items() if each.named}
+
+
+def outside() -> dict[str, type[Effect]]:
+    """Return the effects that can be hidden and have no name in the vocabulary."""
+    return {name: each for name, each in all_effects().items() if not each.named}
+
+
+def make_effects(entries: Sequence[HiddenEffectOptions], robot: Robot) -> tuple[Effect, ...]:
     """Turn settings entries into effects of this robot.
 
     Raises:
@@ -76,8 +61,19 @@ def make_effects(entries: Sequence[HiddenEffectSettings], robot: BuiltRobot) -> 
     )
 
 
-def _make_effect(entry: HiddenEffectSettings, robot: BuiltRobot, where: str) -> Effect:
-    known = {**LIBRARY, **OUTSIDE}
+def places_of(names: Sequence[str], robot: Robot, loaded: Sequence[int] = ()) -> list[str]:
+    """Return the places in a robot that entries of `places` or `trial_places` stand for.
+
+    Args:
+        names: the entries.
+        robot: as built.
+        loaded: joints, from 1, that weights load.
+    """
+    return [place for name in names for place in _places(name, robot, loaded)]
+
+
+def _make_effect(entry: HiddenEffectOptions, robot: Robot, where: str) -> Effect:
+    known = all_effects()
     kind = known.get(entry.id)
     if kind is None:
         near = difflib.get_close_matches(entry.id, known, n=1, cutoff=0.0)[0]
@@ -88,7 +84,7 @@ def _make_effect(entry: HiddenEffectSettings, robot: BuiltRobot, where: str) -> 
             allowed=", ".join(known),
             remedy=f"did you mean {near!r}?",
         )
-    places = [place for name in kind.places for place in _places(name, robot)]
+    places = places_of(kind.places, robot)
     if entry.of not in places:
         raise SettingsError(
             f"{entry.id} cannot sit there",
@@ -102,7 +98,7 @@ def _make_effect(entry: HiddenEffectSettings, robot: BuiltRobot, where: str) -> 
     return parameters.at(entry.of)
 
 
-def _check_names(kind: type[Effect], entry: HiddenEffectSettings, where: str) -> None:
+def _check_names(kind: type[Effect], entry: HiddenEffectOptions, where: str) -> None:
     """Refuse a parameter that the effect does not have, or one that is missing."""
     known = {name: field.description for name, field in kind.model_fields.items()}
     unknown = [name for name in entry.parameters if name not in known]
@@ -125,16 +121,29 @@ def _check_names(kind: type[Effect], entry: HiddenEffectSettings, where: str) ->
         )
 
 
-def _places(name: str, robot: BuiltRobot) -> list[str]:
-    """Return the places in this robot that one entry of `Effect.places` stands for."""
-    if name == "joint":
-        return [f"joint {joint}" for joint in range(1, robot.arm.n + 1)]
-    if name == "rigid joint":
-        flexible = robot.springs.flexible
-        return [f"joint {joint}" for joint in range(1, robot.arm.n + 1) if not flexible[joint - 1]]
+def _places(name: str, robot: Robot, loaded: Sequence[int]) -> list[str]:
+    """Return the places in this robot that one entry stands for."""
+    if name.endswith("joint"):
+        return [f"joint {joint}" for joint in _joints(name.split(), robot, loaded)]
     if name in LONG_LINKS:
-        known = len(Shape.of(Mechanism.nominal(robot)).long_links)
+        known = len(robot.mechanism.long_links)
         return [name] if LONG_LINKS.index(name) < known else []
-    if name == "wrist" and robot.arm.n < 2:
+    if name == "wrist" and (robot.arm.n < 2 or robot.arm.prismatic[-1]):
         return []
     return [name]
+
+
+def _joints(words: Sequence[str], robot: Robot, loaded: Sequence[int]) -> list[int]:
+    """Return the joints, from 1, that turn and are all that some words say of them."""
+    arm = robot.arm
+    qualities = {
+        "turning": ~arm.prismatic,
+        "rigid": ~robot.springs.flexible,
+        "geared": np.isfinite(arm.gear_ratio),
+        "rated": np.isfinite(arm.torque_limit_Nm),
+        "loaded": np.isin(np.arange(1, arm.n + 1), loaded),
+    }
+    fits = ~arm.prismatic
+    for word in words[:-1]:
+        fits = fits & qualities[word]
+    return (np.flatnonzero(fits) + 1).tolist()

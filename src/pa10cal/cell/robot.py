@@ -1,13 +1,17 @@
-"""The robot and the apparatus as they were built: what a campaign's truth is made of."""
+"""One individual robot as it was built: what a campaign's truth is made of."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+
+if TYPE_CHECKING:
+    from pa10cal.cell.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 
@@ -76,46 +80,75 @@ class Springs:
 
 
 @dataclass(frozen=True)
-class Apparatus:
-    """The tooling-ball apparatus on the flange; all places in the flange frame.
+class Payload:
+    """What an arm carries; points in the end-effector frame.
 
     Attributes:
-        mass_kg: its mass.
+        mass_kg: mass of the tool.
         com_m: (3,) its centre of mass.
-        load_point_m: (3,) where the external load hangs.
-        ball_names: B names.
-        balls_m: (B, 3) ball centres as they are.
-        balls_measured_m: (B, 3) ball centres as the separate measurement found them.
-        ball_diameter_m: diameter of every ball.
+        load_point_m: (3,) where an external load hangs.
     """
 
     mass_kg: float
     com_m: Array
     load_point_m: Array
-    ball_names: tuple[str, ...]
-    balls_m: Array
-    balls_measured_m: Array
-    ball_diameter_m: float
 
 
 @dataclass(frozen=True)
-class BuiltRobot:
-    """One individual robot with its apparatus, standing in front of the instrument.
+class Targets:
+    """B targets (tooling balls, reflectors) on the flange; points in the end-effector frame.
+
+    Attributes:
+        names: B names.
+        p_ee_m: (B, 3) where they are.
+        p_ee_stated_m: (B, 3) where the campaign says they are.
+    """
+
+    names: tuple[str, ...]
+    p_ee_m: Array
+    p_ee_stated_m: Array
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One individual robot with its tool, standing in front of the instrument.
 
     Attributes:
         arm: the arm as its maker describes it.
-        departures: what its geometry departs by.
+        mechanism: its joints, links and payload as they are.
         springs: its joint springs.
-        mass_kg: (n,) masses of its links.
-        com_m: (n, 3) their centres of mass in the frame of the link's own row.
-        apparatus: what it carries.
         T_instr_base: (4, 4) its base in the instrument's frame [m].
+        targets: what the instrument measures.
+        T_ee_target: (4, 4) the target of a tracker of poses, in the end-effector frame [m]; the
+            campaign says that it is the end-effector frame itself.
+        departures: by what its rows depart; None where its axes depart in any way.
     """
 
     arm: Arm
-    departures: Departures
+    mechanism: Mechanism
     springs: Springs
-    mass_kg: Array
-    com_m: Array
-    apparatus: Apparatus
     T_instr_base: Array
+    targets: Targets
+    T_ee_target: Array
+    departures: Departures | None
+
+    def T_instr_target(self, T_base_ee: Array) -> Array:
+        """Return where the target of a tracker of poses is, for end-effectors (P, 4, 4)."""
+        T: Array = self.T_instr_base @ T_base_ee @ self.T_ee_target
+        return T
+
+    def p_instr_targets_m(self, T_base_ee: Array, shift_m: Array | None = None) -> Array:
+        """Return where the targets are in the instrument's frame, (P, B, 3).
+
+        Args:
+            T_base_ee: (P, 4, 4) end-effectors.
+            shift_m: (P, 3) displacement of the tool, along the end-effector's axes.
+        """
+        T_instr_ee = self.T_instr_base @ T_base_ee
+        p_ee_m = self.targets.p_ee_m[None]
+        if shift_m is not None:
+            p_ee_m = p_ee_m + shift_m[:, None, :]
+        p_ee_m = np.broadcast_to(p_ee_m, (len(T_base_ee), *p_ee_m.shape[1:]))
+        along = np.einsum("pij,pbj->pbi", T_instr_ee[:, :3, :3], p_ee_m)
+        points: Array = along + T_instr_ee[:, None, :3, 3]
+        return points

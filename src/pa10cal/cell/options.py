@@ -1,4 +1,4 @@
-"""Settings of the virtual cell."""
+"""What can be asked of the virtual cell."""
 
 from __future__ import annotations
 
@@ -8,8 +8,18 @@ from pydantic import Field, FiniteFloat, NonNegativeInt, ValidationInfo, field_v
 
 from pa10cal.settings_section import NonNegative, Positive, Section
 
+#: Keys that have a meaning whatever the instrument.
+_OF_ANY_INSTRUMENT = (
+    "random_seed",
+    "robot",
+    "hidden_effects",
+    "temperature_drift_C",
+    "mass_factor",
+    "stated_uncertainty_mm",
+)
 
-class HiddenEffectSettings(Section):
+
+class HiddenEffectOptions(Section):
     """One effect for the virtual cell to hide, in the vocabulary of effects."""
 
     id: str
@@ -17,7 +27,7 @@ class HiddenEffectSettings(Section):
     parameters: dict[str, Any] = Field(default_factory=dict)
 
 
-class CellPosesSettings(Section):
+class CellPosesOptions(Section):
     """Where the virtual cell measures: calibration and held-out poses, two straight moves."""
 
     layout: Literal["grid", "wide"] = Field(
@@ -52,7 +62,7 @@ class CellPosesSettings(Section):
     tilt_seed: int = Field(1, description="draws attitudes, held-out points and wide poses")
 
 
-class CellNoiseSettings(Section):
+class CellNoiseOptions(Section):
     """Standard deviations of what differs from reading to reading; 0 switches one off."""
 
     touch_mm: NonNegative = Field(0.004, description="one touch, each coordinate")
@@ -72,8 +82,8 @@ class CellNoiseSettings(Section):
     )
 
 
-class SightedPlan(Section):
-    """A simulated campaign of any arm under an instrument that sees it without touching.
+class TrackerOptions(Section):
+    """A simulated campaign of any arm under an instrument that does not touch it.
 
     The arm is an individual drawn from tolerances. Spreads are standard deviations.
     """
@@ -94,6 +104,12 @@ class SightedPlan(Section):
     )
     loads_N: Annotated[tuple[NonNegative, ...], Field(min_length=1)] = Field(
         (0.0,), description="external loads, pose by pose in turn"
+    )
+    seconds_a_pose: Positive = Field(10.0, description="time that one configuration takes")
+    departs: Literal["any_way", "rows"] = Field(
+        "any_way",
+        description="any_way: joint axes and flange are off in all directions, by axis_m, "
+        "axis_rad and zero_rad; rows: by the parameters of its rows, drawn from the tolerances",
     )
     axis_m: NonNegative = Field(
         0.25e-3,
@@ -126,6 +142,9 @@ class SightedPlan(Section):
     attitude_rad: Annotated[FiniteFloat, Field(ge=1e-8)] = Field(
         2e-4, description="noise of an attitude about each axis, stated as it is"
     )
+    unseen_rad: NonNegative = Field(
+        0.0, description="links about their motors, which no log shows [rad; m of a sliding joint]"
+    )
     resolver_rad: NonNegative = Field(0.0, description="noise of a logged angle")
     resolver_mm: NonNegative = Field(0.0, description="noise of a sliding joint's logged position")
     logs_torques: bool = Field(False, description="whether torques are logged; needs masses")
@@ -133,12 +152,17 @@ class SightedPlan(Section):
         1.7e-3, description="noise of a logged torque, as a fraction of the joint's rated torque"
     )
 
+    @property
+    def target_count(self) -> int:
+        """Return the number of targets on the flange."""
+        return self.targets if self.instrument == "points" else 1
 
-class SimulateSettings(Section):
+
+class SimulateOptions(Section):
     """The virtual cell: what campaign `pa10cal simulate` writes."""
 
     random_seed: Annotated[int, Field(ge=0)] = 2008
-    hidden_effects: tuple[HiddenEffectSettings, ...] = Field(
+    hidden_effects: tuple[HiddenEffectOptions, ...] = Field(
         (),
         description="entries {id, of, parameters} in the vocabulary of effects, or outside of it",
     )
@@ -172,26 +196,27 @@ class SimulateSettings(Section):
         description="what the campaign states of its instrument, right or wrong; the touches "
         "scatter by `noise` whatever it says; none: the paper's figure",
     )
-    poses: CellPosesSettings = CellPosesSettings()
-    noise: CellNoiseSettings = CellNoiseSettings()
-    without_touches: SightedPlan | None = Field(
+    poses: CellPosesOptions = CellPosesOptions()
+    noise: CellNoiseOptions = CellNoiseOptions()
+    without_touches: TrackerOptions | None = Field(
         None,
-        description="a campaign of any arm under another instrument; of the other keys "
-        "only random_seed and robot then have a meaning",
+        description="a campaign of any arm under another instrument; of the other keys only "
+        "random_seed, robot, hidden_effects, temperature_drift_C, mass_factor and "
+        "stated_uncertainty_mm then have a meaning",
     )
 
     @field_validator("without_touches")
     @classmethod
     def _not_with_touches(
-        cls, plan: SightedPlan | None, info: ValidationInfo
-    ) -> SightedPlan | None:
+        cls, plan: TrackerOptions | None, info: ValidationInfo
+    ) -> TrackerOptions | None:
         touching = [
             name
             for name, value in info.data.items()
-            if name not in ("random_seed", "robot") and value != cls.model_fields[name].default
+            if name not in _OF_ANY_INSTRUMENT and value != cls.model_fields[name].default
         ]
         if plan is not None and touching:
             raise ValueError(
-                f"random_seed and robot beside it and no other key; {touching[0]} is for touches"
+                f"beside it only {', '.join(_OF_ANY_INSTRUMENT)}; {touching[0]} is for touches"
             )
         return plan

@@ -1,0 +1,256 @@
+"""The kinds of effects, by what they act on, and what they may depend on.
+
+An effect is one small class in a file of this folder: its fields are its parameters, `id` is its
+name, `places` says where it may sit, and `at_size` how large it usually is. Nothing else lists it.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, PrivateAttr
+
+from pa10cal.cell.mechanism import Mechanism, Statics, Strain
+from pa10cal.settings_section import Section
+
+Array = NDArray[np.float64]
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+FinitePositive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Triple = tuple[Finite, Finite, Finite]
+
+ARC_SECOND = np.pi / (180.0 * 3600.0)
+LONG_LINKS = ("upper_arm", "forearm")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How the joints came to stand in P configurations.
+
+    Attributes:
+        q_rad: (P, n) motor-side joint positions.
+        arrival: (P, n) direction in which each joint arrived: -1, 0 (did not move) or +1.
+        gear_ratio: (n,) motor turns a joint turn.
+    """
+
+    q_rad: Array
+    arrival: Array
+    gear_ratio: Array
+
+
+@dataclass(frozen=True)
+class Loading:
+    """What the structure bears in P configurations.
+
+    Attributes:
+        mechanism: the links.
+        statics: what weights bend them with.
+        time_s: (P,) times since the start of the campaign.
+        warming_K: (P,) temperatures above the reference.
+    """
+
+    mechanism: Mechanism
+    statics: Statics
+    time_s: Array
+    warming_K: Array
+
+    def link(self, name: str) -> int:
+        """Return the number, from 0, of `upper_arm` or `forearm`."""
+        return self.mechanism.long_links[LONG_LINKS.index(name)]
+
+    @property
+    def none(self) -> Strain:
+        """Return the unloaded shape."""
+        return Strain.none(len(self.time_s), self.mechanism.n)
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where an effect is put in a trial, and what its usual size goes by.
+
+    Attributes:
+        of: where it sits.
+        rated_Nm: rated torque of the joint; 0 of none.
+        typical_Nm: torque under which the joint usually stands; 0 of none.
+        coulomb_Nm: Coulomb friction of the joint; 0 of none.
+        half_m: how far the targets mostly lie from the middle of the measured volume.
+        middle_m: coordinates of that middle in the instrument's frame.
+    """
+
+    of: str
+    rated_Nm: float = 0.0
+    typical_Nm: float = 0.0
+    coulomb_Nm: float = 0.0
+    half_m: float = 0.0
+    middle_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def either_sign(amount: float, rng: np.random.Generator) -> float:
+    """Return the amount with a sign drawn at random."""
+    return amount * float(rng.choice([-1.0, 1.0]))
+
+
+def any_direction(length: float, rng: np.random.Generator) -> list[float]:
+    """Return the components of a vector of some length in a direction drawn at random."""
+    vector = rng.standard_normal(3)
+    components: list[float] = (length * vector / np.linalg.norm(vector)).tolist()
+    return components
+
+
+class Effect(Section):
+    """Something that moves the arm, its log or its measurement off the paper's model.
+
+    Its fields are its parameters; `at` puts it in its place.
+    """
+
+    id: ClassVar[str]
+    #: Where it may sit; `joint` stands for any joint by its number, `rigid joint` for one
+    #: without a spring, `loaded joint` for one that weights load.
+    places: ClassVar[tuple[str, ...]]
+    #: Whether it is in the vocabulary of effects; what is not can be hidden, but not be named.
+    named: ClassVar[bool] = True
+    #: Where trials put it so that it does something; none: at any of `places`.
+    trial_places: ClassVar[tuple[str, ...]] = ()
+    #: Whether it does nothing without weights.
+    by_weights: ClassVar[bool] = False
+    #: Whether it moves poses by way of springs alone.
+    by_spring: ClassVar[bool] = False
+    #: Whether it does nothing at constant temperature.
+    by_temperature: ClassVar[bool] = False
+    #: The size that the vocabulary holds for plausible, as a factor of the usual size.
+    plausible_size: ClassVar[float] = 1.0
+
+    _of: str = PrivateAttr("")
+
+    @classmethod
+    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return parameters at `size` times those that robots usually have.
+
+        Args:
+            site: where it is put.
+            size: factor of the usual size.
+            rng: draws phases, signs and directions.
+        """
+        raise NotImplementedError
+
+    def at(self, place: str) -> Self:
+        """Return the effect sitting at `place`: `joint 2`, `forearm`, `base`, ..."""
+        placed = self.model_copy()
+        placed._of = place
+        return placed
+
+    @property
+    def of(self) -> str:
+        """Where the effect sits."""
+        return self._of
+
+    @property
+    def joint(self) -> int:
+        """Index (from 0) of the joint in which the effect sits."""
+        return int(self.of.removeprefix("joint ")) - 1
+
+    def at_joint(self, values: Array, n: int) -> Array:
+        """Return (P, n) zeros with `values` (P,) in the column of the effect's joint."""
+        columns = np.zeros((len(values), n))
+        columns[:, self.joint] = values
+        return columns
+
+
+class DriveEffect(Effect):
+    """Turns a link against its motor, whatever the torque."""
+
+    places: ClassVar[tuple[str, ...]] = ("turning joint",)
+
+    @abstractmethod
+    def turn_rad(self, motion: Motion) -> Array:
+        """Return the (P, n) angles to add to the motor angles, before springs deflect."""
+
+
+class WindupEffect(Effect):
+    """Adds to the deflection of a joint under its torque."""
+
+    by_weights: ClassVar[bool] = True
+
+    @abstractmethod
+    def deflection_rad(self, tau_Nm: Array) -> Array:
+        """Return the (P, n) deflections under the torques `tau_Nm` (P, n)."""
+
+
+class LostMotionEffect(Effect):
+    """Turns a link against its motor by the torque it carries and the side it came from."""
+
+    by_weights: ClassVar[bool] = True
+    places: ClassVar[tuple[str, ...]] = ("turning joint",)
+
+    @abstractmethod
+    def lost_rad(self, tau_Nm: Array, arrival: Array, rated_Nm: Array) -> Array:
+        """Return the (P, n) angles to add to those of the links.
+
+        Args:
+            tau_Nm: (P, n) torques carried.
+            arrival: (P, n) directions of arrival: -1, 0 or +1.
+            rated_Nm: (n,) rated torques.
+        """
+
+
+class CarriedTorqueEffect(Effect):
+    """Makes a joint carry, and its log show, torque besides the weights.
+
+    What pulls at a joint runs along it from link to link, so the links' moments stay.
+    """
+
+    by_weights: ClassVar[bool] = True
+    by_spring: ClassVar[bool] = True
+    places: ClassVar[tuple[str, ...]] = ("turning joint",)
+
+    @abstractmethod
+    def carried_Nm(self, q_rad: Array) -> Array:
+        """Return the (..., n) torques that the motors hold besides, with the links at `q_rad`."""
+
+
+class TorqueLogEffect(Effect):
+    """Falsifies the logged torque; the springs do not feel it."""
+
+    by_weights: ClassVar[bool] = True
+    by_spring: ClassVar[bool] = True
+    places: ClassVar[tuple[str, ...]] = ("turning joint",)
+
+    @abstractmethod
+    def logged_too_much_Nm(self, tau_Nm: Array, arrival: Array) -> Array:
+        """Return the (P, n) torques that the log adds to the true `tau_Nm` (P, n)."""
+
+
+class StructureEffect(Effect):
+    """Moves the base or the ends of links."""
+
+    @abstractmethod
+    def strain(self, loading: Loading) -> Strain:
+        """Return what the effect adds to the unloaded shape."""
+
+
+class ToolEffect(Effect):
+    """Moves the tool on the flange."""
+
+    places: ClassVar[tuple[str, ...]] = ("tool",)
+
+    @abstractmethod
+    def shift_m(self, R_base_ee: Array) -> Array:
+        """Return the (P, 3) displacements of the tool along flange axes.
+
+        Args:
+            R_base_ee: (P, 3, 3) attitudes of the flange.
+        """
+
+
+class InstrumentEffect(Effect):
+    """Falsifies what the instrument reads."""
+
+    places: ClassVar[tuple[str, ...]] = ("instrument",)
+
+    @abstractmethod
+    def read_too_much_m(self, p_instr_m: Array) -> Array:
+        """Return what the instrument adds to the true points `p_instr_m` (..., 3)."""

@@ -1,0 +1,147 @@
+"""What every simulated instrument has, and what is true of the configurations that it measures."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+from pa10cal.cell.effects.effect import Effect, InstrumentEffect, ToolEffect, TorqueLogEffect
+from pa10cal.cell.equilibrium import Rest
+from pa10cal.cell.options import SimulateOptions
+from pa10cal.cell.poses import Poses
+from pa10cal.cell.robot import Robot
+from pa10cal.cell.schedule import Schedule
+
+Array = NDArray[np.float64]
+Streams = Mapping[str, np.random.Generator]
+
+#: Decimals of logged positions.
+DEG_DECIMALS = 5
+MM_DECIMALS = 4
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Everything that a campaign hides.
+
+    Attributes:
+        robot: the robot as built.
+        effects: what it does beyond the paper's model.
+        poses: commanded joint positions by purpose; None where they were drawn one by one.
+        schedule: the C configurations in the order of time.
+        q_motor: (C, n) motor positions at rest [rad, or m of a sliding joint].
+        rest: where the links came to rest.
+        temperature_C: (C,) temperatures at rest.
+    """
+
+    robot: Robot
+    effects: tuple[Effect, ...]
+    poses: Poses | None
+    schedule: Schedule
+    q_motor: Array
+    rest: Rest
+    temperature_C: Array
+
+    @property
+    def tool_shift_m(self) -> Array:
+        """(C, 3) displacements of the tool along flange axes."""
+        shift = np.zeros((len(self.schedule), 3))
+        for effect in self.effects:
+            if isinstance(effect, ToolEffect):
+                shift = shift + effect.shift_m(self.rest.T_base_ee[:, :3, :3])
+        return shift
+
+    def as_read(self, p_instr_m: Array) -> Array:
+        """Return points (..., 3) as the instrument reads them, without noise."""
+        read = p_instr_m.copy()
+        for effect in self.effects:
+            if isinstance(effect, InstrumentEffect):
+                read += effect.read_too_much_m(p_instr_m)
+        return read
+
+    def as_logged(self, tau_Nm: Array, arrival: Array) -> Array:
+        """Return torques (P, n) with what the log adds to them."""
+        logged = tau_Nm.copy()
+        for effect in self.effects:
+            if isinstance(effect, TorqueLogEffect):
+                logged += effect.logged_too_much_Nm(tau_Nm, arrival)
+        return logged
+
+
+class Instrument(ABC):
+    """How a robot is brought to its poses and measured there.
+
+    Attributes:
+        kind: the word of `instrument.kind` in campaign.yaml.
+        files: names of the raw files by their key in campaign.yaml.
+        streams: purposes of the streams of random numbers; a new one goes to the end, so that the
+            others stay as they are.
+        decimals: how many a column has in its file, by the end of its name; others are written as
+            they are.
+    """
+
+    kind: ClassVar[str]
+    files: ClassVar[Mapping[str, str]]
+    streams: ClassVar[tuple[str, ...]]
+    decimals: ClassVar[Mapping[str, int]]
+
+    def __init__(self, settings: SimulateOptions) -> None:
+        self.settings = settings
+
+    @abstractmethod
+    def schedule(
+        self, robot: Robot, streams: Streams, postures: Array | None
+    ) -> tuple[Schedule, Poses | None]:
+        """Return the configurations of a campaign, and their poses by purpose.
+
+        Args:
+            robot: as built.
+            streams: draw what is drawn.
+            postures: (P, n) joint positions commanded, in place of those of the settings.
+        """
+
+    @property
+    @abstractmethod
+    def at_rest_s(self) -> float:
+        """Return the time from setting out for a configuration to its reading."""
+
+    @abstractmethod
+    def motors(self, schedule: Schedule, streams: Streams) -> tuple[Array, Array]:
+        """Return motor positions (C, n), and those that drive the links, which no log shows."""
+
+    @abstractmethod
+    def measure(self, truth: Truth, streams: Streams) -> dict[str, pd.DataFrame]:
+        """Return the raw tables by the keys of `files`."""
+
+    @abstractmethod
+    def description(self, robot: Robot) -> dict[str, Any]:
+        """Return what campaign.yaml says of instrument and tool."""
+
+
+def as_written(arm: Arm, q: Array) -> Array:
+    """Return joint positions (N, n) [rad, or m of a sliding joint] as a file says them."""
+    mm, deg = (1e3 * q).round(MM_DECIMALS), np.degrees(q).round(DEG_DECIMALS)
+    written: Array = np.where(arm.prismatic, 1e-3 * mm, np.radians(deg))
+    return written
+
+
+def position_columns(arm: Arm, q: Array) -> dict[str, Array]:
+    """Return the columns of joint positions (N, n) [rad, or m of a sliding joint], as in a file."""
+    return {
+        f"q{joint}_mm" if slides else f"q{joint}_deg": (
+            (1e3 * column).round(MM_DECIMALS) if slides else np.degrees(column).round(DEG_DECIMALS)
+        )
+        for joint, (slides, column) in enumerate(zip(arm.prismatic, q.T, strict=True), start=1)
+    }
+
+
+def points_mm(names: Sequence[str], p_m: Array) -> dict[str, list[float]]:
+    """Return points (B, 3) as campaign.yaml writes them, by name."""
+    return dict(zip(names, (1e3 * p_m).round(MM_DECIMALS).tolist(), strict=True))

@@ -1,0 +1,155 @@
+"""What instruments that do not touch have in common: one row a configuration."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from pa10cal.cell.individual import refuse_unrated
+from pa10cal.cell.instruments.instrument import (
+    MM_DECIMALS,
+    Array,
+    Instrument,
+    Streams,
+    Truth,
+    as_written,
+    points_mm,
+    position_columns,
+)
+from pa10cal.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.cell.poses import joint_bounds
+from pa10cal.cell.robot import Robot
+from pa10cal.cell.schedule import Schedule, one_after_another
+from pa10cal.errors import SimulationError
+
+_TEMPERATURE_NOISE_C = 0.01
+
+
+class Tracker(Instrument):
+    """An instrument that measures targets from afar, while the arm stands in pose after pose.
+
+    Poses are drawn evenly in joint space; whether an arm or its targets collide, or can be seen, is
+    not looked at.
+    """
+
+    files: ClassVar[Mapping[str, str]] = {"poses": "poses.csv"}
+    streams: ClassVar[tuple[str, ...]] = (
+        "robot",
+        "poses",
+        "resolver",
+        "torque",
+        "position",
+        "attitude",
+        "visibility",
+        "hall",
+        "thermometer",
+        "unseen",
+    )
+    #: What was measured is written finer than it can be, so that nothing is lost on the way.
+    decimals: ClassVar[Mapping[str, int]] = {
+        **dict.fromkeys(("x_mm", "y_mm", "z_mm", "d_mm"), 6),
+        **dict.fromkeys(("qw", "qx", "qy", "qz"), 9),
+        "time_s": 2,
+        "_mm": 4,
+        "_deg": 5,
+        "_Nm": 3,
+        "_C": 2,
+    }
+
+    def __init__(self, settings: SimulateOptions) -> None:
+        super().__init__(settings)
+        self.plan = settings.without_touches or TrackerOptions()
+
+    @abstractmethod
+    def readings(self, truth: Truth, streams: Streams) -> dict[str, tuple[Array, float]]:
+        """Return columns (C,) of what is read, each with its standard uncertainty."""
+
+    @property
+    def stated_mm(self) -> float:
+        """Return the standard uncertainty that the campaign states, right or wrong."""
+        stated_mm = self.settings.stated_uncertainty_mm
+        return self.plan.position_mm if stated_mm is None else stated_mm
+
+    @property
+    def states_targets(self) -> bool:
+        """Return whether the campaign says where the targets are."""
+        return self.plan.states_targets
+
+    def schedule(
+        self, robot: Robot, streams: Streams, postures: Array | None
+    ) -> tuple[Schedule, None]:
+        """Return poses within the joint limits, the last ones held out."""
+        if postures is None:
+            low, high = joint_bounds(robot.arm)
+            postures = streams["poses"].uniform(low, high, (self.plan.poses, robot.arm.n))
+        return one_after_another(as_written(robot.arm, postures), self.plan), None
+
+    @property
+    def at_rest_s(self) -> float:
+        """Return the end of the time that a configuration takes."""
+        return self.plan.seconds_a_pose
+
+    def motors(self, schedule: Schedule, streams: Streams) -> tuple[Array, Array]:
+        """Return motors at their commands, and links about their motors."""
+        off = self.plan.unseen_rad * streams["unseen"].standard_normal(schedule.q.shape)
+        return schedule.q, schedule.q + off
+
+    def measure(self, truth: Truth, streams: Streams) -> dict[str, pd.DataFrame]:
+        """Return one row a configuration, what was read unrounded."""
+        arm, schedule = truth.robot.arm, truth.schedule
+        off = np.where(arm.prismatic, 1e-3 * self.plan.resolver_mm, self.plan.resolver_rad)
+        logged = truth.q_motor + off * streams["resolver"].standard_normal(truth.q_motor.shape)
+        columns: dict[str, Any] = {
+            "time_s": schedule.start_s + self.at_rest_s,
+            "kind": schedule.kind,
+            "pose": schedule.pose,
+            "load_N": schedule.load_N,
+            "repeat": schedule.repeat,
+            **position_columns(arm, as_written(arm, logged)),
+        }
+        if self.plan.logs_torques:
+            tau_Nm = self._logged_torques(truth, streams["torque"])
+            columns |= {f"tau{joint}_Nm": tau for joint, tau in enumerate(tau_Nm.T, start=1)}
+        if self.settings.temperature_drift_C > 0.0:
+            noise_C = _TEMPERATURE_NOISE_C * streams["thermometer"].standard_normal(len(schedule))
+            columns["temperature_C"] = (truth.temperature_C + noise_C).round(2)
+        read = self.readings(truth, streams)
+        columns |= {name: values for name, (values, _) in read.items()}
+        columns |= {f"u_{name}": np.full(len(schedule), u) for name, (_, u) in read.items()}
+        return {"poses": pd.DataFrame(columns)}
+
+    def description(self, robot: Robot) -> dict[str, Any]:
+        """Return what campaign.yaml says of instrument and tool."""
+        payload, targets = robot.mechanism.payload, robot.targets
+        stated = points_mm(targets.names, targets.p_ee_stated_m)
+        return {
+            "instrument": {"kind": self.kind, "uncertainty_mm": self.stated_mm},
+            "tool": {
+                "mass_kg": payload.mass_kg,
+                "com_mm": (1e3 * payload.com_m).round(MM_DECIMALS).tolist(),
+                "load_point_mm": (1e3 * payload.load_point_m).round(MM_DECIMALS).tolist(),
+                **({"balls_mm": stated} if self.states_targets else {}),
+            },
+        }
+
+    def _logged_torques(self, truth: Truth, rng: np.random.Generator) -> Array:
+        arm = truth.robot.arm
+        if arm.mass_kg is None:
+            raise SimulationError(
+                "the arm has no masses, so its motors hold nothing",
+                where=f"robot {arm.name}",
+                value="logs_torques: true",
+                allowed="an arm description with mass_kg and com_m, or no logged torques",
+                remedy="add them to the description or set logs_torques: false",
+            )
+        refuse_unrated(arm, range(1, arm.n + 1), "logs_torques")
+        tau_Nm = truth.as_logged(truth.rest.tau_Nm, truth.schedule.arrival)
+        noise_Nm = (
+            self.plan.torque_fraction * arm.torque_limit_Nm * rng.standard_normal(tau_Nm.shape)
+        )
+        logged: Array = (tau_Nm + noise_Nm).round(3)
+        return logged
