@@ -15,15 +15,16 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.state import PoseStates
-from pa10cal.calibration.calibrate import Options, tolerance_rows
+from pa10cal.arm.tolerances import Tolerances
+from pa10cal.calibration.calibrate import tolerance_rows
 from pa10cal.calibration.inner_poses import rows_of, spread_poses
 from pa10cal.calibration.levels import TwoLevel
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.baseline import baseline
-from pa10cal.terms.offsets import Tolerances
 
 Array = NDArray[np.float64]
 
@@ -65,14 +66,14 @@ def problem(poses: int) -> TwoLevel:
 def solve_exactly(level: TwoLevel) -> Array:
     """Solve with exact derivatives, as the pipeline does, from one start."""
     start = nominal_start(level.model)
-    return solve(level, start, tolerance_rows(level, start, Options()), 200).x
+    return solve(level, start, tolerance_rows(level, start, CalibrationOptions()), 200).x
 
 
 def solve_by_differences(level: TwoLevel) -> Array:
     """Solve as the paper did: finite differences outside, and inside for every evaluation."""
     model, observations = level.model, level.observations
     start = nominal_start(model)
-    terms = tolerance_rows(level, start, Options())
+    terms = tolerance_rows(level, start, CalibrationOptions())
     inner = np.zeros(6)
 
     def place(T_base_ee: Array, psi: Array, rows: Array | slice) -> Array:

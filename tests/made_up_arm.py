@@ -11,6 +11,7 @@ from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, statics
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.discovery.discover import Discovery, discover
 from pa10cal.discovery.evidence.candidates import testable
 from pa10cal.discovery.evidence.fit import Fit, fit
@@ -27,7 +28,6 @@ from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Tolerances
 
 ARM = load_arm("pa10_6ce")
 FLEXIBLE = (2, 3)

@@ -11,6 +11,7 @@ from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, statics
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.general.unknowns import tool_frame
 from pa10cal.discovery.blocked_cv.discover import BlockedDiscovery, discover_by_blocks
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
@@ -21,7 +22,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Tolerances, link_departures
+from pa10cal.terms.offsets import link_departures
 
 ARM = load_arm("ur10")
 BURDEN = Payload(1.0, np.array([0.0, 0.0, 0.05]), np.zeros(3), np.array([0.0, 0.0, -9.81]))

@@ -7,14 +7,15 @@ import numpy as np
 from benchmarks.peers.adapter import Fitted, main
 from benchmarks.peers.problem import Array, Problem
 from pa10cal.arm.state import PoseStates
-from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_general
+from pa10cal.arm.tolerances import Tolerances
+from pa10cal.calibration.general.calibrate import calibrate_general
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.start import find_start
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.commands.command_line import limit_threads
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Points
-from pa10cal.terms.offsets import Tolerances
 
 
 class Ours:
@@ -24,7 +25,7 @@ class Ours:
         self.arm = load_arm("ur10")
         self.observations = _observations(problem)
         length, angle = problem.tolerance_m, problem.tolerance_rad
-        self.options = GeneralOptions(
+        self.options = CalibrationOptions(
             tolerances=Tolerances(
                 a_m=length, alpha_rad=angle, d_m=length, beta_rad=angle, theta_rad=angle
             )

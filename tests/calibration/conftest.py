@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from made_up_poses import measured_poses
 from pa10cal.arm.state import PoseStates
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.baseline import baseline, solved_parameters
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Tolerances
 
 
 def rows(kind, values, joints=(1, 2, 3, 4, 5, 6)):

@@ -5,9 +5,9 @@ import pytest
 from scipy.optimize import least_squares
 
 from made_up_poses import measured_poses
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.accuracy import deviations, summarise
 from pa10cal.calibration.calibrate import (
-    Options,
     calibrate,
     one_level,
     solve_one_level,
@@ -19,6 +19,7 @@ from pa10cal.calibration.inner_dependence import inner_dependence
 from pa10cal.calibration.l_curve import l_curve
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.load_case import rows_of_load
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.errors import CalibrationError
@@ -26,15 +27,14 @@ from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
 from pa10cal.observe.averages import average_repeats
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Tolerances
 
 AS_MEASURED = ErrorSources()
-QUICK = Options(starts=2)
+QUICK = CalibrationOptions(starts=2)
 
 
 @pytest.fixture(scope="module")
 def calibrated(model, observe):
-    return calibrate(model, observe(noise=1.0), Options(), AS_MEASURED)
+    return calibrate(model, observe(noise=1.0), CalibrationOptions(), AS_MEASURED)
 
 
 def known(calibration):
@@ -85,7 +85,7 @@ def test_one_attitude_leaves_two_more_directions_open(model, observe, states, T_
 
 
 def test_one_level_agrees_with_two_levels_over_all_poses(model, observe, T_instr_base):
-    options = replace(QUICK, inner_poses=None)
+    options = QUICK.model_copy(update={"inner_poses": "all"})
     two = calibrate(model, observe(noise=1.0), options, AS_MEASURED)
     start = nominal_start(model)
     one = solve_one_level(two.level, T_instr_base, start, two.terms, 200)
@@ -96,7 +96,7 @@ def test_one_level_agrees_with_two_levels_over_all_poses(model, observe, T_instr
 
 
 def test_inner_subset_moves_the_answer_by_less_than_its_uncertainty(calibrated):
-    options = Options()
+    options = CalibrationOptions()
     spread = inner_dependence(calibrated.level, calibrated.solution.x, options, 5)
     report = calibrated.level.model.report(calibrated.solution.x)
     covariance = report.jacobian @ calibrated.covariances.parameters @ report.jacobian.T
@@ -244,7 +244,7 @@ def test_l_curve_trades_misfit_for_departure(calibrated):
 def test_nested_finite_differences_give_the_same_answer(model, observe):
     """The paper's way: both levels by finite differences, no derivative of ours."""
     observations = observe(noise=1.0)
-    options = replace(QUICK, inner_poses=None)
+    options = QUICK.model_copy(update={"inner_poses": "all"})
     exact = calibrate(model, observations, options, AS_MEASURED)
     terms = tolerance_rows(exact.level, exact.solution.x, options)
 

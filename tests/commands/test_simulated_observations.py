@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from made_up_robot import track
-from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_general
+from pa10cal.calibration.general.calibrate import calibrate_general
 from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.unknowns import choose_unknowns
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import read_campaign
 from pa10cal.campaign.ingest import ingest_campaign
 from pa10cal.campaign.options import IngestOptions
@@ -71,7 +72,7 @@ def test_the_truth_is_stated_in_the_coordinates_of_the_model(robot, plan):
     first = observations_of(track(arm, plan, 3))
     start = find_start(arm, first)
     unknowns = choose_unknowns(
-        arm, GeneralOptions().tolerances, first.measured, start.T_instr_base, start.targets_m
+        arm, CalibrationOptions().tolerances, first.measured, start.T_instr_base, start.targets_m
     )
     individual, truth = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(4))
     seen = observations_of(measured(individual, plan, 4))
@@ -80,7 +81,7 @@ def test_the_truth_is_stated_in_the_coordinates_of_the_model(robot, plan):
         seen,
         find_start(arm, seen),
         payload_of_individual(individual),
-        GeneralOptions(springs=plan.flexible_joints),
+        CalibrationOptions().with_springs(plan.flexible_joints),
     )
     scores = parameter_scores(found, truth)
     assert len(scores) == len(found.problem.parameters)

@@ -9,6 +9,7 @@ from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, statics
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.discovery.clustered import mean, slope
 from pa10cal.discovery.discover import compare
@@ -27,7 +28,6 @@ from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.encoder import TransmissionError
 from pa10cal.terms.effects.joint_torque import FrictionTorque
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Tolerances
 
 ARM = load_arm("pa10_6ce")
 FLEXIBLE = (2, 3)

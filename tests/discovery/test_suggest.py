@@ -7,7 +7,9 @@ import pytest
 
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.calibrate import ErrorSources, Options, calibrate
+from pa10cal.arm.tolerances import Tolerances
+from pa10cal.calibration.calibrate import ErrorSources, calibrate
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import read_campaign
 from pa10cal.campaign.ingest import ingest_campaign
 from pa10cal.campaign.table import observations_of
@@ -31,7 +33,6 @@ from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Tolerances
 
 ARM = load_arm("pa10_6ce")
 FLEXIBLE = (2, 3, 5)
@@ -101,7 +102,7 @@ def calibrated(readings):
     averaged = average_repeats(readings)
     tau_Nm = np.abs(averaged.states.tau_Nm).max(axis=0)
     model = baseline(ARM, FLEXIBLE, Tolerances(), tau_ref_Nm=tau_Nm)
-    options = Options(starts=1, inner_poses=None)
+    options = CalibrationOptions(starts=1, inner_poses="all")
     found = calibrate(model, averaged, options, ErrorSources(readings, 5e-6))
     bending = Model(Chain.of(ARM, bends=long_links(ARM)), model.terms)
     return OperatingPoint(bending, found.solution.x, found.T_instr_base)

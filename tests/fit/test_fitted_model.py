@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.general.unknowns import tool_frame
 from pa10cal.errors import ModelError, TermError
 from pa10cal.files.arms import arm_names, load_arm
@@ -23,7 +24,7 @@ from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.effects.family import candidates
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Tolerances, link_departures
+from pa10cal.terms.offsets import link_departures
 
 PAYLOAD = Payload(2.4, np.array([0.01, 0.0, 0.05]), np.zeros(3), np.array([0.0, 0.0, -9.81]))
 

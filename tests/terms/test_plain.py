@@ -10,13 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.errors import TermError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.effects.family import candidates, every_effect
 from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.offsets import Tolerances, base_frame, link_departures
+from pa10cal.terms.offsets import base_frame, link_departures
 from pa10cal.terms.plain import term_from_plain, term_kinds, term_to_plain
 
 numbers = st.floats(min_value=-1e6, max_value=1e6, allow_nan=False)

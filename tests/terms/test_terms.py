@@ -2,11 +2,12 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.baseline import baseline, nominal, solved_parameters
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.offsets import Tolerances, base_frame, link_departures
+from pa10cal.terms.offsets import base_frame, link_departures
 
 TERMS = {
     "link departures": (link_departures(load_arm("pa10_6ce"), Tolerances()), None),

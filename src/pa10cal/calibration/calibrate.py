@@ -16,6 +16,7 @@ from pa10cal.calibration.identifiability import (
 )
 from pa10cal.calibration.inner_poses import rows_of, spread_poses
 from pa10cal.calibration.levels import Level, OneLevel, TwoLevel
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.solve import Solution, random_starts, solve
 from pa10cal.calibration.tolerance_terms import all_terms, null_space_terms, residual_weight
 from pa10cal.calibration.uncertainty import (
@@ -40,24 +41,6 @@ _GOOD_ENOUGH = 1e-6
 _LITTLE_SHARE = 0.01
 #: The null space hardly moves with the parameters; it is found again at the solution this often.
 _NULL_SPACE_PASSES = 3
-
-
-@dataclass(frozen=True)
-class Options:
-    """How to calibrate; see `settings.CalibrationSettings` for the meaning of each.
-
-    Attributes:
-        inner_poses: M, None for all.
-    """
-
-    epsilon: float = 1.6e-4
-    epsilon_acts_on: str = "residual"
-    tolerance_terms: str = "null_space"
-    inner_poses: int | None = 8
-    r_max_m: float = 1.0
-    starts: int = 8
-    random_seed: int = 20080427
-    max_iterations: int = 200
 
 
 @dataclass(frozen=True)
@@ -103,7 +86,7 @@ class Calibration:
 def calibrate(
     model: Model,
     observations: Observations[Pose],
-    options: Options,
+    options: CalibrationOptions,
     errors: ErrorSources,
     *,
     inner_poses: tuple[str, ...] | None = None,
@@ -139,7 +122,7 @@ def calibrate(
     return describe(level, best, tuple(solutions), terms, poses, errors)
 
 
-def _from_linear_springs(level: TwoLevel, start: Array, options: Options) -> Array:
+def _from_linear_springs(level: TwoLevel, start: Array, options: CalibrationOptions) -> Array:
     """Return where linear springs lead, with a little of the cubic part.
 
     Straight from nominal geometry a stiff, nearly linear spring can end as an all but cubic one,
@@ -262,7 +245,7 @@ def solve_one_level(
     return solve(one_level(level, T_instr_base), start, padded, max_iterations)
 
 
-def tolerance_rows(level: Level, x: Array, options: Options) -> Array:
+def tolerance_rows(level: Level, x: Array, options: CalibrationOptions) -> Array:
     """Return the tolerance rows (r, k) that the options ask for, at parameters x."""
     weight = residual_weight(options.epsilon, options.epsilon_acts_on)
     parameters = level.model.parameters

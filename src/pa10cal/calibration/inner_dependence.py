@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import deviations, summarise
-from pa10cal.calibration.calibrate import Options, tolerance_rows
+from pa10cal.calibration.calibrate import tolerance_rows
 from pa10cal.calibration.inner_poses import random_poses, rows_of
 from pa10cal.calibration.levels import TwoLevel
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.solve import solve
 
 Array = NDArray[np.float64]
@@ -31,7 +32,9 @@ class InnerDependence:
     mean_mm: Array
 
 
-def inner_dependence(level: TwoLevel, x: Array, options: Options, draws: int) -> InnerDependence:
+def inner_dependence(
+    level: TwoLevel, x: Array, options: CalibrationOptions, draws: int
+) -> InnerDependence:
     """Calibrate again with random inner poses, each time from the solution x."""
     reported, means = [], []
     for poses in random_poses(level.observations, options.inner_poses, draws, options.random_seed):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,21 +14,21 @@ from pa10cal.observe.pose import Pose
 Array = NDArray[np.float64]
 
 
-def spread_poses(observations: Observations[Pose], count: int | None) -> tuple[str, ...]:
+def spread_poses(observations: Observations[Pose], count: int | Literal["all"]) -> tuple[str, ...]:
     """Choose poses far from each other: each next one is the farthest from those chosen.
 
     The paper does not say which 8 of its 27 it took; on a 3 x 3 x 3 pattern this gives corners.
 
     Args:
         observations: measured poses.
-        count: M, or None for all.
+        count: M, or `all`.
 
     Raises:
         CalibrationError: when there are fewer poses than asked for.
     """
     labels, places = _places(observations)
     _check(count, len(labels))
-    if count is None or count == len(labels):
+    if count == "all" or count == len(labels):
         return tuple(str(label) for label in labels)
     from_centre = np.linalg.norm(places - places.mean(axis=0), axis=1)
     chosen = [int(np.argmax(from_centre))]
@@ -38,12 +40,12 @@ def spread_poses(observations: Observations[Pose], count: int | None) -> tuple[s
 
 
 def random_poses(
-    observations: Observations[Pose], count: int | None, draws: int, random_seed: int
+    observations: Observations[Pose], count: int | Literal["all"], draws: int, random_seed: int
 ) -> list[tuple[str, ...]]:
     """Draw random choices of M poses; none when all poses are used anyway."""
     labels, _ = _places(observations)
     _check(count, len(labels))
-    if count is None or count == len(labels):
+    if count == "all" or count == len(labels):
         return []
     generator = np.random.default_rng(random_seed)
     return [
@@ -71,8 +73,8 @@ def _places(observations: Observations[Pose]) -> tuple[NDArray[np.str_], Array]:
     return labels, places
 
 
-def _check(count: int | None, available: int) -> None:
-    if count is not None and count > available:
+def _check(count: int | Literal["all"], available: int) -> None:
+    if count != "all" and count > available:
         raise CalibrationError(
             "more inner poses than measured poses",
             where="calibration.inner_poses",

@@ -18,7 +18,6 @@ from pa10cal.calibration.accuracy import (
 )
 from pa10cal.calibration.calibrate import (
     Calibration,
-    Options,
     calibrate,
     one_level,
     solve_one_level,
@@ -26,6 +25,7 @@ from pa10cal.calibration.calibrate import (
 from pa10cal.calibration.health import Errors, FitSummary, Health, health
 from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependence
 from pa10cal.calibration.l_curve import LCurvePoint, l_curve
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.calibration.uncertainty import ErrorSources, with_own_scatter
 from pa10cal.errors import CalibrationError
@@ -34,30 +34,12 @@ from pa10cal.observe.instrument import Deviations
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.baseline import baseline, nominal
-from pa10cal.terms.offsets import Tolerances
 
 Array = NDArray[np.float64]
 
 COMBINED = "combined"
 #: Weights of the L-curve: from no influence to next to no departures.
 _L_CURVE_WEIGHTS = np.geomspace(1e-6, 3e-2, 14)
-
-
-@dataclass(frozen=True)
-class Study:
-    """What a load case is worked out with.
-
-    Attributes:
-        flexible_joints: joints with a spring.
-        tolerances: of the link parameters.
-        options: of the solver.
-        inner_subsets: random choices of the inner poses to try.
-    """
-
-    flexible_joints: tuple[int, ...]
-    tolerances: Tolerances
-    options: Options
-    inner_subsets: int
 
 
 @dataclass(frozen=True)
@@ -120,8 +102,7 @@ def work_out(
     held_out: Observations[Pose] | None,
     T_instr_base_seed: Array,
     load: str,
-    u_apparatus_m: float,
-    study: Study,
+    options: CalibrationOptions,
 ) -> LoadCase:
     """Work out one load case.
 
@@ -131,8 +112,7 @@ def work_out(
         held_out: poses held out, only judged; None where there are none.
         T_instr_base_seed: (4, 4) base frame from the straight-line moves.
         load: `combined`, or a load such as `44N`.
-        u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
-        study: models and options.
+        options: how to calibrate.
 
     Raises:
         CalibrationError: when no grid pose has that load, or there are too few of them.
@@ -140,14 +120,13 @@ def work_out(
     began = time.perf_counter()
     chosen = readings.take(rows_of_load(readings.states.load_N, load))
     grid, used = average_repeats(readings), average_repeats(chosen)
-    errors = ErrorSources(chosen, u_apparatus_m)
-    options = study.options
+    errors = ErrorSources(chosen, 1e-3 * options.apparatus_uncertainty_mm)
     cubic, linear = (
         calibrate(
             baseline(
                 arm,
-                study.flexible_joints,
-                study.tolerances,
+                options.flexible_joints,
+                options.tolerances,
                 cubic=is_cubic,
                 tau_ref_Nm=np.abs(used.states.tau_Nm).max(axis=0),
             ),
@@ -174,7 +153,7 @@ def work_out(
         before_seed_frame=summarise_by_load(
             deviations(T_rigid, T_instr_base_seed, grid), grid.states.load_N
         ),
-        dependence=inner_dependence(cubic.level, cubic.solution.x, options, study.inner_subsets),
+        dependence=inner_dependence(cubic.level, cubic.solution.x, options, options.inner_subsets),
         one_level=_check_one_level(cubic, T_instr_base_seed, options),
         l_curve=(
             l_curve(cubic.level, cubic.solution.x, _L_CURVE_WEIGHTS, options.max_iterations)
@@ -216,7 +195,7 @@ def model_deviations(calibration: Calibration, poses: Observations[Pose]) -> Dev
 
 
 def _check_one_level(
-    cubic: Calibration, T_instr_base_seed: Array, options: Options
+    cubic: Calibration, T_instr_base_seed: Array, options: CalibrationOptions
 ) -> OneLevelCheck:
     """Solve on one level from the seed, and on two with all poses inside."""
     level, terms = cubic.level, cubic.terms

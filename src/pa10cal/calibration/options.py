@@ -89,6 +89,11 @@ class CalibrationOptions(Section):
         description="standard uncertainty of a tooling ball's place on the apparatus, per axis",
     )
 
+    def with_springs(self, joints: tuple[int, ...]) -> CalibrationOptions:
+        """Return these options with linear springs at the joints given, for the general model."""
+        general = self.general.model_copy(update={"springs": joints})
+        return self.model_copy(update={"general": general})
+
     @field_validator("flexible_joints")
     @classmethod
     def _each_once(cls, joints: tuple[int, ...]) -> tuple[int, ...]:

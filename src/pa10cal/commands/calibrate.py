@@ -68,7 +68,6 @@ def _by_papers_model(
     from pa10cal.observe.averages import poses_of
     from pa10cal.results.codec import read
     from pa10cal.results.seed import BaseFrameRecord
-    from pa10cal.stages.calibration_record import study_of
 
     if campaign.instrument.kind not in ("touch_trigger_cmm", "pose"):
         raise CalibrationError(
@@ -86,8 +85,7 @@ def _by_papers_model(
         held_out if len(held_out) else None,
         seed.T_instr_base,
         load,
-        1e-3 * settings.apparatus_uncertainty_mm,
-        study_of(settings),
+        settings,
     )
     return paper_record(case, campaign, settings)
 
@@ -107,7 +105,7 @@ def _by_general_model(
     from pa10cal.observe.averages import average_repeats
     from pa10cal.results.codec import read
     from pa10cal.results.seed import BaseFrameRecord
-    from pa10cal.stages.general_record import general_options, read_start
+    from pa10cal.stages.general_record import read_start
     from pa10cal.stages.measurement_setup import payload_of
 
     seed = read(BaseFrameRecord, base_frame, campaign.name)
@@ -121,7 +119,7 @@ def _by_general_model(
         read_start(seed, grid.measured, base_frame),
         load,
         payload_of(campaign, arm),
-        general_options(settings),
+        settings,
     )
     return general_record(case, campaign, settings)
 

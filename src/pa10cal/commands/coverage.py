@@ -8,13 +8,9 @@ from __future__ import annotations
 import sys
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.cell.options import SimulateOptions
-
-if TYPE_CHECKING:
-    from pa10cal.calibration.load_case import Study
 
 
 def coverage(
@@ -94,12 +90,10 @@ def _scores(simulate: SimulateOptions, settings: CalibrationOptions) -> dict[str
     from pa10cal.cell.write import write_campaign
     from pa10cal.files.arms import load_arm
     from pa10cal.observe.averages import average_repeats, poses_of
-    from pa10cal.stages.calibration_record import study_of
     from pa10cal.stages.records import read_record
     from pa10cal.terms.baseline import baseline
 
     arm = load_arm(simulate.robot)
-    study: Study = study_of(settings)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         made = simulate_campaign("coverage", arm, simulate, "text_e7")
@@ -109,9 +103,9 @@ def _scores(simulate: SimulateOptions, settings: CalibrationOptions) -> dict[str
         truth = read_record(folder / "truth.json", "pa10cal-truth/1")["parameters"]
     readings = poses_of(observations_of(ingested.poses, campaign), average=False)
     found = calibrate(
-        baseline(arm, study.flexible_joints, study.tolerances),
+        baseline(arm, settings.flexible_joints, settings.tolerances),
         average_repeats(readings),
-        study.options,
+        settings,
         ErrorSources(readings, 1e-3 * settings.apparatus_uncertainty_mm),
     )
     return {

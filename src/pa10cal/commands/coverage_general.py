@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pa10cal.arm.description import Arm
-    from pa10cal.calibration.general.calibrate import GeneralCalibration, GeneralOptions
+    from pa10cal.calibration.general.calibrate import GeneralCalibration
     from pa10cal.calibration.general.unknowns import Unknowns
     from pa10cal.cell.options import TrackerOptions
     from pa10cal.cell.robot import Robot
@@ -54,9 +54,8 @@ def coverage_general(
 
     from pa10cal.files.output import whole_file, write_json
     from pa10cal.files.schemas import COVERAGE_GENERAL
-    from pa10cal.stages.general_record import general_options
 
-    options = general_options(calibration)
+    options = calibration
     records = [_record(case, settings, options) for case in settings.cases]
     write_json(
         out,
@@ -92,7 +91,7 @@ class _Study:
 
 
 def _record(
-    case: CoverageCase, settings: CoverageOptions, options: GeneralOptions
+    case: CoverageCase, settings: CoverageOptions, options: CalibrationOptions
 ) -> dict[str, Any]:
     """Work out one case: the record of it."""
     from pa10cal.evaluation.coverage import coverage
@@ -173,11 +172,10 @@ def _rows(record: dict[str, Any]) -> list[tuple[str, ...]]:
 def _study(
     case: CoverageCase,
     settings: CoverageOptions,
-    options: GeneralOptions,
+    options: CalibrationOptions,
     any_way: bool,
 ) -> _Study:
     """Simulate and calibrate the campaigns of a case; score parameters and predictions."""
-    from dataclasses import replace
 
     import numpy as np
 
@@ -191,7 +189,7 @@ def _study(
     )
 
     arm, plan = load_arm(case.robot), _plan(case, settings)
-    options = replace(options, springs=case.flexible_joints)
+    options = options.with_springs(case.flexible_joints)
     unknowns = _unknowns(arm, plan, options, settings.random_seed)
     by_name: list[dict[str, float]] = []
     predictions, converged = [], []
@@ -214,7 +212,7 @@ def _study(
     )
 
 
-def _unknowns(arm: Arm, plan: TrackerOptions, options: GeneralOptions, seed: int) -> Unknowns:
+def _unknowns(arm: Arm, plan: TrackerOptions, options: CalibrationOptions, seed: int) -> Unknowns:
     """Return what arm and instrument can tell, which is the same in every campaign."""
     import numpy as np
 
@@ -250,7 +248,7 @@ def _plan(case: CoverageCase, settings: CoverageOptions) -> TrackerOptions:
 
 
 def _calibrated(
-    arm: Arm, individual: Robot, plan: TrackerOptions, options: GeneralOptions, seed: int
+    arm: Arm, individual: Robot, plan: TrackerOptions, options: CalibrationOptions, seed: int
 ) -> GeneralCalibration:
     """Measure an individual and calibrate it."""
     from pa10cal.calibration.general.calibrate import calibrate_general

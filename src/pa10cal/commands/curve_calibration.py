@@ -32,10 +32,8 @@ def curve_calibration(
     from pa10cal.curve.postures import draw_postures
     from pa10cal.files.output import write_json
     from pa10cal.files.schemas import CURVE_CALIBRATION
-    from pa10cal.stages.calibration_record import study_of
     from pa10cal.stages.curve_study import BAR, calibrated_record, draw_departing, summaries
 
-    study = study_of(calibration)
     limit_rad = float(np.radians(settings.limit_deg))
     arm = chain_arm(f"chain_{settings.links}", settings.links, settings.link_m, limit_rad)
     plan = TrackerOptions(
@@ -57,8 +55,8 @@ def curve_calibration(
         noise_seed = int(stream.integers(2**32))
         records += [
             {"number": number + 1}
-            | calibrated_record(each, plan, study, postures.q_rad, noise_seed)
-            for each in draw_departing(arm, plan, study, stream)
+            | calibrated_record(each, plan, calibration, postures.q_rad, noise_seed)
+            for each in draw_departing(arm, plan, calibration, stream)
         ]
     found = summaries(records, floor_mm)
     write_json(

@@ -8,10 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.calibration.calibrate import (
-    Options,
-)
-from pa10cal.calibration.load_case import Study
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import RecordError
 from pa10cal.results.calibration import (
@@ -23,28 +20,8 @@ from pa10cal.settings_reading import parse_section
 from pa10cal.stages.general_record import read_general
 from pa10cal.terms.baseline import baseline, solved_parameters
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Tolerances
 
 Array = NDArray[np.float64]
-
-
-def study_of(settings: CalibrationOptions) -> Study:
-    """Return models and solver options of the settings."""
-    return Study(
-        flexible_joints=settings.flexible_joints,
-        tolerances=_tolerances(settings),
-        options=Options(
-            epsilon=settings.epsilon,
-            epsilon_acts_on=settings.epsilon_acts_on,
-            tolerance_terms=settings.tolerance_terms,
-            inner_poses=None if settings.inner_poses == "all" else settings.inner_poses,
-            r_max_m=settings.r_max_m,
-            starts=settings.starts,
-            random_seed=settings.random_seed,
-            max_iterations=settings.max_iterations,
-        ),
-        inner_subsets=settings.inner_subsets,
-    )
 
 
 def read_fit(
@@ -67,7 +44,7 @@ def read_fit(
     assert isinstance(record, PaperCalibrationRecord)
     settings = settings_of(record, path)
     fit = record if cubic else record.linear
-    model = baseline(arm, settings.flexible_joints, _tolerances(settings), cubic=cubic)
+    model = baseline(arm, settings.flexible_joints, settings.tolerances, cubic=cubic)
     try:
         reported = {name: parameter.value for name, parameter in fit.parameters.items()}
         x = solved_parameters(model, reported)
@@ -93,4 +70,4 @@ def settings_of(record: CalibrationRecord, path: Path) -> CalibrationOptions:
 
 def _tolerances(settings: CalibrationOptions) -> Tolerances:
     """Return the tolerances of the settings."""
-    return Tolerances(**settings.tolerances.model_dump())
+    return settings.tolerances

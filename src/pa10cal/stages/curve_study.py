@@ -19,13 +19,13 @@ from pa10cal.calibration.accuracy import align_nominal, deviations
 from pa10cal.calibration.calibrate import Calibration, calibrate
 from pa10cal.calibration.general.calibrate import (
     GeneralCalibration,
-    GeneralOptions,
     calibrate_general,
 )
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.identifiability import Identifiability, unidentified_directions
-from pa10cal.calibration.load_case import Study, model_deviations
+from pa10cal.calibration.load_case import model_deviations
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.cell.individual import draw_individual, robot_from_departures
 from pa10cal.cell.options import TrackerOptions
@@ -59,7 +59,7 @@ class Departing:
 
 
 def draw_departing(
-    arm: Arm, plan: TrackerOptions, study: Study, rng: np.random.Generator
+    arm: Arm, plan: TrackerOptions, options: CalibrationOptions, rng: np.random.Generator
 ) -> tuple[Departing, Departing]:
     """Draw one individual that departs by the rows of the chain, and one that departs in any way.
 
@@ -68,10 +68,10 @@ def draw_departing(
     Args:
         arm: its description.
         plan: spreads of the one that departs in any way.
-        study: tolerances, the spreads of the other.
+        options: tolerances, the spreads of the other.
         rng: draws them.
     """
-    rows = baseline(arm, (), study.tolerances).parameters
+    rows = baseline(arm, (), options.tolerances).parameters
     truth = {each.name: float(rng.normal(0.0, each.scale)) for each in rows}
     free = replace(draw_individual(arm, plan, rng), T_ee_target=np.eye(4))
     by_rows = robot_from_departures(arm, truth, plan=plan, T_instr_base=free.T_instr_base)
@@ -82,14 +82,18 @@ def draw_departing(
 
 
 def calibrated_record(
-    departing: Departing, plan: TrackerOptions, study: Study, postures: Array, random_seed: int
+    departing: Departing,
+    plan: TrackerOptions,
+    options: CalibrationOptions,
+    postures: Array,
+    random_seed: int,
 ) -> dict[str, Any]:
     """Measure an individual in postures (P, 2 n), calibrate it with both models, and tell.
 
     Args:
         departing: the individual.
         plan: noise, and the share held out.
-        study: options of the two-level model.
+        options: how to calibrate.
         postures: commanded joint positions [rad].
         random_seed: of the noise.
     """
@@ -102,16 +106,15 @@ def calibrated_record(
 
     two_levels = {
         model: calibrate(
-            baseline(arm, (), study.tolerances),
+            baseline(arm, (), options.tolerances),
             poses.take(grid),
-            replace(study.options, inner_poses=inside),
+            options.model_copy(update={"inner_poses": inside}),
             ErrorSources(),
         )
-        for model, inside in (("two_level", study.options.inner_poses), ("two_level_all", None))
+        for model, inside in (("two_level", options.inner_poses), ("two_level_all", "all"))
     }
-    options = GeneralOptions(springs=(), tolerances=study.tolerances)
     start = find_start(arm, poses.take(grid))
-    general = calibrate_general(arm, poses.take(grid), start, None, options)
+    general = calibrate_general(arm, poses.take(grid), start, None, options.with_springs(()))
 
     rigid = nominal(arm)
     T_aligned = align_nominal(rigid, poses.take(grid))

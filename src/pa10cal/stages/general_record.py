@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.general.calibrate import GeneralOptions
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.general.case import FittedModel
 from pa10cal.calibration.general.unknowns import tool_frame
-from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import RecordError
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.instrument import Instrument, Start
@@ -25,23 +24,12 @@ from pa10cal.results.calibration import GeneralCalibrationRecord, GeneralFit
 from pa10cal.results.seed import BaseFrameRecord
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Tolerances, link_departures
+from pa10cal.terms.offsets import link_departures
 from pa10cal.terms.term import Term
 
 Array = NDArray[np.float64]
 #: The fits of a record: links, springs and frames; without springs; frames alone.
 Which = Literal["full", "geometry", "nominal"]
-
-
-def general_options(settings: CalibrationOptions) -> GeneralOptions:
-    """Return the options of the general model that the settings ask for."""
-    springs = settings.general.springs
-    return GeneralOptions(
-        springs=None if springs == "auto" else springs,
-        robust=settings.general.robust,
-        tolerances=Tolerances(**settings.tolerances.model_dump()),
-        max_iterations=settings.max_iterations,
-    )
 
 
 def read_start(seed: BaseFrameRecord, measured: Instrument, path: Path) -> Start:

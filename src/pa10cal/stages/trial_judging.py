@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,6 @@ from pa10cal.files.schemas import VERDICT
 from pa10cal.observe.averages import average_repeats, poses_of
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.stages.calibration_record import study_of
 from pa10cal.stages.measurement_setup import setup_of, with_bends
 from pa10cal.stages.verdict_record import verdict_record
 from pa10cal.terms.baseline import baseline
@@ -117,14 +116,13 @@ def judge(known: CalibratedCampaign, settings: JudgingOptions) -> dict[str, Any]
 
 def _calibrate(arm: Arm, readings: Observations[Pose], settings: CalibrationOptions) -> Calibration:
     """Calibrate from the nominal arm, and from more starts where that does not converge."""
-    study = study_of(settings)
     poses = average_repeats(readings)
     model = baseline(
         arm,
-        study.flexible_joints,
-        study.tolerances,
+        settings.flexible_joints,
+        settings.tolerances,
         tau_ref_Nm=np.abs(poses.states.tau_Nm).max(axis=0),
     )
     errors = ErrorSources(readings, 1e-3 * settings.apparatus_uncertainty_mm)
-    found = calibrate(model, poses, replace(study.options, starts=1), errors)
-    return found if found.converged else calibrate(model, poses, study.options, errors)
+    found = calibrate(model, poses, settings.model_copy(update={"starts": 1}), errors)
+    return found if found.converged else calibrate(model, poses, settings, errors)

@@ -7,10 +7,11 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Tolerances, link_departures
+from pa10cal.terms.offsets import link_departures
 
 Array = NDArray[np.float64]
 

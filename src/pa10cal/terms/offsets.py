@@ -12,24 +12,10 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.terms.term import Parameter, Report, report_as_solved
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Tolerances:
-    """Manufacturing tolerances of link parameters (paper, Section II.C).
-
-    Attributes:
-        a_m, alpha_rad, d_m, beta_rad, theta_rad: tolerance of each kind of departure.
-    """
-
-    a_m: float = 0.25e-3
-    alpha_rad: float = 1e-3
-    d_m: float = 0.25e-3
-    beta_rad: float = 1e-3
-    theta_rad: float = 5e-4
 
 
 @dataclass(frozen=True)

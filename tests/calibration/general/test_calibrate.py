@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_general
+from pa10cal.calibration.general.calibrate import calibrate_general
 from pa10cal.calibration.general.case import fitted, work_out_general
 from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.suspected_outliers import suspected_outliers
+from pa10cal.calibration.options import CalibrationOptions, GeneralOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.points import Points
@@ -106,7 +107,7 @@ def test_a_joint_that_never_moved_leaves_directions_open(see):
     )
     case = work_out_general(
         arm, held, None, np.ones(60, bool), find_start(arm, held), "combined", None,
-        GeneralOptions(),
+        CalibrationOptions(),
     )  # fmt: skip
     assert case.full.fit.identifiability.rank < 30
     assert "delta_theta_3" in case.not_identifiable
@@ -133,8 +134,11 @@ def test_a_wrong_pose_is_listed_and_does_no_harm(see):
     # The base's motions start from elsewhere.
     arms = np.array([not p.name.startswith("base") for p in good.problem.parameters])
     assert np.abs((found.fit.x - good.fit.x) / std)[arms].max() < 1.0
-    plain = calibrate_general(arm, spoilt, find_start(arm, spoilt), None,
-                               GeneralOptions(robust=False))  # fmt: skip
+    start, options = (
+        find_start(arm, spoilt),
+        CalibrationOptions(general=GeneralOptions(robust=False)),
+    )
+    plain = calibrate_general(arm, spoilt, start, None, options)
     assert np.abs((plain.fit.x - good.fit.x) / std)[arms].max() > 3.0
 
 
@@ -152,7 +156,7 @@ def test_springs_without_torques_are_refused(see):
     arm, observations = load_arm("irb120"), see("irb120", "pose")
     start = find_start(arm, observations)
     with pytest.raises(CalibrationError, match="torques are not known"):
-        calibrate_general(arm, observations, start, None, GeneralOptions(springs=(2,)))
+        calibrate_general(arm, observations, start, None, CalibrationOptions().with_springs((2,)))
 
 
 def test_a_spring_that_nothing_loads_is_refused(see):
@@ -164,7 +168,7 @@ def test_a_spring_that_nothing_loads_is_refused(see):
             observations,
             find_start(arm, observations),
             payload,
-            GeneralOptions(springs=(1, 2)),
+            CalibrationOptions().with_springs((1, 2)),
         )
 
 
@@ -211,5 +215,5 @@ def test_readings_of_another_arm_are_refused(see):
     with pytest.raises(CalibrationError, match="does not fit the readings"):
         work_out_general(
             arm, wrong, None, np.ones(80, bool), find_start(arm, wrong), "combined", None,
-            GeneralOptions(),
+            CalibrationOptions(),
         )  # fmt: skip

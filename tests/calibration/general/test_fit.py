@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_general
+from pa10cal.calibration.general.calibrate import calibrate_general
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.suspected_outliers import suspected_outliers
+from pa10cal.calibration.options import CalibrationOptions, GeneralOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.distance import Distance
 from pa10cal.observe.pose import Pose
@@ -20,7 +21,9 @@ NOISE_M = 5e-5
 def calibrated(robot, observations, **options):
     arm = load_arm(robot)
     start = find_start(arm, observations)
-    return calibrate_general(arm, observations, start, None, GeneralOptions(**options))
+    return calibrate_general(
+        arm, observations, start, None, CalibrationOptions(general=GeneralOptions(**options))
+    )
 
 
 def links(found):

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.calibration.general.calibrate import GeneralOptions, calibrate_general
+from pa10cal.calibration.general.calibrate import calibrate_general
 from pa10cal.calibration.general.case import fitted, work_out_general
 from pa10cal.calibration.general.start import find_start
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.points import Points
 
@@ -21,7 +22,7 @@ def worked_out(robot, observations):
     arm = load_arm(robot)
     every = np.ones(len(observations), dtype=bool)
     start = find_start(arm, observations)
-    options = GeneralOptions()
+    options = CalibrationOptions()
     return work_out_general(arm, observations, None, every, start, "combined", None, options)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +16,14 @@ from pa10cal.calibration.general.fit import Fit, fit
 from pa10cal.calibration.general.problem import Problem
 from pa10cal.calibration.general.tilts import Settled, tilts_not_shown
 from pa10cal.calibration.general.unknowns import Unknowns, choose_unknowns
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.loads import TorqueSource, with_torques
 from pa10cal.observe.instrument import Start
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Offsets, Tolerances
+from pa10cal.terms.offsets import Offsets
 
 Array = NDArray[np.float64]
 
@@ -31,25 +33,6 @@ _LEAST_TORQUE_SHARE = 0.02
 _NO_TORQUE_NM = 1e-9
 #: A usual stiffness, from which springs start [N m/rad].
 _USUAL_STIFFNESS = 5e4
-
-
-@dataclass(frozen=True)
-class GeneralOptions:
-    """How to calibrate; see `settings.GeneralSettings`.
-
-    Attributes:
-        links: whether the geometry of the links is sought; else frames and targets alone.
-        springs: joints with a linear spring; None for those whose torque varies.
-        robust: whether poses far outside the scatter weigh less.
-        tolerances: of the link parameters.
-        max_iterations: bound on the steps.
-    """
-
-    links: bool = True
-    springs: tuple[int, ...] | None = None
-    robust: bool = True
-    tolerances: Tolerances = field(default_factory=Tolerances)
-    max_iterations: int = 50
 
 
 @dataclass(frozen=True)
@@ -84,7 +67,9 @@ def calibrate_general(
     observations: Observations,
     start: Start,
     payload: Payload | None = None,
-    options: GeneralOptions | None = None,
+    options: CalibrationOptions | None = None,
+    *,
+    links: bool = True,
 ) -> GeneralCalibration:
     """Calibrate the general model.
 
@@ -95,36 +80,38 @@ def calibrate_general(
         payload: what the arm carries; None where it is not known. Springs need torques, logged or
             of the masses that the description of the arm states.
         options: how to calibrate; None for the defaults.
+        links: whether the geometry of the links is sought; else frames and targets alone.
 
     Raises:
         CalibrationError: when there are too few poses, or springs are asked for whose torques are
             not known.
     """
     began = time.perf_counter()
-    options = options or GeneralOptions()
+    options = options or CalibrationOptions()
+    robust, max_iterations = options.general.robust, options.max_iterations
     states, source = with_torques(arm, observations.states, payload)
     observations = replace(observations, states=states)
-    springs = _springs(arm, observations, source, options.springs)
+    springs = _springs(arm, observations, source, options.general.springs)
     tau_Nm = np.abs(observations.states.tau_Nm).max(axis=0)
     observations = observations.turned(start.R_ee_target)
     unknowns = choose_unknowns(
         arm, options.tolerances, observations.measured, start.T_instr_base, start.targets_m
     )
-    if not options.links:
+    if not links:
         unknowns = replace(unknowns, links=Offsets((), ()))
     terms = tuple(JointSpring(joint, float(tau_Nm[joint - 1]), cubic=False) for joint in springs)
     model = Model(Chain.of(arm), (unknowns.links, *terms, unknowns.tool, unknowns.base))
     problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, observations)
     _check_enough(problem)
     x_start = problem.start(_model_start(problem.model, start))
-    found = fit(problem, x_start, robust=options.robust, max_iterations=options.max_iterations)
+    found = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
     settled = tilts_not_shown(problem, found)
     if settled:
         names = {each.parameter.name for each in settled}
         kept = np.array([parameter.name not in names for parameter in problem.parameters])
         problem, x_start = _without(problem, names), found.x[kept]
         unknowns = replace(unknowns, links=_links_of(problem))
-        fewer = fit(problem, x_start, robust=options.robust, max_iterations=options.max_iterations)
+        fewer = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
         # That they are zero is not known: what the others are known to is what it was with them.
         found = replace(fewer, covariance=found.covariance[np.ix_(kept, kept)])
     seconds = time.perf_counter() - began
@@ -148,13 +135,16 @@ def _links_of(problem: Problem) -> Offsets:
 
 
 def _springs(
-    arm: Arm, observations: Observations, source: TorqueSource, wanted: tuple[int, ...] | None
+    arm: Arm,
+    observations: Observations,
+    source: TorqueSource,
+    wanted: tuple[int, ...] | Literal["auto"],
 ) -> tuple[int, ...]:
     """Return the joints to give a spring."""
     if wanted == ():
         return ()
     if source == "none":
-        if wanted is None:
+        if wanted == "auto":
             return ()
         raise CalibrationError(
             f"joint {wanted[0]} is to have a spring, but its torques are not known",
@@ -164,7 +154,7 @@ def _springs(
             remedy=f"log the torques, describe mass_kg and com_m of {arm.name}, or leave the joint "
             "out of general.springs (an empty list calibrates a rigid arm)",
         )
-    if wanted is not None:
+    if wanted != "auto":
         for joint in wanted:
             if not 1 <= joint <= arm.n or arm.prismatic[joint - 1]:
                 raise CalibrationError(

@@ -14,12 +14,12 @@ from pa10cal.arm.statics import Payload
 from pa10cal.calibration.accuracy import Accuracy, summarise, summarise_by_load
 from pa10cal.calibration.general.calibrate import (
     GeneralCalibration,
-    GeneralOptions,
     calibrate_general,
 )
 from pa10cal.calibration.general.suspected_outliers import SuspectedOutlier, suspected_outliers
 from pa10cal.calibration.health import Errors, FitSummary, Health, health
 from pa10cal.calibration.identifiability import Direction, not_identifiable, unidentified_directions
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.instrument import Deviations, Start
@@ -100,7 +100,7 @@ def work_out_general(
     start: Start,
     load: str,
     payload: Payload | None,
-    options: GeneralOptions,
+    options: CalibrationOptions,
 ) -> GeneralCase:
     """Work out one load case.
 
@@ -123,10 +123,8 @@ def work_out_general(
     full = calibrate_general(arm, used, start, payload, options)
     geometry = full
     if full.springs:
-        geometry = calibrate_general(arm, used, start, payload, replace(options, springs=()))
-    nominal = calibrate_general(
-        arm, used, start, payload, replace(options, links=False, springs=())
-    )
+        geometry = calibrate_general(arm, used, start, payload, options.with_springs(()))
+    nominal = calibrate_general(arm, used, start, payload, options.with_springs(()), links=False)
     grid = replace(grid, states=with_torques(arm, grid.states, payload)[0])
     load_N = grid.states.load_N
     found = fitted(full).deviations(grid)

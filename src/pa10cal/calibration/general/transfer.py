@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.general.case import FittedModel, base_motion
 from pa10cal.calibration.general.fit import fit
 from pa10cal.calibration.general.problem import Problem
@@ -15,7 +16,6 @@ from pa10cal.errors import CalibrationError
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.fixed import Fixed
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Tolerances
 
 
 def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:

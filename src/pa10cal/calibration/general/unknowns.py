@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import TOOL, Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.observe.instrument import Instrument
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Offsets, Tolerances, base_frame, link_departures
+from pa10cal.terms.offsets import Offsets, base_frame, link_departures
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
