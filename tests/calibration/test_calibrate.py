@@ -110,7 +110,10 @@ def test_intervals_hold_what_they_promise(model, truth, observe):
     scores = []
     for seed in range(40):
         found = calibrate(
-            model, observe(noise=1.0, seed=seed), replace(QUICK, starts=1), AS_MEASURED
+            model,
+            observe(noise=1.0, seed=seed),
+            QUICK.model_copy(update={"starts": 1}),
+            AS_MEASURED,
         )
         std = np.sqrt(np.diag(found.covariances.parameters))
         scores.append(((found.solution.x - truth) / std)[known(found)])
@@ -139,7 +142,7 @@ def test_an_error_of_the_apparatus_is_in_the_intervals(model, truth, observe):
             by_apparatus=pose_by_source(T_fitted, centres, covariances),
         )
         found = calibrate(
-            model, measured, replace(QUICK, starts=1), ErrorSources(u_apparatus_m=u_m)
+            model, measured, QUICK.model_copy(update={"starts": 1}), ErrorSources(u_apparatus_m=u_m)
         )
         std = np.sqrt(np.diag(found.covariances.parameters))
         scores.append(((found.solution.x - truth) / std)[known(found)])
@@ -162,7 +165,10 @@ def test_noise_of_the_torques_is_in_the_intervals(model, truth, states, T_instr_
             cov=np.zeros((324, 6, 6)),
         )
         found = calibrate(
-            model, average_repeats(readings), replace(QUICK, starts=1), ErrorSources(readings)
+            model,
+            average_repeats(readings),
+            QUICK.model_copy(update={"starts": 1}),
+            ErrorSources(readings),
         )
         std = np.sqrt(np.diag(found.covariances.parameters))
         scores.append(((found.solution.x - truth) / std)[known(found)])
@@ -173,7 +179,7 @@ def test_noise_of_the_torques_is_in_the_intervals(model, truth, states, T_instr_
 def test_epsilon_as_printed_pulls_towards_nominal(model, truth, observe, acts_on):
     """The two readings of epsilon = 1.6e-4 differ, and both bend what the data tell."""
     observations = observe(noise=0.0)
-    options = replace(QUICK, tolerance_terms="all", epsilon_acts_on=acts_on)
+    options = QUICK.model_copy(update={"tolerance_terms": "all", "epsilon_acts_on": acts_on})
     found = calibrate(model, observations, options, AS_MEASURED)
     T_base_ee = model.predict(observations.states, found.solution.x)
     mean_mm = summarise(deviations(T_base_ee, found.T_instr_base, observations)).mean_mm
@@ -192,7 +198,7 @@ def test_tolerance_terms_leave_identified_parameters_alone(model, observe):
     """A thousand times the weight changes nothing but what the data leave open."""
     observations = observe(noise=1.0)
     light = calibrate(model, observations, QUICK, AS_MEASURED)
-    heavy = calibrate(model, observations, replace(QUICK, epsilon=0.16), AS_MEASURED)
+    heavy = calibrate(model, observations, QUICK.model_copy(update={"epsilon": 0.16}), AS_MEASURED)
     assert np.abs((light.solution.x - heavy.solution.x) / model.scale).max() < 1e-6
     names = [parameter.name for parameter in model.parameters]
     for name in light.not_identifiable:
