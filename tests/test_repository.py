@@ -47,7 +47,7 @@ MAY_IMPORT = {
     "results": {"files.output"},
     "arm": set(),
     "terms": {"arm"},
-    "frame": {"campaign.description"},
+    "frame": set(),
     "observe": {"arm", "terms", "frame"},
     "campaign": {"arm", "frame", "observe", "settings"},
     "calibration": {"arm", "terms", "observe", "frame"},
@@ -85,9 +85,10 @@ MAY_IMPORT = {
         "evaluation.options",
         "files",
         "montecarlo.options",
+        "observe.registry",
         "settings",
     },
-    "planning": {"files", "settings"},
+    "planning": {"files", "observe.registry", "settings"},
 }
 #: Libraries that only some packages or modules may import.
 KEPT_TO = {

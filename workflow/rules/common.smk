@@ -10,6 +10,7 @@ from pa10cal.errors import SettingsError
 from pa10cal.planning.campaign import (
     arm_files,
     campaign_name,
+    can_seek_effects,
     instrument_kind,
     load_cases,
     missing_campaign,
@@ -161,7 +162,7 @@ def seeks_effects(campaign):
     """Whether missing effects are sought: positions and attitudes are needed for it."""
     if campaign in IMPORTED:
         return True
-    return instrument_kind(Path(SETTINGS.raw_dir, campaign)) in ("touch_trigger_cmm", "pose")
+    return can_seek_effects(instrument_kind(Path(SETTINGS.raw_dir, campaign)))
 
 
 def verdict_of(campaign):

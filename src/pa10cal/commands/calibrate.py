@@ -69,7 +69,7 @@ def _by_papers_model(
     from pa10cal.results.codec import read
     from pa10cal.results.seed import BaseFrameRecord
 
-    if campaign.instrument.kind not in ("touch_trigger_cmm", "pose"):
+    if not every.measured.measures_pose:
         raise CalibrationError(
             "the paper's model needs positions and attitudes of the end-effector",
             where="calibration.model",

@@ -95,7 +95,7 @@ def _true_values(general: GeneralCalibration, truth: KnownTruth) -> dict[str, fl
     """Return the truth in the coordinates in which the model was solved."""
     problem, start = general.problem, general.start
     R, p_m = truth.T_instr_base[:3, :3], truth.T_instr_base[:3, 3]
-    if not problem.measured.determines_attitude:  # only where the fixed point is
+    if not problem.measured.directional:  # only where the fixed point is
         base = np.concatenate([R.T @ p_m - problem.T_instr_base[:3, 3], np.zeros(3)])
     else:
         base = _motions(np.linalg.inv(problem.T_instr_base) @ truth.T_instr_base)

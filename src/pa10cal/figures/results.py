@@ -23,6 +23,7 @@ from pa10cal.figures.record_files import as_record, check_converged, read_conten
 from pa10cal.figures.records import BaseFrame, Calibration, HeldOut, Plane, Record
 from pa10cal.files import schemas
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.registry import instruments
 
 Array = NDArray[np.float64]
 
@@ -121,7 +122,7 @@ class Results:
             return "there is no Monte Carlo"
         if need == "held_out" and not self.held_out().models:
             return "no configuration was held out"
-        if need == "positions" and self.instrument == "distance":
+        if need == "positions" and not instruments()[self.instrument].directional:
             return "a distance alone does not show where the arm is"
         return None
 
@@ -139,8 +140,8 @@ class Results:
 
     @property
     def seeks_effects(self) -> bool:
-        """Whether effects can be sought: the instrument saw poses, not points or distances."""
-        return self.instrument in ("touch_trigger_cmm", "pose")
+        """Whether effects can be sought in campaigns of this instrument."""
+        return instruments()[self.instrument].measures_pose
 
     def published(self, parameter: str) -> float | None:
         """Return the paper's value of a parameter [SI], None where there is none to compare."""

@@ -6,14 +6,15 @@ base frame's position, and its attitude does not matter.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from pa10cal.frame.length_scale import scale_of_distances
 from pa10cal.frame.ranging import range_from_distances
 from pa10cal.observe.instrument import (
     MM,
@@ -22,12 +23,17 @@ from pa10cal.observe.instrument import (
     Deviations,
     Index,
     Instrument,
-    Start,
+    Located,
     Stated,
     Words,
     group_means,
 )
+from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 from pa10cal.observe.targets import by_end_and_targets, carried_targets
+from pa10cal.terms.term import Parameter
+
+_RAW = "d_mm"
+_UNNAMED = "target"
 
 
 @dataclass(frozen=True)
@@ -37,12 +43,19 @@ class Distance(Instrument):
     Attributes:
         d_m: (P,) distances.
         u_m: (P,) their standard uncertainties.
+        name: of the target.
+        p_ee_stated_m: (3,) its place in the end-effector frame as the campaign's description
+            states it; None where it does not.
     """
 
     d_m: Array
     u_m: Array
+    name: str = _UNNAMED
+    p_ee_stated_m: Array | None = None
 
-    determines_attitude: ClassVar[bool] = False
+    directional: ClassVar[bool] = False
+    least_rows: ClassVar[int] = 24
+    _of_all: ClassVar[tuple[str, ...]] = ("name", "p_ee_stated_m")
     kind: ClassVar[str] = "distance"
     words: ClassVar[Words] = Words(
         "distance error",
@@ -69,8 +82,14 @@ class Distance(Instrument):
     @property
     @override
     def target_names(self) -> tuple[str, ...]:
-        """Return the one target, which has no name."""
-        return ("",)
+        """Return the one target."""
+        return (self.name,)
+
+    @property
+    @override
+    def target_parameters(self) -> tuple[Parameter, ...]:
+        """Return the coordinates of the one target, whatever it is called."""
+        return tuple(Parameter(f"target_{axis}", "m", 1e-3) for axis in "xyz")
 
     @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
@@ -103,13 +122,43 @@ class Distance(Instrument):
         """Distances."""
         return (("distance", slice(0, 1)),)
 
+    @property
     @override
-    def find_start(self, T_base_ee: Array) -> Start:
-        """Find fixed point and target by ranging; the base's attitude stays that of the base."""
-        ranged = range_from_distances(T_base_ee, self.d_m)
+    def places_m(self) -> Array:
+        """Return the distances, (P, 1, 1)."""
+        return self.d_m[:, None, None]
+
+    @override
+    def locate(self, T_base_ee: Array) -> Located:
+        """Find fixed point and target by ranging.
+
+        Distances show no frame of the instrument: its origin is put in the fixed point, and its
+        axes are along those of the base.
+        """
+        found = range_from_distances(T_base_ee, self.d_m, self.p_ee_stated_m)
         T_instr_base = np.eye(4)
-        T_instr_base[:3, 3] = -ranged.p_base_point_m
-        return Start(T_instr_base, np.zeros(3), np.eye(3), ranged.p_ee_target_m)
+        T_instr_base[:3, 3] = -found.p_base_point_m
+        return Located(
+            method="ranging",
+            T_instr_base=T_instr_base,
+            scatter_m=found.rms_m,
+            poses=len(self),
+            p_ee_targets_m=found.p_ee_target_m[None],
+            held=found.held,
+            stated=self.p_ee_stated_m is not None,
+        )
+
+    @override
+    def scale(self, T_base_ee: Array) -> float | None:
+        """Return how far the nominal model moves for one measured metre."""
+        return scale_of_distances(self.d_m, T_base_ee)
+
+    @override
+    def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
+        """Return the misfit of the distances."""
+        found = range_from_distances(T_base_ee[used], self.d_m[used], weights=weights)
+        off_m = np.abs(self.d_m - found.distances(T_base_ee))
+        return Misfit(off_m[:, None], np.zeros(len(self)))
 
     @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
@@ -131,4 +180,37 @@ class Distance(Instrument):
     @override
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
         """Read P poses from columns (P,) of the table of poses."""
-        return cls(MM * columns["d_mm"], MM * columns["d_u_mm"])
+        return cls(MM * columns["d_mm"], MM * columns["d_u_mm"], *_stated_target(stated))
+
+    @override
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        """Return distances and uncertainties as columns (P,) of the table of poses."""
+        return {"d_mm": self.d_m / MM, "d_u_mm": self.u_m / MM}
+
+    @classmethod
+    @override
+    def raw_columns(cls, header: Sequence[str]) -> RawColumns:
+        """Return the column of the distance."""
+        return RawColumns(((_RAW,),))
+
+    @classmethod
+    @override
+    def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
+        """Return rows whose distance is not above zero."""
+        off = values[:, 0] <= 0.0
+        found = (f"{_RAW} = {value:g}" for value in values[off, 0])
+        return (Unusable(off, "the distance is not above zero", found),)
+
+    @classmethod
+    @override
+    def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Distance:
+        """Read P rows of distances."""
+        u_m = np.where(np.isnan(u[:, 0]), stated.uncertainty_m, MM * u[:, 0])
+        return Distance(MM * values[:, 0], u_m, *_stated_target(stated))
+
+
+def _stated_target(stated: Stated) -> tuple[str, Array | None]:
+    """Return name and place of the one target that is stated; None for the place of another."""
+    if len(stated.targets_m) != 1:
+        return _UNNAMED, None
+    return next(iter(stated.targets_m.items()))

@@ -10,13 +10,14 @@ instrument that measures poses six small motions of the tool, for others the pla
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
@@ -75,6 +76,38 @@ class Comparison:
     residual: Array
     by_end: Array
     by_targets: Array
+
+
+@dataclass(frozen=True)
+class Located:
+    """Base frame and targets, found with the nominal arm.
+
+    Attributes:
+        method: how, as `seed/base_frame.json` has it.
+        T_instr_base: (4, 4) base in the instrument's frame [m].
+        scatter_m: root mean square of the residuals, positions or distances.
+        poses: how many it rests on.
+        axis_u_rad: (3,) standard uncertainty of the directions of the base's axes, per axis across
+            each; None where the instrument has no directions.
+        scatter_rad: root mean square angle between measured and modelled attitudes; None where none
+            is measured.
+        T_ee_target: (4, 4) the one target whose attitude is measured; None where it is the
+            end-effector itself, or there is none.
+        p_ee_targets_m: (B, 3) places of targets, in the order of `Instrument.target_names`.
+        held: directions of the targets that the poses do not determine, held as stated.
+        stated: whether the places of the targets are stated; None where it does not matter.
+    """
+
+    method: str
+    T_instr_base: Array
+    scatter_m: float
+    poses: int
+    axis_u_rad: Array | None = None
+    scatter_rad: float | None = None
+    T_ee_target: Array | None = None
+    p_ee_targets_m: Array | None = None
+    held: tuple[str, ...] | None = None
+    stated: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -142,16 +175,20 @@ class Instrument(ABC):
         words: how captions speak of its errors.
         measures_pose: whether it measures position and attitude, as the paper's model needs.
         from_touches: whether its raw data are touches and a resolver log, as in the paper.
-        determines_attitude: whether it determines the attitude of the base in its own frame.
-        needs_lines: whether straight moves along the base's axes help to find the base frame.
+        directional: whether what it measures has directions in its frame; else neither the
+            attitude of the base nor the direction of an error shows.
+        uses_lines: whether straight moves along the base's axes help to find the base frame.
+        least_rows: rows from which on a single one can be found to be wrong: four times those that
+            determine frames and targets.
     """
 
     kind: ClassVar[str]
     words: ClassVar[Words]
     measures_pose: ClassVar[bool] = False
     from_touches: ClassVar[bool] = False
-    needs_lines: ClassVar[bool] = False
-    determines_attitude: ClassVar[bool] = True
+    directional: ClassVar[bool] = True
+    uses_lines: ClassVar[bool] = False
+    least_rows: ClassVar[int]
     #: Fields that belong to all poses together.
     _of_all: ClassVar[tuple[str, ...]] = ()
 
@@ -184,6 +221,21 @@ class Instrument(ABC):
     @abstractmethod
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Instrument:
         """Return what it would measure of poses (P, 4, 4) without error, all targets in sight."""
+
+    @property
+    @abstractmethod
+    def places_m(self) -> Array:
+        """Return where B targets were measured (P, B, 3), or how far (P, 1, 1); nan where not."""
+
+    @property
+    def R_instr_target(self) -> Array | None:
+        """Return the measured attitudes (P, 3, 3); None where none is measured."""
+        return None
+
+    @property
+    def counts(self) -> tuple[str, ...]:
+        """Return what was counted of its targets, in words, for the summary of ingest."""
+        return ()
 
     @property
     def target_names(self) -> tuple[str, ...]:
@@ -227,11 +279,45 @@ class Instrument(ABC):
         """Return the kinds of components that have a scatter of their own, and where they are."""
 
     @abstractmethod
-    def find_start(self, T_base_ee: Array) -> Start:
-        """Find frames and targets from modelled poses (P, 4, 4), wherever they are.
+    def locate(self, T_base_ee: Array) -> Located:
+        """Find base and targets from nominal poses (P, 4, 4), wherever they are.
 
         Raises:
             CalibrationError: when the poses do not determine them.
+        """
+
+    def find_start(self, T_base_ee: Array) -> Start:
+        """Find where a fit starts from nominal poses (P, 4, 4); see `locate`."""
+        found = self.locate(T_base_ee)
+        T_ee_target = np.eye(4) if found.T_ee_target is None else found.T_ee_target
+        targets_m = np.zeros(0) if found.p_ee_targets_m is None else found.p_ee_targets_m.ravel()
+        return Start(found.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m)
+
+    def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:  # noqa: ARG002
+        """Return the target (4, 4) in the end-effector frame, with a base frame that is known.
+
+        None where the end-effector itself is measured, or no attitude is.
+        """
+        return None
+
+    @abstractmethod
+    def scale(self, T_base_ee: Array) -> float | None:
+        """Return how far the nominal model moves for one measured metre; see `frame.length_scale`.
+
+        None where the poses do not determine it.
+        """
+
+    @abstractmethod
+    def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
+        """Fit the nominal model to some poses, and return how far every pose is from it.
+
+        Args:
+            T_base_ee: (P, 4, 4) nominal end-effector [m].
+            used: poses to fit.
+            weights: weight of the squared residuals of each.
+
+        Raises:
+            CalibrationError: when these poses do not determine frames and targets.
         """
 
     def turned(self, R_ee_target: Array) -> Self:  # noqa: ARG002 - only attitudes are turned
@@ -257,6 +343,41 @@ class Instrument(ABC):
     @abstractmethod
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
         """Read P poses from columns (P,) of the table of poses."""
+
+    @abstractmethod
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        """Return what was measured as columns (P,) of the table of poses."""
+
+    @classmethod
+    @abstractmethod
+    def raw_columns(cls, header: Sequence[str]) -> RawColumns:
+        """Return the columns of `files.poses` that hold what it measured.
+
+        Args:
+            header: all columns that the file has.
+        """
+
+    @classmethod
+    def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:  # noqa: ARG003
+        """Return rows (N, k) of these columns that are no measurement; no row twice."""
+        return ()
+
+    @classmethod
+    def raw_notes(cls, columns: RawColumns, stated: Stated) -> tuple[str, ...]:  # noqa: ARG003
+        """Return what the reader should know of its columns, one clause each."""
+        return ()
+
+    @classmethod
+    @abstractmethod
+    def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Instrument:
+        """Read P rows of `files.poses`.
+
+        Args:
+            columns: from `raw_columns`.
+            values: (P, k) what the columns hold, nan where left blank.
+            u: (P, k) standard uncertainties, nan where not stated.
+            stated: what the campaign's description states.
+        """
 
 
 def group_means(values: Array, code: Index) -> Array:

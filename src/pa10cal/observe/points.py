@@ -2,32 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.frame.hand_eye import hand_eye_from_points
+from pa10cal.frame.length_scale import scale_of_points
 from pa10cal.observe.instrument import (
+    MM,
     Array,
     Comparison,
     Deviations,
     Index,
     Instrument,
-    Start,
+    Located,
     Stated,
     Words,
     group_means,
 )
+from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 from pa10cal.observe.targets import (
+    AXES,
     by_end_and_targets,
     carried_targets,
+    columns_of_places,
     names_of_columns,
     places_of_columns,
 )
+
+#: The name of a target may be any word but the `u` of an uncertainty.
+_COORDINATE = re.compile(r"(?!u_)([A-Za-z0-9]+)_[xyz]_mm")
 
 
 @dataclass(frozen=True)
@@ -53,6 +62,7 @@ class Points(Instrument):
         "The error of a pose is the root mean square over the targets seen in it.",
         "Arrows: mean over the targets seen in a pose.",
     )
+    least_rows: ClassVar[int] = 12
     _of_all: ClassVar[tuple[str, ...]] = ("names", "p_ee_stated_m")
 
     def __len__(self) -> int:
@@ -124,14 +134,49 @@ class Points(Instrument):
         """Positions."""
         return (("position", slice(0, 3 * len(self.names))),)
 
+    @property
     @override
-    def find_start(self, T_base_ee: Array) -> Start:
+    def places_m(self) -> Array:
+        """Return the targets' positions, (P, B, 3), nan where not seen."""
+        return self.p_instr_m
+
+    @property
+    @override
+    def counts(self) -> tuple[str, ...]:
+        """Return how often targets were seen."""
+        seen = np.isfinite(self.p_instr_m[..., 0])
+        return (f"targets {', '.join(self.names)} seen {seen.sum()} times of {seen.size}",)
+
+    @override
+    def locate(self, T_base_ee: Array) -> Located:
         """Find base and targets from positions alone."""
         found = hand_eye_from_points(
             T_base_ee, self.p_instr_m, self.p_ee_stated_m, names=self.names
         )
-        targets_m = found.T_ee_targets[:, :3, 3].ravel()
-        return Start(found.T_instr_base, np.zeros(3), np.eye(3), targets_m)
+        return Located(
+            method="hand_eye_points",
+            T_instr_base=found.T_instr_base,
+            scatter_m=found.rms_m,
+            poses=len(self),
+            axis_u_rad=found.axis_u_rad,
+            p_ee_targets_m=found.T_ee_targets[:, :3, 3],
+            held=found.held,
+            stated=self.p_ee_stated_m is not None,
+        )
+
+    @override
+    def scale(self, T_base_ee: Array) -> float | None:
+        """Return how far the model moves for a measured metre of the target seen most."""
+        seen = np.isfinite(self.p_instr_m[..., 0])
+        best = int(seen.sum(axis=0).argmax())
+        return scale_of_points(self.p_instr_m[seen[:, best], best], T_base_ee[seen[:, best]])
+
+    @override
+    def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
+        """Return the misfit of the positions."""
+        found = hand_eye_from_points(T_base_ee[used], self.p_instr_m[used], weights=weights)
+        off_m = self.p_instr_m - found.targets(T_base_ee)[..., :3, 3]
+        return Misfit(np.linalg.norm(off_m, axis=2), np.zeros(len(self)))
 
     @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
@@ -159,3 +204,64 @@ class Points(Instrument):
         names = names_of_columns(columns)
         p_m, cov_m2, _ = places_of_columns(columns, names)
         return cls(names, p_m, cov_m2, stated.places_m(names))
+
+    @override
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        """Return the targets as columns (P,) of the table of poses."""
+        touches = np.zeros(self.p_instr_m.shape[:2], dtype=np.int64)
+        return columns_of_places(self.names, self.p_instr_m, self.cov_m2, touches)
+
+    @classmethod
+    @override
+    def raw_columns(cls, header: Sequence[str]) -> RawColumns:
+        """Return three columns a target, in the order of the file.
+
+        A file without any is taken to lack those of the target `T1`.
+        """
+        found = (_COORDINATE.fullmatch(name) for name in header)
+        names = tuple(dict.fromkeys(match.group(1) for match in found if match)) or ("T1",)
+        targets = tuple(tuple(f"{name}_{axis}_mm" for axis in AXES) for name in names)
+        return RawColumns(targets, may_be_blank=True)
+
+    @classmethod
+    @override
+    def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
+        """Return rows in which a target has some of its coordinates only, or none was seen."""
+        blank = np.isnan(values).reshape(len(values), -1, 3).sum(axis=2)
+        part = (blank > 0) & (blank < 3)
+        torn, unseen = part.any(axis=1), (blank == 3).all(axis=1)
+        named = (", ".join(columns.targets[b]) for b in part[torn].argmax(axis=1))
+        return (
+            Unusable(torn, "a target with some of its coordinates only", named),
+            Unusable(unseen, "no target was seen", [""] * int(unseen.sum())),
+        )
+
+    @classmethod
+    @override
+    def raw_notes(cls, columns: RawColumns, stated: Stated) -> tuple[str, ...]:
+        """Say where stated places and columns are not of the same targets."""
+        names = _names(columns)
+        unstated = sorted(set(names) - set(stated.targets_m))
+        absent = sorted(set(stated.targets_m) - set(names))
+        notes = []
+        if absent:
+            notes.append(f"no columns of {', '.join(absent)}, which tool.balls_mm places")
+        if unstated and stated.targets_m:
+            notes.append(
+                f"tool.balls_mm does not place {', '.join(unstated)}: all targets count as unplaced"
+            )
+        return tuple(notes)
+
+    @classmethod
+    @override
+    def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Points:
+        """Read P rows of positions of targets."""
+        names = _names(columns)
+        p_m = MM * values.reshape(len(values), -1, 3)
+        u_m = np.where(np.isnan(u), stated.uncertainty_m, MM * u).reshape(p_m.shape)
+        u_m[np.isnan(p_m)] = np.nan
+        return Points(names, p_m, u_m[..., None] ** 2 * np.eye(3), stated.places_m(names))
+
+
+def _names(columns: RawColumns) -> tuple[str, ...]:
+    return tuple(target[0].removesuffix("_x_mm") for target in columns.targets)

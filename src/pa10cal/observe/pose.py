@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
-from pa10cal.frame.hand_eye import hand_eye_from_poses
+from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
+from pa10cal.frame.length_scale import scale_of_points
 from pa10cal.frame.pose_error import pose_error
 from pa10cal.observe.instrument import (
     MM,
@@ -20,14 +21,23 @@ from pa10cal.observe.instrument import (
     Deviations,
     Index,
     Instrument,
-    Start,
+    Located,
     Stated,
     Words,
     group_means,
 )
+from pa10cal.observe.raw import Misfit, RawColumns, Unusable
+
+RAW_PLACE = ("x_mm", "y_mm", "z_mm")
+RAW_QUATERNION = ("qw", "qx", "qy", "qz")
+#: An attitude without a stated uncertainty is as certain as targets this far apart make it [m].
+_TARGET_SPREAD_M = 0.1
+#: A quaternion's length may differ from one by so much.
+_LENGTH_TOLERANCE = 0.01
 
 _PLACE = ("ee_x_mm", "ee_y_mm", "ee_z_mm")
 _QUATERNION = ("ee_qw", "ee_qx", "ee_qy", "ee_qz")
+_SCALE = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
 _COVARIANCE = tuple(f"ee_cov_{i}{j}" for i in range(6) for j in range(i, 6))
 
 
@@ -56,7 +66,8 @@ class Pose(Instrument):
         "Arrows: of the target.",
     )
     measures_pose: ClassVar[bool] = True
-    needs_lines: ClassVar[bool] = True
+    uses_lines: ClassVar[bool] = True
+    least_rows: ClassVar[int] = 8
 
     @classmethod
     def of(cls, T_instr_target: Array, cov: Array) -> Pose:
@@ -114,12 +125,52 @@ class Pose(Instrument):
         """Positions and attitudes."""
         return (("position", slice(0, 3)), ("attitude", slice(3, 6)))
 
+    @property
     @override
-    def find_start(self, T_base_ee: Array) -> Start:
+    def places_m(self) -> Array:
+        """Return the target's position, (P, 1, 3)."""
+        return self.T_instr_target[:, None, :3, 3]
+
+    @property
+    @override
+    def R_instr_target(self) -> Array:
+        """Return the measured attitudes, (P, 3, 3)."""
+        return self.T_instr_target[:, :3, :3]
+
+    @override
+    def locate(self, T_base_ee: Array) -> Located:
         """Find base and target by hand-eye calibration."""
         found = hand_eye_from_poses(T_base_ee, self.T_instr_target)
-        T_ee_target = found.T_ee_targets[0]
-        return Start(found.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], np.zeros(0))
+        return Located(
+            method="hand_eye_poses",
+            T_instr_base=found.T_instr_base,
+            scatter_m=found.rms_m,
+            poses=len(self),
+            axis_u_rad=found.axis_u_rad,
+            scatter_rad=found.rms_rad,
+            T_ee_target=found.T_ee_targets[0],
+            held=found.held,
+        )
+
+    @override
+    def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
+        """Return the mean target (4, 4) in the end-effector frame."""
+        return target_on_base(T_instr_base, T_base_ee, self.T_instr_target)
+
+    @override
+    def scale(self, T_base_ee: Array) -> float | None:
+        """Return how far the nominal model moves for one measured metre."""
+        return scale_of_points(self.T_instr_target[:, :3, 3], T_base_ee)
+
+    @override
+    def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
+        """Return the misfit of positions and attitudes."""
+        T = self.T_instr_target
+        found = hand_eye_from_poses(T_base_ee[used], T[used], weights=weights)
+        modelled = found.targets(T_base_ee)[:, 0]
+        turn = Rotation.from_matrix(T[:, :3, :3] @ np.swapaxes(modelled[:, :3, :3], 1, 2))
+        length_m = np.linalg.norm(T[:, :3, 3] - modelled[:, :3, 3], axis=1)
+        return Misfit(length_m[:, None], np.asarray(turn.magnitude()))
 
     @override
     def turned(self, R_ee_target: Array) -> Self:
@@ -157,6 +208,68 @@ class Pose(Instrument):
         T, cov = pose_of_columns(columns)
         return cls(T, cov, np.zeros((len(T), 6, 0)))
 
+    @override
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        """Return the poses and their covariances as columns (P,) of the table of poses."""
+        quaternion = Rotation.from_matrix(self.T_instr_target[:, :3, :3]).as_quat(
+            canonical=True, scalar_first=True
+        )
+        cov = (self.cov / np.outer(_SCALE, _SCALE))[:, *np.triu_indices(6)]
+        columns = dict(zip(_PLACE, self.T_instr_target[:, :3, 3].T / MM, strict=True))
+        columns |= dict(zip(_QUATERNION, quaternion.T, strict=True))
+        return columns | dict(zip(_COVARIANCE, cov.T, strict=True))
+
+    @classmethod
+    @override
+    def raw_columns(cls, header: Sequence[str]) -> RawColumns:
+        """Return the columns of position and attitude."""
+        return RawColumns((RAW_PLACE,), RAW_QUATERNION)
+
+    @classmethod
+    @override
+    def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
+        """Return rows whose quaternion is none of a rotation."""
+        length = np.linalg.norm(values[:, 3:], axis=1)
+        off = np.abs(length - 1.0) >= _LENGTH_TOLERANCE
+        found = (f"length {value:.4g}" for value in length[off])
+        return (Unusable(off, "the quaternion is not of unit length", found),)
+
+    @classmethod
+    @override
+    def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Pose:
+        """Read P rows of position and attitude; see `_rotation_covariance`."""
+        T = np.tile(np.eye(4), (len(values), 1, 1))
+        T[:, :3, 3] = MM * values[:, :3]
+        T[:, :3, :3] = Rotation.from_quat(values[:, 3:], scalar_first=True).as_matrix()
+        cov = np.zeros((len(values), 6, 6))
+        u_m = np.where(np.isnan(u[:, :3]), stated.uncertainty_m, MM * u[:, :3])
+        cov[:, range(3), range(3)] = u_m**2
+        cov[:, 3:, 3:] = _rotation_covariance(values[:, 3:], u[:, 3:], stated.uncertainty_m)
+        return Pose.of(T, cov)
+
+
+def _rotation_covariance(quaternion: Array, u: Array, u_place_m: float) -> Array:
+    """Return the covariance (P, 3, 3) of a small rotation applied on the left.
+
+    It changes the quaternion by half its product with it, so that the rotation is twice the vector
+    part of dq q*. Where the quaternion's uncertainty is not stated, it is that which places make.
+
+    Args:
+        quaternion: (P, 4) scalar first.
+        u: (P, 4) its standard uncertainties, nan where not stated.
+        u_place_m: standard uncertainty of a place.
+    """
+    length = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    quaternion, u = quaternion / length, u / length
+    scalar, vector = quaternion[:, :1, None], quaternion[:, 1:]
+    cross = np.cross(vector[:, None, :], np.eye(3))  # rows v x e_k: the transpose of [v]x
+    by_vector = scalar * np.eye(3) + np.swapaxes(cross, 1, 2)
+    turning = 2.0 * np.concatenate([-vector[:, :, None], by_vector], axis=2)
+    stated = turning @ (u[:, :, None] ** 2 * np.swapaxes(turning, 1, 2))
+    unstated = np.isnan(u.sum(axis=1))
+    assumed = (u_place_m / _TARGET_SPREAD_M) ** 2 * np.eye(3)
+    return np.where(unstated[:, None, None], assumed, stated)
+
 
 def pose_of_columns(columns: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return the poses (P, 4, 4) [m] of a table of poses, and their covariance (P, 6, 6)."""
@@ -169,5 +282,4 @@ def pose_of_columns(columns: Mapping[str, Array]) -> tuple[Array, Array]:
     cov = np.zeros((count, 6, 6))
     stacked = np.column_stack([columns[name] for name in _COVARIANCE])
     cov[:, upper[0], upper[1]] = cov[:, upper[1], upper[0]] = stacked
-    scale = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
-    return T, cov * np.outer(scale, scale)
+    return T, cov * np.outer(_SCALE, _SCALE)

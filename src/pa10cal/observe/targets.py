@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,3 +68,18 @@ def places_of_columns(
                 column = columns[f"ball{name}_c{AXES[i]}{AXES[j]}_mm2"]
                 cov_mm2[:, b, i, j] = cov_mm2[:, b, j, i] = column
     return _MM * p_mm, _MM**2 * cov_mm2, touches
+
+
+def columns_of_places(
+    names: tuple[str, ...], p_m: Array, cov_m2: Array, touches: NDArray[np.int64]
+) -> dict[str, NDArray[Any]]:
+    """Return what `places_of_columns` reads back, as columns (P,)."""
+    columns: dict[str, NDArray[Any]] = {}
+    for b, name in enumerate(names):
+        for k, axis in enumerate(AXES):
+            columns[f"ball{name}_{axis}_mm"] = p_m[:, b, k] / _MM
+        for i in range(3):
+            for j in range(i, 3):
+                columns[f"ball{name}_c{AXES[i]}{AXES[j]}_mm2"] = cov_m2[:, b, i, j] / _MM**2
+        columns[f"ball{name}_touches"] = touches[:, b]
+    return columns

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from pa10cal.frame.nominal_fit import seed_from_nominal
 from pa10cal.frame.rigid_fit import pose_by_source
-from pa10cal.observe.instrument import Array, Index, Stated, Words, group_means
+from pa10cal.observe.instrument import Array, Index, Located, Stated, Words, group_means
 from pa10cal.observe.pose import Pose, pose_of_columns
-from pa10cal.observe.targets import names_of_columns, places_of_columns
+from pa10cal.observe.targets import columns_of_places, names_of_columns, places_of_columns
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,29 @@ class Touched(Pose):
             ),
         )
 
+    @property
+    @override
+    def counts(self) -> tuple[str, ...]:
+        """Return how many balls were located."""
+        return (f"{self.touches.size} balls",)
+
+    @override
+    def locate(self, T_base_ee: Array) -> Located:
+        """Find the base by a rigid fit of positions: the end-effector itself is measured."""
+        found = seed_from_nominal(self.T_instr_target[:, :3, 3], T_base_ee[:, :3, 3])
+        return Located(
+            method="rigid_fit_nominal",
+            T_instr_base=found.T_instr_base,
+            scatter_m=found.residual_rms_m,
+            poses=found.poses,
+            axis_u_rad=found.axis_u_rad,
+        )
+
+    @override
+    def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
+        """Return None: the end-effector itself is measured."""
+        return None
+
     @classmethod
     @override
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
@@ -62,3 +86,9 @@ class Touched(Pose):
         names = names_of_columns(columns)
         p_m, cov_m2, touches = places_of_columns(columns, names)
         return cls(T, cov, pose_by_source(T, p_m, cov_m2), names, p_m, cov_m2, touches)
+
+    @override
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        """Return balls and poses as columns (P,) of the table of poses."""
+        balls = columns_of_places(self.names, self.p_instr_balls_m, self.cov_balls_m2, self.touches)
+        return balls | super().to_columns()

@@ -13,9 +13,6 @@ import yaml
 
 from pa10cal.errors import SettingsError
 
-#: The instrument whose campaigns the paper's model is for.
-TOUCHED = "touch_trigger_cmm"
-
 
 def raw_files(folder: Path) -> list[Path]:
     """Return the files that `campaign.yaml` names under `files` and that are there."""
@@ -62,7 +59,18 @@ def takes_general_model(model: str, instrument: str) -> bool:
         model: `calibration.model` of the settings.
         instrument: kind of the instrument.
     """
-    return model == "general" or (model == "auto" and instrument != TOUCHED)
+    from pa10cal.observe.registry import instruments  # late: it brings numpy and scipy
+
+    found = instruments().get(instrument)
+    return model == "general" or (model == "auto" and not (found and found.from_touches))
+
+
+def can_seek_effects(instrument: str) -> bool:
+    """Tell whether missing effects can be sought in campaigns of an instrument, by its kind."""
+    from pa10cal.observe.registry import instruments
+
+    found = instruments().get(instrument)
+    return found is not None and found.measures_pose
 
 
 def campaign_name(folder: Path) -> str:

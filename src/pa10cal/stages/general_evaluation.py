@@ -17,7 +17,6 @@ from pa10cal.evaluation.tool_twist import constant_tool_twist
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.pose import Pose
 from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.calibration import GeneralCalibrationRecord
 from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, ToolTwist
@@ -90,9 +89,9 @@ def _points(held_out: Observations) -> NDArray[np.str_]:
 
 
 def _twist(model: FittedModel, held_out: Observations) -> ToolTwist | None:
-    measured = held_out.measured
-    if not isinstance(measured, Pose):
+    R_instr_target = held_out.measured.R_instr_target
+    if R_instr_target is None:
         return None
     T_base_ee = model.model.predict(held_out.states, model.x)
-    R_measured = measured.T_instr_target[:, :3, :3] @ model.R_ee_target.T
+    R_measured = R_instr_target @ model.R_ee_target.T
     return constant_tool_twist(model.T_instr_base[:3, :3] @ T_base_ee[:, :3, :3], R_measured)

@@ -18,7 +18,6 @@ from pa10cal.errors import RecordError
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.instrument import Instrument, Start
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.points import Points
 from pa10cal.observe.pose import Pose
 from pa10cal.results.calibration import GeneralCalibrationRecord, GeneralFit
 from pa10cal.results.seed import BaseFrameRecord
@@ -43,24 +42,19 @@ def read_start(seed: BaseFrameRecord, measured: Instrument, path: Path) -> Start
     Raises:
         RecordError: when it lacks a target.
     """
-    T_ee_target, places_m = np.eye(4), np.zeros(0)
-    if isinstance(measured, Pose):
-        if seed.T_ee_target is not None:
-            T_ee_target = seed.T_ee_target
-    else:
-        stated = seed.p_ee_targets_m or {}
-        names = measured.names if isinstance(measured, Points) else tuple(stated)[:1]
-        missing = [name for name in names or ("target",) if name not in stated]
-        if missing:
-            raise RecordError(
-                f"the record lacks target {missing[0]}",
-                where=f"{path}: p_ee_targets_m",
-                value=list(stated),
-                allowed="a place for every target",
-                remedy="run pa10cal seed again",
-            )
-        places_m = np.concatenate([stated[name] for name in names])
-    return Start(seed.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], places_m)
+    stated = seed.p_ee_targets_m or {}
+    missing = [name for name in measured.target_names if name not in stated]
+    if missing:
+        raise RecordError(
+            f"the record lacks target {missing[0]}",
+            where=f"{path}: p_ee_targets_m",
+            value=list(stated),
+            allowed="a place for every target",
+            remedy="run pa10cal seed again",
+        )
+    T_ee_target = np.eye(4) if seed.T_ee_target is None else seed.T_ee_target
+    targets_m = np.concatenate([np.zeros(0), *(stated[name] for name in measured.target_names)])
+    return Start(seed.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m)
 
 
 def read_general(

@@ -10,11 +10,11 @@ import numpy as np
 from pa10cal.figures.discovery_records import Errors
 from pa10cal.figures.general_records import GeneralCalibration
 from pa10cal.figures.held_out_models import title
-from pa10cal.figures.instruments import seen_by
 from pa10cal.figures.records import Accuracy, HeldOut
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.table import Grid, Row, Table
+from pa10cal.observe.registry import instruments
 
 PICTURE = Picture(
     title="Accuracy of the general model",
@@ -82,7 +82,7 @@ def tabulate(results: Results) -> Table:
         data=Grid(_DATA_HEADER, tuple(_data(entry) for entry in entries)),
         shown=tuple(grids),
         notes=(
-            seen_by(results.instrument).of,
+            instruments()[results.instrument].words.of,
             "The nominal arm has its base and its tool or targets fitted to the same poses.",
             "Extrapolated: poses with a joint at an angle that hardly any of the poses fitted come "
             "near, so that an error learnt by angle is guessed there.",

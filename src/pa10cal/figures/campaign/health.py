@@ -8,7 +8,6 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pa10cal.figures.instruments import seen_by
 from pa10cal.figures.parameter_names import written
 from pa10cal.figures.records import Health, PosesWanted
 from pa10cal.figures.registry import Picture
@@ -28,6 +27,7 @@ from pa10cal.figures.style import (
     plain_log,
     write_text_at,
 )
+from pa10cal.observe.registry import instruments
 
 PICTURE = Picture(
     title="Health of the calibration",
@@ -69,7 +69,7 @@ def draw(results: Results) -> Figure:
     )
     bottom = _BELOW_MM + text_mm
     curve = panel(figure, 22.0, bottom + 28.0, 75.0, _PANELS_MM - 30.0)
-    error = seen_by(results.instrument).error
+    error = instruments()[results.instrument].words.error
     _draw_poses(curve, health)
     figure.legend(
         *curve.get_legend_handles_labels(),

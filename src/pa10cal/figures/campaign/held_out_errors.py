@@ -9,7 +9,6 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pa10cal.figures.held_out_models import Judged, judged
-from pa10cal.figures.instruments import seen_by
 from pa10cal.figures.records import HeldOut
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.results import COMBINED, Results
@@ -23,6 +22,7 @@ from pa10cal.figures.style import (
     plain_log,
     write_text_at,
 )
+from pa10cal.observe.registry import instruments
 
 PICTURE = Picture(
     title="Error of held-out poses",
@@ -61,7 +61,7 @@ def draw(results: Results) -> Figure:
     wide = 72.0 if angles else 152.0
     position = panel(figure, 15.0, bottom, wide, _PANEL_MM)
     _draw_shares(position, [(model, model.error_mm) for model in models])
-    seen = seen_by(results.instrument)
+    seen = instruments()[results.instrument].words
     position.set(xlabel=f"{seen.error} [mm]", ylabel="share of the poses [%]")
     if angles:
         orientation = panel(figure, 96.0, bottom, wide, _PANEL_MM)

@@ -14,7 +14,6 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pa10cal.figures.discovery_records import Configuration
-from pa10cal.figures.instruments import seen_by
 from pa10cal.figures.records import Residual
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
@@ -30,6 +29,7 @@ from pa10cal.figures.style import (
     panel,
     write_text_at,
 )
+from pa10cal.observe.registry import instruments
 
 PICTURE = Picture(
     title="Gap: residual vectors before and after",
@@ -138,7 +138,7 @@ def draw(results: Results) -> Figure:
         color=BLACK,
     )
     _draw_legend(figure, every, sets)
-    said = seen_by(results.instrument).arrows if alone else _SAME_SCALE
+    said = instruments()[results.instrument].words.arrows if alone else _SAME_SCALE
     write_text_at(figure, 2.0, 6.0, said, color=GREY)
     return figure
 
