@@ -10,7 +10,7 @@ after its last, stand next to the rows, so that the small motions of base and to
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -169,26 +169,36 @@ def end_pose(chain: Chain, coordinates: Array) -> Array:
     return _homogeneous(frame, origin)
 
 
-def end_pose_with_screws(chain: Chain, coordinates: Array) -> EndPose:
-    """Return the pose of the end and the screw of every coordinate at coordinates (P, m)."""
+def end_pose_with_screws(
+    chain: Chain, coordinates: Array, columns: Sequence[int] | None = None
+) -> EndPose:
+    """Return the pose of the end and the screw of every coordinate at coordinates (P, m).
+
+    Args:
+        chain: the chain.
+        coordinates: (P, m) where it stands.
+        columns: coordinates whose screws are wanted, all others are left zero; None for all.
+    """
     m, count = len(chain.motions), len(coordinates)
-    axes = np.empty((m, 3, count))
-    origins = np.empty((m, 3, count))
+    axes: list[Array] = [coordinates] * m
+    origins: list[Array] = [coordinates] * m
 
     def note(k: int, frame: list[Array], origin: Array) -> None:
-        axes[k] = frame[chain.motions[k].axis]
-        origins[k] = origin
+        axes[k], origins[k] = frame[chain.motions[k].axis], origin
 
     frame, end = _walk(chain, coordinates, note)
-    turns = np.array([motion.turns for motion in chain.motions])
+    wanted = range(m) if columns is None else columns
+    turning = [k for k in wanted if chain.motions[k].turns]
     screws = np.zeros((m, 6, count))
-    screws[turns, 3:] = axes[turns]
-    arm_x, arm_y, arm_z = np.moveaxis(end - origins[turns], 1, 0)
-    axis_x, axis_y, axis_z = np.moveaxis(axes[turns], 1, 0)
-    screws[turns, 0] = axis_y * arm_z - axis_z * arm_y
-    screws[turns, 1] = axis_z * arm_x - axis_x * arm_z
-    screws[turns, 2] = axis_x * arm_y - axis_y * arm_x
-    screws[~turns, :3] = axes[~turns]
+    if turning:
+        axis = np.concatenate([axes[k] for k in turning]).reshape(len(turning), 3, count)
+        arm = end - np.concatenate([origins[k] for k in turning]).reshape(len(turning), 3, count)
+        screws[turning, 3:] = axis
+        for row, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+            screws[turning, row] = axis[:, j] * arm[:, k] - axis[:, k] * arm[:, j]
+    for k in wanted:
+        if not chain.motions[k].turns:
+            screws[k, :3] = axes[k]
     return EndPose(_homogeneous(frame, end), screws.transpose(2, 1, 0))
 
 
@@ -245,24 +255,43 @@ def _walk(chain: Chain, coordinates: Array, note: _Note | None) -> tuple[list[Ar
     count = len(coordinates)
     frame = [np.repeat(column[:, None], count, axis=1) for column in np.eye(3)]
     origin = np.zeros((3, count))
+    values = np.ascontiguousarray(coordinates.T)
+    moves = values.any(axis=1)
+    # Most coordinates are the same in every pose: one sine serves all.
+    same = (values == values[:, :1]).all(axis=1) & moves
+    amounts, cosines, sines = (
+        {k: row for at in parts for k, row in at.items()}
+        for parts in zip(
+            _by_motion(np.flatnonzero(same), values[same, :1]),
+            _by_motion(np.flatnonzero(moves & ~same), values[moves & ~same]),
+            strict=True,
+        )
+    )
     for k, motion in enumerate(chain.motions):
-        value = coordinates[:, k]
         if k in chain.constants:
             frame, origin = _placed(frame, origin, chain.constants[k])
         if note is not None:
             note(k, frame, origin)
-        if not value.any():
+        if k not in amounts:
             continue
         if motion.turns:
             first, second = (motion.axis + 1) % 3, (motion.axis + 2) % 3
-            cos, sin = np.cos(value), np.sin(value)
+            cos, sin = cosines[k], sines[k]
             frame[first], frame[second] = (
                 cos * frame[first] + sin * frame[second],
                 cos * frame[second] - sin * frame[first],
             )
         else:
-            origin = origin + value * frame[motion.axis]
+            origin = origin + amounts[k] * frame[motion.axis]
     return frame, origin
+
+
+def _by_motion(motions: NDArray[np.intp], values: Array) -> list[dict[int, Array]]:
+    """Return values of motions, their cosines and their sines, by the motion's number."""
+    numbers = motions.tolist()
+    return [
+        dict(zip(numbers, rows, strict=True)) for rows in (values, np.cos(values), np.sin(values))
+    ]
 
 
 def _placed(frame: list[Array], origin: Array, T: Array) -> tuple[list[Array], Array]:

@@ -57,7 +57,8 @@ class Model:
 
     def predict_with_jacobian(self, states: PoseStates, x: Array) -> PoseJacobian:
         """Return predicted poses and their exact derivative by x."""
-        end = end_pose_with_screws(self.chain, self.chain_coordinates(states, x))
+        at = self.chain_coordinates(states, x)
+        end = end_pose_with_screws(self.chain, at, self._moved_columns)
         return PoseJacobian(end.T, self.jacobian_at(states, x, end))
 
     def jacobian_at(
@@ -110,7 +111,11 @@ class Model:
         """Return the derivative of the pose by a term's parameters, (P, 6, k')."""
         carried = self.carried(states, x)
         screws = end.screws[:, :, self.chain.columns(term.coordinates)]
-        found: Array = screws @ term.derivative(carried, point)
+        by_parameter = term.derivative(carried, point)
+        if len(by_parameter) == 1 and _is_identity(by_parameter[0]):
+            found = screws
+        else:
+            found = screws @ by_parameter
         if shows_torque(term) and not term.carried:
             false_Nm = term.torque_derivative(states, point)
             for yielding, columns in self._yielding:
@@ -163,6 +168,12 @@ class Model:
         return coordinates
 
     @cached_property
+    def _moved_columns(self) -> list[int]:
+        """Return the coordinates that the terms move."""
+        names = {name for term in self.terms for name in term.coordinates}
+        return sorted(self.chain.columns(tuple(names)).tolist())
+
+    @cached_property
     def _yielding(self) -> list[tuple[Yielding, slice]]:
         """Return the terms that turn a joint under its torque."""
         return [(term, columns) for term, columns in self._slices if yields(term)]
@@ -184,3 +195,7 @@ class Model:
             slices.append((term, slice(start, stop)))
             start = stop
         return slices
+
+
+def _is_identity(matrix: Array) -> bool:
+    return matrix.shape[0] == matrix.shape[1] and bool((matrix == np.eye(len(matrix))).all())
