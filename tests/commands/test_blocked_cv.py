@@ -6,12 +6,12 @@ import json
 import numpy as np
 import pytest
 import yaml
+from pa10cal.stages.blocked_cv_record import METHOD, angles_record, read_angles
 from scipy.spatial.transform import Rotation
 
 from made_up_survey import Hidden, observe, rough
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.errors import RecordError
-from pa10cal.stages.blocked_cv_record import METHOD, angles_record, read_angles
 
 NAME = "tracked"
 KINDS = ("verdict", "analysis", "extended", "suggested")

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from pa10cal.discovery.suggest import Suggestion
 from pa10cal.stages.suggestion_record import (
     separation_records,
     suggestion_records,
     suggestion_table,
 )
+
+from pa10cal.discovery.suggest import Suggestion
 
 SUGGESTIONS = (
     Suggestion(np.array([0.1, -0.5]), 44.0, np.array([1.0, -1.0]), 12.3456, ("a of b", "c or d")),

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pa10cal.stages.lack_of_fit_record import lack_of_fit_record
+from pa10cal.stages.naming_record import naming_record
 
 from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
@@ -22,8 +24,6 @@ from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.averages import average_repeats
-from pa10cal.stages.lack_of_fit_record import lack_of_fit_record
-from pa10cal.stages.naming_record import naming_record
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.encoder import TransmissionError
 from pa10cal.terms.effects.joint_torque import FrictionTorque

@@ -10,13 +10,14 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast, get_args
+from typing import TYPE_CHECKING, cast, get_args
 
 from pa10cal.evaluation.options import JudgingOptions
 
 if TYPE_CHECKING:
     from pa10cal.cell.options import SimulateOptions
     from pa10cal.cell.trials import Layout, Trial
+    from pa10cal.results.trials import TrialTruthRecord, TrialVerdictRecord
     from pa10cal.stages.trial_judging import CalibratedCampaign
 
 
@@ -48,7 +49,8 @@ def blind_trials(
     from pa10cal.cell.trials import TrialKind, draw_trials
     from pa10cal.errors import DiscoveryError
     from pa10cal.files.output import whole_files
-    from pa10cal.stages.trial_records import json_line
+    from pa10cal.results.codec import lines
+    from pa10cal.results.trials import FailedTrialRecord
 
     last = first + _at_least_one(count)
     trials = draw_trials(cast(TrialKind, kind), last, random_seed, _layouts(layouts), size)[first:]
@@ -60,11 +62,9 @@ def blind_trials(
         judgements.append(verdict)
         hidden.append(truth)
     with whole_files(verdicts, truths) as (judged_beside, hidden_beside):
-        judged_beside.write_text(
-            "".join(map(json_line, judgements)), encoding="utf-8", newline="\n"
-        )
-        hidden_beside.write_text("".join(map(json_line, hidden)), encoding="utf-8", newline="\n")
-    failed = [record["failed"] for record in judgements if "failed" in record]
+        judged_beside.write_text(lines(judgements), encoding="utf-8", newline="\n")
+        hidden_beside.write_text(lines(hidden), encoding="utf-8", newline="\n")
+    failed = [record.failed for record in judgements if isinstance(record, FailedTrialRecord)]
     if len(failed) == len(trials):
         raise DiscoveryError(
             "every trial failed",
@@ -106,9 +106,9 @@ def _layouts(text: str) -> tuple[Layout, ...]:
     return tuple(layout for name in names for layout in known if layout == name)
 
 
-def _try(trial: Trial, settings: JudgingOptions) -> tuple[dict[str, Any], dict[str, Any]]:
+def _try(trial: Trial, settings: JudgingOptions) -> tuple[TrialVerdictRecord, TrialTruthRecord]:
     """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped."""
-    from pa10cal.files.schemas import VERDICT
+    from pa10cal.results.trials import FailedTrialRecord
     from pa10cal.stages.trial_judging import judge
     from pa10cal.stages.trial_records import truth_record
 
@@ -118,13 +118,13 @@ def _try(trial: Trial, settings: JudgingOptions) -> tuple[dict[str, Any], dict[s
         began = time.perf_counter()
         known = _measured(trial, trial.settings, settings)
         simulating = time.perf_counter() - began - known.seconds
-        verdict = {**judge(known, settings), "seconds_simulating": simulating}
+        verdict: TrialVerdictRecord = judge(known, settings, simulating)
         began = time.perf_counter()
         moved_mm = [_moved_mm(trial, number, known, settings) for number in range(len(trial.sizes))]
         seconds = time.perf_counter() - began
     except Exception as error:
         message = " ".join(f"{type(error).__name__}: {error}".split())
-        verdict = {"schema": VERDICT, "campaign": trial.name, "failed": message}
+        verdict = FailedTrialRecord(campaign=trial.name, failed=message)
     return verdict, truth_record(trial, moved_mm, seconds)
 
 
@@ -166,14 +166,13 @@ class _Progress:
         self._title, self._count = title, count
         self._began, self._done = time.monotonic(), 0
 
-    def __call__(self, verdict: dict[str, Any]) -> None:
+    def __call__(self, verdict: TrialVerdictRecord) -> None:
         self._done += 1
         seconds = (time.monotonic() - self._began) / self._done
         left = seconds * (self._count - self._done)
         print(
             f"{self._title}: {self._done} of {self._count}, {seconds:.1f} s a trial, "
-            f"{left:.0f} s left; {verdict['campaign']}: "
-            + (f"failed: {verdict['failed']}" if "failed" in verdict else verdict["verdict"]),
+            f"{left:.0f} s left; {verdict.campaign}: {verdict.word}",
             file=sys.stderr,
             flush=True,
         )

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pa10cal.discovery.options import DiscoveryOptions
 
 if TYPE_CHECKING:
     from pa10cal.discovery.operating_point import OperatingPoint
     from pa10cal.discovery.preparation import MeasurementSetup
+    from pa10cal.discovery.records import Outcome
     from pa10cal.observe.observations import Observations
     from pa10cal.observe.pose import Pose
     from pa10cal.results.calibration import CalibrationRecord
@@ -44,13 +45,13 @@ def discover(
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import read_observations
     from pa10cal.discovery.operating_point import OperatingPoint
+    from pa10cal.discovery.records import discovery_records, suggestion_table, summary
     from pa10cal.files.arms import load_arm
-    from pa10cal.files.output import whole_files, write_json, write_text
-    from pa10cal.files.schemas import ANALYSIS, EXTENDED, VERDICT
+    from pa10cal.files.output import whole_files, write_text
     from pa10cal.observe.arrivals import with_arrivals
     from pa10cal.observe.averages import poses_of
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
-    from pa10cal.results.codec import read
+    from pa10cal.results.codec import read, write
     from pa10cal.stages.calibration_record import read_fit, settings_of
     from pa10cal.stages.measurement_setup import setup_of, with_bends
 
@@ -76,45 +77,26 @@ def discover(
     outcome = judge(
         grid, held_out, OperatingPoint(with_bends(model), x, T_instr_base), setup, settings, record
     )
-    header = {"campaign": campaign.name, "provenance": campaign.provenance}
-    verdict_record = {
-        "schema": VERDICT,
-        **header,
-        **outcome.verdict,
-        "arrival_from_order": from_order,
-        "seconds": time.perf_counter() - began,
-    }
-    extended_record = {
-        "schema": EXTENDED,
-        **header,
-        "robot": campaign.robot,
-        "calibration": record.load,
-        "verdict": verdict_record["verdict"],
-        "arrival_from_order": from_order,
-        "named": [
-            {key: effect[key] for key in ("id", "of", "parameters", "alternatives")}
-            for effect in verdict_record["effects"]
-        ],
-        "warnings": _warnings(verdict_record),
-        **outcome.extended,
-    }
+    records = discovery_records(
+        outcome,
+        campaign,
+        record.load,
+        time.perf_counter() - began,
+        arrival_from_order=from_order,
+    )
+    table_text = suggestion_table(
+        outcome.verdict.suggested_poses, outcome.joints, with_sides=judge is _by_repeats
+    )
     outputs = (suggested, extended, analysis, verdict)
     with whole_files(*outputs) as (table_beside, extended_beside, analysis_beside, verdict_beside):
-        write_text(table_beside, outcome.suggested)
-        write_json(extended_beside, extended_record)
-        write_json(analysis_beside, {"schema": ANALYSIS, **header, **outcome.analysis})
-        write_json(verdict_beside, verdict_record)
-    _say(campaign.name, verdict_record)
-
-
-@dataclass(frozen=True)
-class _Outcome:
-    """What a search comes to, ready to be written."""
-
-    verdict: dict[str, Any]
-    extended: dict[str, Any]
-    analysis: dict[str, Any]
-    suggested: str
+        write_text(table_beside, table_text)
+        write(records.extended, extended_beside)
+        write(records.analysis, analysis_beside)
+        write(records.verdict, verdict_beside)
+    for line in summary(records.verdict):
+        print(f"{campaign.name}: {line}")
+    for warning in records.extended.warnings:
+        print(f"{campaign.name}: note: {warning}", file=sys.stderr)
 
 
 def _left_out(grid: Observations[Pose]) -> bool:
@@ -133,19 +115,12 @@ def _by_repeats(
     setup: MeasurementSetup,
     settings: DiscoveryOptions,
     record: CalibrationRecord,
-) -> _Outcome:
+) -> Outcome:
     """Judge effects against the scatter of repeats."""
     from pa10cal.discovery.discover import discover, unresolved
+    from pa10cal.discovery.evidence.records import outcome_by_repeats
     from pa10cal.discovery.suggest import plan
     from pa10cal.results.calibration import GeneralCalibrationRecord
-    from pa10cal.stages.analysis_record import analysis_record
-    from pa10cal.stages.extended_record import extended_record
-    from pa10cal.stages.suggestion_record import (
-        separation_records,
-        suggestion_records,
-        suggestion_table,
-    )
-    from pa10cal.stages.verdict_record import verdict_record
 
     flexible = setup.flexible_joints
     if isinstance(record, GeneralCalibrationRecord):
@@ -164,18 +139,7 @@ def _by_repeats(
         settings.suggestions,
         settings.random_seed,
     )
-    verdict = {
-        **verdict_record(found, settings.error_rate),
-        "suggested_poses": suggestion_records(ahead.suggestions),
-        "separations": separation_records(ahead.separations),
-    }
-    joints = baseline.model.chain.arm.n
-    return _Outcome(
-        verdict,
-        extended_record(found),
-        analysis_record(found),
-        suggestion_table(ahead.suggestions, joints),
-    )
+    return outcome_by_repeats(found, settings.error_rate, ahead)
 
 
 def _by_blocks(
@@ -185,15 +149,13 @@ def _by_blocks(
     setup: MeasurementSetup,
     settings: DiscoveryOptions,
     record: CalibrationRecord,
-) -> _Outcome:
+) -> Outcome:
     """Judge effects by how well blocks of poses are predicted that were left out."""
     import numpy as np
 
     from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
     from pa10cal.discovery.blocked_cv.fill import fill
-    from pa10cal.stages.blocked_cv_analysis import blocked_analysis
-    from pa10cal.stages.blocked_cv_record import blocked_extended, blocked_verdict
-    from pa10cal.stages.suggestion_record import filling_records, filling_table
+    from pa10cal.discovery.blocked_cv.records import outcome_by_blocks
 
     found = discover_by_blocks(
         grid,
@@ -204,72 +166,4 @@ def _by_blocks(
         torques_logged=record.torques_logged and bool(np.isfinite(grid.states.tau_Nm).all()),
     )
     ahead = fill(found.survey, found.seen, settings.suggestions, settings.random_seed)
-    verdict = {
-        **blocked_verdict(found, settings.error_rate),
-        "suggested_poses": filling_records(ahead),
-    }
-    return _Outcome(
-        verdict,
-        blocked_extended(found),
-        blocked_analysis(found),
-        filling_table(ahead, baseline.model.chain.arm.n),
-    )
-
-
-def _warnings(verdict: dict[str, Any]) -> list[str]:
-    """Return what a reader should know before trusting the extended model."""
-    found = []
-    for effect in verdict["effects"]:
-        rivals = ", ".join(f"{rival['id']} of {rival['of']}" for rival in effect["alternatives"])
-        if rivals:
-            found.append(f"{effect['id']} of {effect['of']} cannot be told from {rivals}")
-    if verdict["verdict"] == "unexplained":
-        place = verdict["unexplained"]["of"] or "unknown place"
-        found.append(
-            f"something without a name is missing, of {place}: uncertainties do not cover it"
-        )
-    held_out = verdict["gap"]["holdout"]
-    if held_out is not None and held_out["reduction"]["interval95_mm"][1] < 0.0:
-        found.append(
-            "held-out poses are predicted worse than before: do not use the extended model; the "
-            "poses fitted are too few or too alike for the effects in it"
-        )
-    return found
-
-
-def _say(name: str, verdict: dict[str, Any]) -> None:
-    print(f"{name}: {verdict['verdict']}")
-    for effect in verdict["effects"]:
-        values = (
-            ", ".join(
-                f"{key} = {entry['value']:.4g} ± {2.0 * entry['std']:.1g} {entry['unit']}"
-                for key, entry in effect["parameters"].items()
-                if not key.startswith("knot")
-            )
-            or f"{len(effect['parameters'])} knots a turn"
-        )
-        rivals = " or ".join(f"{rival['id']} of {rival['of']}" for rival in effect["alternatives"])
-        print(
-            f"{name}:   {effect['id']} of {effect['of']}: {values}"
-            + (f"; cannot be told from {rivals}" if rivals else "")
-        )
-    if verdict["unexplained"]:
-        for place in verdict["unexplained"]["all"]:
-            print(f"{name}:   without a name, of {place['of'] or 'unknown place'}: {place['why']}")
-    for kind, gap in verdict["gap"].items():
-        if isinstance(gap, dict):
-            low, high = gap["reduction"]["interval95_mm"]
-            print(
-                f"{name}: {kind} mean {gap['before']['mean_mm']:.4f} -> "
-                f"{gap['after']['mean_mm']:.4f} mm, less by {low:.4f} to {high:.4f} mm (95 %); "
-                f"repeatability alone {gap['noise_floor_mm']:.4f} mm"
-            )
-            for part in ("inside", "extrapolated"):
-                if gap.get(part):
-                    print(
-                        f"{name}:   {part}: {gap[part]['after']['configurations']} poses, rms "
-                        f"{gap[part]['before']['rms_mm']:.4f} -> "
-                        f"{gap[part]['after']['rms_mm']:.4f} mm"
-                    )
-    for warning in _warnings(verdict):
-        print(f"{name}: note: {warning}", file=sys.stderr)
+    return outcome_by_blocks(found, settings.error_rate, ahead)

@@ -143,19 +143,19 @@ def _judge_extended(
     from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.discovery.preparation import complete_about
     from pa10cal.evaluation.holdout import judge
-    from pa10cal.files.schemas import EXTENDED
     from pa10cal.observe.arrivals import with_arrivals
     from pa10cal.observe.averages import poses_of
+    from pa10cal.results.codec import read
+    from pa10cal.results.discovery import ExtendedRecord
     from pa10cal.stages.calibration_record import read_fit, settings_of
     from pa10cal.stages.extended_record import read_extended
     from pa10cal.stages.measurement_setup import setup_of, with_bends
-    from pa10cal.stages.records import read_record, read_vector
 
     used = settings_of(record, calibration)
     model, _, _ = read_fit(record, arm, calibration, cubic=True)
-    content = read_record(extended, EXTENDED, ("effects", "x", "targets_off_m"), campaign.name)
+    content = read(ExtendedRecord, extended, campaign.name)
     baseline, model, x, T_instr_base = read_extended(content, with_bends(model), extended)
-    if content.get("arrival_from_order"):
+    if content.arrival_from_order:
         every, _ = with_arrivals(every)
     poses = complete_about(
         poses_of(every, "holdout"),
@@ -163,7 +163,6 @@ def _judge_extended(
         OperatingPoint(model, x, T_instr_base),
         setup_of(campaign, arm, used, DiscoveryOptions()),
     )
-    coordinates = poses.measured.by_apparatus.shape[2]
-    places_m = read_vector(content, "targets_off_m", coordinates, extended)
+    places_m = content.targets_off_m
     T_base_ee = as_read(model.predict(poses.states, x), T_instr_base, poses, places_m)
     return judge(T_base_ee, T_instr_base, poses)

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pa10cal.results.accuracy import Parameter
 
 
 def export(
@@ -30,11 +35,11 @@ def export(
     from pa10cal.errors import CalibrationError
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import write_text
-    from pa10cal.files.schemas import EXTENDED, MODEL
+    from pa10cal.files.schemas import MODEL
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read
+    from pa10cal.results.discovery import ExtendedRecord
     from pa10cal.stages.calibration_record import read_fit
-    from pa10cal.stages.records import read_pose_matrix, read_record, read_vector
 
     record = read(CalibrationRecord, calibration)
     if record.status != "converged":
@@ -56,23 +61,18 @@ def export(
     arm = load_arm(record.robot, campaign_dir)
     fitted, x, T_instr_base = read_fit(record, arm, calibration, cubic=True)
     parameters, effects, warnings = (
-        {name: each.model_dump() for name, each in record.parameters.items()},
+        _plain(record.parameters),
         [],
         list(record.warnings),
     )
     if extended is not None:
-        with_effects = read_record(
-            extended,
-            EXTENDED,
-            ("effects", "named", "parameters", "warnings"),
-            record.campaign,
-        )
+        with_effects = read(ExtendedRecord, extended, record.campaign)
         # With nothing missing the calibrated model stays as it is.
-        if with_effects["effects"]:
-            x = read_vector(with_effects, "x", len(x), extended)
-            T_instr_base = read_pose_matrix(with_effects, "T_instr_base", extended)
-            parameters, effects = with_effects["parameters"], with_effects["named"]
-            warnings = with_effects["warnings"]
+        if with_effects.effects:
+            x, T_instr_base = with_effects.x, with_effects.T_instr_base
+            parameters = _plain(with_effects.parameters)
+            effects = [each.model_dump(mode="json") for each in with_effects.named]
+            warnings = list(with_effects.warnings)
     zeros, zero = np.zeros((1, arm.n)), np.zeros(1)
     unloaded = PoseStates(zeros, zeros, zeros, zero, zero, zero)
     content = {
@@ -90,3 +90,7 @@ def export(
     write_text(urdf, urdf_text(fitted.chain, fitted.chain_coordinates(unloaded, x)[0], arm.name))
     write_text(model, text)
     print(f"{record.campaign}: model and URDF of the {record.load} calibration written")
+
+
+def _plain(parameters: Mapping[str, Parameter]) -> dict[str, dict[str, Any]]:
+    return {name: parameter.model_dump(mode="json") for name, parameter in parameters.items()}

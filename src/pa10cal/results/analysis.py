@@ -119,7 +119,7 @@ class CellJoint(Part):
     arrival: Column = Field(description="direction of arrival, from -1 to 1")
     error_rad: Column = Field(description="angle error [rad]")
     std_rad: Column = Field(description="its standard uncertainty [rad]")
-    torque_left_Nm: Column | None = Field(
+    torque_residual_Nm: Column | None = Field(
         description="torque residual [N m]; null where torques were not logged"
     )
 
@@ -164,7 +164,7 @@ class SearchStep(Part):
     effects: tuple[EffectName, ...] = Field(description="effects in the model by then")
     gain_nats: float | None = optional("gain in log evidence, by repeats")
     rms_mm: float | None = optional("root mean square position error [mm], by repeats")
-    left_of_a_row: float | None = optional(
+    squared_error_of_a_row: float | None = optional(
         "weighted squared error of a residual row of blocks held out of the fit, by blocks"
     )
 
@@ -210,12 +210,8 @@ class GapField(Part):
     holdout: GapRows | None = Field(description="held-out poses; null without any")
 
 
-class AnalysisRecord(MeasuredRecord):
-    """`discovery/analysis.json`."""
-
-    SCHEMA: ClassVar[str] = "pa10cal-analysis/1"
-    FILE: ClassVar[str] = "discovery/analysis.json"
-    COMMAND: ClassVar[str] = "discover"
+class AnalysisKeys(Part):
+    """What the figures of discovery show, whoever's it is."""
 
     before: LackOfFit = Field(description="lack of fit of the calibrated model")
     after: LackOfFit = Field(description="lack of fit with the named effects")
@@ -235,3 +231,11 @@ class AnalysisRecord(MeasuredRecord):
     def effects(self) -> tuple[EffectName, ...]:
         """Return the effects named, in the order found."""
         return self.naming[-1].effects
+
+
+class AnalysisRecord(AnalysisKeys, MeasuredRecord):
+    """`discovery/analysis.json`."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-analysis/1"
+    FILE: ClassVar[str] = "discovery/analysis.json"
+    COMMAND: ClassVar[str] = "discover"

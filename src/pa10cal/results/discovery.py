@@ -51,8 +51,8 @@ class MapForm(Part):
     fading: Fading = Field(description="how its amplitudes fade with their order")
 
 
-class PosesHeldOut(Part):
-    """Error of poses held out of the fit that an effect explains."""
+class CrossValidation(Part):
+    """What an effect explains of the error of poses that its fit did not see."""
 
     explained: float = Field(description="part of the squared error that the effect explains")
     z: float = Field(description="mean gain over poses, in standard errors")
@@ -65,14 +65,14 @@ class EvidenceByRepeats(Part):
     needed_nats: float = Field(description="log evidence needed")
     p_sign_flips_max_t: float = Field(description="p value of the sign-flip test")
     p_needed: float = Field(description="p value needed")
-    poses_left_out: PosesHeldOut = Field(description="cross-validation over poses")
-    loads_left_out: PosesHeldOut | None = Field(
+    cross_validation_over_poses: CrossValidation = Field(description="cross-validation over poses")
+    cross_validation_over_loads: CrossValidation | None = Field(
         description="cross-validation over loads; null where there is one load only"
     )
 
 
-class BlocksHeldOut(Part):
-    """How well blocks of poses held out of the fit are predicted."""
+class BlockedCrossValidation(Part):
+    """How well blocks of poses that the fit did not see are predicted."""
 
     rms_without_mm: float = Field(description="root mean square error without the effect [mm]")
     rms_with_mm: float = Field(description="root mean square error with it [mm]")
@@ -86,7 +86,9 @@ class BlocksHeldOut(Part):
 class EvidenceByBlocks(Part):
     """Statistics that decided about an effect, by blocks of poses."""
 
-    blocks_left_out: BlocksHeldOut = Field(description="cross-validation over blocks of poses")
+    cross_validation_over_blocks: BlockedCrossValidation = Field(
+        description="cross-validation over blocks of poses"
+    )
 
 
 class NamedEffect(EffectName):
@@ -216,7 +218,7 @@ class Needed(Part):
 
     standard_errors: float = Field(description="gain in its standard errors, at least")
     sum_of_squares: float = Field(description="gain in the weighted sum of squares, at least")
-    part_of_what_is_left_over_noise: float = Field(
+    part_of_remaining_error_over_noise: float = Field(
         description="gain as part of the remaining error above noise, at least"
     )
 
@@ -228,7 +230,7 @@ class SearchByBlocks(Part):
     error_rate: float = Field(description="rate of false names allowed")
     blocks: int = Field(description="blocks of poses")
     needed: Needed = Field(description="what an effect must bring")
-    poses_weighing_less: int = Field(description="poses with a robust weight below 1")
+    poses_down_weighted: int = Field(description="poses with a robust weight below 1")
     refit_converged: bool = Field(description="whether the last refit converged")
 
 
@@ -274,7 +276,9 @@ class VerdictKeys(Part):
         "has alternatives; `unexplained` when a significant gap remains that no effect closes; "
         "`none` when model and data agree within the repeatability"
     )
-    method: str | None = optional("how effects were judged, where not by repeats")
+    method: Literal["evidence of repeats", "cross-validation over blocks"] = Field(
+        description="how effects were judged"
+    )
     effects: tuple[FoundEffect, ...] = Field(description="effects named, in the order found")
     unexplained: AllUnexplained | None = Field(
         description="what has no name; null if nothing remains"
@@ -282,11 +286,11 @@ class VerdictKeys(Part):
     not_testable: tuple[NotTestable, ...] = Field(
         description="effects that these data cannot show, found before residuals are looked at"
     )
-    not_told_apart: tuple[tuple[EffectName, ...], ...] = Field(
+    indistinguishable: tuple[tuple[EffectName, ...], ...] = Field(
         description="effects that these poses cannot separate, found likewise"
     )
     gap: Gap = Field(description="the error before and after")
-    left_over: Remaining | None = optional("remaining error of blocks held out of the fit")
+    remaining: Remaining | None = optional("remaining error of blocks held out of the fit")
     search: SearchByRepeats | SearchByBlocks = Field(description="how effects were sought")
     angles_seen: tuple[AnglesSeen, ...] | None = optional("values of each joint seen by the fit")
     suggested_poses: tuple[SuggestedPose, ...] = Field(
@@ -295,7 +299,6 @@ class VerdictKeys(Part):
     separations: tuple[Separation, ...] | None = optional(
         "how far apart the suggested poses are expected to bring each pair"
     )
-    seconds: float = Field(description="time taken [s]")
 
 
 class VerdictRecord(VerdictKeys, MeasuredRecord):
@@ -308,6 +311,7 @@ class VerdictRecord(VerdictKeys, MeasuredRecord):
     arrival_from_order: bool = Field(
         description="whether directions of arrival come from the order of the poses"
     )
+    seconds: float = Field(description="time taken [s]")
 
 
 class EffectValues(EffectName):
@@ -342,7 +346,24 @@ class CandidateContext(Part):
     time_span_s: tuple[float, float] = Field(description="first and last time [s]")
 
 
-class ExtendedRecord(MeasuredRecord):
+class ExtendedKeys(Part):
+    """The extended model: parameters with uncertainties, effects, and what restores it."""
+
+    effects: tuple[EffectValues, ...] = Field(description="effects in the model")
+    parameters: Mapping[ParameterKey, Parameter] = Field(
+        description="every parameter of the calibrated model and the base frame, with the effects"
+    )
+    x: Numbers = Field(description="parameters of the calibrated model [rad, m]")
+    T_instr_base: PoseMatrix = Field(description="base frame in the instrument's frame [m]")
+    targets_off_m: Numbers = Field(
+        description="found minus stated places of the targets, one after the other [m]"
+    )
+    baseline: ExtendedBaseline = Field(description="the calibrated model without the effects")
+    context: CandidateContext = Field(description="what decides where effects may sit")
+    angles_seen: tuple[AnglesSeen, ...] | None = optional("values of each joint seen by the fit")
+
+
+class ExtendedRecord(ExtendedKeys, MeasuredRecord):
     """`discovery/extended.json`."""
 
     SCHEMA: ClassVar[str] = "pa10cal-extended/1"
@@ -357,15 +378,3 @@ class ExtendedRecord(MeasuredRecord):
     )
     named: tuple[NamedEffect, ...] = Field(description="effects named, with uncertainties")
     warnings: tuple[str, ...] = Field(description="what to know before the model is trusted")
-    effects: tuple[EffectValues, ...] = Field(description="effects in the model")
-    parameters: Mapping[ParameterKey, Parameter] = Field(
-        description="every parameter of the calibrated model and the base frame, with the effects"
-    )
-    x: Numbers = Field(description="parameters of the calibrated model [rad, m]")
-    T_instr_base: PoseMatrix = Field(description="base frame in the instrument's frame [m]")
-    targets_off_m: Numbers = Field(
-        description="found minus stated places of the targets, one after the other [m]"
-    )
-    baseline: ExtendedBaseline = Field(description="the calibrated model without the effects")
-    surroundings: CandidateContext = Field(description="what decides where effects may sit")
-    angles_seen: tuple[AnglesSeen, ...] | None = optional("values of each joint seen by the fit")

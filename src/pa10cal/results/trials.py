@@ -67,17 +67,33 @@ class TrialVerdictRecord(CampaignRecord):
             return cls
         return FailedTrialRecord if "failed" in content else JudgedTrialRecord
 
+    @property
+    def word(self) -> str:
+        """Return the verdict in a word, or what went wrong."""
+        raise NotImplementedError
+
 
 class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
     """The verdict on a trial."""
 
+    seconds: float = Field(description="time taken to judge the campaign [s]")
     seconds_simulating: float = Field(description="time taken to simulate the campaign [s]")
+
+    @property
+    def word(self) -> str:
+        """Return the verdict in a word."""
+        return self.verdict
 
 
 class FailedTrialRecord(TrialVerdictRecord):
     """Why a trial has no verdict."""
 
     failed: str = Field(description="what went wrong")
+
+    @property
+    def word(self) -> str:
+        """Return what went wrong."""
+        return f"failed: {self.failed}"
 
 
 class Rate(Part):

@@ -13,16 +13,15 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.calibration.general.case import FittedModel
 from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about
-from pa10cal.files.schemas import EXTENDED
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.observe.averages import measured_as_poses
 from pa10cal.observe.observations import Observations
 from pa10cal.results.calibration import GeneralCalibrationRecord
-from pa10cal.stages.blocked_cv_record import read_angles
-from pa10cal.stages.extended_record import read_extended
+from pa10cal.results.codec import read
+from pa10cal.results.discovery import ExtendedRecord
+from pa10cal.stages.extended_record import read_angles, read_extended
 from pa10cal.stages.general_record import read_general
 from pa10cal.stages.measurement_setup import with_bends
-from pa10cal.stages.records import read_record
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +73,12 @@ def extended_model(
     Raises:
         RecordError: when it is of another campaign or cannot be restored.
     """
-    record = read_record(path, EXTENDED, ("effects", "x"), calibration.campaign)
+    record = read(ExtendedRecord, path, calibration.campaign)
     fitted = read_general(calibration, arm, calibration_path)
     baseline, model, x, T_instr_base = read_extended(record, with_bends(fitted.model), path)
     return ExtendedModel(
         fitted=FittedModel(model, x, T_instr_base, fitted.R_ee_target, fitted.places_m),
         baseline=baseline,
-        seen=read_angles(record, str(path)),
-        arrival_from_order=bool(record.get("arrival_from_order", False)),
+        seen=read_angles(record),
+        arrival_from_order=record.arrival_from_order,
     )

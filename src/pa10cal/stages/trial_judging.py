@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +18,15 @@ from pa10cal.campaign.description import Campaign, read_campaign
 from pa10cal.campaign.ingest import ingest_campaign
 from pa10cal.campaign.table import observations_of
 from pa10cal.discovery.discover import discover
+from pa10cal.discovery.evidence.records import verdict_by_repeats
 from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
-from pa10cal.files.schemas import VERDICT
 from pa10cal.observe.averages import average_repeats, poses_of
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.results.trials import JudgedTrialRecord
 from pa10cal.stages.measurement_setup import setup_of, with_bends
-from pa10cal.stages.verdict_record import verdict_record
 from pa10cal.terms.baseline import baseline
 
 Array = NDArray[np.float64]
@@ -89,8 +88,15 @@ def calibrated(raw: Path, settings: JudgingOptions) -> CalibratedCampaign:
     )
 
 
-def judge(known: CalibratedCampaign, settings: JudgingOptions) -> dict[str, Any]:
-    """Return the verdict on a campaign, as the results' contract has it, without suggestions.
+def judge(
+    known: CalibratedCampaign, settings: JudgingOptions, seconds_simulating: float
+) -> JudgedTrialRecord:
+    """Return the verdict on a campaign, without suggestions.
+
+    Args:
+        known: the campaign.
+        settings: how to judge it.
+        seconds_simulating: time that simulating it took.
 
     Raises:
         DiscoveryError: when the data do not allow a search.
@@ -105,13 +111,12 @@ def judge(known: CalibratedCampaign, settings: JudgingOptions) -> dict[str, Any]
         setup_of(known.campaign, known.arm, settings.calibration, settings.discovery),
         error_rate,
     )
-    return {
-        "schema": VERDICT,
-        "campaign": known.campaign.name,
-        **verdict_record(discovery, error_rate),
-        "suggested_poses": [],
-        "seconds": known.seconds + time.perf_counter() - began,
-    }
+    return JudgedTrialRecord(
+        **dict(verdict_by_repeats(discovery, error_rate)),
+        campaign=known.campaign.name,
+        seconds=known.seconds + time.perf_counter() - began,
+        seconds_simulating=seconds_simulating,
+    )
 
 
 def _calibrate(arm: Arm, readings: Observations[Pose], settings: CalibrationOptions) -> Calibration:

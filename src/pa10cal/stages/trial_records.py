@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from pa10cal.cell.trials import Trial
 from pa10cal.errors import RecordError
 from pa10cal.evaluation.blind_trial import BlindTrial, Hidden, Name, Named, Verdict
-from pa10cal.files.schemas import TRIAL_TRUTH, VERDICT
+from pa10cal.results.codec import read_lines
+from pa10cal.results.discovery import EffectName
+from pa10cal.results.record import CampaignRecord
+from pa10cal.results.trials import (
+    FailedTrialRecord,
+    HiddenEffect,
+    JudgedTrialRecord,
+    TrialTruthRecord,
+    TrialVerdictRecord,
+)
+
+_R = TypeVar("_R", bound=CampaignRecord)
 
 
-def truth_record(trial: Trial, moved_mm: Sequence[float | None], seconds: float) -> dict[str, Any]:
+def truth_record(
+    trial: Trial, moved_mm: Sequence[float | None], seconds: float
+) -> TrialTruthRecord:
     """Return what a trial hides, how it was measured, and how far that moves the residual.
 
     Args:
@@ -22,33 +34,23 @@ def truth_record(trial: Trial, moved_mm: Sequence[float | None], seconds: float)
         seconds: what finding that out took.
     """
     settings = trial.settings
-    return {
-        "schema": TRIAL_TRUTH,
-        "campaign": trial.name,
-        "kind": trial.kind,
-        "layout": trial.bench,
-        "path": settings.path,
-        "temperature_drift_C": settings.temperature_drift_C,
-        "flexible_joints": list(settings.flexible_joints),
-        "hidden_effects": [
-            {**effect.model_dump(), "size": size, "moved_mm": moved}
+    return TrialTruthRecord(
+        campaign=trial.name,
+        kind=trial.kind,
+        layout=trial.bench,
+        path=settings.path,
+        temperature_drift_C=settings.temperature_drift_C,
+        flexible_joints=settings.flexible_joints,
+        hidden_effects=tuple(
+            HiddenEffect(**effect.model_dump(mode="json"), size=size, moved_mm=moved)
             for effect, size, moved in zip(
                 settings.hidden_effects, trial.sizes, moved_mm, strict=True
             )
-        ],
-        "stated_uncertainty_mm": settings.stated_uncertainty_mm,
-        "mass_factor": list(settings.mass_factor),
-        "seconds_twin": seconds,
-    }
-
-
-def json_line(record: Mapping[str, Any]) -> str:
-    """Return a record as one line of JSON.
-
-    Raises:
-        ValueError: when a number is not finite.
-    """
-    return json.dumps(record, ensure_ascii=False, allow_nan=False) + "\n"
+        ),
+        stated_uncertainty_mm=settings.stated_uncertainty_mm,
+        mass_factor=settings.mass_factor,
+        seconds_twin=seconds,
+    )
 
 
 def read_trials(verdicts: Sequence[Path], truths: Sequence[Path]) -> list[BlindTrial]:
@@ -57,107 +59,80 @@ def read_trials(verdicts: Sequence[Path], truths: Sequence[Path]) -> list[BlindT
     Raises:
         RecordError: when a file cannot be read, or a trial has not one of each.
     """
-    said = _by_name(verdicts, VERDICT)
-    hidden = _by_name(truths, TRIAL_TRUTH)
+    said = _by_name(TrialVerdictRecord, verdicts)
+    hidden = _by_name(TrialTruthRecord, truths)
     if odd := sorted(set(said) ^ set(hidden)):
         raise RecordError(
             "a trial has a verdict or a truth, but not both",
             where=", ".join(map(str, (*verdicts, *truths))),
             value=odd[0],
             allowed="verdicts and truths of the same trials",
-            remedy="give all files that the blind_trials stage wrote",
+            remedy="give all files that pa10cal blind_trials wrote",
         )
-    trials = []
-    for name, truth in hidden.items():
-        try:
-            trials.append(_trial(said[name], truth))
-        except (KeyError, TypeError, ValueError) as error:
-            raise RecordError(
-                "the verdict on a trial cannot be read",
-                where=name,
-                value=f"{type(error).__name__}: {error}",
-                allowed="what the blind_trials stage writes",
-                remedy="run the trials again",
-            ) from None
-    return trials
+    return [_trial(said[name], truth) for name, truth in hidden.items()]
 
 
-def _by_name(paths: Sequence[Path], schema: str) -> dict[str, dict[str, Any]]:
-    records: dict[str, dict[str, Any]] = {}
+def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
+    records: dict[str, _R] = {}
     for path in paths:
-        try:
-            lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-        except (OSError, ValueError) as error:
-            raise _unreadable(path, str(error), schema) from None
-        for number, line in enumerate(lines, start=1):
-            where = f"{path}:{number}"
-            if not isinstance(line, dict) or line.get("schema") != schema:
-                raise _unreadable(where, "another kind of record", schema)
-            if line["campaign"] in records:
-                raise _unreadable(where, f"{line['campaign']} a second time", schema)
-            records[line["campaign"]] = line
+        for number, record in enumerate(read_lines(kind, path), start=1):
+            if record.campaign in records:
+                raise RecordError(
+                    "a trial stands there a second time",
+                    where=f"{path}:{number}",
+                    value=record.campaign,
+                    allowed=f"one line of schema {kind.SCHEMA} a trial",
+                    remedy="run pa10cal blind_trials again",
+                )
+            records[record.campaign] = record
     return records
 
 
-def _unreadable(where: object, value: str, schema: str) -> RecordError:
-    return RecordError(
-        "the trials cannot be read",
-        where=str(where),
-        value=value,
-        allowed=f"one line of schema {schema} a trial",
-        remedy="run the blind_trials stage again",
-    )
-
-
-def _trial(said: dict[str, Any], truth: dict[str, Any]) -> BlindTrial:
+def _trial(said: TrialVerdictRecord, truth: TrialTruthRecord) -> BlindTrial:
     return BlindTrial(
-        campaign=truth["campaign"],
-        kind=truth["kind"],
-        layout=truth["layout"],
-        path=truth["path"],
-        flexible_joints=tuple(truth["flexible_joints"]),
+        campaign=truth.campaign,
+        kind=truth.kind,
+        layout=truth.layout,
+        path=truth.path,
+        flexible_joints=truth.flexible_joints,
         hidden=tuple(
-            Hidden(_name(entry), float(entry["size"]), entry["parameters"], entry["moved_mm"])
-            for entry in truth["hidden_effects"]
+            Hidden(_name(effect), effect.size, effect.parameters, effect.moved_mm)
+            for effect in truth.hidden_effects
         ),
-        seconds_twin=float(truth["seconds_twin"]),
-        verdict=None if "failed" in said else _verdict(said),
-        failed=said.get("failed"),
+        seconds_twin=truth.seconds_twin,
+        verdict=_verdict(said) if isinstance(said, JudgedTrialRecord) else None,
+        failed=said.failed if isinstance(said, FailedTrialRecord) else None,
     )
 
 
-def _verdict(said: dict[str, Any]) -> Verdict:
-    gap = said["gap"]
-    held_out = gap["holdout"]
+def _verdict(said: JudgedTrialRecord) -> Verdict:
+    held_out = said.gap.holdout
     return Verdict(
-        word=said["verdict"],
+        word=said.verdict,
         effects=tuple(
             Named(
-                _name(entry),
-                tuple(_name(rival) for rival in entry["alternatives"]),
-                {
-                    name: (float(value["value"]), float(value["std"]))
-                    for name, value in entry["parameters"].items()
-                },
+                _name(effect),
+                tuple(_name(rival) for rival in effect.alternatives),
+                {name: (entry.value, entry.std) for name, entry in effect.parameters.items()},
             )
-            for entry in said["effects"]
+            for effect in said.effects
         ),
         places=_places(said),
-        not_testable=frozenset(_name(entry) for entry in said["not_testable"]),
-        alike=tuple(frozenset(map(_name, group)) for group in said["not_told_apart"]),
-        noise_floor_mm=float(gap["noise_floor_mm"]),
-        held_out_after_mm=None if held_out is None else float(held_out["after"]["mean_mm"]),
-        seconds=float(said["seconds"]),
-        seconds_simulating=float(said["seconds_simulating"]),
+        not_testable=frozenset(_name(effect) for effect in said.not_testable),
+        alike=tuple(frozenset(map(_name, group)) for group in said.indistinguishable),
+        noise_floor_mm=said.gap.noise_floor_mm,
+        held_out_after_mm=None if held_out is None else held_out.after.mean_mm,
+        seconds=said.seconds,
+        seconds_simulating=said.seconds_simulating,
     )
 
 
-def _places(said: dict[str, Any]) -> tuple[str | None, ...]:
+def _places(said: JudgedTrialRecord) -> tuple[str | None, ...]:
     """Return where something without a name sits; of a map, the verdict's effects tell."""
-    if said["verdict"] != "unexplained":
+    if said.verdict != "unexplained" or said.unexplained is None:
         return ()
-    return tuple(entry["of"] for entry in said["unexplained"]["all"])
+    return tuple(place.of for place in said.unexplained.all)
 
 
-def _name(entry: Mapping[str, Any]) -> Name:
-    return Name(entry["id"], entry["of"])
+def _name(effect: EffectName) -> Name:
+    return Name(effect.id, effect.of)
