@@ -150,11 +150,11 @@ def test_the_same_trials_come_out_of_any_division_into_jobs(run, reduced):
 def test_a_trial_that_fails_is_recorded_and_the_others_go_on(run, monkeypatch):
     judge, seen = trial_judging.judge, []
 
-    def fail_first(known, settings):
+    def fail_first(known, settings, seconds):
         seen.append(known)
         if len(seen) == 1:
             raise KeyError("a fault of the program")
-        return judge(known, settings)
+        return judge(known, settings, seconds)
 
     monkeypatch.setattr(trial_judging, "judge", fail_first)
     code, verdicts, truths = run("null", 2)

@@ -11,7 +11,8 @@ import yaml
 from made_up_arm import Missing, at_joint, harmonic, measure
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.discovery.evidence.fit import as_read
-from pa10cal.stages.extended_record import base_of, extended_record, read_extended
+from pa10cal.discovery.evidence.records import base_of, outcome_by_repeats
+from pa10cal.stages.extended_record import read_extended
 
 NAME = "small"
 SETTINGS = {
@@ -126,7 +127,7 @@ class TestVerdict:
         evidence = verdict["effects"][0]["evidence"]
         assert evidence["lost_without_it_nats"] > 10.0 * evidence["needed_nats"]
         assert evidence["p_sign_flips_max_t"] <= evidence["p_needed"]
-        for key in ("poses_left_out", "loads_left_out"):
+        for key in ("cross_validation_over_poses", "cross_validation_over_loads"):
             assert set(evidence[key]) == {"explained", "z"}
             assert evidence[key]["explained"] > 0.8
         assert verdict["search"]["needed_nats"] == pytest.approx(
@@ -212,7 +213,7 @@ def test_the_extended_model_is_restored_as_it_was_fitted(tmp_path):
     found = made.discovery
     extended = found.extended
     assert {effect.id for effect in extended.effects} == {"transmission_error", "friction_torque"}
-    record = json.loads(json.dumps(extended_record(found)))
+    record = outcome_by_repeats(found, 0.01).extended
     baseline, model, x, T_instr_base = read_extended(record, made.baseline.model, tmp_path)
     assert model.terms[-2:] == extended.effects
     poses = found.problem.cells
@@ -221,7 +222,7 @@ def test_the_extended_model_is_restored_as_it_was_fitted(tmp_path):
     np.testing.assert_allclose(T, expected, atol=1e-12)
     np.testing.assert_allclose(T_instr_base, base_of(extended), atol=1e-15)
     np.testing.assert_array_equal(baseline.x, made.baseline.x)
-    places_m = np.array(record["targets_off_m"])
+    places_m = record.targets_off_m
     off = as_read(T_instr_base @ model.predict(poses.states, x), np.eye(4), poses, places_m) - T
     assert 0.0 < np.abs(off).max() < 1e-4
 
@@ -230,7 +231,7 @@ class TestRefused:
     @pytest.mark.parametrize(
         ("given", "message"),
         [
-            ({"calibration": "gone.json"}, "the record cannot be read"),
+            ({"calibration": "gone.json"}, "the record is missing"),
             ({"poses": "gone.parquet"}, "the table of poses cannot be read"),
             ({"campaign_dir": "gone"}, "campaign.yaml"),
             ({"calibration": "truth.json"}, "not a record of this kind"),

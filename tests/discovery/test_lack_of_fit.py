@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pa10cal.stages.lack_of_fit_record import lack_of_fit_record
-from pa10cal.stages.naming_record import naming_record
 
 from made_up_poses import measured_poses
 from pa10cal.arm.chain import Chain, long_links
@@ -19,6 +17,7 @@ from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.joint_space import periodogram
 from pa10cal.discovery.lack_of_fit import lack_of_fit
+from pa10cal.discovery.lack_of_fit_record import lack_of_fit_part, naming_steps
 from pa10cal.discovery.naming import errors_by_name
 from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup
@@ -200,16 +199,16 @@ def test_unlogged_torques_and_temperatures_are_not_made_up():
     model = Model(Chain.of(ARM, bends=long_links(ARM)), rigid.terms)
     start = OperatingPoint(model, np.zeros(len(model.parameters)), np.eye(4))
     problem = prepare(readings, start, replace(SETUP, flexible_joints=()))
-    record = lack_of_fit_record(lack_of_fit(problem, fit(problem, (), (), (0.0, 0.0))))
-    assert record["torque"] is None
-    assert record["by_torque"] == []
-    assert all(joint["torque_left_Nm"] is None for joint in record["cells"]["joints"])
-    assert set(record["cells"]["temperature_C"]) == {None}
-    assert all(drift["by_temperature_mm_per_K"] is None for drift in record["drifts"])
+    part = lack_of_fit_part(lack_of_fit(problem, fit(problem, (), (), (0.0, 0.0))))
+    assert part.torque is None
+    assert part.by_torque == ()
+    assert all(joint.torque_residual_Nm is None for joint in part.cells.joints)
+    assert set(part.model_dump()["cells"]["temperature_C"]) == {None}
+    assert all(drift.by_temperature_mm_per_K is None for drift in part.drifts)
 
 
 def test_the_record_holds_finite_numbers_cell_by_cell(left):
-    record = lack_of_fit_record(left)
+    record = lack_of_fit_part(left).model_dump()
 
     def numbers(node):
         if isinstance(node, dict):
@@ -238,9 +237,9 @@ def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(harmon
     assert steps[0].train == train.before
     assert steps[2].train == train.after
     assert steps[2].train.rms_mm < 0.3 * steps[1].train.rms_mm
-    record = naming_record(steps)
-    assert record[1]["effects"] == [{"id": "friction_torque", "of": "joint 3"}]
-    assert record[0]["holdout"] is None
+    part = naming_steps(steps)
+    assert [effect.words for effect in part[1].effects] == ["friction torque, joint 3"]
+    assert part[0].holdout is None
 
 
 def test_without_effects_there_is_the_baseline_alone(harmonic):

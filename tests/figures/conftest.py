@@ -9,11 +9,14 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from made_up_records import accuracy, effect, made_up_gap, set_gap, stretches_deg, verdict_keys
 from pa10cal.campaign.description import read_campaign
 from pa10cal.commands.command_line import run_command
 from pa10cal.figures.options import PictureOptions
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import looks
+from pa10cal.results.codec import write
+from pa10cal.results.discovery import AnglesSeen, VerdictRecord
 
 CAMPAIGN = Path(__file__).parents[2] / "data/raw/cell-null"
 PLANES_MM = (300, 500, 700)
@@ -167,37 +170,26 @@ def learnt(sighted, tmp_path_factory) -> Results:
         }
     record["models"]["extended"] = model
     path.write_text(json.dumps(record), encoding="utf-8")
-    errors = {"mean_mm": 0.02, "peak_mm": 0.06, "rms_mm": 0.025}
-    paired = {"mean_mm": 0.04, "interval95_mm": [0.03, 0.05], "poses": 45}
-    gap = {"before": errors, "after": errors, "reduction": paired, "per_load": {}}
     knots_rad = 3e-4 * np.sin(3.0 * 2.0 * np.pi * np.arange(KNOTS) / KNOTS)
-    knots = {
-        f"knot_{k:02d}": {"value": value, "std": 1e-5 * (1 + k % 3), "unit": "rad"}
-        for k, value in enumerate(knots_rad)
-    }
-    blocks = {"rms_without_mm": 0.3, "rms_with_mm": 0.1, "blocks": 10, "improved": 9, "z": 8.0}
-    found = {"id": "joint_error_map", "parameters": knots, "alternatives": []}
-    found["evidence"] = {"blocks_left_out": blocks}
-    worse = {"mean_mm": 0.07, "peak_mm": 0.14, "rms_mm": 0.077}
-    parts = {"inside": {"before": worse, "after": errors}}
-    parts["extrapolated"] = {"before": worse, "after": worse}
-    held_out = {**gap, **parts}
-    verdict = {
-        "schema": "pa10cal-verdict/1",
-        "campaign": "pose",
-        "verdict": "named",
-        "angles_seen": [
-            {"turns": True, "stretches": np.radians(stretches).tolist()}
-            for stretches in ([], [], [[10.2, 27.8]], [], [], [])
-        ],
-        "effects": [{**found, "of": "joint 3"}, {**found, "of": "joint 1"}],
-        "unexplained": None,
-        "not_testable": [],
-        "not_told_apart": [],
-        "gap": {"noise_floor_mm": 0.01, "train": gap, "holdout": held_out},
-    }
-    (place / "discovery").mkdir()
-    (place / "discovery/verdict.json").write_text(json.dumps(verdict), encoding="utf-8")
+    knots = {f"knot_{k:02d}": (value, 1e-5 * (1 + k % 3)) for k, value in enumerate(knots_rad)}
+    errors, worse = accuracy(0.02), accuracy(0.07, 0.14, 0.077)
+    gap = made_up_gap(
+        set_gap(errors, errors), set_gap(errors, errors, (worse, errors), (worse, worse))
+    )
+    seen = [
+        AnglesSeen(turns=True, stretches=stretches_deg(*stretches))
+        for stretches in ((), (), ((10.2, 27.8),), (), (), ())
+    ]
+    keys = verdict_keys(
+        "named",
+        tuple(effect("joint_error_map", of, knots) for of in ("joint 3", "joint 1")),
+        gap=gap,
+        angles_seen=tuple(seen),
+    )
+    verdict = VerdictRecord(
+        **dict(keys), campaign="pose", provenance="made up", arrival_from_order=False, seconds=1.0
+    )
+    write(verdict, place / "discovery/verdict.json")
     return replace(source, folder=place)
 
 

@@ -145,7 +145,7 @@ class TestTorque:
         axes = where_torque.draw(results).axes[2]
         drawn = {line.get_marker(): line.get_ydata() for line in axes.lines[:-1]}
         forward = np.sign(joint.arrival) > 0
-        np.testing.assert_allclose(drawn["^"], np.array(joint.torque_left_Nm)[forward])
+        np.testing.assert_allclose(drawn["^"], np.array(joint.torque_residual_Nm)[forward])
         assert sum(map(len, drawn.values())) == len(joint.q_rad)
 
     def test_says_when_there_are_no_torques(self, changed):
@@ -153,7 +153,7 @@ class TestTorque:
             for fit in ("before", "after"):
                 record[fit]["by_torque"] = []
                 for joint in record[fit]["cells"]["joints"]:
-                    joint["torque_left_Nm"] = None
+                    joint["torque_residual_Nm"] = None
 
         with pytest.raises(NothingToShowError, match="no torques were logged, or the weights are"):
             where_torque.draw(changed("discovery/analysis.json", unlogged))

@@ -8,6 +8,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
+from made_up_records import accuracy, effect, made_up_gap, set_gap, verdict_keys
 from pa10cal.cell.effects.vocabulary import outside, vocabulary
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.errors import RecordError
@@ -21,7 +22,8 @@ from pa10cal.figures.trials import (
     trials_power,
     trials_summary,
 )
-from pa10cal.files.schemas import TRIAL_TRUTH, VERDICT
+from pa10cal.results.codec import lines
+from pa10cal.results.trials import HiddenEffect, JudgedTrialRecord, TrialTruthRecord
 
 DRAWN = (trials_confusion, trials_power, trials_false_names, trials_intervals)
 LEAST_POINTS = 8.0
@@ -30,58 +32,57 @@ COUNTS = {"null": 9, "wrong_noise": 3, "wrong_mass": 3, "pair": 6, "triple": 5}
 
 def trial(rng, number, kind, names):
     """Return a made-up verdict and its truth; larger effects are named more often."""
-    header = {"campaign": f"blind-{number:04d}"}
+    campaign = f"blind-{number:04d}"
     size = float(np.exp(rng.uniform(np.log(0.1), np.log(3.0))))
-    hidden = [
-        {
-            "id": name,
-            "of": f"joint {k + 1}",
-            "parameters": {"A": 1e-4, "phi": 0.3},
-            "size": size,
-            "moved_mm": 0.01 * size,
-        }
+    hidden = tuple(
+        HiddenEffect(
+            id=name,
+            of=f"joint {k + 1}",
+            parameters={"A": 1e-4, "phi": 0.3},
+            size=size,
+            moved_mm=0.01 * size,
+        )
         for k, name in enumerate(names)
-    ]
-    truth = {
-        "schema": TRIAL_TRUTH,
-        **header,
-        "kind": kind,
-        "layout": ("grid", "wide")[number % 2],
-        "path": "same",
-        "flexible_joints": [2, 3, 5],
-        "hidden_effects": hidden,
-        "seconds_twin": 1.0,
-    }
+    )
+    truth = TrialTruthRecord(
+        campaign=campaign,
+        kind=kind,
+        layout=("grid", "wide")[number % 2],
+        path="same",
+        temperature_drift_C=0.0,
+        flexible_joints=(2, 3, 5),
+        hidden_effects=hidden,
+        stated_uncertainty_mm=None,
+        mass_factor=(),
+        seconds_twin=1.0,
+    )
     found = [e for e in hidden if kind != "outside" and rng.random() < 0.3 + 0.5 * size]
-    effects = [
-        {
-            "id": "backlash" if rng.random() < 0.1 else entry["id"],
-            "of": entry["of"],
-            "alternatives": [{"id": "tool_sag", "of": "tool"}] if rng.random() < 0.3 else [],
-            "parameters": {
-                "A": {"value": 1e-4 * (1.0 + 0.01 * rng.standard_normal()), "std": 1e-6},
-                "phi": {"value": 0.3 + 0.01 * rng.standard_normal(), "std": 0.01},
+    effects = tuple(
+        effect(
+            "backlash" if rng.random() < 0.1 else entry.id,
+            entry.of,
+            alternatives=[("tool_sag", "tool")] if rng.random() < 0.3 else [],
+            parameters={
+                "A": (1e-4 * (1.0 + 0.01 * rng.standard_normal()), 1e-6),
+                "phi": (0.3 + 0.01 * rng.standard_normal(), 0.01),
             },
-        }
+        )
         for entry in found
-    ]
-    word = "none" if not effects else "named"
-    places = []
+    )
+    word, places = "none" if not effects else "named", ()
     if kind == "outside":
-        word, places = "unexplained", [{"of": "joint 1" if rng.random() < 0.8 else None}]
+        word, places = "unexplained", ("joint 1" if rng.random() < 0.8 else None,)
     held_out_mm = float(rng.uniform(0.008, 0.01))
-    said = {
-        "schema": VERDICT,
-        **header,
-        "verdict": word,
-        "effects": effects,
-        "unexplained": {"all": places} if places else None,
-        "not_testable": [{"id": e["id"], "of": e["of"]} for e in hidden if rng.random() < 0.05],
-        "not_told_apart": [],
-        "gap": {"noise_floor_mm": 0.005, "holdout": {"after": {"mean_mm": held_out_mm}}},
-        "seconds": 2.0,
-        "seconds_simulating": 1.0,
-    }
+    keys = verdict_keys(
+        word,
+        effects,
+        places=places,
+        not_testable=[e for e in hidden if rng.random() < 0.05],
+        gap=made_up_gap(
+            holdout=set_gap(accuracy(0.02), accuracy(held_out_mm)), noise_floor_mm=0.005
+        ),
+    )
+    said = JudgedTrialRecord(**dict(keys), campaign=campaign, seconds=2.0, seconds_simulating=1.0)
     return said, truth
 
 
@@ -91,7 +92,7 @@ def write_scores(folder, kinds):
     both = [trial(rng, number, *what) for number, what in enumerate(kinds)]
     paths = [folder / f"{name}.jsonl" for name in ("verdicts", "truths")]
     for path, records in zip(paths, zip(*both, strict=True), strict=True):
-        path.write_text("".join(json.dumps(record) + "\n" for record in records), "utf-8")
+        path.write_text(lines(records), "utf-8")
     out = folder / "scores.json"
     words = ["--verdicts", str(paths[0]), "--truths", str(paths[1]), "--scores", str(out)]
     assert run_command("score_trials", [*words, "--trials", str(folder / "trials.csv")]) == 0
@@ -210,7 +211,7 @@ def test_the_stage_refuses_another_name_and_other_records(full, tmp_path, capsys
     assert run_command("figures", ["--figure", "l_curve", *words]) == REFUSED
     assert "no such figure" in capsys.readouterr().err
     other = tmp_path / "other.json"
-    other.write_text(json.dumps({"schema": VERDICT}))
+    other.write_text(json.dumps({"schema": "pa10cal-verdict/1"}))
     with pytest.raises(RecordError, match="cannot be read"):
         read_scores(other)
     spoilt = json.loads(full.read_text("utf-8"))

@@ -148,7 +148,7 @@ def _judge_extended(
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
     from pa10cal.stages.calibration_record import read_fit, settings_of
-    from pa10cal.stages.extended_record import read_extended
+    from pa10cal.stages.extended_record import read_extended, read_targets_off
     from pa10cal.stages.measurement_setup import setup_of, with_bends
 
     used = settings_of(record, calibration)
@@ -163,6 +163,6 @@ def _judge_extended(
         OperatingPoint(model, x, T_instr_base),
         setup_of(campaign, arm, used, DiscoveryOptions()),
     )
-    places_m = content.targets_off_m
+    places_m = read_targets_off(content, poses.measured.by_apparatus.shape[2], extended)
     T_base_ee = as_read(model.predict(poses.states, x), T_instr_base, poses, places_m)
     return judge(T_base_ee, T_instr_base, poses)

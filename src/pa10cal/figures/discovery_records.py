@@ -102,7 +102,7 @@ class CellJoint(Record):
     arrival: Numbers
     error_rad: Numbers
     std_rad: Numbers
-    torque_left_Nm: Numbers | None
+    torque_residual_Nm: Numbers | None
 
 
 class Cells(Record):
@@ -282,5 +282,5 @@ class Verdict(Record):
     effects: tuple[FoundEffect, ...]
     unexplained: AllUnexplained | None
     not_testable: tuple[NotTestable, ...]
-    not_told_apart: tuple[tuple[EffectName, ...], ...]
+    indistinguishable: tuple[tuple[EffectName, ...], ...]
     gap: Gaps

@@ -13,7 +13,7 @@ from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.errors import RecordError
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.results import discovery
-from pa10cal.results.discovery import ExtendedRecord, MapForm
+from pa10cal.results.discovery import ExtendedKeys, MapForm
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.family import candidates
 from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 def read_extended(
-    record: ExtendedRecord, baseline_model: Model, path: Path
+    record: ExtendedKeys, baseline_model: Model, path: Path
 ) -> tuple[OperatingPoint, Model, Array, Array]:
     """Return the baseline, and the extended model, its parameters and T_instr_base.
 
@@ -50,7 +50,18 @@ def read_extended(
     return baseline, model, x, record.T_instr_base
 
 
-def read_angles(record: ExtendedRecord) -> AnglesSeen | None:
+def read_targets_off(record: ExtendedKeys, coordinates: int, path: Path) -> Array:
+    """Return found minus stated places of the targets, of so many coordinates [m].
+
+    Raises:
+        RecordError: when they are not so many.
+    """
+    if len(record.targets_off_m) != coordinates:
+        raise _unusable(path, f"targets_off_m of {len(record.targets_off_m)} coordinates")
+    return record.targets_off_m
+
+
+def read_angles(record: ExtendedKeys) -> AnglesSeen | None:
     """Return the angles that a model's poses have seen; None where the record has none."""
     if record.angles_seen is None:
         return None

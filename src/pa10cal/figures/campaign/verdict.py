@@ -90,8 +90,8 @@ def _grids(found: Verdict) -> Iterator[Grid]:
         tuple(_gap_rows(found)),
         f"Position error [mm]; repeatability alone leaves {found.gap.noise_floor_mm:.4f} mm",
     )
-    if found.not_told_apart:
-        groups = tuple((_together(group),) for group in found.not_told_apart)
+    if found.indistinguishable:
+        groups = tuple((_together(group),) for group in found.indistinguishable)
         yield Grid(("group",), groups, "Effects that these poses could not tell apart")
     if found.not_testable:
         yield Grid(
@@ -114,7 +114,7 @@ def _effect_row(effect: FoundEffect) -> Row:
 
 def _blocks(effect: FoundEffect) -> str:
     """Say how blocks left out are predicted; empty where effects were judged by repeats."""
-    found = effect.evidence.get("blocks_left_out")
+    found = effect.evidence.get("cross_validation_over_blocks")
     if not found:
         return ""
     return (

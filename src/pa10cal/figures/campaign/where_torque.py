@@ -51,7 +51,7 @@ def draw(results: Results) -> Figure:
     """Draw torques left before above those left after, a column a joint."""
     found = results.analysis()
     joints = found.before.cells.joints
-    if any(joint.torque_left_Nm is None for joint in joints):
+    if any(joint.torque_residual_Nm is None for joint in joints):
         raise NothingToShowError("no torques were logged, or the weights are not known")
     figure = new_figure(_HEIGHT_MM, _TITLE)
     for fit, bottom, when in ((found.before, 76.0, "before"), (found.after, 24.0, "after")):
@@ -76,12 +76,12 @@ def draw(results: Results) -> Figure:
 
 def _limit(fit: LackOfFit) -> float:
     """Return how far the torques of any joint reach, and at least their noise."""
-    reach = [abs(left) for joint in fit.cells.joints for left in joint.torque_left_Nm or ()]
+    reach = [abs(left) for joint in fit.cells.joints for left in joint.torque_residual_Nm or ()]
     return 1.1 * max(*reach, *(_NOISES * part.noise_Nm for part in fit.by_torque))
 
 
 def _draw_torques(axes: Axes, joint: CellJoint) -> None:
-    q_deg, left_Nm = np.degrees(joint.q_rad), np.array(joint.torque_left_Nm)
+    q_deg, left_Nm = np.degrees(joint.q_rad), np.array(joint.torque_residual_Nm)
     side = np.sign(joint.arrival)
     for sign, look, _ in _SIDES:
         rows = side == sign
