@@ -28,11 +28,11 @@ from pa10cal.results.calibration import (
     SeedDifference,
     WeakDirection,
 )
+from pa10cal.results.record import Campaign
 from pa10cal.terms.term import Report
 
 if TYPE_CHECKING:
     from pa10cal.calibration.options import CalibrationOptions
-    from pa10cal.campaign.description import Campaign
 
 Array = NDArray[np.float64]
 

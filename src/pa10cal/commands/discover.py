@@ -45,13 +45,14 @@ def discover(
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import read_observations
     from pa10cal.discovery.operating_point import OperatingPoint
-    from pa10cal.discovery.records import discovery_records, suggestion_table, summary
+    from pa10cal.discovery.records import discovery_records, summary
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.observe.arrivals import with_arrivals
     from pa10cal.observe.averages import poses_of
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
+    from pa10cal.results.suggestions import suggestion_table
     from pa10cal.stages.calibration_record import read_fit, settings_of
     from pa10cal.stages.measurement_setup import setup_of, with_bends
 

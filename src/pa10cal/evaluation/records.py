@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from pa10cal.calibration.records import by_load
 from pa10cal.evaluation.holdout import HeldOut
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, HoldoutRecord
-
-if TYPE_CHECKING:
-    from pa10cal.campaign.description import Campaign
+from pa10cal.results.record import Campaign
 
 
 def holdout_record(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sized
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Self, cast
+from typing import Annotated, Any, ClassVar, Protocol, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,6 +149,22 @@ class Record(Part):
     @model_serializer(mode="wrap")
     def _with_schema(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {"schema": self.SCHEMA, **handler(self)}
+
+
+class Campaign(Protocol):
+    """What records say of a campaign."""
+
+    @property
+    def name(self) -> str:
+        """Return its name."""
+
+    @property
+    def provenance(self) -> str:
+        """Return where its data come from, in its own words."""
+
+    @property
+    def robot(self) -> str:
+        """Return the name of its arm."""
 
 
 class CampaignRecord(Record):

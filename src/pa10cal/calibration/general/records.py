@@ -22,11 +22,11 @@ from pa10cal.results.calibration import (
     Solved,
     Spring,
 )
+from pa10cal.results.record import Campaign
 from pa10cal.terms.joint_spring import JointSpring
 
 if TYPE_CHECKING:
     from pa10cal.calibration.options import CalibrationOptions
-    from pa10cal.campaign.description import Campaign
 
 _BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
 
