@@ -51,7 +51,7 @@ STAND_INS = {
             write_text(Path(path), a.calibration)
         """,
     ),
-    "coverage": (["--campaigns", "--first-seed", "--settings", "--out"], ""),
+    "coverage": (["--settings", "--calibration", "--out", "--table"], ""),
     "figures": (
         ["--figure?", "--campaign-dir?", "--results", "--settings"],
         """

@@ -48,7 +48,6 @@ COMMANDS = (
     "curve",
     "curve_calibration",
     "coverage",
-    "coverage_general",
 )
 
 #: Commands whose function cannot have their name, since it is a word of Python.

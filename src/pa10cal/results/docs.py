@@ -30,7 +30,6 @@ from pa10cal.results.montecarlo import PlaneRecord
 from pa10cal.results.record import Key, Part, Record, Table
 from pa10cal.results.seed import BaseFrameRecord
 from pa10cal.results.studies import (
-    CoverageGeneralRecord,
     CoverageRecord,
     CurveCalibrationRecord,
 )
@@ -49,7 +48,6 @@ RECORDS: tuple[type[Record], ...] = (
     CurveRecord,
     CurveCalibrationRecord,
     CoverageRecord,
-    CoverageGeneralRecord,
     TrialTruthRecord,
     TrialVerdictRecord,
     TrialScoresRecord,

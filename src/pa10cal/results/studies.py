@@ -39,14 +39,9 @@ class Coverage(ParameterCoverage):
     inside_interval95: tuple[float, float] = Field(description="95 % interval of the share")
 
 
-class CoverageRecord(Coverage, Record):
-    """`coverage.json`: the paper's model."""
+class PaperCoverage(Coverage):
+    """The paper's robot under touched balls, calibrated with the paper's model."""
 
-    SCHEMA: ClassVar[str] = "pa10cal-coverage/1"
-    FILE: ClassVar[str] = "coverage.json"
-    COMMAND: ClassVar[str] = "coverage"
-
-    provenance: str = Field(description="where the data come from")
     campaigns: int = Field(description="campaigns simulated")
     parameters: Mapping[ParameterKey, ParameterCoverage] = Field(description="by parameter")
 
@@ -87,16 +82,19 @@ class CoverageCase(Part):
     departing_in_any_way: FreeDeparture = Field(description="arms that depart in any way")
 
 
-class CoverageGeneralRecord(Record):
-    """`coverage_general.json`: the general model, arm by arm."""
+class CoverageRecord(Record):
+    """`coverage.json`: how often intervals hold the truth of simulated campaigns."""
 
-    SCHEMA: ClassVar[str] = "pa10cal-coverage-general/1"
-    FILE: ClassVar[str] = "coverage_general.json"
-    COMMAND: ClassVar[str] = "coverage_general"
+    SCHEMA: ClassVar[str] = "pa10cal-coverage/2"
+    FILE: ClassVar[str] = "coverage.json"
+    COMMAND: ClassVar[str] = "coverage"
 
     provenance: str = Field(description="where the data come from")
     settings: _Settings = Field(description="settings of the study")
-    cases: tuple[CoverageCase, ...] = Field(description="one entry an arm and instrument")
+    paper: PaperCoverage = Field(description="the paper's model")
+    cases: tuple[CoverageCase, ...] = Field(
+        description="the general model, one entry an arm and instrument"
+    )
 
 
 class OverFloor(Part):

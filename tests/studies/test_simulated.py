@@ -19,7 +19,7 @@ from pa10cal.cell.options import TrackerOptions
 from pa10cal.cell.write import write_campaign
 from pa10cal.evaluation.known_truth import class_of, parameter_scores, prediction_scores
 from pa10cal.files.arms import load_arm
-from pa10cal.stages.simulated_observations import (
+from pa10cal.studies.simulated import (
     draw_by_unknowns,
     exact_observations,
     measured,
