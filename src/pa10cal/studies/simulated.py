@@ -79,14 +79,15 @@ def _read_by(campaign: Campaign, table: pd.DataFrame) -> Instrument:
         T[:, :3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
         variances = np.repeat([u_m**2, plan.attitude_rad**2], 3)
         return Pose.of(T, np.tile(np.diag(variances), (count, 1, 1)))
+    targets = campaign.truth.robot.targets
+    stated_m = targets.p_ee_stated_m if plan.states_targets else None
     if plan.instrument == "points":
-        targets = campaign.truth.robot.targets
         columns = [f"{name}_{axis}_mm" for name in targets.names for axis in "xyz"]
         p_instr_m = 1e-3 * table[columns].to_numpy().reshape(count, -1, 3)
         cov_m2 = np.where(np.isnan(p_instr_m[..., None]), np.nan, u_m**2 * np.eye(3))
-        stated_m = targets.p_ee_stated_m if plan.states_targets else None
         return Points(targets.names, p_instr_m, cov_m2, stated_m)
-    return Distance(1e-3 * table["d_mm"].to_numpy(), np.full(count, u_m))
+    d_m, u_d_m = 1e-3 * table["d_mm"].to_numpy(), np.full(count, u_m)
+    return Distance(d_m, u_d_m, *(() if stated_m is None else (targets.names[0], stated_m[0])))
 
 
 def exact_observations(
