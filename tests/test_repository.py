@@ -101,7 +101,7 @@ MAY_IMPORT = {
         "observe.registry",
         "settings",
     },
-    "planning": {"files", "observe.registry", "settings"},
+    "planning": {"cell.options", "files", "observe.registry", "settings"},
 }
 #: Libraries that only some packages or modules may import.
 KEPT_TO = {

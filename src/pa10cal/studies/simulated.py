@@ -9,9 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
@@ -24,11 +22,9 @@ from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.evaluation.known_truth import KnownTruth
 from pa10cal.fit.loads import with_torques
-from pa10cal.observe.distance import Distance
-from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.instrument import Stated
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.points import Points
-from pa10cal.observe.pose import Pose
+from pa10cal.observe.registry import instruments
 
 Array = NDArray[np.float64]
 
@@ -63,31 +59,17 @@ def observations_of(campaign: Campaign) -> Observations:
         temperature_C=np.full(len(table), _TEMPERATURE_C),
         time_s=table["time_s"].to_numpy(dtype=float),
     )
-    pose = table["pose"].to_numpy(dtype=str)
-    return Observations.single(pose, states, _read_by(campaign, table))
-
-
-def _read_by(campaign: Campaign, table: pd.DataFrame) -> Instrument:
-    """Return what the instrument read."""
-    plan = campaign.settings.without_touches
-    assert plan is not None
-    count, u_m = len(table), 1e-3 * plan.position_mm
-    if plan.instrument == "pose":
-        T = np.tile(np.eye(4), (count, 1, 1))
-        T[:, :3, 3] = 1e-3 * table[["x_mm", "y_mm", "z_mm"]].to_numpy()
-        quaternion = table[["qw", "qx", "qy", "qz"]].to_numpy()
-        T[:, :3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-        variances = np.repeat([u_m**2, plan.attitude_rad**2], 3)
-        return Pose.of(T, np.tile(np.diag(variances), (count, 1, 1)))
-    targets = campaign.truth.robot.targets
-    stated_m = targets.p_ee_stated_m if plan.states_targets else None
-    if plan.instrument == "points":
-        columns = [f"{name}_{axis}_mm" for name in targets.names for axis in "xyz"]
-        p_instr_m = 1e-3 * table[columns].to_numpy().reshape(count, -1, 3)
-        cov_m2 = np.where(np.isnan(p_instr_m[..., None]), np.nan, u_m**2 * np.eye(3))
-        return Points(targets.names, p_instr_m, cov_m2, stated_m)
-    d_m, u_d_m = 1e-3 * table["d_mm"].to_numpy(), np.full(count, u_m)
-    return Distance(d_m, u_d_m, *(() if stated_m is None else (targets.names[0], stated_m[0])))
+    kind = instruments()[campaign.instrument.kind]
+    columns = kind.raw_columns(list(table.columns))
+    values, u = (
+        table[[f"{prefix}{name}" for name in columns.names]].to_numpy(dtype=float)
+        for prefix in ("", "u_")
+    )
+    said = campaign.instrument.description(campaign.truth.robot)
+    targets_m = {name: 1e-3 * np.array(p) for name, p in said["tool"].get("balls_mm", {}).items()}
+    stated = Stated(1e-3 * said["instrument"]["uncertainty_mm"], targets_m)
+    read = kind.from_raw(columns, values, u, stated)
+    return Observations.single(table["pose"].to_numpy(dtype=str), states, read)
 
 
 def exact_observations(
