@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from pa10cal.curve.curve import Curve
     from pa10cal.curve.gait import Gait
     from pa10cal.curve.roll_map import RollMap
+    from pa10cal.results.curve import CurveRecord
 
 
 def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) -> None:
@@ -21,9 +22,9 @@ def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) 
         out_dir: folder for curve.json, angles.csv, points.csv, links.csv and shape.csv.
         points: points of the curve (.csv): x_m,y_m,z_m or x_mm,y_mm,z_mm.
     """
+    from pa10cal.curve.from_options import shape_of
+    from pa10cal.curve.records import curve_record, summary
     from pa10cal.errors import SettingsError
-    from pa10cal.stages.curve_record import write_curve
-    from pa10cal.stages.curve_setting import shape_of
 
     if points is not None and settings.curve is None:
         shape = _through(points, settings.through)
@@ -37,13 +38,25 @@ def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) 
             remedy="give one of them",
         )
     gait = _still(shape, settings) if settings.gait is None else _moving(shape, settings)
-    record = write_curve(out_dir, gait, settings)
-    print(
-        f"{out_dir}: {record['links']} links of {record['link_m']:.6g} m, "
-        f"{record['shapes'][0]['ending_is']}; largest joint angle "
-        f"{record['largest_angle_deg']:.4g} degrees"
-        + (f", largest move {record['largest_move_deg']:.3g}" if settings.gait else "")
-    )
+    record = curve_record(gait, settings)
+    _write(out_dir, gait, record)
+    print(f"{out_dir}: {summary(record)}")
+
+
+def _write(folder: Path, gait: Gait, record: CurveRecord) -> None:
+    """Write `angles.csv`, `points.csv`, `links.csv`, `shape.csv` and `curve.json`, all or none."""
+    import pandas as pd
+
+    from pa10cal.curve.records import curve_tables
+    from pa10cal.files.output import whole_files
+    from pa10cal.results.codec import write
+
+    tables = curve_tables(gait)
+    paths = [*(folder / f"{name}.csv" for name in tables), folder / "curve.json"]
+    with whole_files(*paths) as (*besides, record_beside):
+        for beside, columns in zip(besides, tables.values(), strict=True):
+            pd.DataFrame(columns).to_csv(beside, index=False, lineterminator="\n")
+        write(record, record_beside)
 
 
 def _through(path: Path, through: str) -> Curve:
@@ -81,8 +94,8 @@ def _roll(chain: RollMap, settings: CurveOptions) -> float:
     """Choose the roll of a shape."""
     import numpy as np
 
+    from pa10cal.curve.from_options import limits_of
     from pa10cal.curve.roll import most_room, roll_for_last, room_at, smallest_angle
-    from pa10cal.stages.curve_setting import limits_of
 
     limits = limits_of(settings, chain.n - 1)
     if settings.roll == "smallest_angle":
@@ -99,8 +112,8 @@ def _moving(curve: Curve, settings: CurveOptions) -> Gait:
     """Follow a shape that moves."""
     import numpy as np
 
+    from pa10cal.curve.from_options import limits_of, shape_of
     from pa10cal.curve.gait import follow, given_rolls, small_angles, travelling
-    from pa10cal.stages.curve_setting import limits_of, shape_of
 
     asked, shape = settings.gait, settings.curve
     assert asked is not None
