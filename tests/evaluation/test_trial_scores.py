@@ -266,7 +266,8 @@ def test_intervals_hold_parameters_whatever_the_sign_of_an_amplitude():
     bad = named(WAVE, A=(2.1e-4, 1e-6), phi=(1.0, 0.01))
     found = intervals([single(wave, verdict(good)), single(wave, verdict(bad))])
     assert (found.inside.count, found.inside.of) == (2, 4)
-    assert found.by_parameter["transmission_error", "A"].share == 0.5
+    assert [each.parameter for each in found.by_parameter] == ["A", "phi"]
+    assert found.by_parameter[0].share == 0.5
     assert sorted(score.score for score in found.scores)[:2] == pytest.approx([-314.159, 0.0], 1e-3)
 
 

@@ -3,54 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm
 
 from pa10cal.evaluation.blind_trial import MAP, BlindTrial, Hidden, Named
-from pa10cal.evaluation.trial_rates import LEVEL, Rate, rate
+from pa10cal.evaluation.trial_rates import LEVEL, rate
+from pa10cal.results.trials import Intervals, ParameterRate, ParameterScore
 
 _AXES = "xyz"
 
 
-@dataclass(frozen=True)
-class Score:
-    """One parameter of one finding.
-
-    Attributes:
-        id, parameter: which.
-        score: (value - truth) / standard uncertainty.
-    """
-
-    id: str
-    parameter: str
-    score: float
-
-    @property
-    def inside(self) -> bool:
-        """Return whether the 95 % interval holds the truth."""
-        return bool(abs(self.score) <= norm.ppf(0.5 + LEVEL / 2.0))
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """How reported intervals do.
-
-    Attributes:
-        inside: how many of all parameters lie inside their 95 % interval.
-        rms: root mean square of the scores, 1 where uncertainties are right; None of none.
-        by_parameter: the same for each (effect, parameter).
-        scores: all of them.
-    """
-
-    inside: Rate
-    rms: float | None
-    by_parameter: dict[tuple[str, str], Rate]
-    scores: tuple[Score, ...]
-
-
-def intervals(trials: Sequence[BlindTrial]) -> Calibration:
+def intervals(trials: Sequence[BlindTrial]) -> Intervals:
     """Score the parameters of every finding that is what was hidden, at its place.
 
     Of phases the difference modulo a turn counts, with the sign of an amplitude taken into the
@@ -68,17 +32,29 @@ def intervals(trials: Sequence[BlindTrial]) -> Calibration:
     )
     keys = sorted({(score.id, score.parameter) for score in scores})
     values = np.array([score.score for score in scores])
-    return Calibration(
-        inside=rate(score.inside for score in scores),
+    return Intervals(
+        inside=rate(map(is_inside, scores)),
         rms=float(np.sqrt(np.mean(values**2))) if scores else None,
-        by_parameter={
-            key: rate(s.inside for s in scores if (s.id, s.parameter) == key) for key in keys
-        },
+        by_parameter=tuple(
+            ParameterRate(
+                id=effect,
+                parameter=parameter,
+                **dict(
+                    rate(is_inside(s) for s in scores if (s.id, s.parameter) == (effect, parameter))
+                ),
+            )
+            for effect, parameter in keys
+        ),
         scores=scores,
     )
 
 
-def _scores(hidden: Hidden, named: Named) -> list[Score]:
+def is_inside(score: ParameterScore) -> bool:
+    """Return whether the 95 % interval of a parameter holds the truth."""
+    return bool(abs(score.score) <= norm.ppf(0.5 + LEVEL / 2.0))
+
+
+def _scores(hidden: Hidden, named: Named) -> list[ParameterScore]:
     if hidden.name.id == MAP:
         return []
     truth = true_parameters(hidden)
@@ -89,7 +65,7 @@ def _scores(hidden: Hidden, named: Named) -> list[Score]:
         off = value - truth[parameter]
         if parameter == "phi":
             off = float(np.angle(np.exp(1j * off)))
-        scores.append(Score(named.name.id, parameter, off / std))
+        scores.append(ParameterScore(id=named.name.id, parameter=parameter, score=off / std))
     return scores
 
 

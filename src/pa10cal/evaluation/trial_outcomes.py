@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from pa10cal.evaluation.blind_trial import OUTSIDE, BlindTrial, Hidden
-from pa10cal.evaluation.trial_rates import Power, Rate, power, rate
+from pa10cal.evaluation.trial_rates import power, rate
 from pa10cal.evaluation.trial_scores import LARGE, LIMIT
+from pa10cal.results.trials import MovedBin, PowerStudy
 
 LISTED = "in the alternatives"
 ELSEWHERE = "right id elsewhere"
@@ -63,35 +63,6 @@ def confusion(trials: Sequence[BlindTrial]) -> dict[str, Counter[str]]:
     return counts
 
 
-@dataclass(frozen=True)
-class Bin:
-    """Trials whose residual is moved by so much.
-
-    Attributes:
-        low, high: how far, over the floor; None without end.
-        listed: how many are named or among the alternatives.
-    """
-
-    low: float
-    high: float | None
-    listed: Rate
-
-
-@dataclass(frozen=True)
-class PowerStudy:
-    """How the chance to be listed grows with size.
-
-    Attributes:
-        by_id: of each effect, by its size; None where it was always listed, or never.
-        by_moved: of all that move poses, by how far, over the floor; None as above.
-        bins: the same in shares.
-    """
-
-    by_id: dict[str, Power | None]
-    by_moved: Power | None
-    bins: tuple[Bin, ...]
-
-
 def study_power(trials: Sequence[BlindTrial]) -> PowerStudy:
     """Fit power curves to trials that hide one effect and did not fail."""
     known = [(t, t.hidden[0]) for t in trials if t.verdict is not None]
@@ -109,10 +80,10 @@ def study_power(trials: Sequence[BlindTrial]) -> PowerStudy:
         },
         by_moved=power(np.maximum(moved, _LEAST_MOVED), listed),
         bins=tuple(
-            Bin(
-                low,
-                high if np.isfinite(high) else None,
-                rate(listed[(moved >= low) & (moved < high)].tolist()),
+            MovedBin(
+                low=low,
+                high=high if np.isfinite(high) else None,
+                listed=rate(listed[(moved >= low) & (moved < high)].tolist()),
             )
             for low, high in pairwise(MOVED_EDGES)
         ),

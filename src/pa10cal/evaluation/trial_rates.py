@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import binomtest
+
+from pa10cal.results.trials import PowerCurve, Rate
 
 Array = NDArray[np.float64]
 
@@ -18,57 +19,23 @@ LEVEL = 0.95
 _STEEP = 5.0
 
 
-@dataclass(frozen=True)
-class Rate:
-    """How many of some trials.
-
-    Attributes:
-        count: how many.
-        of: out of these.
-        low, high: 95 % interval of the share (Clopper and Pearson).
-    """
-
-    count: int
-    of: int
-    low: float
-    high: float
-
-    @property
-    def share(self) -> float | None:
-        """Return the share, None of no trial."""
-        return self.count / self.of if self.of else None
-
-
 def rate(outcomes: Iterable[bool]) -> Rate:
     """Count outcomes."""
     flags = list(outcomes)
     if not flags:
-        return Rate(0, 0, 0.0, 1.0)
+        return Rate(count=0, of=0, low=0.0, high=1.0, share=None)
     interval = binomtest(sum(flags), len(flags)).proportion_ci(LEVEL, method="exact")
-    return Rate(sum(flags), len(flags), float(interval.low), float(interval.high))
+    count = sum(flags)
+    return Rate(
+        count=count,
+        of=len(flags),
+        low=float(interval.low),
+        high=float(interval.high),
+        share=count / len(flags),
+    )
 
 
-@dataclass(frozen=True)
-class Power:
-    """How the chance to be found grows with size: logistic in the logarithm of size.
-
-    Attributes:
-        intercept, slope: log odds = intercept + slope ln(size).
-        half, most: sizes found in 50 and 95 of 100; None outside the sizes tried.
-    """
-
-    intercept: float
-    slope: float
-    half: float | None
-    most: float | None
-
-    def at(self, size: Array) -> Array:
-        """Return the chance at some sizes."""
-        chance: Array = 1.0 / (1.0 + np.exp(-(self.intercept + self.slope * np.log(size))))
-        return chance
-
-
-def power(size: Array, found: NDArray[np.bool_]) -> Power | None:
+def power(size: Array, found: NDArray[np.bool_]) -> PowerCurve | None:
     """Fit a power curve; None where all trials, or none, were found.
 
     Args:
@@ -96,4 +63,4 @@ def power(size: Array, found: NDArray[np.bool_]) -> Power | None:
         found_at = float(np.exp((np.log(chance / (1.0 - chance)) - intercept) / slope))
         return found_at if size.min() <= found_at <= size.max() else None
 
-    return Power(intercept, slope, size_at(0.5), size_at(LEVEL))
+    return PowerCurve(intercept=intercept, slope=slope, half=size_at(0.5), most=size_at(LEVEL))

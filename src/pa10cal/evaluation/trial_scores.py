@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from pa10cal.evaluation.blind_trial import OUTSIDE, BlindTrial, Hidden
-from pa10cal.evaluation.trial_rates import Rate, rate
+from pa10cal.evaluation.trial_rates import rate
+from pa10cal.results.trials import (
+    Bar,
+    GapScore,
+    NothingHidden,
+    Outside,
+    Rate,
+    Several,
+    Singles,
+)
 
 NOTHING_HIDDEN = ("null", "wrong_noise", "wrong_mass")
 SEVERAL = ("pair", "triple")
@@ -18,127 +26,6 @@ LARGE = 3.0
 LIMIT = 1.5
 #: Held-out error after naming, over that of campaigns without missing effect, allowed.
 GAP_ALLOWED = 1.3
-
-
-@dataclass(frozen=True)
-class NothingHidden:
-    """Trials that hide no effect.
-
-    Attributes:
-        named: verdicts with a name in them, right or wrong (a failed trial counts as one).
-        unexplained: verdicts of something without a name.
-    """
-
-    named: Rate
-    unexplained: Rate
-
-
-@dataclass(frozen=True)
-class Singles:
-    """Trials that hide one effect of the vocabulary.
-
-    Attributes:
-        large: those that move the residual to `LARGE` times the floor or more and are separable,
-            and are named at their place.
-        large_alone: of the same, those named without alternatives and nothing else beside them.
-        above: those that move it to `LIMIT` times or more, and are listed: named or among the
-            alternatives.
-        found: of all where anything was found, those listed.
-        torque_alone: of those that only the logged torque shows, being testable, those listed.
-        detected: of all that are testable, those where anything was found.
-        wrong: of all, those with a finding that stands for nothing hidden.
-        alternatives: mean number of alternatives where the truth is listed; None of none.
-        not_testable: how many the verdict said it could not show.
-    """
-
-    large: Rate
-    large_alone: Rate
-    above: Rate
-    found: Rate
-    torque_alone: Rate
-    detected: Rate
-    wrong: Rate
-    alternatives: float | None
-    not_testable: int
-
-
-@dataclass(frozen=True)
-class Outside:
-    """Trials that hide what no name covers.
-
-    Attributes:
-        confidently_wrong: a name that stands alone, of another place or nature.
-        right_place: found without a name where it is.
-        silent: nothing found.
-    """
-
-    confidently_wrong: Rate
-    right_place: Rate
-    silent: Rate
-
-
-@dataclass(frozen=True)
-class Several:
-    """Trials that hide two or three effects.
-
-    Attributes:
-        all_listed: each named or among the alternatives of a finding of its own.
-        nothing_extra: no finding that stands for nothing hidden.
-        above_listed: the same of those effects alone that are above their detection limit: that by
-            themselves bring the residual to `LIMIT` times the floor, or show in torques alone and
-            are testable. Of trials that hide such effects.
-    """
-
-    all_listed: Rate
-    nothing_extra: Rate
-    above_listed: Rate
-
-
-@dataclass(frozen=True)
-class GapScore:
-    """Held-out error after naming, over the mean of campaigns without missing effect.
-
-    Attributes:
-        mean, median, high: mean, median and 95 % quantile of the ratio over trials with a name.
-        null_high: 95 % quantile of the same ratio of the campaigns without missing effect.
-        trials: how many have a name.
-    """
-
-    mean: float
-    median: float
-    high: float
-    null_high: float
-    trials: int
-
-
-@dataclass(frozen=True)
-class Bar:
-    """One figure to reach.
-
-    Attributes:
-        what: the quantity.
-        at_least: whether the figure must be at least the limit, else at most.
-        limit, reached: the two; None where no trial tells.
-        low, high: 95 % interval of the figure reached; None where it is no share.
-        trials: how many tell.
-        share: whether it is a share of trials.
-    """
-
-    what: str
-    at_least: bool
-    limit: float
-    reached: float | None
-    low: float | None
-    high: float | None
-    trials: int
-    share: bool = True
-
-    @property
-    def met(self) -> bool | None:
-        """Return whether it is reached, None where no trial tells."""
-        if self.reached is None:
-            return None
-        return self.reached >= self.limit if self.at_least else self.reached <= self.limit
 
 
 def of_kinds(trials: Iterable[BlindTrial], *kinds: str) -> list[BlindTrial]:
@@ -316,10 +203,37 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
 
 
 def _share(what: str, found: Rate, limit: float, *, at_least: bool = True) -> Bar:
-    return Bar(what, at_least, limit, found.share, found.low, found.high, found.of)
+    return Bar(
+        what=what,
+        at_least=at_least,
+        limit=limit,
+        reached=found.share,
+        low=found.low,
+        high=found.high,
+        trials=found.of,
+        share=True,
+        met=_met(found.share, limit, at_least=at_least),
+    )
 
 
 def _number(
     what: str, reached: float | None, limit: float, trials: int, *, at_least: bool = False
 ) -> Bar:
-    return Bar(what, at_least, limit, reached, None, None, trials, share=False)
+    return Bar(
+        what=what,
+        at_least=at_least,
+        limit=limit,
+        reached=reached,
+        low=None,
+        high=None,
+        trials=trials,
+        share=False,
+        met=_met(reached, limit, at_least=at_least),
+    )
+
+
+def _met(reached: float | None, limit: float, *, at_least: bool) -> bool | None:
+    """Return whether a limit is reached, None where no trial tells."""
+    if reached is None:
+        return None
+    return reached >= limit if at_least else reached <= limit

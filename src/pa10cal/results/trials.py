@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
 from pa10cal.results.discovery import EffectName, VerdictKeys
@@ -237,6 +239,11 @@ class PowerCurve(Part):
         description="size found in half of the trials; null beyond those tried"
     )
     most: float | None = Field(description="size found in 95 %; null likewise")
+
+    def at(self, size: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the chance at some sizes."""
+        odds = self.intercept + self.slope * np.log(size)
+        return np.asarray(1.0 / (1.0 + np.exp(-odds)))
 
 
 class MovedBin(Part):
