@@ -17,9 +17,9 @@ from pa10cal.discovery.evidence.candidates import testable
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import Found, evidence_about, less
-from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import fit_rigid, pose_by_source
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
@@ -96,7 +96,7 @@ class Measured:
     readings: Observations[Pose]
     held_out: Observations[Pose]
     setup: MeasurementSetup
-    baseline: OperatingPoint
+    baseline: FittedModel
 
     @cached_property
     def problem(self) -> Problem:
@@ -178,9 +178,9 @@ def measure(missing=Missing(), seed=20080427, poses=POSES, apparatus_m=5e-6, pos
     setup = MeasurementSetup(BURDEN, TARGETS_M, 21.0, FLEXIBLE, apparatus_m)
     single = _readings(missing, model, x, T_instr_base, (poses, (0.0, 44.0)), rng, pose_m)
     held_out = _readings(missing, model, x, T_instr_base, (10, (0.0, 22.0, 66.0)), rng, pose_m)
-    nominal = OperatingPoint(model, np.where(x == 3e-3, 2e-3, 0.0), T_instr_base)
+    nominal = FittedModel(model, np.where(x == 3e-3, 2e-3, 0.0), T_instr_base)
     found = fit(prepare(single, nominal, setup), (), (), (0.0, 0.0))
-    calibrated = OperatingPoint(model, found.x[:-6], base_frame_of(T_instr_base, found.x[-6:]))
+    calibrated = FittedModel(model, found.x[:-6], base_frame_of(T_instr_base, found.x[-6:]))
     return Measured(single, average_repeats(held_out), setup, calibrated)
 
 

@@ -15,9 +15,9 @@ from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.general.unknowns import tool_frame
 from pa10cal.discovery.blocked_cv.discover import BlockedDiscovery, discover_by_blocks
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
-from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.joint_spring import JointSpring
@@ -76,7 +76,7 @@ class Surveyed:
 
     readings: Observations[Pose]
     held_out: Observations[Pose]
-    baseline: OperatingPoint
+    baseline: FittedModel
 
     @cached_property
     def survey(self) -> Survey:
@@ -128,5 +128,5 @@ def observe(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT) -> S
     )
     order = rng.permutation(poses)  # the order of rows tells nothing
     return Surveyed(
-        seen.take(order), seen.take(slice(poses, None)), OperatingPoint(model, x, T_instr_base)
+        seen.take(order), seen.take(slice(poses, None)), FittedModel(model, x, T_instr_base)
     )

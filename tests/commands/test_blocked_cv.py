@@ -10,11 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from made_up_survey import Hidden, observe, rough
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.discovery.blocked_cv.records import angles_part
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.codec import read as read_record
-from pa10cal.results.discovery import ExtendedRecord
-from pa10cal.stages.extended_record import read_angles
 
 NAME = "tracked"
 KINDS = ("verdict", "analysis", "extended", "suggested")
@@ -174,8 +171,10 @@ def test_the_extended_model_is_exported(work, verdict):
     words += [str(work / "extended.json"), "--model", str(model), "--urdf", str(work / "arm.urdf")]
     assert run_command("export", words) == 0
     content = yaml.safe_load(model.read_text("utf-8"))
-    (effect,) = content["effects"]
-    assert effect["parameters"] == verdict["effects"][0]["parameters"]
+    effect, stated = content["terms"][-1], verdict["effects"][0]
+    assert (effect["id"], effect["of"]) == (stated["id"], stated["of"])
+    for name, entry in stated["parameters"].items():
+        assert effect["parameters"][name]["value"] == pytest.approx(entry["value"], rel=1e-9)
 
 
 def test_poses_are_suggested_that_show_other_angles(work, verdict):
@@ -199,10 +198,11 @@ def test_the_analysis_has_what_the_figures_show(work):
     assert after < before
 
 
-def test_a_record_of_angles_is_read_back(work):
-    record = read_record(ExtendedRecord, work / "extended.json", NAME)
-    assert angles_part(read_angles(record)) == record.angles_seen
-    assert read_angles(record.model_copy(update={"angles_seen": None})) is None
+def test_the_model_holds_the_angles_seen(work):
+    record = read(work / "extended.json")
+    seen = record["fitted_model"]["seen"]
+    assert [entry["turns"] for entry in seen] == [e["turns"] for e in record["angles_seen"]]
+    assert [e["intervals"] for e in seen] == [e["stretches"] for e in record["angles_seen"]]
 
 
 def test_few_poses_without_repeats_are_refused(tmp_path, capsys):

@@ -10,9 +10,8 @@ import yaml
 
 from made_up_arm import Missing, at_joint, harmonic, measure
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.discovery.evidence.fit import as_read
-from pa10cal.discovery.evidence.records import base_of, outcome_by_repeats
-from pa10cal.stages.extended_record import read_extended
+from pa10cal.discovery.evidence.records import outcome_by_repeats
+from pa10cal.fit.model_file import model_from_plain
 
 NAME = "small"
 SETTINGS = {
@@ -187,22 +186,25 @@ class TestExtendedModel:
     def test_it_is_exported_with_its_effects(self, work, found, verdict, tmp_path):
         assert run_export(work, tmp_path, found / "extended.json") == 0
         model = yaml.safe_load((tmp_path / "model.yaml").read_text("utf-8"))
-        (effect,) = model["effects"]
+        effect = model["terms"][-1]
         assert (effect["id"], effect["of"]) == ("transmission_error", "joint 2")
-        assert effect["parameters"] == verdict["effects"][0]["parameters"]
+        for name, stated in verdict["effects"][0]["parameters"].items():
+            assert effect["parameters"][name]["unit"] == stated["unit"]
+            for key in ("value", "std"):
+                assert effect["parameters"][name][key] == pytest.approx(stated[key], rel=1e-9)
         extended, baseline = read(found / "extended.json"), read(work / "combined.json")
-        assert model["parameters"] == extended["parameters"]
-        assert set(extended["parameters"]) == set(baseline["parameters"])
+        named = {key for term in model["terms"][:-1] for key in term["parameters"]}
+        assert named < set(extended["parameters"]) == set(baseline["parameters"])
         assert (tmp_path / "robot.urdf").read_text("utf-8").startswith("<?xml")
 
     def test_with_nothing_named_the_calibrated_model_is_exported(self, work, found, tmp_path):
-        record = read(found / "extended.json") | {"effects": [], "named": []}
+        record = read(found / "extended.json") | {"named": []}
         path = tmp_path / "extended.json"
         path.write_text(json.dumps(record), "utf-8")
         assert run_export(work, tmp_path, path) == 0
         model = yaml.safe_load((tmp_path / "model.yaml").read_text("utf-8"))
-        assert model["effects"] == []
-        assert model["parameters"] == read(work / "combined.json")["parameters"]
+        calibrated = read(work / "combined.json")["fitted_model"]
+        assert [term["x"] for term in model["terms"]] == [t["x"] for t in calibrated["terms"]]
 
 
 def test_the_extended_model_is_restored_as_it_was_fitted(tmp_path):
@@ -214,17 +216,21 @@ def test_the_extended_model_is_restored_as_it_was_fitted(tmp_path):
     extended = found.extended
     assert {effect.id for effect in extended.effects} == {"transmission_error", "friction_torque"}
     record = outcome_by_repeats(found, 0.01).extended
-    baseline, model, x, T_instr_base = read_extended(record, made.baseline.model, tmp_path)
-    assert model.terms[-2:] == extended.effects
+    restored = model_from_plain(record.fitted_model, where="extended.json")
+    assert restored.model.terms[-2:] == extended.effects
     poses = found.problem.cells
-    T = T_instr_base @ model.predict(poses.states, x)
+    T = restored.T_instr_base @ restored.model.predict(poses.states, restored.x)
     expected = extended.level.T_instr_base @ extended.model.predict(poses.states, extended.x)
     np.testing.assert_allclose(T, expected, atol=1e-12)
-    np.testing.assert_allclose(T_instr_base, base_of(extended), atol=1e-15)
-    np.testing.assert_array_equal(baseline.x, made.baseline.x)
-    places_m = record.targets_off_m
-    off = as_read(T_instr_base @ model.predict(poses.states, x), np.eye(4), poses, places_m) - T
+    off = restored.T_instr_base @ restored.as_read(poses) - T
     assert 0.0 < np.abs(off).max() < 1e-4
+
+
+def spoilt(record, **changes):
+    """Change the last term of the fitted model."""
+    model = record["fitted_model"]
+    terms = [*model["terms"][:-1], {**model["terms"][-1], **changes}]
+    return {"fitted_model": {**model, "terms": terms}}
 
 
 class TestRefused:
@@ -283,18 +289,18 @@ class TestRefused:
     @pytest.mark.parametrize(
         "change",
         [
-            lambda record: {"effects": [{**record["effects"][0], "id": "nonsense"}]},
-            lambda record: {"effects": [{**record["effects"][0], "of": "joint 9"}]},
-            lambda record: {"effects": [{**record["effects"][0], "x": [1e-4]}]},
-            lambda record: {"effects": [{**record["effects"][0], "x": ["a", "b"]}]},
-            lambda record: {"x": record["x"][:-1]},
-            lambda record: {"x": [float("nan"), *record["x"][1:]]},
-            lambda record: {"baseline": {}},
-            lambda record: {"baseline": {**record["baseline"], "x": [0.0]}},
-            lambda record: {"context": {}},
+            lambda record: spoilt(record, id="nonsense"),
+            lambda record: spoilt(record, form={}),
+            lambda record: spoilt(record, form={"order": "many"}),
+            lambda record: spoilt(record, x=[1e-4]),
+            lambda record: spoilt(record, x=["a", "b"]),
+            lambda record: {"fitted_model": {}},
+            lambda record: {"fitted_model": {**record["fitted_model"], "terms": [{}]}},
+            lambda record: spoilt(record, x=[float("nan"), 0.0]),
+            lambda record: {"fitted_model": {**record["fitted_model"], "schema": "other/1"}},
+            lambda record: {"fitted_model": {**record["fitted_model"], "targets_off_m": "none"}},
+            lambda record: {"fitted_model": {**record["fitted_model"], "T_instr_base": [[1.0]]}},
             lambda record: {"T_instr_base": [[1.0]]},
-            lambda record: {"targets_off_m": record["targets_off_m"][:-1]},
-            lambda record: {"targets_off_m": "none"},
             lambda record: {"campaign": "other"},
             lambda record: {"schema": "pa10cal-verdict/1"},
         ],
@@ -308,7 +314,7 @@ class TestRefused:
         assert str(path) in capsys.readouterr().err
         assert not out.exists()
 
-    @pytest.mark.parametrize("key", ["effects", "parameters", "x", "named", "T_instr_base"])
+    @pytest.mark.parametrize("key", ["parameters", "fitted_model", "named", "T_instr_base"])
     def test_an_incomplete_extended_model_is_not_exported(self, work, found, tmp_path, capsys, key):
         record = read(found / "extended.json")
         del record[key]

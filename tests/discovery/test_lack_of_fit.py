@@ -19,9 +19,9 @@ from pa10cal.discovery.joint_space import periodogram
 from pa10cal.discovery.lack_of_fit import lack_of_fit
 from pa10cal.discovery.lack_of_fit_record import lack_of_fit_part, naming_steps
 from pa10cal.discovery.naming import errors_by_name
-from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import average_repeats
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.encoder import TransmissionError
@@ -45,7 +45,7 @@ def model_of(*effects):
     return Model(Chain.of(ARM, bends=long_links(ARM)), (*terms, *effects))
 
 
-BASELINE = OperatingPoint(model_of(), np.zeros(len(model_of().parameters)), np.eye(4))
+BASELINE = FittedModel(model_of(), np.zeros(len(model_of().parameters)), np.eye(4))
 BASELINE.x[[p.name.startswith("windup") for p in model_of().parameters]] = 3e-3
 
 
@@ -197,7 +197,7 @@ def test_unlogged_torques_and_temperatures_are_not_made_up():
     )
     rigid = baseline(ARM, (), Tolerances())
     model = Model(Chain.of(ARM, bends=long_links(ARM)), rigid.terms)
-    start = OperatingPoint(model, np.zeros(len(model.parameters)), np.eye(4))
+    start = FittedModel(model, np.zeros(len(model.parameters)), np.eye(4))
     problem = prepare(readings, start, replace(SETUP, flexible_joints=()))
     part = lack_of_fit_part(lack_of_fit(problem, fit(problem, (), (), (0.0, 0.0))))
     assert part.torque is None

@@ -22,11 +22,11 @@ from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import evidence_about, search
-from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.suggest import LEAST_NATS, plan, suggest
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import average_repeats
 from pa10cal.settings import IngestSettings, parse_section
 from pa10cal.terms.baseline import baseline
@@ -105,7 +105,7 @@ def calibrated(readings):
     options = CalibrationOptions(starts=1, inner_poses="all")
     found = calibrate(model, averaged, options, ErrorSources(readings, 5e-6))
     bending = Model(Chain.of(ARM, bends=long_links(ARM)), model.terms)
-    return OperatingPoint(bending, found.solution.x, found.T_instr_base)
+    return FittedModel(bending, found.solution.x, found.T_instr_base)
 
 
 RATIO = ("gear_ratio_error", "joint 2", {"eps": 2e-4})

@@ -5,9 +5,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from made_up_poses import measured_poses
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.state import PoseStates
-from pa10cal.evaluation.holdout import judge
+from pa10cal.evaluation.holdout import judged
 from pa10cal.evaluation.tool_twist import constant_tool_twist
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.terms.model import Model
 
 
 @settings(deadline=None, max_examples=20)
@@ -33,17 +37,34 @@ def test_scattered_differences_are_not_explained_by_a_twist():
 
 
 def test_judges_by_load_and_by_point():
-    T = np.tile(np.eye(4), (4, 1, 1))
-    predicted = T.copy()
-    predicted[:, 0, 3] += [1e-3, 2e-3, 3e-3, 6e-3]
+    arm = load_arm("pa10_6ce")
+    model = FittedModel(Model(Chain.of(arm), ()), np.zeros(0), np.eye(4))
+    q_rad = np.random.default_rng(2).uniform(-1.0, 1.0, (4, 6))
+    T = Chain.of(arm).forward(q_rad)
+    T[:, 0, 3] -= [1e-3, 2e-3, 3e-3, 6e-3]
     load = np.array([22.0, 90.0, 22.0, 90.0])
     zeros = np.zeros((4, 6))
-    states = PoseStates(zeros, zeros, zeros, load, np.zeros(4), np.zeros(4))
+    states = PoseStates(q_rad, zeros, zeros, load, np.zeros(4), np.zeros(4))
     labels = np.array(["H01", "H01", "H02", "H02"])
-    observations = measured_poses(labels, states, T, np.zeros((4, 6, 6)))
-    found = judge(predicted, np.eye(4), observations)
-    assert found.overall.mean_mm == pytest.approx(3.0)
-    assert found.overall.peak_mm == pytest.approx(6.0)
-    assert found.by_load[90.0].mean_mm == pytest.approx(4.0)
-    assert found.by_point["H01"].mean_mm == pytest.approx(1.5)
-    assert found.overall.orientation_deg == pytest.approx(0.0)
+    found = judged(model, measured_poses(labels, states, T, np.zeros((4, 6, 6))))
+    assert found.mean_mm == pytest.approx(3.0)
+    assert found.peak_mm == pytest.approx(6.0)
+    assert found.per_load["90N"].mean_mm == pytest.approx(4.0)
+    assert found.per_point["H01"].mean_mm == pytest.approx(1.5)
+    assert found.orientation_deg == pytest.approx(0.0, abs=1e-9)
+    assert found.inside is found.extrapolated is None
+    assert found.tool_twist.angle_deg == pytest.approx(0.0, abs=1e-6)
+
+
+def test_poses_beyond_what_was_learnt_are_judged_apart():
+    arm = load_arm("pa10_6ce")
+    model = FittedModel(Model(Chain.of(arm), ()), np.zeros(0), np.eye(4))
+    q_rad = np.random.default_rng(3).uniform(-1.0, 1.0, (4, 6))
+    T = Chain.of(arm).forward(q_rad)
+    T[:, 2, 3] += [1e-3, 1e-3, 1e-3, 5e-3]
+    zeros, zero = np.zeros((4, 6)), np.zeros(4)
+    states = PoseStates(q_rad, zeros, zeros, zero, zero, zero)
+    poses = measured_poses(np.array(["H1", "H2", "H3", "H4"]), states, T, np.zeros((4, 6, 6)))
+    found = judged(model, poses, np.array([False, False, False, True]))
+    assert found.inside.rms_mm == pytest.approx(1.0)
+    assert found.extrapolated.rms_mm == pytest.approx(5.0)

@@ -10,6 +10,7 @@ rule discover:
         verdict=result("discovery/verdict.json"),
         analysis=result("discovery/analysis.json"),
         extended=result("discovery/extended.json"),
+        covariance=result("discovery/extended.covariance.npz"),
         suggested=result("discovery/suggested_poses.csv"),
     log:
         result("logs/discover.log"),

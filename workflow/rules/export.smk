@@ -3,17 +3,15 @@ rule export:
     input:
         calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
         extended=extended_model,
-        arm=arm_of_campaign,
         code=code_of("commands.export"),
     output:
         model=result("model/model.yaml"),
+        covariance=result("model/model.covariance.npz"),
         urdf=result("model/robot.urdf"),
     log:
         result("logs/export.log"),
     params:
-        folder=campaign_folder,
         extended=extended_option,
     shell:
-        "python -m pa10cal export --campaign-dir {params.folder:q}"
-        " --calibration {input.calibration:q} {params.extended}"
+        "python -m pa10cal export --calibration {input.calibration:q} {params.extended}"
         " --model {output.model:q} --urdf {output.urdf:q} 2>&1 | tee {log:q} >&2"

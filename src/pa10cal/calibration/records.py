@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.statics import Payload
 from pa10cal.calibration.accuracy import Accuracy, summarise_by_load
 from pa10cal.calibration.base_parameters import report_base
 from pa10cal.calibration.calibrate import Calibration, pull_beyond_bounds, weak_directions
 from pa10cal.calibration.health import Health
 from pa10cal.calibration.identifiability import observability
 from pa10cal.calibration.load_case import LoadCase, model_deviations
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.fit.angles_seen import span_seen
+from pa10cal.fit.fitted_model import FittedModel, FittedTo
+from pa10cal.fit.model_file import model_from_plain, model_to_plain
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.results import health as health_parts
 from pa10cal.results.accuracy import ResidualRows
 from pa10cal.results.calibration import (
     CalibratedParameter,
+    CalibrationRecord,
     Covariance,
+    Fit,
     InnerDependence,
     LinearFit,
     OneLevel,
@@ -30,9 +38,6 @@ from pa10cal.results.calibration import (
 )
 from pa10cal.results.record import Campaign
 from pa10cal.terms.term import Report
-
-if TYPE_CHECKING:
-    from pa10cal.calibration.options import CalibrationOptions
 
 Array = NDArray[np.float64]
 
@@ -45,19 +50,21 @@ _INCOMPLETE = 3.0
 
 
 def paper_record(
-    case: LoadCase, campaign: Campaign, settings: CalibrationOptions
+    case: LoadCase, campaign: Campaign, payload: Payload | None, settings: CalibrationOptions
 ) -> PaperCalibrationRecord:
     """Return the record of a load case worked out with the paper's model.
 
     Args:
         case: the load case.
         campaign: whose it is.
+        payload: what the arm carried; None where that is not known.
         settings: what it was worked out with.
     """
     cubic, model = case.cubic, case.cubic.level.model
     solved = [parameter.name for parameter in model.parameters]
     reported = [parameter.name for parameter in model.report(cubic.solution.x).parameters]
     after = _after(cubic, case.grid)
+    about = fitted_to(cubic.level.observations, case.load, case.health, campaign)
     before, from_seed = by_load(case.before), by_load(case.before_seed_frame)
     return PaperCalibrationRecord(
         campaign=campaign.name,
@@ -65,7 +72,7 @@ def paper_record(
         robot=campaign.robot,
         load=case.load,
         loads_fitted=_loads(cubic.level.observations),
-        **_fit_keys(cubic),
+        **_fit_keys(cubic, payload, about),
         rank=cubic.identifiability.rank,
         unknowns=len(cubic.identifiability.singular_values),
         condition=cubic.identifiability.condition,
@@ -96,7 +103,9 @@ def paper_record(
         seed_difference=SeedDifference(
             angle_deg=case.seed_angle_deg, distance_mm=case.seed_distance_mm
         ),
-        linear=LinearFit(**_fit_keys(case.linear), after=_after(case.linear, case.grid)),
+        linear=LinearFit(
+            **_fit_keys(case.linear, payload, about), after=_after(case.linear, case.grid)
+        ),
         l_curve=case.l_curve,
         residuals=_residuals(case),
         health=health_part(case.health, cubic.level.observations.pose),
@@ -144,6 +153,74 @@ def reported_keys(report: Report, covariance: Array) -> dict[str, dict[str, Any]
         }
         for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)
     }
+
+
+def models_of(record: CalibrationRecord, where: str) -> dict[str, FittedModel]:
+    """Return the fitted models of a calibration by the names under which they are evaluated.
+
+    Args:
+        record: what `calibration/<load>.json` holds; the last model is the calibration itself.
+        where: file that it was read from, for messages.
+
+    Raises:
+        ModelError: when a model cannot be made of what is written.
+        TermError: when it has a term that is not known.
+    """
+    return {
+        name: _model_of(fit, f"{where}: fitted_model of {name}")
+        for name, fit in record.fits_by_model.items()
+    }
+
+
+def calibration_options(record: CalibrationRecord, where: str) -> CalibrationOptions:
+    """Return the options that a calibration was worked out with.
+
+    Raises:
+        SettingsError: when they are none.
+    """
+    from pa10cal.settings_reading import parse_section
+
+    return parse_section(CalibrationOptions, record.settings, where=where)
+
+
+def _model_of(fit: Fit, where: str) -> FittedModel:
+    """Return the model of a fit, with the covariance of the parameters it is solved in."""
+    model = model_from_plain(fit.fitted_model, where=where)
+    names, matrix = fit.covariance.names, fit.covariance.matrix
+    solved = tuple(parameter.name for parameter in model.model.parameters)
+    report = model.model.report(model.x)
+    if names[: len(solved)] == solved:
+        covariance = matrix[: len(solved), : len(solved)]
+    elif names == tuple(parameter.name for parameter in report.parameters):
+        back = np.linalg.pinv(report.jacobian)
+        covariance = back @ matrix @ back.T
+    else:
+        return model
+    return replace(model, covariance=covariance)
+
+
+def fitted_to(
+    observations: Observations, load: str, health: Health, campaign: Campaign
+) -> FittedTo:
+    """Return what a model was fitted to.
+
+    Args:
+        observations: the poses fitted.
+        load: load case.
+        health: of the calibration.
+        campaign: whose poses they are.
+    """
+    states = observations.states
+    return FittedTo(
+        campaign=campaign.name,
+        provenance=campaign.provenance,
+        calibration=load,
+        instrument=observations.measured.kind,
+        poses=len(observations),
+        temperature_C=float(states.temperature_C.mean()),
+        time_s=(float(states.time_s.min()), float(states.time_s.max())),
+        health=health.line,
+    )
 
 
 def by_load(accuracies: dict[float, Accuracy]) -> dict[str, Accuracy]:
@@ -200,8 +277,27 @@ def health_part(health: Health, pose: NDArray[np.str_]) -> health_parts.Health:
     )
 
 
-def _fit_keys(calibration: Calibration) -> dict[str, Any]:
+def fitted_model(calibration: Calibration, payload: Payload | None) -> FittedModel:
+    """Return the fitted model of a calibration on two levels.
+
+    Args:
+        calibration: where it ended.
+        payload: what the arm carried; None where that is not known.
+    """
+    observations = calibration.level.observations
+    return FittedModel(
+        model=calibration.level.model,
+        x=calibration.solution.x,
+        T_instr_base=calibration.T_instr_base,
+        covariance=calibration.covariances.parameters,
+        payload=payload,
+        seen=span_seen(observations.states.q_rad),
+    )
+
+
+def _fit_keys(calibration: Calibration, payload: Payload | None, about: FittedTo) -> dict[str, Any]:
     """Return how a fit ended, its parameters and its base frame."""
+    fitted = replace(fitted_model(calibration, payload), fitted_to=about)
     solution = calibration.solution
     report = calibration.level.model.report(solution.x)
     return {
@@ -217,6 +313,7 @@ def _fit_keys(calibration: Calibration) -> dict[str, Any]:
             matrix=report.jacobian @ calibration.covariances.parameters @ report.jacobian.T,
         ),
         "T_instr_base": calibration.T_instr_base,
+        "fitted_model": model_to_plain(fitted),
     }
 
 

@@ -68,6 +68,7 @@ def _by_papers_model(
     from pa10cal.observe.averages import poses_of
     from pa10cal.results.codec import read
     from pa10cal.results.seed import BaseFrameRecord
+    from pa10cal.stages.measurement_setup import payload_of
 
     if not every.measured.measures_pose:
         raise CalibrationError(
@@ -87,7 +88,7 @@ def _by_papers_model(
         load,
         settings,
     )
-    return paper_record(case, campaign, settings)
+    return paper_record(case, campaign, payload_of(campaign, arm), settings)
 
 
 def _by_general_model(

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from pa10cal.discovery.options import DiscoveryOptions
 
 if TYPE_CHECKING:
-    from pa10cal.discovery.operating_point import OperatingPoint
     from pa10cal.discovery.preparation import MeasurementSetup
     from pa10cal.discovery.records import Outcome
+    from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.observe.observations import Observations
     from pa10cal.observe.pose import Pose
     from pa10cal.results.calibration import CalibrationRecord
@@ -42,27 +42,27 @@ def discover(
         suggested: poses to measure next, to write (.csv).
         settings: section discovery.
     """
+    from pa10cal.calibration.records import calibration_options, models_of
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import read_observations
-    from pa10cal.discovery.operating_point import OperatingPoint
     from pa10cal.discovery.records import discovery_records, summary
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import whole_files, write_text
+    from pa10cal.fit.model_file import covariance_path, write_covariance
     from pa10cal.observe.arrivals import with_arrivals
     from pa10cal.observe.averages import poses_of
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
     from pa10cal.results.suggestions import suggestion_table
-    from pa10cal.stages.calibration_record import read_fit, settings_of
-    from pa10cal.stages.measurement_setup import setup_of, with_bends
+    from pa10cal.stages.measurement_setup import setup_of
 
     began = time.perf_counter()
     campaign = read_campaign(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
     every, from_order = read_observations(poses, campaign), False
     record = read(CalibrationRecord, calibration, campaign.name)
-    used = settings_of(record, calibration)
-    model, x, T_instr_base = read_fit(record, arm, calibration, cubic=True)
+    used = calibration_options(record, str(calibration))
+    *_, fitted = models_of(record, str(calibration)).values()
     setup = setup_of(campaign, arm, used, settings)
     grid = poses_of(every, "grid", average=False, covariance="instrument")
     judge = _by_blocks if _left_out(grid) else _by_repeats
@@ -71,13 +71,8 @@ def discover(
         grid = poses_of(every, "grid", average=False, covariance="instrument")
     held_out = poses_of(every, "holdout")
     if isinstance(record, GeneralCalibrationRecord):
-        from pa10cal.stages.general_record import as_modelled, read_general
-
-        fitted = read_general(record, arm, calibration)
-        grid, held_out = (as_modelled(rows, fitted, setup.payload) for rows in (grid, held_out))
-    outcome = judge(
-        grid, held_out, OperatingPoint(with_bends(model), x, T_instr_base), setup, settings, record
-    )
+        grid, held_out = (fitted.as_modelled(rows) for rows in (grid, held_out))
+    outcome = judge(grid, held_out, fitted.with_bends(), setup, settings, record)
     records = discovery_records(
         outcome,
         campaign,
@@ -86,11 +81,13 @@ def discover(
         arrival_from_order=from_order,
     )
     table_text = suggestion_table(
-        outcome.verdict.suggested_poses, outcome.joints, with_sides=judge is _by_repeats
+        outcome.verdict.suggested_poses, arm.n, with_sides=judge is _by_repeats
     )
-    outputs = (suggested, extended, analysis, verdict)
-    with whole_files(*outputs) as (table_beside, extended_beside, analysis_beside, verdict_beside):
+    outputs = (suggested, covariance_path(extended), extended, analysis, verdict)
+    with whole_files(*outputs) as besides:
+        table_beside, covariance, extended_beside, analysis_beside, verdict_beside = besides
         write_text(table_beside, table_text)
+        write_covariance(outcome.model, covariance)
         write(records.extended, extended_beside)
         write(records.analysis, analysis_beside)
         write(records.verdict, verdict_beside)
@@ -112,7 +109,7 @@ def _left_out(grid: Observations[Pose]) -> bool:
 def _by_repeats(
     grid: Observations[Pose],
     held_out: Observations[Pose],
-    baseline: OperatingPoint,
+    baseline: FittedModel,
     setup: MeasurementSetup,
     settings: DiscoveryOptions,
     record: CalibrationRecord,
@@ -146,7 +143,7 @@ def _by_repeats(
 def _by_blocks(
     grid: Observations[Pose],
     held_out: Observations[Pose],
-    baseline: OperatingPoint,
+    baseline: FittedModel,
     setup: MeasurementSetup,
     settings: DiscoveryOptions,
     record: CalibrationRecord,

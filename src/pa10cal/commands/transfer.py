@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from pa10cal.observe.observations import Observations
 
 
 def transfer(
@@ -26,28 +22,18 @@ def transfer(
         out: errors of the model there, to write (.json).
         extended: the model with the effects that discovery named (.json).
     """
-    from dataclasses import replace
-
-    from pa10cal.calibration.general.transfer import refit_frames
+    from pa10cal.calibration.records import calibration_options, models_of
     from pa10cal.campaign.description import read_campaign
     from pa10cal.campaign.table import read_observations
+    from pa10cal.discovery.extended import read_extended
     from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.errors import CalibrationError, RecordError
+    from pa10cal.evaluation.compared import judged_models
     from pa10cal.files.arms import load_arm
-    from pa10cal.fit.loads import with_torques
-    from pa10cal.observe.arrivals import with_arrivals
-    from pa10cal.observe.averages import average_repeats
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
     from pa10cal.results.evaluation import TransferRecord
-    from pa10cal.stages.blocked_cv_model import extended_model
-    from pa10cal.stages.calibration_record import settings_of
-    from pa10cal.stages.general_evaluation import (
-        general_models,
-        held_out_with_torques,
-        judged_record,
-    )
-    from pa10cal.stages.measurement_setup import payload_of, setup_of
+    from pa10cal.stages.measurement_setup import setup_of
 
     campaign = read_campaign(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
@@ -70,34 +56,18 @@ def transfer(
             remedy="raise calibration.max_iterations, or look at its warnings",
         )
 
-    def observed(every: Observations) -> tuple[Observations, Observations]:
-        """Return grid and held-out poses with torques, as springs need them."""
-        grid = average_repeats(every.of_kind("grid"))
-        states, _ = with_torques(arm, grid.states, payload_of(campaign, arm))
-        return replace(grid, states=states), held_out_with_torques(every, campaign, arm)
-
-    grid, held_out = observed(every)
-    judged = {
-        name: judged_record(refit_frames(model, grid), held_out)
-        for name, model in general_models(record, arm, calibration).items()
-    }
-    if extended is not None:
-        with_effects = extended_model(extended, record, arm, calibration)
-        used = settings_of(record, calibration)
-        setup = setup_of(campaign, arm, used, DiscoveryOptions())
-        if with_effects.arrival_from_order:
-            grid, held_out = observed(with_arrivals(every)[0])
-        grid, held_out = (with_effects.completed(rows, setup) for rows in (grid, held_out))
-        judged["extended"] = judged_record(
-            refit_frames(with_effects.fitted, grid),
-            held_out,
-            with_effects.extrapolated(held_out.states),
-        )
+    judged = judged_models(
+        every,
+        models_of(record, str(calibration)),
+        None if extended is None else read_extended(extended, record.campaign),
+        setup_of(campaign, arm, calibration_options(record, str(calibration)), DiscoveryOptions()),
+        elsewhere=True,
+    )
     found = TransferRecord(
         campaign=campaign.name,
         provenance=campaign.provenance,
         from_=record.campaign,
-        configurations=len(held_out),
+        configurations=max((model.configurations for model in judged.values()), default=0),
         models=judged,
     )
     write(found, out)

@@ -18,9 +18,9 @@ from pa10cal.discovery.evidence.fit import Fit
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.evidence.problem import Problem, common_torques
 from pa10cal.discovery.evidence.repeatability import same_circumstances
-from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup, complete
 from pa10cal.errors import DiscoveryError
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 
@@ -34,7 +34,7 @@ class Measured(Protocol):
     """What is known of a campaign whose context are asked for."""
 
     @property
-    def baseline(self) -> OperatingPoint:
+    def baseline(self) -> FittedModel:
         """Return the calibrated model."""
 
     @property

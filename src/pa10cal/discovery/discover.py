@@ -15,10 +15,10 @@ from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import Found, search
 from pa10cal.discovery.gap import Gap, gap
-from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about
 from pa10cal.discovery.verdict import NotTestable
 from pa10cal.errors import DiscoveryError
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
@@ -64,7 +64,7 @@ class Discovery:
 def discover(
     readings: Observations[Pose],
     held_out: Observations[Pose] | None,
-    baseline: OperatingPoint,
+    baseline: FittedModel,
     setup: MeasurementSetup,
     error_rate: float,
 ) -> Discovery:
@@ -106,7 +106,7 @@ def discover(
     )
 
 
-def _check_enough(readings: Observations[Pose], baseline: OperatingPoint) -> None:
+def _check_enough(readings: Observations[Pose], baseline: FittedModel) -> None:
     """Refuse poses that the model's own parameters could follow wherever they are."""
     poses = len(np.unique(readings.pose))
     unknowns = len(baseline.model.parameters) + 6
@@ -142,7 +142,7 @@ def unresolved(found: Discovery) -> tuple[Pair, ...]:
 def compare(problem: Problem, extended: Fit, poses: Observations[Pose]) -> Gap:
     """Return the gap of baseline and extended model on averaged poses."""
     baseline = problem.baseline
-    about = OperatingPoint(extended.model, extended.x, extended.level.T_instr_base)
+    about = FittedModel(extended.model, extended.x, extended.level.T_instr_base)
     poses = complete_about(poses, baseline, about, problem.setup)
     return gap(
         poses,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.pose_error import pose_error
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
@@ -23,19 +24,13 @@ _POSSIBLE_SCALES = 30.0
 _POSSIBLE_UNITS = {"windup": 3e-2, "cubic_share": 3.0, "base": 1.0}
 
 
-@dataclass(frozen=True)
-class OperatingPoint:
-    """Where a model is linearised.
-
-    Attributes:
-        model: chain and terms.
-        x: (k,) its parameters.
-        T_instr_base: (4, 4) base frame, before what the model's own terms move it by.
-    """
-
-    model: Model
-    x: Array
-    T_instr_base: Array
+def moved_base(T_instr_base: Array, small: Array) -> Array:
+    """Return a base frame moved by the six small motions (6,) that a model's base term makes."""
+    moved = np.eye(4)
+    moved[:3, 3] = small[:3]
+    moved[:3, :3] = Rotation.from_euler("XYZ", small[3:]).as_matrix()
+    T: Array = T_instr_base @ moved
+    return T
 
 
 def possible_sizes(model: Model) -> Array:
@@ -51,7 +46,7 @@ def possible_sizes(model: Model) -> Array:
     )
 
 
-def left(at: OperatingPoint, poses: Observations[Pose]) -> Array:
+def left(at: FittedModel, poses: Observations[Pose]) -> Array:
     """Return predicted less measured poses, (P, 6): position [m], chord of the attitude."""
     error = pose_error(
         at.T_instr_base @ at.model.predict(poses.states, at.x), poses.measured.T_instr_target
@@ -60,7 +55,7 @@ def left(at: OperatingPoint, poses: Observations[Pose]) -> Array:
 
 
 def by_terms(
-    at: OperatingPoint, poses: Observations[Pose], terms: Sequence[Term], points: Sequence[Array]
+    at: FittedModel, poses: Observations[Pose], terms: Sequence[Term], points: Sequence[Array]
 ) -> list[Array]:
     """Return how `left` follows the parameters of terms, each (P, 6, k')."""
     error = pose_error(
@@ -77,7 +72,7 @@ def by_terms(
     return found
 
 
-def by_joints(at: OperatingPoint, poses: Observations[Pose], joints: Sequence[int]) -> Array:
+def by_joints(at: FittedModel, poses: Observations[Pose], joints: Sequence[int]) -> Array:
     """Return how `left` follows the positions of joints, from 1: (P, 6, j)."""
     chain = at.model.chain
     driven = [chain.motions[chain.joint_columns[joint - 1]].coordinate for joint in joints]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates, Seen
 from pa10cal.arm.statics import Payload, Statics
-from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.options import DiscoveryOptions
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
@@ -42,7 +42,7 @@ class MeasurementSetup:
 
 
 def complete(
-    poses: Observations[Pose], baseline: OperatingPoint, setup: MeasurementSetup
+    poses: Observations[Pose], baseline: FittedModel, setup: MeasurementSetup
 ) -> Observations[Pose]:
     """Add to the states of poses what they carry and how they were seen."""
     states = replace(poses.states, seen=_seen(poses, setup.p_ee_targets_m))
@@ -55,8 +55,8 @@ def complete(
 
 def complete_about(
     poses: Observations[Pose],
-    baseline: OperatingPoint,
-    about: OperatingPoint,
+    baseline: FittedModel,
+    about: FittedModel,
     setup: MeasurementSetup,
 ) -> Observations[Pose]:
     """Add what poses carry by a better model, whose effects may need what the baseline says."""
@@ -64,7 +64,7 @@ def complete_about(
     return poses if about is baseline else complete(poses, about, setup)
 
 
-def static_loads(states: PoseStates, baseline: OperatingPoint, payload: Payload) -> Statics:
+def static_loads(states: PoseStates, baseline: FittedModel, payload: Payload) -> Statics:
     """Return torques and moments that weights put on the arm, the base standing as it is."""
     return statics_of(baseline.model, baseline.x, states, payload)
 
@@ -85,7 +85,7 @@ def _seen(poses: Observations[Pose], p_ee_targets_m: Array) -> Seen:
 
 
 def context_of(
-    cells: Observations[Pose], baseline: OperatingPoint, setup: MeasurementSetup
+    cells: Observations[Pose], baseline: FittedModel, setup: MeasurementSetup
 ) -> CandidateContext:
     """Return what decides where effects may sit; the poses are complete."""
     states = cells.states

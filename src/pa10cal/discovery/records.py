@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from pa10cal.calibration.base_parameters import report_base
 from pa10cal.calibration.records import reported_keys
 from pa10cal.discovery.gap import Gap, Paired
-from pa10cal.discovery.operating_point import OperatingPoint, possible_sizes
+from pa10cal.discovery.operating_point import possible_sizes
 from pa10cal.discovery.verdict import Finding, NotTestable, Unexplained, without_a_cause
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.results import discovery as parts
 from pa10cal.results.accuracy import BeforeAfter, EffectParameter, Parameter
 from pa10cal.results.analysis import AnalysisKeys, AnalysisRecord, GapRows, ParameterShift
@@ -27,7 +28,7 @@ from pa10cal.results.discovery import (
     VerdictRecord,
 )
 from pa10cal.results.record import Campaign
-from pa10cal.terms.effects.effect import CandidateContext, Effect
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.model import Model
 
@@ -43,13 +44,13 @@ class Outcome:
 
     Attributes:
         verdict, extended, analysis: what the records hold besides whose they are.
-        joints: n, joints of the arm.
+        model: the extended model.
     """
 
     verdict: VerdictKeys
     extended: ExtendedKeys
     analysis: AnalysisKeys
-    joints: int
+    model: FittedModel
 
 
 @dataclass(frozen=True)
@@ -288,21 +289,8 @@ def model_parameters(
     } | {name: Parameter(**keys, identifiable=True) for name, keys in base.items()}
 
 
-def candidate_context(context: CandidateContext) -> parts.CandidateContext:
-    """Return what decides where effects may sit, but for the arm."""
-    return parts.CandidateContext(
-        flexible_joints=context.flexible_joints,
-        reference_temperature_C=context.reference_temperature_C,
-        tau_span_Nm=context.tau_span_Nm,
-        T_instr_base=context.T_instr_base,
-        p_instr_middle_m=context.p_instr_middle_m,
-        q_span_rad=context.q_span_rad,
-        time_span_s=context.time_span_s,
-    )
-
-
 def parameter_shifts(
-    baseline: OperatingPoint, after: dict[str, Parameter]
+    baseline: FittedModel, after: dict[str, Parameter]
 ) -> tuple[ParameterShift, ...]:
     """Return every parameter of the calibrated model, and once the effects joined it."""
     reports = (baseline.model.report(baseline.x), report_base(baseline.T_instr_base))

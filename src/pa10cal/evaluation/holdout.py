@@ -2,57 +2,88 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.calibration.accuracy import (
-    Accuracy,
-    deviations,
-    summarise,
-    summarise_by_load,
-)
-from pa10cal.evaluation.tool_twist import ToolTwist, constant_tool_twist
-from pa10cal.observe.instrument import Deviations
+from pa10cal.calibration.accuracy import summarise, summarise_by_load
+from pa10cal.calibration.records import by_load
+from pa10cal.discovery.preparation import MeasurementSetup, complete_about
+from pa10cal.evaluation.tool_twist import constant_tool_twist
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.loads import with_torques
+from pa10cal.observe.averages import average_repeats, measured_as_poses
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.pose import Pose
+from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, ToolTwist
 
-Array = NDArray[np.float64]
+#: More points than this are listed pose by pose only.
+_MOST_POINTS = 500
 
 
-@dataclass(frozen=True)
-class HeldOut:
-    """One model on the held-out configurations.
+def prepared(
+    every: Observations, kind: str, model: FittedModel, setup: MeasurementSetup
+) -> Observations:
+    """Return averaged poses of one kind, with what the terms of a model need in their states.
 
-    Attributes:
-        overall: over all of them.
-        by_load: for every load.
-        by_point: for every point, over its loads.
-        found: deviations, configuration by configuration.
-        tool_twist: what a constant twist of the tool would explain of the orientation error.
+    Args:
+        every: single readings of a campaign.
+        kind: `grid` or `holdout`.
+        model: the model that is to predict them.
+        setup: what is known of the campaign besides the poses.
     """
+    poses = average_repeats(every.of_kind(kind))
+    states, _ = with_torques(model.arm, poses.states, setup.payload)
+    poses = poses.with_states(states)
+    if not poses.measured.measures_pose:
+        return poses
+    turned = measured_as_poses(poses).turned(model.R_ee_target)
+    return poses.with_states(complete_about(turned, model.nominal(), model, setup).states)
 
-    overall: Accuracy
-    by_load: dict[float, Accuracy]
-    by_point: dict[str, Accuracy]
-    found: Deviations
-    tool_twist: ToolTwist
 
+def judged(
+    model: FittedModel, held_out: Observations, extrapolated: NDArray[np.bool_] | None = None
+) -> HeldOutModel:
+    """Return errors of one model over held-out poses, by load, by point and pose by pose.
 
-def judge(T_base_ee: Array, T_instr_base: Array, observations: Observations[Pose]) -> HeldOut:
-    """Judge predictions T_base_ee (P, 4, 4) on held-out configurations."""
-    found = deviations(T_base_ee, T_instr_base, observations)
-    R_predicted = T_instr_base[:3, :3] @ T_base_ee[:, :3, :3]
-    return HeldOut(
-        overall=summarise(found),
-        by_load=summarise_by_load(found, observations.states.load_N),
-        by_point={
-            str(label): summarise(found, observations.pose == label)
-            for label in np.unique(observations.pose)
+    Args:
+        model: the model.
+        held_out: P poses, `prepared` for it.
+        extrapolated: (P,) which of them leave the joint angles that the model has learnt from;
+            None where it has learnt nothing that stops there.
+    """
+    found = model.deviations(held_out)
+
+    def errors(rows: NDArray[np.bool_] | None) -> Accuracy | None:
+        return summarise(found.take(rows)) if rows is not None and rows.any() else None
+
+    return HeldOutModel(
+        **dict(summarise(found)),
+        per_load=by_load(summarise_by_load(found, held_out.states.load_N)),
+        per_point={
+            str(label): summarise(found.take(held_out.pose == label)) for label in _points(held_out)
         },
-        found=found,
-        tool_twist=constant_tool_twist(
-            R_predicted, observations.measured.T_instr_target[:, :3, :3]
+        tool_twist=_twist(model, held_out),
+        inside=errors(None if extrapolated is None else ~extrapolated),
+        extrapolated=errors(extrapolated),
+        rows=HeldOutRows(
+            pose=held_out.pose,
+            load_N=held_out.states.load_N,
+            position_mm=found.position_mm,
+            error_mm=found.distance_mm,
+            rotation_deg=found.rotation_deg,
+            extrapolated=extrapolated,
         ),
     )
+
+
+def _points(held_out: Observations) -> NDArray[np.str_]:
+    labels = np.unique(held_out.pose)
+    return labels if len(labels) <= _MOST_POINTS else labels[:0]
+
+
+def _twist(model: FittedModel, held_out: Observations) -> ToolTwist | None:
+    attitudes = held_out.measured.turned(model.R_ee_target).attitudes
+    if attitudes is None:
+        return None
+    R_predicted = model.T_instr_base[:3, :3] @ model.as_read(held_out)[:, :3, :3]
+    return constant_tool_twist(R_predicted, attitudes)

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from pa10cal.calibration.records import by_load
-from pa10cal.evaluation.holdout import HeldOut
-from pa10cal.observe.observations import Observations
-from pa10cal.observe.pose import Pose
-from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, HoldoutRecord
+from pa10cal.results.evaluation import HeldOutModel, HoldoutRecord
 from pa10cal.results.record import Campaign
 
 
@@ -39,23 +35,3 @@ def summary(record: HoldoutRecord) -> str:
         for name, model in record.models.items()
     )
     return f"held out ({record.configurations}): mean/peak {errors}"
-
-
-def held_out_model(found: HeldOut, held_out: Observations[Pose]) -> HeldOutModel:
-    """Return errors of one model over held-out poses, by load, by point and pose by pose."""
-    return HeldOutModel(
-        **dict(found.overall),
-        per_load=by_load(found.by_load),
-        per_point=found.by_point,
-        tool_twist=found.tool_twist,
-        inside=None,
-        extrapolated=None,
-        rows=HeldOutRows(
-            pose=held_out.pose,
-            load_N=held_out.states.load_N,
-            position_mm=found.found.position_mm,
-            error_mm=found.found.distance_mm,
-            rotation_deg=found.found.rotation_deg,
-            extrapolated=None,
-        ),
-    )

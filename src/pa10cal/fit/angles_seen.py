@@ -50,6 +50,15 @@ class AnglesSeen:
         return found
 
 
+def span_seen(q_rad: Array) -> AnglesSeen:
+    """Return the span of positions of every joint that poses (P, n) have seen.
+
+    What a model without maps has learnt holds between them.
+    """
+    spans = np.stack([q_rad.min(axis=0), q_rad.max(axis=0)], axis=1)
+    return AnglesSeen(tuple(spans[:, None]), (False,) * len(spans))
+
+
 def angles_seen(q_rad: Array, turns: NDArray[np.bool_]) -> AnglesSeen:
     """Return the angles that poses (P, n) have seen.
 

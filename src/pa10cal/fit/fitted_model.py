@@ -4,21 +4,33 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pa10cal.arm.chain import TOOL, EndPose, end_pose, end_pose_with_screws
+from pa10cal.arm.chain import (
+    TOOL,
+    Chain,
+    EndPose,
+    end_pose,
+    end_pose_with_screws,
+    long_links,
+)
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
 from pa10cal.errors import ModelError
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.loads import statics_of, with_torques
+from pa10cal.observe.instrument import Deviations, Instrument
+from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Term, shows_torque, yields
 
 Array = NDArray[np.float64]
+M = TypeVar("M", bound=Instrument)
 
 FLANGE, TOOL_FRAME, TARGET = "flange", "tool", "target_"
 
@@ -78,6 +90,8 @@ class FittedModel:
         R_ee_target: (3, 3) attitude of the target in the end of the chain, for an instrument that
             measures attitudes; the target's place there is the term of the tool.
         targets_m: (t,) places of further targets in the flange, x, y, z of each.
+        targets_off_m: (a,) by how much the places of an apparatus' targets are off those stated,
+            which moves poses measured through them; empty where that is not known.
         target_names: (t / 3,) their names.
         covariance: (k, k) of x, or None where it is not known.
         payload: what the arm carried, which springs and bending links need; None where not known.
@@ -91,6 +105,7 @@ class FittedModel:
     R_ee_target: Array = field(default_factory=lambda: np.eye(3))
     targets_m: Array = field(default_factory=lambda: np.zeros(0))
     target_names: tuple[str, ...] = ()
+    targets_off_m: Array = field(default_factory=lambda: np.zeros(0))
     covariance: Array | None = None
     payload: Payload | None = None
     fitted_to: FittedTo | None = None
@@ -115,6 +130,48 @@ class FittedModel:
     def frames(self) -> tuple[str, ...]:
         """Return the frames that it can predict."""
         return (FLANGE, TOOL_FRAME, *(f"{TARGET}{name}" for name in self.target_names))
+
+    def with_bends(self) -> FittedModel:
+        """Return the same model on a chain whose long links may bend, as some effects do."""
+        chain = Chain.of(self.arm, bends=long_links(self.arm))
+        return replace(self, model=Model(chain, self.model.terms))
+
+    def as_modelled(self, observations: Observations[M]) -> Observations[M]:
+        """Return measured poses as the model predicts them.
+
+        Attitudes are those of the end-effector in place of the target's; torques that were not
+        logged are those of the masses described.
+        """
+        states, _ = with_torques(self.arm, observations.states, self.payload)
+        return observations.turned(self.R_ee_target).with_states(states)
+
+    def rigid_part(self) -> tuple[Chain, Array]:
+        """Return the chain, and its coordinates (m,) at zero joints, unloaded, at the flange."""
+        zeros, zero = np.zeros((1, self.arm.n)), np.zeros(1)
+        unloaded = PoseStates(zeros, zeros, zeros, zero, zero, zero)
+        constant = [term for term in self.model.terms if isinstance(term, Offsets)]
+        x = np.concatenate([np.zeros(0), *(self.values_of(term) for term in constant)])
+        chain = self.model.chain
+        at = Model(chain, tuple(constant)).chain_coordinates(unloaded, x)[0]
+        at[chain.columns(TOOL)] = 0.0
+        return chain, at
+
+    def deviations(self, observations: Observations) -> Deviations:
+        """Compare predictions with observations whose states hold what the terms need."""
+        measured = observations.measured.turned(self.R_ee_target)
+        return measured.deviations(self.as_read(observations), self.T_instr_base, self.targets_m)
+
+    def as_read(self, observations: Observations) -> Array:
+        """Return the end of the chain as the instrument is expected to read it, (P, 4, 4) [m]."""
+        T_base_ee = self.model.predict(observations.states, self.x)
+        if not len(self.targets_off_m):
+            return T_base_ee
+        off_m = self.targets_off_m
+        return observations.measured.as_read(T_base_ee, self.T_instr_base, off_m)
+
+    def nominal(self) -> FittedModel:
+        """Return the arm as it was designed, at the same base."""
+        return replace(self, model=Model(self.model.chain, ()), x=np.zeros(0), covariance=None)
 
     def values_of(self, term: Term) -> Array:
         """Return the parameters of one of its terms (ValueError where it has no such term)."""

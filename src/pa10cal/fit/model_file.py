@@ -59,7 +59,7 @@ def save_model(model: FittedModel, path: Path, **about: Any) -> None:
         OutputError: when it cannot be written there.
     """
     content = model_to_plain(model, **about)
-    beside = _covariance_path(path)
+    beside = covariance_path(path)
     if model.covariance is not None:
         content["covariance"] = beside.name
     text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
@@ -67,10 +67,8 @@ def save_model(model: FittedModel, path: Path, **about: Any) -> None:
         with whole_files(path) as (place,):
             place.write_text(text, encoding="utf-8", newline="\n")
         return
-    names = [parameter.name for parameter in model.model.parameters]
     with whole_files(beside, path) as (covariance, place):
-        with covariance.open("wb") as file:
-            np.savez_compressed(file, names=np.array(names), covariance=model.covariance)
+        write_covariance(model, covariance)
         place.write_text(text, encoding="utf-8", newline="\n")
 
 
@@ -92,12 +90,25 @@ def load_model(path: str | Path) -> FittedModel:
             allowed="a model.yaml that this package wrote",
             remedy="correct the path, or write the model again",
         ) from None
-    covariance = None
-    beside = _covariance_path(path)
-    if isinstance(content, dict) and content.get("covariance") and beside.is_file():
-        with np.load(beside) as stored:
-            covariance = stored["covariance"]
-    return model_from_plain(content, where=str(path), covariance=covariance)
+    return model_from_plain(content, where=str(path), covariance=covariance_beside(path))
+
+
+def write_covariance(model: FittedModel, path: Path) -> None:
+    """Write the covariance of a model's parameters, with their names (.npz)."""
+    names = [parameter.name for parameter in model.model.parameters]
+    covariance = np.zeros((0, 0)) if model.covariance is None else model.covariance
+    with path.open("wb") as file:
+        np.savez_compressed(file, names=np.array(names), covariance=covariance)
+
+
+def covariance_beside(path: Path) -> Array | None:
+    """Return the covariance in the file beside a model's own; None where there is none."""
+    beside = covariance_path(path)
+    if not beside.is_file():
+        return None
+    with np.load(beside) as stored:
+        covariance: Array = stored["covariance"]
+    return covariance if len(covariance) else None
 
 
 def model_to_plain(model: FittedModel, **about: Any) -> dict[str, Any]:
@@ -120,6 +131,7 @@ def model_to_plain(model: FittedModel, **about: Any) -> dict[str, Any]:
             name: place.tolist()
             for name, place in zip(model.target_names, model.targets_m.reshape(-1, 3), strict=True)
         },
+        "targets_off_m": model.targets_off_m.tolist(),
         "seen": None
         if model.seen is None
         else [
@@ -155,21 +167,23 @@ def model_from_plain(
             remedy="export the model again",
         )
     try:
-        terms = tuple(
-            term_from_plain(entry, where=f"{where}: terms[{k}]")
+        pairs = [
+            _term_from_plain(entry, f"{where}: terms[{k}]")
             for k, entry in enumerate(content["terms"])
-        )
+        ]
+        terms = tuple(term for term, _ in pairs)
         arm = _arm_from_plain(content["arm"])
         chain = Chain.of(arm, bends=tuple(content["arm"]["bends"]))
         targets = content["targets_m"]
         fitted, payload, seen = content["fitted_to"], content["payload"], content["seen"]
         return FittedModel(
             model=Model(chain, terms),
-            x=np.array([value for entry in content["terms"] for value in entry["x"]], dtype=float),
+            x=np.concatenate([np.zeros(0), *(x for _, x in pairs)]),
             T_instr_base=_frame(content["T_instr_base"], "T_instr_base"),
             R_ee_target=np.array(content["tool"]["R_ee_target"], dtype=float).reshape(3, 3),
             targets_m=np.array(list(targets.values()), dtype=float).ravel(),
             target_names=tuple(targets),
+            targets_off_m=np.array(content["targets_off_m"], dtype=float),
             covariance=covariance,
             payload=None
             if payload is None
@@ -196,7 +210,7 @@ def model_from_plain(
             allowed=f"every key of {SCHEMA}",
             remedy="export the model again",
         ) from None
-    except (AttributeError, TypeError, ValueError) as error:
+    except (AttributeError, IndexError, TypeError, ValueError) as error:
         raise ModelError(
             "the model cannot be made of what is written",
             where=where,
@@ -224,6 +238,21 @@ def _term_to_plain(model: FittedModel, term: Term) -> dict[str, Any]:
         },
         "x": x.tolist(),
     }
+
+
+def _term_from_plain(content: Mapping[str, Any], where: str) -> tuple[Term, Array]:
+    """Return a term and the values of its parameters."""
+    term = term_from_plain(content, where=where)
+    x = np.array(content["x"], dtype=float)
+    if x.shape != (len(term.parameters),) or not np.isfinite(x).all():
+        raise ModelError(
+            "values that do not fit the term's parameters",
+            where=f"{where}: x",
+            value=content["x"],
+            allowed=f"{len(term.parameters)} finite numbers",
+            remedy="write the model again",
+        )
+    return term, x
 
 
 def _arm_to_plain(model: FittedModel) -> dict[str, Any]:
@@ -311,7 +340,8 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _covariance_path(path: Path) -> Path:
+def covariance_path(path: Path) -> Path:
+    """Return where the covariance of the model in a file stands."""
     return path.with_name(f"{path.stem}.covariance.npz")
 
 

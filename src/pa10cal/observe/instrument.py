@@ -324,6 +324,21 @@ class Instrument(ABC):
         """Return the measurements with attitudes of the end-effector in place of the target's."""
         return self
 
+    @property
+    def attitudes(self) -> Array | None:
+        """Return the measured attitudes (P, 3, 3); None where none are measured."""
+        return None
+
+    def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:  # noqa: ARG002
+        """Return predicted poses as read through targets that are off their stated places.
+
+        Args:
+            T_base_ee: (P, 4, 4) predicted poses in the base frame [m].
+            T_instr_base: (4, 4) base frame.
+            targets_off_m: (a,) by how much they are off.
+        """
+        return T_base_ee
+
     @abstractmethod
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
         """Compare predictions with measurements, configuration by configuration.

@@ -179,6 +179,23 @@ class Pose(Instrument):
         T[:, :3, :3] = T[:, :3, :3] @ R_ee_target.T
         return replace(self, T_instr_target=T)
 
+    @property
+    @override
+    def attitudes(self) -> Array:
+        """Return the measured attitudes (P, 3, 3)."""
+        return self.T_instr_target[:, :3, :3]
+
+    @override
+    def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:
+        """Return predicted poses as read through targets off their stated places."""
+        R = T_instr_base[:3, :3]
+        moved = self.by_apparatus @ targets_off_m
+        T: Array = T_base_ee.copy()
+        T[:, :3, 3] += moved[:, :3] @ R
+        turned: Array = Rotation.from_rotvec(moved[:, 3:] @ R).as_matrix() @ T[:, :3, :3]
+        T[:, :3, :3] = turned
+        return T
+
     @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
         """Compare predictions with measurements, an attitude turned to the end-effector's."""

@@ -56,6 +56,10 @@ class Fit(Part):
     )
     covariance: Covariance = Field(description="covariance of the parameters fitted")
     T_instr_base: PoseMatrix = Field(description="base frame in the instrument's frame [m]")
+    fitted_model: Mapping[Annotated[str, Key("key")], JsonValue] = Field(
+        description="the fitted model as `model.yaml` holds it (schema pa10cal-model/2), without "
+        "its covariance"
+    )
 
 
 class LinearFit(Fit):
@@ -162,6 +166,11 @@ class CalibrationRecord(Fit, MeasuredRecord):
         return {"": self}
 
     @property
+    def fits_by_model(self) -> Mapping[str, Fit]:
+        """Return the fits by the names of their models in an evaluation, the calibration last."""
+        return {"calibrated": self}
+
+    @property
     def torques_logged(self) -> bool:
         """Whether joint torques are those of the log; the paper's model takes no others."""
         return True
@@ -256,6 +265,11 @@ class PaperCalibrationRecord(CalibrationRecord):
         """Return the fit with cubic springs, and that with linear ones."""
         return {"": self, "linear": self.linear}
 
+    @property
+    def fits_by_model(self) -> Mapping[str, Fit]:
+        """Return the fit with linear springs, then that with cubic ones."""
+        return {"linear": self.linear, "cubic": self}
+
 
 class Redundant(Part):
     """A parameter that others replace exactly, so it was not fitted."""
@@ -296,6 +310,12 @@ class GeneralCalibrationRecord(GeneralFit, CalibrationRecord):
     def fits(self) -> Mapping[str, Fit]:
         """Return the whole fit, that without springs, and that of the frames alone."""
         return {"": self, "geometry": self.geometry, "nominal": self.nominal}
+
+    @property
+    def fits_by_model(self) -> Mapping[str, Fit]:
+        """Return the fit of the frames alone, that without springs, and the whole one."""
+        geometry = {"geometry": self.geometry} if self.springs else {}
+        return {"uncalibrated": self.nominal, **geometry, "linear": self}
 
     @property
     def torques_logged(self) -> bool:

@@ -7,18 +7,18 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, JsonValue
 
 from pa10cal.results.accuracy import BeforeAfter, EffectParameter, Parameter
 from pa10cal.results.arrays import Shape
 from pa10cal.results.record import (
+    Key,
     LoadKey,
     MeasuredRecord,
     Numbers,
     ParameterKey,
     Part,
     PoseMatrix,
-    Vector3,
     optional,
 )
 
@@ -314,52 +314,17 @@ class VerdictRecord(VerdictKeys, MeasuredRecord):
     seconds: float = Field(description="time taken [s]")
 
 
-class EffectValues(EffectName):
-    """An effect as the extended model has it."""
-
-    form: MapForm | None = Field(
-        description="form of a map that has its own; null for every other effect"
-    )
-    x: Numbers = Field(description="its parameters, in SI units")
-
-
-class ExtendedBaseline(Part):
-    """The calibrated model without the effects."""
-
-    x: Numbers = Field(description="its parameters [rad, m]")
-    T_instr_base: PoseMatrix = Field(description="its base frame in the instrument's frame [m]")
-
-
-class CandidateContext(Part):
-    """What decides where effects may sit."""
-
-    flexible_joints: tuple[int, ...] = Field(description="joints with a spring, from 1")
-    reference_temperature_C: float = Field(description="temperature without thermal growth [deg C]")
-    tau_span_Nm: Annotated[NDArray[np.float64], Shape("joints", missing=True)] = Field(
-        description="span of each joint torque [N m]; null where not known"
-    )
-    T_instr_base: PoseMatrix = Field(description="base frame in the instrument's frame [m]")
-    p_instr_middle_m: Vector3 = Field(description="middle of the positions measured [m]")
-    q_span_rad: Annotated[NDArray[np.float64], Shape("joints", 2, missing=True)] = Field(
-        description="smallest and largest value of each joint [rad, m]"
-    )
-    time_span_s: tuple[float, float] = Field(description="first and last time [s]")
-
-
 class ExtendedKeys(Part):
-    """The extended model: parameters with uncertainties, effects, and what restores it."""
+    """The extended model: parameters with uncertainties, and the fitted model."""
 
-    effects: tuple[EffectValues, ...] = Field(description="effects in the model")
     parameters: Mapping[ParameterKey, Parameter] = Field(
         description="every parameter of the calibrated model and the base frame, with the effects"
     )
-    x: Numbers = Field(description="parameters of the calibrated model [rad, m]")
     T_instr_base: PoseMatrix = Field(description="base frame in the instrument's frame [m]")
-    targets_off_m: Numbers = Field(
-        description="found minus stated places of the targets, one after the other [m]"
+    fitted_model: Mapping[Annotated[str, Key("key")], JsonValue] = Field(
+        description="the fitted model as `model.yaml` holds it (schema pa10cal-model/2); its "
+        "covariance is in `extended.covariance.npz`"
     )
-    baseline: ExtendedBaseline = Field(description="the calibrated model without the effects")
-    context: CandidateContext = Field(description="what decides where effects may sit")
     angles_seen: tuple[AnglesSeen, ...] | None = optional("values of each joint seen by the fit")
 
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import Campaign
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import MeasurementSetup
-from pa10cal.terms.model import Model
 
 MM = 1e-3
 
@@ -28,12 +26,6 @@ def setup_of(
         apparatus_m=MM * calibration.apparatus_uncertainty_mm,
         options=discovery,
     )
-
-
-def with_bends(model: Model) -> Model:
-    """Return a model on a chain whose long links may bend."""
-    arm = model.chain.arm
-    return Model(Chain.of(arm, bends=long_links(arm)), model.terms)
 
 
 def payload_of(campaign: Campaign, arm: Arm) -> Payload | None:

@@ -13,20 +13,20 @@ from pa10cal.arm.description import Arm
 from pa10cal.calibration.accuracy import deviations
 from pa10cal.calibration.calibrate import Calibration, calibrate
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.records import fitted_model
 from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.campaign.description import Campaign, read_campaign
 from pa10cal.campaign.ingest import ingest_campaign
 from pa10cal.campaign.table import observations_of
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.evidence.records import verdict_by_repeats
-from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.averages import average_repeats, poses_of
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.results.trials import JudgedTrialRecord
-from pa10cal.stages.measurement_setup import setup_of, with_bends
+from pa10cal.stages.measurement_setup import setup_of
 from pa10cal.terms.baseline import baseline
 
 Array = NDArray[np.float64]
@@ -104,11 +104,12 @@ def judge(
     began = time.perf_counter()
     found, held_out = known.calibration, known.held_out
     error_rate = settings.discovery.error_rate
+    setup = setup_of(known.campaign, known.arm, settings.calibration, settings.discovery)
     discovery = discover(
         known.readings,
         held_out if len(held_out) else None,
-        OperatingPoint(with_bends(found.level.model), found.solution.x, found.T_instr_base),
-        setup_of(known.campaign, known.arm, settings.calibration, settings.discovery),
+        fitted_model(found, setup.payload).with_bends(),
+        setup,
         error_rate,
     )
     return JudgedTrialRecord(

@@ -6,7 +6,8 @@ import pytest
 from made_up_survey import Hidden, at_joint, observe
 from pa10cal.discovery.blocked_cv.refit import moved_base, refit
 from pa10cal.discovery.blocked_cv.weighing import unweighed
-from pa10cal.discovery.operating_point import OperatingPoint, left
+from pa10cal.discovery.operating_point import left
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.encoder import EncoderEccentricity
 from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
 from pa10cal.terms.effects.joint_windup import JointCompliance
@@ -39,7 +40,7 @@ def test_it_comes_to_rest_at_the_truth(hidden, found):
     off = found.x[found.columns_of(FINE)] - 2e-4 * np.sin(4.0 * knots_rad)
     inside = np.abs(np.mod(knots_rad + np.pi, 2.0 * np.pi) - np.pi) < 2.0
     assert np.std(off[inside]) < 2e-5
-    place = OperatingPoint(found.model, found.x, found.T_instr_base)
+    place = FittedModel(found.model, found.x, found.T_instr_base)
     residual = left(place, hidden.survey.poses)
     assert np.std(residual[:, :3]) == pytest.approx(2e-5, rel=0.1)
 
@@ -49,7 +50,7 @@ def test_nothing_near_fits_better(hidden, found):
     whiten = found.weighing.whiteners(np.arange(len(survey.poses)))
 
     def cost(x):
-        place = OperatingPoint(found.model, x, found.T_instr_base)
+        place = FittedModel(found.model, x, found.T_instr_base)
         return float(np.sum((whiten @ left(place, survey.poses)[:, :, None]) ** 2))
 
     here = cost(found.x)

@@ -12,7 +12,8 @@ from pa10cal.discovery.blocked_cv.family import askable, family
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.rows import Asked, Rows
 from pa10cal.discovery.blocked_cv.weighing import unweighed
-from pa10cal.discovery.operating_point import OperatingPoint, by_joints, by_terms, left
+from pa10cal.discovery.operating_point import by_joints, by_terms, left
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.joint_error_map import (
     Fading,
     JointErrorMap,
@@ -38,7 +39,7 @@ def test_left_follows_parameters_as_differences_show(few):
     effect = JointErrorMap("joint 3", 24, Fading(1e-4, 4.0))
     model = few.model((effect,))
     x = np.concatenate([few.baseline.x, np.linspace(-1e-4, 1e-4, 24), np.full(6, 1e-4)])
-    at = OperatingPoint(model, x, few.baseline.T_instr_base)
+    at = FittedModel(model, x, few.baseline.T_instr_base)
     stops = np.cumsum([0, *(len(term.parameters) for term in model.terms)])
     points = [x[first:last] for first, last in pairwise(stops)]
     exact = np.concatenate(by_terms(at, few.poses, model.terms, points), axis=2)
@@ -53,9 +54,7 @@ def test_left_follows_parameters_as_differences_show(few):
 
 def test_sparse_columns_of_a_map_are_those_of_the_term(few):
     effect = JointErrorMap("joint 4", 36)
-    at = OperatingPoint(
-        few.model(), np.append(few.baseline.x, np.zeros(6)), few.baseline.T_instr_base
-    )
+    at = FittedModel(few.model(), np.append(few.baseline.x, np.zeros(6)), few.baseline.T_instr_base)
     dense = by_terms(at, few.poses, [effect], [np.zeros(36)])[0].reshape(-1, 36)
     screws = by_joints(at, few.poses, [4])
     splines = map_columns(screws, few.poses.states.q_rad[:, [3]], [36])

@@ -46,6 +46,7 @@ class GeneralCalibration:
         settled: tilts of parallel axes left at zero, as the readings do not show them.
         springs: joints with a spring.
         torques_from: `logged`, `masses`, or `none`.
+        payload: what the arm carried; None where that is not known.
         problem: what was solved.
         fit: where it ended.
         seconds: time taken.
@@ -57,6 +58,7 @@ class GeneralCalibration:
     settled: tuple[Settled, ...]
     springs: tuple[int, ...]
     torques_from: TorqueSource
+    payload: Payload | None
     problem: Problem
     fit: Fit
     seconds: float
@@ -116,7 +118,7 @@ def calibrate_general(
         found = replace(fewer, covariance=found.covariance[np.ix_(kept, kept)])
     seconds = time.perf_counter() - began
     return GeneralCalibration(
-        arm, start, unknowns, settled, springs, source, problem, found, seconds
+        arm, start, unknowns, settled, springs, source, payload, problem, found, seconds
     )
 
 

@@ -21,6 +21,8 @@ from pa10cal.calibration.health import Errors, FitSummary, Health, health
 from pa10cal.calibration.identifiability import Direction, not_identifiable, unidentified_directions
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
+from pa10cal.fit.angles_seen import span_seen
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.instrument import Deviations, Start
 from pa10cal.observe.observations import Observations
@@ -30,31 +32,6 @@ Array = NDArray[np.float64]
 
 #: Part of the spread of the places seen that no calibrated arm is off by.
 _NO_FIT = 0.05
-
-
-@dataclass(frozen=True)
-class FittedModel:
-    """A general model with its parameters, ready to predict what the instrument sees.
-
-    Attributes:
-        model: chain and terms: links, springs, tool; the base frame is apart.
-        x: (k,) its parameters.
-        T_instr_base: (4, 4) base frame.
-        R_ee_target: (3, 3) by which measured attitudes are turned.
-        places_m: (t,) places of the targets in the end-effector frame.
-    """
-
-    model: Model
-    x: Array
-    T_instr_base: Array
-    R_ee_target: Array
-    places_m: Array
-
-    def deviations(self, observations: Observations) -> Deviations:
-        """Compare predictions with observations whose torques are known where springs need them."""
-        measured = observations.measured.turned(self.R_ee_target)
-        T_base_ee = self.model.predict(observations.states, self.x)
-        return measured.deviations(T_base_ee, self.T_instr_base, self.places_m)
 
 
 @dataclass(frozen=True)
@@ -188,7 +165,11 @@ def fitted(general: GeneralCalibration) -> FittedModel:
         x=of_model[:count],
         T_instr_base=problem.T_instr_base @ base_motion(problem.model, of_model[count:]),
         R_ee_target=general.start.R_ee_target,
-        places_m=problem.places_at(x),
+        targets_m=problem.places_at(x),
+        target_names=problem.measured.target_names,
+        covariance=general.fit.covariance[:count, :count],
+        payload=general.payload,
+        seen=span_seen(problem.observations.states.q_rad),
     )
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pa10cal.calibration.base_parameters import report_base
 from pa10cal.calibration.general.calibrate import GeneralCalibration
-from pa10cal.calibration.general.case import FittedModel, GeneralCase, fitted
+from pa10cal.calibration.general.case import GeneralCase, fitted
 from pa10cal.calibration.identifiability import not_identifiable, observability
-from pa10cal.calibration.records import by_load, health_part, reported_keys
+from pa10cal.calibration.records import by_load, fitted_to, health_part, reported_keys
+from pa10cal.fit.fitted_model import FittedModel, FittedTo
+from pa10cal.fit.model_file import model_to_plain
 from pa10cal.results.accuracy import ResidualRows
 from pa10cal.results.calibration import (
     CalibratedParameter,
@@ -45,13 +48,14 @@ def general_record(
     identifiability = full.fit.identifiability
     load_N = full.problem.observations.states.load_N
     before, geometry = by_load(case.before), by_load(case.geometry_after)
+    about = fitted_to(full.problem.observations, case.load, case.health, campaign)
     return GeneralCalibrationRecord(
         campaign=campaign.name,
         provenance=campaign.provenance,
         robot=campaign.robot,
         load=case.load,
         loads_fitted=tuple(np.unique(load_N).tolist()),
-        **_fit_keys(full),
+        **_fit_keys(full, about),
         starts=1,
         starts_agreeing=1,
         rank=identifiability.rank,
@@ -70,8 +74,8 @@ def general_record(
             for load, after in by_load(case.after).items()
         },
         before_is="nominal arm, base and tool fitted",
-        geometry=GeneralFit(**_fit_keys(case.geometry)),
-        nominal=GeneralFit(**_fit_keys(case.nominal)),
+        geometry=GeneralFit(**_fit_keys(case.geometry, about)),
+        nominal=GeneralFit(**_fit_keys(case.nominal, about)),
         residuals=_residuals(case),
         suspected_outliers=case.suspected_outliers,
         health=health_part(case.health, full.problem.observations.pose),
@@ -81,7 +85,7 @@ def general_record(
     )
 
 
-def _fit_keys(general: GeneralCalibration) -> dict[str, Any]:
+def _fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str, Any]:
     """Return how a fit ended, its parameters, and what it takes to build it again."""
     found, problem, model = general.fit, general.problem, fitted(general)
     return {
@@ -97,6 +101,7 @@ def _fit_keys(general: GeneralCalibration) -> dict[str, Any]:
             matrix=found.covariance,
         ),
         "T_instr_base": model.T_instr_base,
+        "fitted_model": model_to_plain(replace(model, fitted_to=about)),
         "solved": Solved(
             links=tuple(parameter.name for parameter in general.unknowns.links.parameters),
             springs=tuple(
@@ -106,7 +111,7 @@ def _fit_keys(general: GeneralCalibration) -> dict[str, Any]:
             ),
             tool=tuple(parameter.name for parameter in general.unknowns.tool.parameters),
             x=model.x,
-            places_m=model.places_m,
+            places_m=model.targets_m,
             R_ee_target=model.R_ee_target,
         ),
     }

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from pa10cal.arm.tolerances import Tolerances
-from pa10cal.calibration.general.case import FittedModel, base_motion
+from pa10cal.calibration.general.case import base_motion
 from pa10cal.calibration.general.fit import fit
 from pa10cal.calibration.general.problem import Problem
 from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.errors import CalibrationError
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.fixed import Fixed
 from pa10cal.terms.model import Model
@@ -69,7 +70,7 @@ def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
         x=of_model[:tool],
         T_instr_base=start.T_instr_base @ base_motion(with_frames, of_model[tool:]),
         R_ee_target=start.R_ee_target,
-        places_m=problem.places_at(found.x),
+        targets_m=problem.places_at(found.x),
     )
 
 

@@ -29,10 +29,11 @@ from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search, Step
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.naming import Named
-from pa10cal.discovery.operating_point import OperatingPoint, left
+from pa10cal.discovery.operating_point import left
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.verdict import Finding, NotTestable, Unexplained, Word, reported, word_of
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import Effect
@@ -85,7 +86,7 @@ class BlockedDiscovery:
 def discover_by_blocks(
     readings: Observations[Pose],
     held_out: Observations[Pose] | None,
-    baseline: OperatingPoint,
+    baseline: FittedModel,
     setup: MeasurementSetup,
     error_rate: float,
     *,
@@ -112,7 +113,7 @@ def discover_by_blocks(
     effects = tuple(member.effect for member in fine.members)
     _, amounts = fine.fit(len(effects))
     extended = refit(campaign, effects, amounts, rows.weighing)
-    place = OperatingPoint(extended.model, extended.x, extended.T_instr_base)
+    place = FittedModel(extended.model, extended.x, extended.T_instr_base)
     noise = noise_of(campaign.poses, left(place, campaign.poses))
     remaining = remaining_error(rows, searched.errors_mm, noise.floor_mm)
     nameless = unexplained(remaining, searched.nameless, searched.tried)

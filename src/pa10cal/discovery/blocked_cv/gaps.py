@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import Accuracy, deviations, summarise
 from pa10cal.discovery.blocked_cv.finest import Level
-from pa10cal.discovery.blocked_cv.refit import Refit, moved_base
+from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.gap import Gap, gap
 from pa10cal.discovery.naming import Named
-from pa10cal.discovery.operating_point import OperatingPoint, possible_sizes
+from pa10cal.discovery.operating_point import moved_base, possible_sizes
 from pa10cal.discovery.preparation import complete_about
 from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import Effect
@@ -60,7 +61,7 @@ def compare(
         noise_floor_mm: mean error that noise alone would leave.
     """
     baseline = campaign.baseline
-    about = OperatingPoint(extended.model, extended.x, extended.T_instr_base)
+    about = FittedModel(extended.model, extended.x, extended.T_instr_base)
     poses = complete_about(poses, baseline, about, campaign.setup)
     found = gap(
         poses,

@@ -11,7 +11,8 @@ from pa10cal.discovery.clustered import mean, slope
 from pa10cal.discovery.evidence.pure_error import ChannelTest
 from pa10cal.discovery.joint_space import POSSIBLE_RAD, JointErrors, periodogram
 from pa10cal.discovery.lack_of_fit import AXES, Arrival, Drift, JointPart, LackOfFit, Part
-from pa10cal.discovery.operating_point import OperatingPoint, by_joints, left
+from pa10cal.discovery.operating_point import by_joints, left
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 
@@ -22,7 +23,7 @@ MOST_CELLS = 1200
 _HOUR_S = 3600.0
 
 
-def lack_of_fit(survey: Survey, place: OperatingPoint, noise: Noise) -> LackOfFit:
+def lack_of_fit(survey: Survey, place: FittedModel, noise: Noise) -> LackOfFit:
     """Work out where a model and the poses disagree.
 
     There are no tests against pure error, and nothing of torques: those need repeats.
@@ -63,7 +64,7 @@ def lack_of_fit(survey: Survey, place: OperatingPoint, noise: Noise) -> LackOfFi
     )
 
 
-def _joint_errors(place: OperatingPoint, cells: Observations[Pose], cov_ee: Array) -> JointErrors:
+def _joint_errors(place: FittedModel, cells: Observations[Pose], cov_ee: Array) -> JointErrors:
     """Turn what a model leaves into errors of the joints' positions, by least squares."""
     whiten = np.linalg.inv(np.linalg.cholesky(cov_ee))
     rows = whiten @ by_joints(place, cells, range(1, cells.states.n + 1))

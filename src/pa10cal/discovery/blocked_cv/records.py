@@ -16,13 +16,11 @@ from pa10cal.discovery.blocked_cv.lack import lack_of_fit
 from pa10cal.discovery.blocked_cv.noise import NEARLY_SAME
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.survey import BLOCKS
+from pa10cal.discovery.extended import extended_by_blocks
 from pa10cal.discovery.lack_of_fit_record import lack_of_fit_part, naming_steps
-from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.records import (
     Outcome,
     all_unexplained,
-    candidate_context,
-    form_of,
     found_effect,
     gap_rows,
     model_parameters,
@@ -32,6 +30,8 @@ from pa10cal.discovery.records import (
     set_gap,
 )
 from pa10cal.fit import angles_seen
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.model_file import model_to_plain
 from pa10cal.results import discovery as parts
 from pa10cal.results.accuracy import BeforeAfter, Parameter
 from pa10cal.results.analysis import AnalysisKeys, GapField, GapRows, LackOfFit, SearchStep
@@ -47,11 +47,12 @@ def outcome_by_blocks(
         error_rate: rate of false names allowed.
         ahead: what to measure next.
     """
+    model = extended_by_blocks(found)
     return Outcome(
         verdict=verdict_by_blocks(found, error_rate, ahead),
-        extended=_extended(found),
+        extended=_extended(found, model),
         analysis=_analysis(found),
-        joints=found.survey.baseline.model.chain.arm.n,
+        model=model,
     )
 
 
@@ -165,25 +166,11 @@ def _parameters(found: BlockedDiscovery) -> dict[str, Parameter]:
     )
 
 
-def _extended(found: BlockedDiscovery) -> parts.ExtendedKeys:
-    extended, survey = found.extended, found.survey
-    baseline = survey.baseline
+def _extended(found: BlockedDiscovery, model: FittedModel) -> parts.ExtendedKeys:
     return parts.ExtendedKeys(
-        effects=tuple(
-            parts.EffectValues(
-                id=effect.id,
-                of=effect.of,
-                form=form_of(effect),
-                x=extended.x[extended.columns_of(effect)],
-            )
-            for effect in extended.effects
-        ),
         parameters=_parameters(found),
-        x=extended.x[: len(baseline.x)],
-        T_instr_base=extended.T_instr_base,
-        targets_off_m=np.zeros(survey.poses.measured.by_apparatus.shape[2]),
-        baseline=parts.ExtendedBaseline(x=baseline.x, T_instr_base=baseline.T_instr_base),
-        context=candidate_context(survey.context),
+        T_instr_base=model.T_instr_base,
+        fitted_model=model_to_plain(model),
         angles_seen=angles_part(found.seen),
     )
 
@@ -193,15 +180,15 @@ def _analysis(found: BlockedDiscovery) -> AnalysisKeys:
     baseline = survey.baseline
     rows = 6 * len(survey.poses)
 
-    def lack(model: OperatingPoint) -> LackOfFit:
+    def lack(model: FittedModel) -> LackOfFit:
         return lack_of_fit_part(lack_of_fit(survey, model, found.noise))
 
     def gap(of: PartedGap) -> GapRows:
         return gap_rows(of.whole, baseline.T_instr_base, ~of.inside)
 
     return AnalysisKeys(
-        before=lack(OperatingPoint(baseline.model, baseline.x, baseline.T_instr_base)),
-        after=lack(OperatingPoint(extended.model, extended.x, extended.T_instr_base)),
+        before=lack(FittedModel(baseline.model, baseline.x, baseline.T_instr_base)),
+        after=lack(FittedModel(extended.model, extended.x, extended.T_instr_base)),
         steps=tuple(
             SearchStep(
                 effects=tuple(name_of(member.effect) for member in step.members),

@@ -8,18 +8,18 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, cho_factor, cho_solve
-from scipy.spatial.transform import Rotation
 
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.blocked_cv.weighing import Weighing, weigh
 from pa10cal.discovery.operating_point import (
-    OperatingPoint,
     by_joints,
     by_terms,
     left,
+    moved_base,
     possible_sizes,
 )
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines_by_knots
 from pa10cal.terms.model import Model
@@ -105,15 +105,6 @@ def refit(
     )
 
 
-def moved_base(T_instr_base: Array, small: Array) -> Array:
-    """Return a base frame moved by the six small motions (6,) that a model's base term makes."""
-    moved = np.eye(4)
-    moved[:3, 3] = small[:3]
-    moved[:3, :3] = Rotation.from_euler("XYZ", small[3:]).as_matrix()
-    T: Array = T_instr_base @ moved
-    return T
-
-
 class _Fit:
     """Normal equations of the fit, in the order of the model's parameters."""
 
@@ -153,9 +144,9 @@ class _Fit:
             np.array([np.inf if p.upper is None else p.upper for p in parameters]),
         )
 
-    def place(self, x: Array) -> OperatingPoint:
+    def place(self, x: Array) -> FittedModel:
         """Return the model at a point."""
-        return OperatingPoint(self._model, x, self._survey.baseline.T_instr_base)
+        return FittedModel(self._model, x, self._survey.baseline.T_instr_base)
 
     def normal(self, x: Array, weighing: Weighing) -> tuple[Array, Array]:
         """Return half the gradient of the sum of squares, and the normal equations."""

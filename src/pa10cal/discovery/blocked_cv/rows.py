@@ -15,12 +15,12 @@ from pa10cal.discovery.blocked_cv.products import Products, in_terms_of, map_col
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
 from pa10cal.discovery.blocked_cv.weighing import Weighing
 from pa10cal.discovery.operating_point import (
-    OperatingPoint,
     by_joints,
     by_terms,
     left,
     possible_sizes,
 )
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import Effect, turning_joints
@@ -86,11 +86,11 @@ class Rows:
     knots: int
 
     @cached_property
-    def place(self) -> OperatingPoint:
+    def place(self) -> FittedModel:
         """Return the calibrated model."""
         baseline = self.survey.baseline
         x = np.concatenate([baseline.x, np.zeros(6)])
-        return OperatingPoint(self.survey.model(), x, baseline.T_instr_base)
+        return FittedModel(self.survey.model(), x, baseline.T_instr_base)
 
     @cached_property
     def joints(self) -> tuple[int, ...]:

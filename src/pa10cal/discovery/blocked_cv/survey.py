@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.errors import DiscoveryError
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import CandidateContext, Effect
@@ -41,7 +41,7 @@ class Survey:
 
     poses: Observations[Pose]
     block: Index
-    baseline: OperatingPoint
+    baseline: FittedModel
     setup: MeasurementSetup
     context: CandidateContext
     torques_logged: bool
@@ -59,7 +59,7 @@ class Survey:
 
 def survey(
     readings: Observations[Pose],
-    baseline: OperatingPoint,
+    baseline: FittedModel,
     setup: MeasurementSetup,
     *,
     torques_logged: bool,

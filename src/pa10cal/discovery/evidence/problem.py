@@ -12,7 +12,6 @@ from pa10cal.arm.statics import Payload, Statics
 from pa10cal.discovery.evidence.cells import gather, shared_error
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.evidence.repeatability import Repeatability, repeatability
-from pa10cal.discovery.operating_point import OperatingPoint
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import (
     MeasurementSetup,
@@ -20,6 +19,7 @@ from pa10cal.discovery.preparation import (
     context_of,
     static_loads,
 )
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.pose_error import pose_error
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
@@ -45,7 +45,7 @@ class Problem:
         context: where effects may sit.
     """
 
-    baseline: OperatingPoint
+    baseline: FittedModel
     setup: MeasurementSetup
     readings: Observations[Pose]
     cells: Observations[Pose]
@@ -58,9 +58,9 @@ class Problem:
 
 def prepare(
     readings: Observations[Pose],
-    baseline: OperatingPoint,
+    baseline: FittedModel,
     setup: MeasurementSetup,
-    about: OperatingPoint | None = None,
+    about: FittedModel | None = None,
 ) -> Problem:
     """Make a campaign ready.
 
@@ -109,9 +109,7 @@ def prepare(
     )
 
 
-def _deviation_and_screws(
-    poses: Observations[Pose], baseline: OperatingPoint
-) -> tuple[Array, Array]:
+def _deviation_and_screws(poses: Observations[Pose], baseline: FittedModel) -> tuple[Array, Array]:
     """Return measured minus predicted (P, 6) and joint screws (P, 6, n), instrument's axes."""
     chain = baseline.model.chain
     end = end_pose_with_screws(chain, baseline.model.chain_coordinates(poses.states, baseline.x))
@@ -125,7 +123,7 @@ def _deviation_and_screws(
 def common_torques(
     cells: Observations[Pose],
     weights: Statics,
-    baseline: OperatingPoint,
+    baseline: FittedModel,
     payload: Payload,
     options: DiscoveryOptions,
     loads_N: Array,

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pa10cal.discovery.discover import Discovery
 from pa10cal.discovery.evidence.confirm import Confirmation, LeftOut
-from pa10cal.discovery.evidence.fit import Fit, apparatus_m, covariance_of
+from pa10cal.discovery.evidence.fit import covariance_of
 from pa10cal.discovery.evidence.judge import FLIP_RATE, shared_error_mm
 from pa10cal.discovery.evidence.search import threshold
+from pa10cal.discovery.extended import extended_by_repeats
 from pa10cal.discovery.lack_of_fit import lack_of_fit
 from pa10cal.discovery.lack_of_fit_record import lack_of_fit_part, naming_steps
 from pa10cal.discovery.naming import errors_by_name
+from pa10cal.discovery.operating_point import moved_base
 from pa10cal.discovery.records import (
     Outcome,
     all_unexplained,
-    candidate_context,
-    form_of,
     found_effect,
     gap_rows,
     model_parameters,
@@ -28,6 +27,8 @@ from pa10cal.discovery.records import (
     set_gap,
 )
 from pa10cal.discovery.suggest import Plan
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.model_file import model_to_plain
 from pa10cal.results import discovery as parts
 from pa10cal.results.accuracy import Parameter
 from pa10cal.results.analysis import AnalysisKeys, GapField, SearchStep
@@ -43,11 +44,12 @@ def outcome_by_repeats(found: Discovery, error_rate: float, ahead: Plan | None =
         error_rate: rate of false names allowed.
         ahead: what to measure next; None where that is not wanted.
     """
+    model = extended_by_repeats(found)
     return Outcome(
         verdict=verdict_by_repeats(found, error_rate, ahead),
-        extended=_extended(found),
+        extended=_extended(found, model),
         analysis=_analysis(found),
-        joints=found.problem.baseline.model.chain.arm.n,
+        model=model,
     )
 
 
@@ -131,15 +133,6 @@ def _separations(ahead: Plan) -> tuple[parts.Separation, ...]:
     )
 
 
-def base_of(found: Fit) -> Array:
-    """Return T_instr_base (4, 4) with the fit's own small motions of the base."""
-    moved = np.eye(4)
-    moved[:3, 3] = found.x[-6:-3]
-    moved[:3, :3] = Rotation.from_euler("XYZ", found.x[-3:]).as_matrix()
-    T: Array = found.level.T_instr_base @ moved
-    return T
-
-
 def _parameters(found: Discovery) -> dict[str, Parameter]:
     extended = found.extended
     covariance = covariance_of(found.problem, extended)
@@ -148,26 +141,16 @@ def _parameters(found: Discovery) -> dict[str, Parameter]:
         found.problem.baseline.model,
         extended.x[own],
         covariance[np.ix_(own, own)],
-        base_of(extended),
+        moved_base(extended.level.T_instr_base, extended.x[-6:]),
         covariance[-6:, -6:],
     )
 
 
-def _extended(found: Discovery) -> parts.ExtendedKeys:
-    extended, baseline = found.extended, found.problem.baseline
+def _extended(found: Discovery, model: FittedModel) -> parts.ExtendedKeys:
     return parts.ExtendedKeys(
-        effects=tuple(
-            parts.EffectValues(
-                id=effect.id, of=effect.of, form=form_of(effect), x=extended.of(effect)
-            )
-            for effect in extended.effects
-        ),
         parameters=_parameters(found),
-        x=extended.x[extended.own_columns()][:-6],
-        T_instr_base=base_of(extended),
-        targets_off_m=apparatus_m(found.problem, extended),
-        baseline=parts.ExtendedBaseline(x=baseline.x, T_instr_base=baseline.T_instr_base),
-        context=candidate_context(found.problem.context),
+        T_instr_base=model.T_instr_base,
+        fitted_model=model_to_plain(model),
     )
 
 

@@ -11,7 +11,7 @@ from pa10cal.discovery.evidence.candidates import Linearised, alike, linearise
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.likelihood import SIZES, Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem, prepare
-from pa10cal.discovery.operating_point import OperatingPoint
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -157,7 +157,7 @@ def refit(
     little wrong, and what the noise of a torque does through a joint thought rigid is missing.
     """
     first = fit(problem, effects, sizes, variances, start)
-    about = OperatingPoint(first.model, first.x, first.level.T_instr_base)
+    about = FittedModel(first.model, first.x, first.level.T_instr_base)
     problem = prepare(problem.readings, problem.baseline, problem.setup, about)
     return problem, fit(problem, effects, sizes, variances, first)
 

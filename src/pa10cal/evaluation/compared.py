@@ -1,0 +1,70 @@
+"""The models of a calibration side by side, on held-out poses of its campaign or of another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pa10cal.calibration.accuracy import align_nominal
+from pa10cal.calibration.general.transfer import refit_frames
+from pa10cal.discovery.extended import Extended
+from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.evaluation.holdout import judged, prepared
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.arrivals import with_arrivals
+from pa10cal.observe.averages import poses_of
+from pa10cal.observe.observations import Observations
+from pa10cal.results.evaluation import HeldOutModel
+from pa10cal.terms.baseline import nominal
+
+UNCALIBRATED, EXTENDED = "uncalibrated", "extended"
+
+
+def judged_models(
+    every: Observations,
+    models: Mapping[str, FittedModel],
+    extended: Extended | None,
+    setup: MeasurementSetup,
+    *,
+    elsewhere: bool = False,
+) -> dict[str, HeldOutModel]:
+    """Judge models on the held-out poses of a campaign.
+
+    Args:
+        every: single readings of the campaign.
+        models: fitted models by name; where none is called `uncalibrated`, the nominal model stands
+            for it, its base aligned once on the unloaded positions.
+        extended: the model with the effects that are missing, or None.
+        setup: what is known of the campaign besides the poses.
+        elsewhere: whether the models are of another campaign, so that base and tool are fitted
+            anew.
+
+    Returns:
+        Errors by model; none where no poses are held out.
+
+    Raises:
+        CalibrationError: when base and tool are not determined by the poses.
+    """
+    if not (every.kind == "holdout").any():
+        return {}
+    if UNCALIBRATED not in models:
+        arm = next(iter(models.values())).arm
+        rigid = nominal(arm)
+        T_instr_base = align_nominal(rigid, poses_of(every, "grid"))
+        models = {UNCALIBRATED: FittedModel(rigid, np.zeros(0), T_instr_base), **models}
+
+    def judge(model: FittedModel, every: Observations, learnt: Extended | None) -> HeldOutModel:
+        if elsewhere:
+            model = refit_frames(model, prepared(every, "grid", model, setup))
+        held_out = prepared(every, "holdout", model, setup)
+        seen = None if learnt is None else learnt.seen
+        beyond = None if seen is None else ~seen.inside(held_out.states.q_rad)
+        return judged(model, held_out, beyond)
+
+    found = {name: judge(model, every, None) for name, model in models.items()}
+    if extended is not None:
+        if extended.arrival_from_order:
+            every = with_arrivals(every)[0]
+        found[EXTENDED] = judge(extended.model, every, extended)
+    return found
