@@ -95,10 +95,11 @@ MAY_IMPORT = {
     "figures": {
         "arm",
         "campaign.description",
+        "campaign.table",
         "evaluation.options",
         "files",
         "montecarlo.options",
-        "observe.registry",
+        "observe",
         "settings",
     },
     "planning": {"cell.options", "files", "observe.registry", "settings"},

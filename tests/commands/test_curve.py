@@ -196,7 +196,7 @@ def test_a_folder_that_is_no_result_is_refused(run, tmp_path, capsys):
     (out / "links.csv").unlink()
     words = ["--results", str(out), "--out-dir", str(tmp_path / "d")]
     assert run_command("figures", words) == REFUSED
-    assert "links.csv: a result of the curve stage cannot be used" in capsys.readouterr().err
+    assert "links.csv: a table of the curve cannot be used" in capsys.readouterr().err
     (out / "curve.json").write_text('{"schema": "pa10cal-verdict/1"}', "utf-8")
     assert run_command("figures", words) == REFUSED
-    assert "schema 'pa10cal-verdict/1'" in capsys.readouterr().err
+    assert "(got 'pa10cal-verdict/1')" in capsys.readouterr().err

@@ -85,7 +85,7 @@ def test_refuses_when_a_result_is_missing(run, capsys, figure, missing, stage):
     message = capsys.readouterr().err
     assert (code, written) == (REFUSED, [])
     assert missing in message
-    assert f"run the {stage} stage first" in message
+    assert f"run pa10cal {stage} first" in message
     assert "Traceback" not in message
 
 
@@ -98,7 +98,7 @@ def test_refuses_a_plane_that_was_not_run(run, capsys):
 def test_refuses_the_results_of_another_campaign(run, capsys):
     code, written = run("montecarlo_map", campaign=CAMPAIGN.with_name("cell-a"))
     assert (code, written) == (REFUSED, [])
-    assert "another campaign's (got 'cell-null'); allowed: cell-a" in capsys.readouterr().err
+    assert "another campaign (got 'cell-null'); allowed: cell-a" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from pa10cal.figures.curve import curve_gait, curve_shape
-from pa10cal.figures.curve_results import CurveRecord, CurveResults
+from pa10cal.figures.curve_results import CurveResults
 from pa10cal.figures.style import looks
+from pa10cal.results.curve import CurveRecord, CurveShape
 
 
 @pytest.fixture
@@ -17,12 +18,31 @@ def results():
     heading = time_s[:, None] * np.array([0.0, 0.3, 0.9])
     steps = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=2)
     p_m = np.concatenate([np.zeros((5, 1, 3)), np.cumsum(0.1 * steps, axis=1)], axis=1)
-    shape = {"ending_is": "exact", "roll_deg": 12.34, "largest_angle_deg": 34.38}
-    limits = {"a_deg": (-40.0, 45.0), "b_deg": (-500.0, 500.0)}
-    content = {"link_m": 0.1, "links": 3, "order": "zy", "shapes": [shape] * 5}
+    shape = CurveShape(
+        time_s=0.0,
+        ending="complete",
+        ending_is="exact",
+        left_m=0.0,
+        gap_m=0.0,
+        touches=(),
+        open_joints=(),
+        roll_deg=12.34,
+        largest_angle_deg=34.38,
+        chord_error=0.0,
+        forward_kinematics_error_m=0.0,
+    )
+    record = CurveRecord(
+        link_m=0.1,
+        links=3,
+        order="zy",
+        largest_angle_deg=34.38,
+        largest_move_deg=8.0,
+        feasible_rolls_deg=None,
+        shapes=(shape,) * 5,
+        settings={"limits": {"a_deg": [-40.0, 45.0], "b_deg": [-500.0, 500.0]}},
+    )
     return CurveResults(
-        name="bend",
-        record=CurveRecord.model_validate({**content, "settings": {"limits": limits}}),
+        record=record,
         time_s=time_s,
         p_m=p_m,
         z_axis=np.tile([0.0, 0.0, 1.0], (5, 3, 1)),

@@ -20,6 +20,7 @@ from pa10cal.figures.campaign import (
     where_torque,
 )
 from pa10cal.figures.registry import NothingToShowError
+from pa10cal.figures.results import PLACE_MM
 from pa10cal.figures.table import write_table
 
 pytestmark = pytest.mark.usefixtures("project_looks")
@@ -189,11 +190,11 @@ class TestResidualField:
         arrows = [artist for axes in figure.axes for artist in axes.findobj(Quiver)]
         assert len(arrows) == 8
         rows = named.analysis().gap.train
-        np.testing.assert_allclose(arrows[0].X, [row.place_mm[0] for row in rows])
-        scale = -arrows[0].U[0] / rows[0].before_mm[0]
-        np.testing.assert_allclose(-arrows[0].U, [scale * row.before_mm[0] for row in rows])
+        np.testing.assert_allclose(arrows[0].X, rows.place_mm[:, 0])
+        scale = -arrows[0].U[0] / rows.before_mm[0, 0]
+        np.testing.assert_allclose(-arrows[0].U, scale * rows.before_mm[:, 0])
         after = arrows[4]
-        np.testing.assert_allclose(-after.U, [scale * row.after_mm[0] for row in rows])
+        np.testing.assert_allclose(-after.U, scale * rows.after_mm[:, 0])
         (key,) = figure.findobj(QuiverKey)
         assert key.text.get_text() == f"{key.U / scale:g} mm, enlarged {scale:g} times"
         assert any("before and after are drawn at the same scale" in t for t in texts_of(figure))
@@ -201,11 +202,12 @@ class TestResidualField:
     def test_places_are_along_the_axes_of_the_base(self, named):
         T = named.base_frame()
         poses = named.poses()
-        rows = {(row.pose, row.load_N): row.place_mm for row in named.analysis().gap.train}
-        one = (poses.pose == "P01") & (poses.load_N == 0.0)
-        p_base_mm = (poses.p_instr_mm[one].mean(axis=0) - 1e3 * T[:3, 3]) @ T[:3, :3]
+        rows = named.analysis().gap.train
+        one = poses[(poses["pose"] == "P01") & (poses["load_N"] == 0.0)]
+        p_base_mm = (one[list(PLACE_MM)].to_numpy().mean(axis=0) - 1e3 * T[:3, 3]) @ T[:3, :3]
+        (place_mm,) = rows.place_mm[(rows.pose == "P01") & (rows.load_N == 0.0)]
         # The frame from straight lines is a degree or so away from the calibrated one.
-        np.testing.assert_allclose(rows["P01", 0.0], p_base_mm, atol=30.0)
+        np.testing.assert_allclose(place_mm, p_base_mm, atol=30.0)
 
     def test_held_out_poses_that_extrapolate_are_apart(self, changed):
         def beyond(record):
@@ -220,11 +222,11 @@ class TestResidualField:
             "held-out poses",
             "held out",
         ]
-        rows = source.analysis().gap.holdout[:5]
+        rows = source.analysis().gap.holdout
         arrows = figure.axes[0].findobj(Quiver)
-        np.testing.assert_allclose(arrows[2].X, [row.place_mm[0] for row in rows])
-        error = np.linalg.norm([row.after_mm for row in rows], axis=1)
-        said = f"{np.sqrt(np.mean(error**2)):.3f} mm in 5 of {len(source.analysis().gap.holdout)}"
+        np.testing.assert_allclose(arrows[2].X, rows.place_mm[:5, 0])
+        error = np.linalg.norm(rows.after_mm[:5], axis=1)
+        said = f"{np.sqrt(np.mean(error**2)):.3f} mm in 5 of {len(rows)}"
         assert any(said in text for text in texts_of(gap_by_step.draw(source)))
 
 
@@ -323,7 +325,8 @@ class TestVerdictTable:
         def doubtful(record):
             record["verdict"] = "unexplained"
             record["effects"][0]["alternatives"] = [{"id": "backlash", "of": "joint 3"}]
-            place = {"of": "joint 4", "why": "a smooth function predicts it"}
+            place = {"of": "joint 4", "form": None, "shared_error_mm": 0.1}
+            place["why"] = "a smooth function predicts it"
             record["unexplained"] = {**place, "all": [place]}
             record["gap"]["holdout"] = None
 

@@ -21,8 +21,9 @@ from pa10cal.figures.campaign import (
     parameter_uncertainty,
     residual_vectors,
 )
-from pa10cal.figures.records import LCurvePoint
 from pa10cal.figures.registry import NothingToShowError
+from pa10cal.figures.results import PLACE_MM
+from pa10cal.results.calibration import LCurvePoint
 
 pytestmark = pytest.mark.usefixtures("project_looks")
 
@@ -58,10 +59,8 @@ def test_the_path_is_that_of_the_arm_in_its_own_frame(results):
     assert held_out.shape == (3, 10)
     T = results.base_frame()
     poses = results.poses()
-    first = np.flatnonzero(poses.kind == "grid")[0]
-    np.testing.assert_allclose(
-        1e3 * T[:3, 3] + T[:3, :3] @ grid[:, 0], poses.p_instr_mm[first], atol=1e-9
-    )
+    first = poses[poses["kind"] == "grid"][list(PLACE_MM)].to_numpy()[0]
+    np.testing.assert_allclose(1e3 * T[:3, 3] + T[:3, :3] @ grid[:, 0], first, atol=1e-9)
     # The straight moves run along the axes of the frame that they give, to what the arm errs by.
     assert np.ptp(line_x[0]) > 50 * np.ptp(line_x[1:], axis=1).max()
     assert np.ptp(line_y[1]) > 50 * np.ptp(line_y[[0, 2]], axis=1).max()
@@ -134,7 +133,7 @@ def test_held_out_errors_are_drawn_load_by_load(results):
         drawn = line.get_ydata()
         assert len(drawn) == 40
         assert drawn.mean() == pytest.approx(model.mean_mm)
-        at_90_N = [r.position_mm for r in model.rows if r.load_N == 90]
+        at_90_N = model.rows.position_mm[model.rows.load_N == 90]
         assert sorted(drawn[30:]) == pytest.approx(sorted(np.linalg.norm(at_90_N, axis=1)))
 
 
@@ -161,10 +160,11 @@ def test_arrows_run_from_the_predicted_to_the_measured_place(results):
     figure = residual_vectors.draw(results)
     arrows = [artist for axes in figure.axes for artist in axes.findobj(Quiver)]
     assert len(arrows) == 6
-    unloaded = [r for r in results.calibration().residuals if r.load_N == 0]
+    residuals = results.calibration().residuals
+    unloaded = residuals.load_N == 0
     from_above = arrows[0]
-    np.testing.assert_allclose(from_above.X, [r.place_mm[0] for r in unloaded])
-    scale = -from_above.U / [r.position_mm[0] for r in unloaded]
+    np.testing.assert_allclose(from_above.X, residuals.place_mm[unloaded, 0])
+    scale = -from_above.U / residuals.position_mm[unloaded, 0]
     np.testing.assert_allclose(scale, scale[0])
     (key,) = figure.findobj(QuiverKey)
     assert f"enlarged {scale[0]:g} times" in key.text.get_text()

@@ -109,7 +109,7 @@ class TestHeldOutErrors:
         ):
             assert said.startswith(f"{title}: rms {model.rms_mm:.3f}, peak {model.peak_mm:.3f} mm")
         uncalibrated = figure.axes[0].lines[0]
-        errors = sorted(row.error_mm for row in found.models["uncalibrated"].rows)
+        errors = np.sort(found.models["uncalibrated"].rows.error_mm)
         np.testing.assert_allclose(uncalibrated.get_xdata(), errors)
         np.testing.assert_allclose(uncalibrated.get_ydata()[[0, -1]], [100 / len(errors), 100])
 
@@ -123,8 +123,8 @@ class TestHeldOutErrors:
         assert "extrapolated" in beyond
         drawn = figure.axes[0].lines[-2]
         assert drawn.get_linestyle() == ":"
-        errors = [row.error_mm for row in extended.rows if row.extrapolated]
-        np.testing.assert_allclose(drawn.get_xdata(), sorted(errors))
+        errors = extended.rows.error_mm[extended.rows.extrapolated]
+        np.testing.assert_allclose(drawn.get_xdata(), np.sort(errors))
 
     @pytest.mark.parametrize(
         ("kind", "axis", "said"),
@@ -178,13 +178,14 @@ class TestErrorByJoint:
     def test_a_row_of_poses_fitted_and_one_of_those_held_out(self, sighted, kind):
         source = sighted[kind]
         joints, case = source.joints(), source.general()
+        rows = case.residuals
+        q = joints.of(rows.pose.tolist(), rows.load_N.tolist())
         figure = error_by_joint.draw(source)
         n = len(joints.slides)
         assert len(figure.axes) == 2 * n
         fitted = figure.axes[0].lines[0]
-        grid = joints.kind == "grid"
-        assert sorted(fitted.get_xdata()) == pytest.approx(sorted(np.degrees(joints.q[grid, 0])))
-        assert len(fitted.get_xdata()) == len(case.residuals)
+        np.testing.assert_allclose(fitted.get_xdata(), np.degrees(q[:, 0]))
+        assert len(rows) == sum(source.poses()["kind"] == "grid")
         labels = [axes.get_ylabel().partition("\n")[0] for axes in figure.axes[::n]]
         assert labels == ["calibrated model, fitted", "calibrated model, held out"]
         assert any("poses, calibrated model;" in text for text in texts_of(figure))
@@ -196,7 +197,9 @@ class TestErrorByJoint:
         assert list(joints.slides) == [False, False, True, False]
         figure = error_by_joint.draw(sighted["points"])
         third = figure.axes[2].lines[0].get_xdata()
-        np.testing.assert_allclose(sorted(third), sorted(1e3 * joints.q[joints.kind == "grid", 2]))
+        poses = sighted["points"].poses()
+        q3_m = poses[poses["kind"] == "grid"]["q3_m"]
+        np.testing.assert_allclose(np.sort(third), np.sort(1e3 * q3_m))
         assert "joint angle [deg]; of joint 3 mm" in texts_of(figure)
         assert any("Positions alone were seen" in text for text in texts_of(figure))
 
@@ -207,7 +210,7 @@ class TestErrorByJoint:
         assert labels == ["fitted, before", "held out, before", "held out, after"]
         assert any("before and after discovery" in text for text in texts_of(figure))
         grey = figure.axes[12].lines[1]
-        beyond = sum(row.extrapolated for row in learnt.held_out().models["extended"].rows)
+        beyond = learnt.held_out().models["extended"].rows.extrapolated.sum()
         assert len(grey.get_xdata()) == beyond
         assert any(text.startswith(f"Grey: {beyond} poses") for text in texts_of(figure))
         # Position errors are smaller there, attitudes the same: joints err less, but not by 0.3.
@@ -215,19 +218,19 @@ class TestErrorByJoint:
 
     def test_an_error_of_one_joint_shows_there(self, sighted, tmp_path):
         source = sighted["pose"]
-        joints, chain = source.joints(), source.chain()
-        error = 1e-3 * np.sin(3 * joints.q[:, 1])
-        moved = joints.q.copy()
+        q, chain = source.joints().q.to_numpy(), source.chain()
+        error = 1e-3 * np.sin(3 * q[:, 1])
+        moved = q.copy()
         moved[:, 1] += error
-        T, T_moved = chain.forward(joints.q), chain.forward(moved)
+        T, T_moved = chain.forward(q), chain.forward(moved)
         p = np.array([0.05, 0.0, 0.1])
         at, there = (X[:, :3, :3] @ p + X[:, :3, 3] for X in (T, T_moved))
         turn = T_moved[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
         axis = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0],
                          turn[:, 1, 0] - turn[:, 0, 1]], axis=1) / 2.0  # fmt: skip
-        left = Left(joints.q, 1e3 * (at - there), -np.degrees(axis))
+        left = Left(q, 1e3 * (at - there), -np.degrees(axis))
         found = joint_errors(chain, left, p)
-        told = np.abs(np.sin(joints.q[:, 4])) > 0.3  # else a singular wrist tells 4 from 6 badly
+        told = np.abs(np.sin(q[:, 4])) > 0.3  # else a singular wrist tells 4 from 6 badly
         off = found[told] - error[told, None] * (np.arange(6) == 1)
         assert np.sqrt(np.mean(off**2, axis=0)).max() < 0.1 * np.sqrt(np.mean(error**2))
 
@@ -300,8 +303,8 @@ class TestResidualField:
         arrows = [artist for axes in figure.axes for artist in axes.findobj(Quiver)]
         rows = source.general().residuals
         assert len(arrows) == 2
-        np.testing.assert_allclose(arrows[0].X, [row.place_mm[0] for row in rows])
-        scale = -arrows[0].U / [row.position_mm[0] for row in rows]
+        np.testing.assert_allclose(arrows[0].X, rows.place_mm[:, 0])
+        scale = -arrows[0].U / rows.position_mm[:, 0]
         np.testing.assert_allclose(scale, scale[0])
 
     @pytest.mark.parametrize("kind", ["points", "distance"])
@@ -324,7 +327,7 @@ class TestResidualField:
         figure = residual_field.draw(copied(sighted["points"], COMBINED, many))
         rows = sighted["points"].general().residuals
         (said,) = legend_of(figure)
-        mean = np.linalg.norm([row.position_mm for row in rows], axis=1).mean()
+        mean = np.linalg.norm(rows.position_mm, axis=1).mean()
         assert said.endswith(f"mean {mean:.3f} mm calibrated; 240 of {60 * len(rows)} drawn")
         arrows = figure.axes[0].findobj(Quiver)[0]
         assert len(arrows.X) == 240

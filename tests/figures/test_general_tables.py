@@ -67,6 +67,7 @@ class TestParameters:
 class TestDoubted:
     def test_lists_each_with_why(self, copied, sighted, tmp_path):
         entry = {
+            "row": 6,
             "pose": "P007",
             "load_N": 0.0,
             "distance": 8.25,
@@ -98,7 +99,7 @@ class TestAccuracy:
     def test_errors_of_all_loads_are_pooled(self, sighted, tmp_path):
         rows, _ = rows_of(accuracy_general, sighted["points"], tmp_path)
         errors = sighted["points"].general().errors
-        assert list(errors) == ["0", "20"]
+        assert list(errors) == ["0N", "20N"]
         parts = [each.after for each in errors.values()]
         count = np.array([part.configurations for part in parts])
         pooled = self.one(rows, "fitted", "linear")
@@ -107,7 +108,7 @@ class TestAccuracy:
         assert float(pooled["peak_mm"]) == pytest.approx(max(p.peak_mm for p in parts), rel=1e-5)
         assert int(pooled["configurations"]) == count.sum()
         alone = self.one(rows, "fitted", "linear", load="20N")
-        assert float(alone["mean_mm"]) == pytest.approx(errors["20"].after.mean_mm, rel=1e-5)
+        assert float(alone["mean_mm"]) == pytest.approx(errors["20N"].after.mean_mm, rel=1e-5)
 
     def test_held_out_errors_are_those_of_the_record(self, sighted, tmp_path):
         rows, text = rows_of(accuracy_general, sighted["pose"], tmp_path)

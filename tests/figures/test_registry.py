@@ -9,6 +9,7 @@ import pytest
 from pa10cal.figures.draw import draw_all
 from pa10cal.figures.registry import FOLDERS, Picture, entries
 from pa10cal.figures.report import Captions, caption, titles
+from pa10cal.figures.sources import of_campaign
 
 PACKAGE = Path(__file__).parents[2] / "src/pa10cal/figures"
 EVERY = [(folder, name) for folder in FOLDERS for name in entries(folder)]
@@ -96,7 +97,7 @@ class TestAll:
             if source == "results"
             else request.getfixturevalue("sighted")[source]
         )
-        drawn = draw_all("campaign", results, tmp_path, results.settings.figures)
+        drawn = draw_all(of_campaign(results), tmp_path, results.settings.figures)
         assert set(drawn.made) == expected
         assert set(drawn.left_out) == set(entries("campaign")) - expected
 
@@ -106,7 +107,7 @@ class TestAll:
         (tmp_path / "figures").mkdir()
         old = tmp_path / "figures/joint_error_maps.svg"
         old.write_text("old")
-        drawn = draw_all("campaign", results, tmp_path, results.settings.figures)
+        drawn = draw_all(of_campaign(results), tmp_path, results.settings.figures)
         assert not old.exists()
         why = "no error that depends on a joint's angle was named"
         assert drawn.left_out["joint_error_maps"] == why

@@ -1,12 +1,13 @@
 """The scatter of repeats, against numpy's own variance."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.figures.poses import Poses
 from pa10cal.figures.repeats import Scatter, incompleteness, scatter_by_load
+from pa10cal.figures.results import PLACE_MM
 
 
 def poses(p_mm, loads, kind="grid"):
@@ -14,12 +15,12 @@ def poses(p_mm, loads, kind="grid"):
     count, configurations, repeats = p_mm.shape[:3]
     each = configurations * repeats
     labels = np.tile(np.repeat([f"P{k}" for k in range(configurations)], repeats), count)
-    return Poses(
-        kind=np.full(count * each, kind),
+    table = pd.DataFrame(p_mm.reshape(-1, 3), columns=list(PLACE_MM))
+    return table.assign(
+        kind=kind,
         pose=labels,
         load_N=np.repeat(np.array(loads, dtype=float), each),
         repeat=np.tile(np.arange(repeats), count * configurations),
-        p_instr_mm=p_mm.reshape(-1, 3),
     )
 
 
@@ -29,8 +30,8 @@ def test_is_the_standard_deviation_of_the_distance(seed, configurations, repeats
     p_mm = np.random.default_rng(seed).normal(500.0, 0.02, (2, configurations, repeats, 3))
     found = scatter_by_load(poses(p_mm, [44, 0]))
     expected = np.sqrt(p_mm.var(axis=2, ddof=1).sum(axis=2))
-    assert list(found) == ["0", "44"]
-    for name, at in (("44", 0), ("0", 1)):
+    assert list(found) == ["0N", "44N"]
+    for name, at in (("44N", 0), ("0N", 1)):
         assert found[name].largest_mm == pytest.approx(expected[at].max(), rel=1e-6)
         mean = expected[at].mean()
         assert found[name].mean_mm == pytest.approx(mean, rel=1e-6)
@@ -50,7 +51,7 @@ def after(case, mean_mm):
 
 @pytest.mark.parametrize(("mean_mm", "times"), [(0.029, None), (0.2, "20 times")])
 def test_a_model_is_incomplete_when_it_leaves_more_than_repeats_scatter(results, mean_mm, times):
-    scatter = dict.fromkeys(("0", "22"), Scatter(0.1, 0.03, 0.01))
+    scatter = dict.fromkeys(("0N", "22N"), Scatter(0.1, 0.03, 0.01))
     said = incompleteness(after(results.calibration(), mean_mm), scatter)
     assert said is None if times is None else times in said
 

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pa10cal.errors import RawDataError, RecordError
+from pa10cal.errors import Pa10calError, RawDataError, RecordError
 
 
 @pytest.fixture
@@ -27,8 +27,8 @@ def change(path, **changes):
 def test_loads_are_those_that_the_combined_calibration_was_fitted_to(spoiled):
     (spoiled.folder / "calibration/7N.json").write_text("stale", encoding="utf-8")
     cases = spoiled.load_cases()
-    assert list(cases) == ["0", "22", "44"]
-    assert cases["22"].load == "22N"
+    assert list(cases) == ["0N", "22N", "44N"]
+    assert cases["22N"].load == "22N"
 
 
 def test_the_general_model_stands_beside_the_papers_or_alone(results, sighted):
@@ -40,15 +40,17 @@ def test_the_general_model_stands_beside_the_papers_or_alone(results, sighted):
 
 def test_joint_positions_are_the_mean_over_repeats(results):
     joints = results.joints()
-    assert joints.q.shape == (952, 6)
+    poses = results.poses()
+    assert joints.q.shape[1] == 6
     assert not joints.slides.any()
-    rows = (joints.pose == "P05") & (joints.load_N == 22.0)
-    assert rows.sum() == 10
-    found = joints.of([("P05", 22.0), ("H01", 44.0), ("P05", 22.0)])
-    np.testing.assert_allclose(found[0], joints.q[rows].mean(axis=0))
+    rows = poses[(poses["pose"] == "P05") & (poses["load_N"] == 22.0)]
+    assert len(rows) == 10
+    found = joints.of(["P05", "H01", "P05"], [22.0, 44.0, 22.0])
+    expected = rows[[f"q{joint}_rad" for joint in range(1, 7)]].to_numpy().mean(axis=0)
+    np.testing.assert_allclose(found[0], expected)
     np.testing.assert_array_equal(found[0], found[2])
-    with pytest.raises(RecordError, match=r"got 'P05 at 66 N'.*run the calibrate"):
-        joints.of([("P05", 22.0), ("P05", 66.0)])
+    with pytest.raises(RecordError, match=r"got 'P05 at 66 N'.*run pa10cal calibrate"):
+        joints.of(["P05", "P05"], [22.0, 66.0])
 
 
 def test_planes_are_those_of_the_settings(results):
@@ -57,8 +59,8 @@ def test_planes_are_those_of_the_settings(results):
 
 def test_poses_come_in_order_of_time(results):
     poses = results.poses()
-    assert len(poses.kind) == len(poses.p_instr_mm) == 952
-    assert list(poses.kind[[0, 11, 22, -1]]) == ["line_x", "line_y", "grid", "holdout"]
+    assert len(poses) == 952
+    assert list(poses["kind"].iloc[[0, 11, 22, -1]]) == ["line_x", "line_y", "grid", "holdout"]
 
 
 @pytest.mark.parametrize(
@@ -79,12 +81,13 @@ def test_poses_come_in_order_of_time(results):
 class TestRefuses:
     def test_what_is_missing(self, spoiled, name, read, stage):
         (spoiled.folder / name).unlink()
-        with pytest.raises(RawDataError, match=rf"{name}: .*missing.*run the {stage} stage first"):
+        with pytest.raises(Pa10calError, match=rf"{name}: .*missing.*run pa10cal {stage} first"):
             read(spoiled)
 
     def test_what_is_broken(self, spoiled, name, read, stage):
         (spoiled.folder / name).write_text("{", encoding="utf-8")
-        with pytest.raises(RawDataError, match=rf"{name}: .*cannot be read.*{stage} stage again"):
+        again = rf"run (pa10cal {stage}|the {stage} stage) again"
+        with pytest.raises(Pa10calError, match=rf"{name}: .*cannot be read.*{again}"):
             read(spoiled)
 
     def test_what_follows_another_schema(self, spoiled, name, read, stage):
@@ -94,18 +97,18 @@ class TestRefuses:
         else:
             table = pq.read_table(path)
             pq.write_table(table.replace_schema_metadata({"schema": "other/1"}), path)
-        with pytest.raises(RawDataError, match=r"'other/1'.*pa10cal-"):
+        with pytest.raises(Pa10calError, match=r"other/1'.*pa10cal-"):
             read(spoiled)
 
     def test_what_belongs_to_another_campaign(self, spoiled, name, read, stage):
         stranger = replace(spoiled, campaign="cell-z")
-        with pytest.raises(RawDataError, match=r"another campaign's \(got 'cell-null'\).*cell-z"):
+        with pytest.raises(Pa10calError, match=r"another campaign \(got 'cell-null'\).*cell-z"):
             read(stranger)
 
 
 def test_names_the_key_that_is_missing(spoiled):
     change(spoiled.folder / "evaluation/holdout.json", models={"linear": {"mean_mm": 1}})
-    with pytest.raises(RawDataError, match=r"models\.linear\.peak_mm: Field required"):
+    with pytest.raises(RecordError, match=r"the record lacks models\.linear\.peak_mm"):
         spoiled.held_out()
 
 
@@ -113,13 +116,13 @@ def test_names_the_column_that_is_missing(spoiled):
     path = spoiled.folder / "ingest/poses.parquet"
     table = pq.read_table(path)
     pq.write_table(table.drop_columns(["ee_z_mm"]), path)
-    with pytest.raises(RawDataError, match="ee_z_mm"):
-        spoiled.poses()
+    with pytest.raises(RecordError, match=r"lacks a column.*ee_z_mm"):
+        spoiled.places()
 
 
 def test_an_array_is_no_result(spoiled):
     (spoiled.folder / "seed/base_frame.json").write_text("[]", encoding="utf-8")
-    with pytest.raises(RawDataError, match="no schema"):
+    with pytest.raises(RecordError, match=r"not a record of this kind.*schema pa10cal-base-frame"):
         spoiled.base_frame()
 
 

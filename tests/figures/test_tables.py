@@ -101,11 +101,11 @@ class TestPaperAgainstOurs:
     def test_ours_are_those_of_the_records(self, compared, results):
         cases, together = results.load_cases(), results.calibration()
         name = "mean position error after calibration"
-        alone = cases["44"].errors["44"]
+        alone = cases["44N"].errors["44N"]
         row = one(compared, name, "44 N", "this load alone")
         assert float(row["ours"]) == pytest.approx(alone.after.mean_mm, rel=5e-3)
         row = one(compared, name, "44 N", "all loads")
-        assert float(row["ours"]) == pytest.approx(together.errors["44"].after.mean_mm, rel=5e-3)
+        assert float(row["ours"]) == pytest.approx(together.errors["44N"].after.mean_mm, rel=5e-3)
         row = one(compared, "reduction of the mean position error", "44 N")
         fell = published.reduction_percent(alone.before.mean_mm, alone.after.mean_mm)
         assert float(row["ours"]) == pytest.approx(fell, abs=0.5)
@@ -205,7 +205,7 @@ class TestPaperAgainstOurs:
         path = folder / "evaluation/holdout.json"
         path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), "calibration": "22N"}))
         rows = rows_of(paper_against_ours.tabulate(replace(results, folder=folder)))
-        left = results.calibration("22N").errors["22"].after.orientation_deg
+        left = results.calibration("22N").errors["22N"].after.orientation_deg
         remark = one(rows, "mean orientation error, held out", "cubic")["remark"]
         said = remark.partition("calibration (22N) leaves ")[2].split()[0]
         assert float(said) == pytest.approx(left, rel=5e-3)

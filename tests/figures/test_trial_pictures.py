@@ -14,7 +14,6 @@ from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.errors import RecordError
 from pa10cal.figures.registry import NothingToShowError
 from pa10cal.figures.style import WIDTH_MM
-from pa10cal.figures.trial_scores import Rate, Scores, read_scores
 from pa10cal.figures.trials import (
     trials_confusion,
     trials_false_names,
@@ -22,8 +21,15 @@ from pa10cal.figures.trials import (
     trials_power,
     trials_summary,
 )
-from pa10cal.results.codec import lines
-from pa10cal.results.trials import HiddenEffect, JudgedTrialRecord, TrialTruthRecord
+from pa10cal.files.schemas import VERDICT
+from pa10cal.results.codec import lines, read
+from pa10cal.results.trials import (
+    HiddenEffect,
+    JudgedTrialRecord,
+    Rate,
+    TrialScoresRecord,
+    TrialTruthRecord,
+)
 
 DRAWN = (trials_confusion, trials_power, trials_false_names, trials_intervals)
 LEAST_POINTS = 8.0
@@ -135,7 +141,7 @@ def texts_of(figure):
 @pytest.mark.usefixtures("project_looks")
 @pytest.mark.parametrize("module", DRAWN, ids=lambda module: module.__name__.split(".")[-1])
 def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(full, module):
-    figure = module.draw(read_scores(full))
+    figure = module.draw(read(TrialScoresRecord, full))
     texts, renderer = texts_of(figure)
     assert len(texts) > 10
     assert figure.get_figwidth() * 25.4 == pytest.approx(WIDTH_MM)
@@ -157,15 +163,15 @@ def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(full,
 @pytest.mark.parametrize("module", DRAWN, ids=lambda module: module.__name__.split(".")[-1])
 def test_of_a_few_trials_it_is_drawn_or_has_nothing_to_show(few, module):
     if module is trials_false_names:
-        assert texts_of(module.draw(read_scores(few)))[0]
+        assert texts_of(module.draw(read(TrialScoresRecord, few)))[0]
         return
     with pytest.raises(NothingToShowError, match=r"^no (trial|hidden effect)"):
-        module.draw(read_scores(few))
+        module.draw(read(TrialScoresRecord, few))
 
 
 @pytest.mark.usefixtures("project_looks")
 def test_the_matrix_shows_every_count(full):
-    scores = read_scores(full)
+    scores = read(TrialScoresRecord, full)
     texts, _ = texts_of(trials_confusion.draw(scores))
     shown = [int(text.get_text()) for text, _ in texts if text.get_text().isdigit()]
     rows = [*scores.confusion.single.values(), *scores.confusion.outside.values()]
@@ -174,8 +180,8 @@ def test_the_matrix_shows_every_count(full):
 
 @pytest.mark.usefixtures("project_looks")
 def test_shares_are_drawn_where_they_are_with_what_is_allowed(full):
-    axes = trials_false_names.draw(read_scores(full)).axes[0]
-    named = read_scores(full).nothing_hidden["null"].named
+    axes = trials_false_names.draw(read(TrialScoresRecord, full)).axes[0]
+    named = read(TrialScoresRecord, full).nothing_hidden["null"].named
     label = axes.get_yticklabels()[0].get_text()
     assert label.startswith("nothing hidden")
     drawn = axes.containers[0].lines[0]
@@ -185,7 +191,7 @@ def test_shares_are_drawn_where_they_are_with_what_is_allowed(full):
 
 
 def test_the_table_has_a_row_a_bar_with_its_figure(full):
-    scores = read_scores(full)
+    scores = read(TrialScoresRecord, full)
     table = trials_summary.tabulate(scores)
     assert len(table.data.rows) == len(scores.bars)
     first = table.data.rows[0]
@@ -211,19 +217,19 @@ def test_the_stage_refuses_another_name_and_other_records(full, tmp_path, capsys
     assert run_command("figures", ["--figure", "l_curve", *words]) == REFUSED
     assert "no such figure" in capsys.readouterr().err
     other = tmp_path / "other.json"
-    other.write_text(json.dumps({"schema": "pa10cal-verdict/1"}))
-    with pytest.raises(RecordError, match="cannot be read"):
-        read_scores(other)
+    other.write_text(json.dumps({"schema": VERDICT}))
+    with pytest.raises(RecordError, match="not a record of this kind"):
+        read(TrialScoresRecord, other)
     spoilt = json.loads(full.read_text("utf-8"))
     del spoilt["bars"][0]["limit"]
     other.write_text(json.dumps(spoilt))
     with pytest.raises(RecordError, match="limit"):
-        read_scores(other)
+        read(TrialScoresRecord, other)
 
 
 def test_a_rate_is_read_with_its_interval(full):
-    scores = read_scores(full)
-    assert isinstance(scores, Scores)
+    scores = read(TrialScoresRecord, full)
+    assert isinstance(scores, TrialScoresRecord)
     found = scores.single.detected
     assert isinstance(found, Rate)
     assert found.low <= found.share <= found.high

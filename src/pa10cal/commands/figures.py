@@ -27,11 +27,11 @@ def figures(
     from pa10cal.figures.draw import draw_all, draw_one
     from pa10cal.figures.sources import read_source
 
-    folder, source = read_source(results, campaign_dir, settings)
+    source = read_source(results, campaign_dir, settings)
     out = out_dir or results
     if figure is not None:
-        draw_one(folder, figure, source, out, settings.figures)
+        draw_one(figure, source, out, settings.figures)
         print(f"{source.name}: {figure}")
     else:
-        for line in draw_all(folder, source, out, settings.figures).lines:
+        for line in draw_all(source, out, settings.figures).lines:
             print(f"{source.name}: {line}")

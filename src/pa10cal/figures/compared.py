@@ -6,9 +6,12 @@ import math
 from dataclasses import dataclass
 
 from pa10cal.figures import published
-from pa10cal.figures.records import Accuracy, Calibration, HeldOut, Plane
 from pa10cal.figures.repeats import Scatter, scatter_by_load
 from pa10cal.figures.results import Results
+from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.calibration import PaperCalibrationRecord
+from pa10cal.results.evaluation import HoldoutRecord
+from pa10cal.results.montecarlo import PlaneRecord
 
 NOT_MEASURED = "not measured"
 NOT_COMPUTED = "not computed"
@@ -44,7 +47,7 @@ class Found:
     Attributes:
         combined: calibration of all loads together.
         evaluated: calibration that was evaluated on held-out points.
-        cases: calibration of each load, by load as `0`, `22`, ....
+        cases: calibration of each load, by load as `0N`, `22N`, ….
         held_out: evaluation on held-out points.
         scatter: of repeats, by load.
         planes: Monte Carlo by height [mm].
@@ -52,12 +55,12 @@ class Found:
         kcub_reading: which of the paper's cubic stiffnesses stands beside ours.
     """
 
-    combined: Calibration
-    evaluated: Calibration
-    cases: dict[str, Calibration]
-    held_out: HeldOut
+    combined: PaperCalibrationRecord
+    evaluated: PaperCalibrationRecord
+    cases: dict[str, PaperCalibrationRecord]
+    held_out: HoldoutRecord
     scatter: dict[str, Scatter]
-    planes: dict[int, Plane]
+    planes: dict[int, PlaneRecord]
     instrument_uncertainty_mm: float
     kcub_reading: str
 
@@ -79,7 +82,7 @@ class Found:
     @property
     def loads(self) -> list[str]:
         """Return the loads of the paper, then those that the campaign alone has."""
-        stated = [str(load) for load in published.BEFORE]
+        stated = list(published.BEFORE)
         return stated + [load for load in self.cases if load not in stated]
 
     @property
@@ -91,7 +94,7 @@ class Found:
         )
 
     @property
-    def paper_plane(self) -> Plane | None:
+    def paper_plane(self) -> PlaneRecord | None:
         """The plane for which the paper states its Monte Carlo result, None where not run."""
         return self.planes.get(published.MONTE_CARLO_PLANE_MM)
 
@@ -104,7 +107,7 @@ def find(results: Results) -> Found:
         evaluated=results.calibration(held_out.calibration),
         cases=results.load_cases(),
         held_out=held_out,
-        scatter=scatter_by_load(results.poses()),
+        scatter=scatter_by_load(results.places()),
         planes={plane.plane_mm: plane for plane in results.planes()},
         instrument_uncertainty_mm=results.instrument_uncertainty_mm,
         kcub_reading=results.settings.kcub_reading,

@@ -13,8 +13,9 @@ from pa10cal.figures.compared import (
     three_figures,
     with_uncertainty,
 )
+from pa10cal.figures.parameter_names import std_of, written_load
 from pa10cal.figures.published import PublishedError
-from pa10cal.figures.records import Accuracy
+from pa10cal.results.accuracy import Accuracy
 
 _ALONE = "calibrated at this load alone"
 _TOGETHER = "one calibration of all loads"
@@ -24,7 +25,6 @@ Errors = Accuracy | PublishedError
 
 def error_rows(found: Found) -> list[Compared]:
     """Return mean and peak position error and mean orientation error, before and after."""
-    of_paper = {str(load) for load in published.BEFORE}
     return [
         row
         for name, unit, digits, figure_of in _FIGURES
@@ -36,12 +36,12 @@ def error_rows(found: Found) -> list[Compared]:
         for row in (
             Compared(
                 quantity=f"{name} {when}",
-                condition=f"{load} N",
+                condition=written_load(load),
                 unit=unit,
-                paper=f"{figure_of(stated[int(load)]):{digits}}" if load in of_paper else "",
+                paper=f"{figure_of(stated[load]):{digits}}" if load in stated else "",
                 ours=_or_not_measured(ours_of(load), figure_of),
                 source=published.SOURCES["before_after" if unit == "mm" else "orientation"]
-                if load in of_paper
+                if load in stated
                 else "",
                 remark=remark,
             )
@@ -59,10 +59,9 @@ _FIGURES: tuple[tuple[str, str, str, Callable[[Errors], float | None]], ...] = (
 
 def repeat_rows(found: Found) -> list[Compared]:
     """Return the standard deviation within one configuration."""
-    of_paper = {str(load): bound_mm for load, bound_mm in published.REPEATABILITY_MM.items()}
     rows = []
     for load in found.loads:
-        bound_mm = of_paper.get(load)
+        bound_mm = published.REPEATABILITY_MM.get(load)
         scatter = found.scatter.get(load)
         if load not in found.cases:
             remark = "this load was not measured"
@@ -77,7 +76,7 @@ def repeat_rows(found: Found) -> list[Compared]:
         rows.append(
             Compared(
                 quantity="standard deviation within one configuration",
-                condition=f"{load} N",
+                condition=written_load(load),
                 unit="mm",
                 paper="" if bound_mm is None else f"≤ {bound_mm}",
                 ours=NOT_MEASURED
@@ -119,7 +118,7 @@ def parameter_rows(found: Found) -> list[Compared]:
             parameter = case.parameters.get(f"{kind}_{joint}")
             ours, remark = "not estimated", "held rigid"
             if parameter is not None:
-                ours = with_uncertainty(parameter.value, parameter.std)
+                ours = with_uncertainty(parameter.value, std_of(parameter))
                 remark = "± one standard uncertainty; all loads together"
                 if parameter.at_bound:
                     remark += "; at the end of the physical range"

@@ -13,8 +13,10 @@ from pa10cal.figures.compared import (
     measured,
     three_figures,
 )
+from pa10cal.figures.parameter_names import written_load
 from pa10cal.figures.published import PublishedError, reduction_percent
-from pa10cal.figures.records import HeldOutModel, Plane
+from pa10cal.results.evaluation import HeldOutModel
+from pa10cal.results.montecarlo import PlaneRecord
 
 _CALIBRATED = ("linear", "cubic")
 _FIGURES: tuple[tuple[str, str, Callable[[HeldOutModel | PublishedError], float | None]], ...] = (
@@ -53,7 +55,7 @@ def _twist_remark(found: Found, model: HeldOutModel) -> str:
     share = reduction_percent(twist.before_deg, twist.after_deg)
     evaluated = found.evaluated
     left_deg = [
-        evaluated.errors[f"{load:g}"].after.orientation_deg for load in evaluated.loads_fitted
+        evaluated.errors[f"{load:g}N"].after.orientation_deg for load in evaluated.loads_fitted
     ]
     calibrated = [angle for angle in left_deg if angle is not None]
     mean_deg = sum(calibrated) / len(calibrated) if calibrated else None
@@ -112,7 +114,7 @@ def monte_carlo_rows(found: Found) -> list[Compared]:
     return rows
 
 
-def _difference_remark(plane: Plane, other: Plane) -> str:
+def _difference_remark(plane: PlaneRecord, other: PlaneRecord) -> str:
     """Say whether two parallel planes differ as little as the paper says, and why not."""
     said = (
         "95 % interval of each mean for the choice of positions: "
@@ -155,7 +157,7 @@ def _distance_rows(found: Found) -> list[Compared]:
     rows = []
     plane = found.paper_plane
     for load, stated in published.AFTER.items():
-        after = found.after(str(load))
+        after = found.after(load)
         ours, remark = (NOT_MEASURED if after is None else NOT_COMPUTED), ""
         if after is not None and plane is not None:
             distance_mm = after.mean_mm - plane.mean_mm
@@ -168,7 +170,7 @@ def _distance_rows(found: Found) -> list[Compared]:
         rows.append(
             Compared(
                 quantity="mean error after calibration less the Monte Carlo mean",
-                condition=f"{load} N",
+                condition=written_load(load),
                 unit="mm",
                 paper=f"< {published.CLAIMED_DISTANCE_FROM_MINIMUM_MM}",
                 recomputed=f"{stated.mean_mm - published.MONTE_CARLO_MEAN_MM:.2f}",
@@ -186,14 +188,14 @@ def _reduction_rows(found: Found) -> list[Compared]:
     for load, stated in published.AFTER.items():
         stated_before = published.BEFORE[load]
         recomputed = reduction_percent(stated_before.mean_mm, stated.mean_mm)
-        before, after = found.before(str(load)), found.after(str(load))
+        before, after = found.before(load), found.after(load)
         ours = NOT_MEASURED
         if before is not None and after is not None:
             ours = f"{reduction_percent(before.mean_mm, after.mean_mm):.0f}"
         rows.append(
             Compared(
                 quantity="reduction of the mean position error",
-                condition=f"{load} N",
+                condition=written_load(load),
                 unit="%",
                 paper=f"{low} to {high}",
                 recomputed=f"{recomputed:.0f}",

@@ -80,12 +80,9 @@ def draw_angles(axes: Axes, results: CurveResults, shape: int) -> None:
     axes.plot(joint, results.a_deg[shape], color=BLUE, marker=mark, label="a, about z")
     axes.plot(joint, results.b_deg[shape], color=ORANGE, marker=mark, label="b, about y")
     most = 1.1 * float(np.abs([results.a_deg, results.b_deg]).max(initial=1e-3))
-    limits = results.record.settings.limits
-    if limits is not None:
-        inside = [each for each in (*limits.a_deg, *limits.b_deg) if abs(each) < 2.0 * most]
-        for limit in set(inside):
-            axes.axhline(limit, color=GREY, linestyle="--", linewidth=0.8)
-        most = max([most, *(1.05 * abs(each) for each in inside)])
+    for limit in {each for each in results.limits_deg if abs(each) < 2.0 * most}:
+        axes.axhline(limit, color=GREY, linestyle="--", linewidth=0.8)
+        most = max(most, 1.05 * abs(limit))
     axes.set_ylim(-most, most)
     axes.set_xlabel("joint")
     axes.set_ylabel("angle [°]")

@@ -4,29 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
 
 from pa10cal.errors import RecordError, SettingsError
 from pa10cal.figures.options import FigureOptions
 from pa10cal.figures.registry import Entry, NothingToShowError, entries
+from pa10cal.figures.sources import Source
 from pa10cal.figures.style import looks, write_figure
 from pa10cal.figures.table import write_table
 from pa10cal.files.output import whole_file, write_json
 
 #: Folder of the files of a picture, by what it is.
 _PLACES = {"figure": "figures", "table": "tables", "film": "figures"}
-
-
-class Source(Protocol):
-    """What pictures are drawn from."""
-
-    @property
-    def name(self) -> str:
-        """What messages call it."""
-
-    @property
-    def footer(self) -> str:
-        """What stands below every picture: where its data come from."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +37,10 @@ class Drawn:
         ]
 
 
-def draw_all(folder: str, source: Source, out: Path, settings: FigureOptions) -> Drawn:
+def draw_all(source: Source, out: Path, settings: FigureOptions) -> Drawn:
     """Write every picture that has something to show, and remove older files of the others.
 
     Args:
-        folder: which pictures, of `registry.FOLDERS`.
         source: what they are drawn from.
         out: gets the folders `figures` and `tables`, and `pictures.json`, which says what was drawn
             and why the rest was not.
@@ -63,9 +50,9 @@ def draw_all(folder: str, source: Source, out: Path, settings: FigureOptions) ->
         RecordError, RawDataError: when a result that is there cannot be used.
     """
     made, left_out = [], {}
-    for place in {_PLACES[entry.kind] for entry in entries(folder).values()}:
+    for place in {_PLACES[entry.kind] for entry in entries(source.folder).values()}:
         (out / place).mkdir(parents=True, exist_ok=True)
-    for entry in entries(folder).values():
+    for entry in entries(source.folder).values():
         why = _unmet(entry, source)
         try:
             if why is None:
@@ -81,14 +68,14 @@ def draw_all(folder: str, source: Source, out: Path, settings: FigureOptions) ->
     return Drawn(tuple(made), left_out)
 
 
-def draw_one(folder: str, name: str, source: Source, out: Path, settings: FigureOptions) -> None:
+def draw_one(name: str, source: Source, out: Path, settings: FigureOptions) -> None:
     """Write one picture; the arguments are those of `draw_all`.
 
     Raises:
         SettingsError: when there is no picture of that name.
         RecordError: when a result that it needs is missing, or holds nothing to show.
     """
-    known = entries(folder)
+    known = entries(source.folder)
     if name not in known:
         raise SettingsError(
             "no such figure or table",
@@ -108,20 +95,20 @@ def draw_one(folder: str, name: str, source: Source, out: Path, settings: Figure
         ) from None
 
 
-def _unmet(entry: Entry, source: Any) -> str | None:
-    """Return why a need of a picture is not met; those of studies have none."""
+def _unmet(entry: Entry, source: Source) -> str | None:
+    """Return why a need of a picture is not met."""
     return next((why for need in entry.picture.needs if (why := source.lacks(need))), None)
 
 
-def _write(entry: Entry, source: Any, out: Path, settings: FigureOptions) -> None:
+def _write(entry: Entry, source: Source, out: Path, settings: FigureOptions) -> None:
     place, module = out / _PLACES[entry.kind], entry.module
     if entry.kind == "table":
-        write_table(module.tabulate(source), source.footer, place, entry.name)
+        write_table(module.tabulate(source.content), source.footer, place, entry.name)
         return
     with looks():
         if entry.kind == "film":
             with whole_file(place / f"{entry.name}.{settings.film}") as path:
-                module.film(source, path, settings.png_dpi)
+                module.film(source.content, path, settings.png_dpi)
         else:
-            figure = module.draw(source)
+            figure = module.draw(source.content)
             write_figure(figure, source.footer, place, entry.name, settings.png_dpi)

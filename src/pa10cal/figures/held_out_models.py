@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.figures.records import HeldOut, HeldOutModel, HeldOutRow
 from pa10cal.figures.style import MODELS
+from pa10cal.results.evaluation import HeldOutRows, HoldoutRecord
 
 Array = NDArray[np.float64]
 
@@ -64,39 +64,36 @@ class Judged:
         }
 
 
-def judged(held_out: HeldOut) -> list[Judged]:
+def judged(held_out: HoldoutRecord) -> list[Judged]:
     """Return every model, one that has learnt from angles in two parts where it leaves them."""
     return [
-        Judged(name, f"{title(name, held_out)}{said}", where, _errors(rows), _angles(rows))
+        Judged(
+            name,
+            f"{title(name, held_out)}{said}",
+            where,
+            model.rows.error_mm[rows],
+            None if model.rows.rotation_deg is None else _lengths(model.rows.rotation_deg[rows]),
+        )
         for name, model in held_out.models.items()
-        for where, said, rows in _parts(model)
-        if rows
+        for where, said, rows in _parts(model.rows)
+        if rows.any()
     ]
 
 
-def title(name: str, held_out: HeldOut) -> str:
+def title(name: str, held_out: HoldoutRecord) -> str:
     """Return a model's name; without springs the calibrated one is geometry alone."""
     if name == "linear" and "geometry" not in held_out.models:
         return _NAMES["geometry"]
     return _NAMES.get(name, name)
 
 
-def _parts(model: HeldOutModel) -> Iterator[tuple[str, str, list[HeldOutRow]]]:
-    if any(row.extrapolated is None for row in model.rows):
-        yield "all", "", list(model.rows)
+def _parts(rows: HeldOutRows) -> Iterator[tuple[str, str, NDArray[np.bool_]]]:
+    if rows.extrapolated is None:
+        yield "all", "", np.ones(len(rows), dtype=bool)
         return
-    yield "inside", ", angles seen", [row for row in model.rows if not row.extrapolated]
-    yield "extrapolated", ", extrapolated", [row for row in model.rows if row.extrapolated]
+    yield "inside", ", angles seen", ~rows.extrapolated
+    yield "extrapolated", ", extrapolated", rows.extrapolated
 
 
-def _errors(rows: list[HeldOutRow]) -> Array:
-    stated = [row.error_mm for row in rows]
-    length = np.linalg.norm([row.position_mm for row in rows], axis=1)
-    return np.array([far if own is None else own for own, far in zip(stated, length, strict=True)])
-
-
-def _angles(rows: list[HeldOutRow]) -> Array | None:
-    turned = [row.rotation_deg for row in rows if row.rotation_deg is not None]
-    if len(turned) < len(rows):
-        return None
-    return np.asarray(np.linalg.norm(turned, axis=1))
+def _lengths(vectors: Array) -> Array:
+    return np.asarray(np.linalg.norm(vectors, axis=1))

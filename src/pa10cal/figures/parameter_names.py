@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+from pa10cal.results.accuracy import Parameter
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
@@ -66,3 +69,13 @@ def written(name: str) -> str:
                 return kind.written(joint)
             return f"{kind.symbol} joint {joint}"
     return _FRAME.get(name, name.replace("_", " "))
+
+
+def written_load(load: str) -> str:
+    """Return a load such as `22N`, as results name it, as readers see it: `22 N`."""
+    return f"{load.removesuffix('N')} N"
+
+
+def std_of(parameter: Parameter) -> float:
+    """Return the standard uncertainty of a parameter, nan where there is none."""
+    return math.nan if parameter.std is None else parameter.std

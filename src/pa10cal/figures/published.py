@@ -26,19 +26,19 @@ class PublishedError:
     orientation_deg: float
 
 
-#: Errors by load [N] of the 27 grid configurations.
+#: Errors by load of the 27 grid configurations.
 BEFORE = {
-    0: PublishedError(0.58, 1.22, 1.2),
-    22: PublishedError(1.02, 1.50, 1.2),
-    44: PublishedError(1.80, 2.45, 1.1),
+    "0N": PublishedError(0.58, 1.22, 1.2),
+    "22N": PublishedError(1.02, 1.50, 1.2),
+    "44N": PublishedError(1.80, 2.45, 1.1),
 }
 AFTER = {
-    0: PublishedError(0.32, 0.66, 0.05),
-    22: PublishedError(0.28, 0.58, 0.04),
-    44: PublishedError(0.33, 0.71, 0.03),
+    "0N": PublishedError(0.32, 0.66, 0.05),
+    "22N": PublishedError(0.28, 0.58, 0.04),
+    "44N": PublishedError(0.33, 0.71, 0.03),
 }
-#: Upper bound of the standard deviation within one configuration [mm], by load [N].
-REPEATABILITY_MM = {0: 0.014, 22: 0.024, 44: 0.023}
+#: Upper bound of the standard deviation within one configuration [mm], by load.
+REPEATABILITY_MM = {"0N": 0.014, "22N": 0.024, "44N": 0.023}
 #: Errors of the ten held-out configurations, by model.
 HELD_OUT = {
     "uncalibrated": PublishedError(1.77, 4.0, 2.4),

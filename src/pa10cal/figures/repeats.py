@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
-from pa10cal.figures.poses import Poses
-from pa10cal.figures.records import Calibration
+from pa10cal.figures.results import PLACE_MM
+from pa10cal.results.calibration import PaperCalibrationRecord
 
 #: A mean error up to so many times the scatter of averaged repeats may be scatter alone.
 _COMPLETE_WITHIN = 3.0
@@ -36,35 +37,28 @@ class Scatter:
         return float(self.largest_mm / np.sqrt(3.0))
 
 
-def scatter_by_load(poses: Poses) -> dict[str, Scatter]:
-    """Return the scatter at each load with repeats, by load as `0`, `22`, …."""
-    grid = poses.kind == "grid"
-    load_N, p_mm = poses.load_N[grid], poses.p_instr_mm[grid]
-    _, pose = np.unique(poses.pose[grid], return_inverse=True)
-    loads, load = np.unique(load_N, return_inverse=True)
-    _, first, group = np.unique(
-        load * (pose.max(initial=0) + 1) + pose, return_index=True, return_inverse=True
-    )
-    count = np.bincount(group)
-    mean = np.zeros((len(count), 3))
-    np.add.at(mean, group, p_mm)
-    mean /= count[:, None]
-    square = np.bincount(group, ((p_mm - mean[group]) ** 2).sum(axis=1))
-    repeated = count > 1
-    std = np.sqrt(square[repeated] / (count[repeated] - 1))
-    of_average = std / np.sqrt(count[repeated])
-    at = load[first][repeated]
+def scatter_by_load(poses: pd.DataFrame) -> dict[str, Scatter]:
+    """Return the scatter at each load with repeats, by load as `0N`, `22N`, ….
+
+    Args:
+        poses: the table of poses.
+    """
+    grid = poses[poses["kind"] == "grid"].groupby(["load_N", "pose"])
+    count = grid.size()
+    variance = grid[list(PLACE_MM)].var(ddof=1).sum(axis=1, skipna=False)
+    found = pd.DataFrame({"std": np.sqrt(variance), "count": count})[count > 1]
+    found["of_average"] = found["std"] / np.sqrt(found["count"])
     return {
-        f"{loads[k]:g}": Scatter(
-            largest_mm=float(std[at == k].max()),
-            mean_mm=float(std[at == k].mean()),
-            mean_of_average_mm=float(of_average[at == k].mean()),
+        f"{load_N:g}N": Scatter(
+            largest_mm=float(at["std"].max()),
+            mean_mm=float(at["std"].mean()),
+            mean_of_average_mm=float(at["of_average"].mean()),
         )
-        for k in np.unique(at)
+        for load_N, at in found.groupby(level="load_N")
     }
 
 
-def incompleteness(case: Calibration, scatter: dict[str, Scatter]) -> str | None:
+def incompleteness(case: PaperCalibrationRecord, scatter: dict[str, Scatter]) -> str | None:
     """Say that a calibrated model is incomplete, None where repeats do not show that it is.
 
     What a general model leaves is the scatter of averaged repeats, on which it was calibrated.

@@ -1,29 +1,38 @@
-"""The results of one campaign, read and checked for the pictures drawn from them."""
+"""The results of one campaign, read once for all pictures drawn from them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar, cast
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.campaign.description import read_campaign
+from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError
 from pa10cal.figures import published
-from pa10cal.figures.discovery_records import Analysis, Verdict
-from pa10cal.figures.general_records import GeneralCalibration
 from pa10cal.figures.options import PictureOptions
-from pa10cal.figures.poses import JointPositions, Poses, read_joints, read_poses
-from pa10cal.figures.record_files import as_record, check_converged, read_content
-from pa10cal.figures.records import BaseFrame, Calibration, HeldOut, Plane, Record
-from pa10cal.files import schemas
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.instrument import Words
 from pa10cal.observe.registry import instruments
+from pa10cal.results.analysis import AnalysisRecord
+from pa10cal.results.calibration import (
+    CalibrationRecord,
+    GeneralCalibrationRecord,
+    PaperCalibrationRecord,
+)
+from pa10cal.results.codec import read
+from pa10cal.results.discovery import VerdictRecord
+from pa10cal.results.evaluation import HoldoutRecord
+from pa10cal.results.montecarlo import PlaneRecord
+from pa10cal.results.record import Record
+from pa10cal.results.seed import BaseFrameRecord
 
 Array = NDArray[np.float64]
 
@@ -31,6 +40,11 @@ _R = TypeVar("_R", bound=Record)
 _T = TypeVar("_T")
 
 COMBINED = "combined"
+#: The general model beside the paper's.
+GENERAL = "general"
+CONVERGED = "converged"
+#: What pictures call the models.
+MODELS = {"paper": "paper's model", "general": "general model"}
 #: Where results are, by the names that pictures need them by.
 _FILES = {
     "calibration": "calibration/combined.json",
@@ -45,14 +59,47 @@ _FILES = {
     "analysis": "discovery/analysis.json",
     "verdict": "discovery/verdict.json",
 }
-_MODELS = {"paper": "paper's model", "general": "general model"}
-#: The general model beside the paper's.
-GENERAL = "general"
+#: Columns of the table of poses that hold the measured position of the end-effector.
+PLACE_MM = ("ee_x_mm", "ee_y_mm", "ee_z_mm")
+_JOINT = re.compile(r"q(\d+)_(rad|m)")
 #: Longer provenances are cut after a sentence; a single letter ends none.
 _MOST_LETTERS = 400
 _SENTENCE_END = re.compile(r"(?<=[\w)]{3}\.)\s+(?=[A-Z])")
 #: How a provenance begins that tells of no measurement.
 _SYNTHETIC = re.compile(r"(synthetic|simulated|virtual cell)\b", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class JointPositions:
+    """Mean joint positions of configurations over their repeats.
+
+    Attributes:
+        q: one row a pose and load, one column a joint [rad; m of a joint that slides].
+        slides: (n,) which joints slide.
+    """
+
+    q: pd.DataFrame
+    slides: NDArray[np.bool_]
+
+    def of(self, poses: Sequence[str], loads_N: Sequence[float]) -> Array:
+        """Return the joint positions (P, n) of P poses, each at its load.
+
+        Raises:
+            RecordError: when one of them was not measured.
+        """
+        wanted = pd.MultiIndex.from_arrays([list(poses), list(loads_N)])
+        found = self.q.reindex(wanted).to_numpy(dtype=float)
+        unknown = np.isnan(found).any(axis=1)
+        if unknown.any():
+            pose, load_N = wanted[int(np.argmax(unknown))]
+            raise RecordError(
+                "a pose of the results is not in the table of poses",
+                where="ingest/poses.parquet",
+                value=f"{pose} at {load_N:g} N",
+                allowed="results of the poses that ingest wrote",
+                remedy="run pa10cal calibrate and pa10cal evaluate again",
+            )
+        return found
 
 
 @dataclass(frozen=True)
@@ -97,34 +144,32 @@ class Results:
             settings=settings,
         )
 
-    @property
-    def name(self) -> str:
-        """What messages call it."""
-        return self.campaign
-
     def lacks(self, need: str) -> str | None:
         """Say why a need of a picture is not met, None where it is.
 
         Args:
             need: a name of a result, or a property of the campaign.
         """
+        if need == "positions":
+            seen = instruments()[self.instrument].directional
+            return None if seen else "a distance alone does not show where the arm is"
         if need == "gap":  # of the poses fitted, also where no effects are sought
-            return self.lacks("analysis" if self.seeks_effects else "calibration")
-        path = self.folder / _FILES.get(need, "")
-        if not path.exists():
+            need = "analysis" if self.seeks_effects else "calibration"
+        if not (self.folder / _FILES[need]).exists():
             return f"there is no {_FILES[need]}"
         if need in ("papers_calibration", "general_calibration"):
             model = self.any_calibration().model
-            return None if need.startswith(model) else f"calibrated with the {_MODELS[model]}"
+            return None if need.startswith(model) else f"calibrated with the {MODELS[model]}"
         if need == "general" and not (self.folder / "calibration/general.json").exists():
             return self.lacks("general_calibration")
-        if need == "planes" and not list(path.glob("z*.json")):
-            return "there is no Monte Carlo"
         if need == "held_out" and not self.held_out().models:
             return "no configuration was held out"
-        if need == "positions" and not instruments()[self.instrument].directional:
-            return "a distance alone does not show where the arm is"
         return None
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        return self.campaign
 
     @property
     def footer(self) -> str:
@@ -134,13 +179,18 @@ class Results:
         return f"Campaign {self.campaign}.{kind} Provenance: {_first_sentences(said)}"
 
     @property
+    def words(self) -> Words:
+        """How captions speak of the instrument's errors."""
+        return instruments()[self.instrument].words
+
+    @property
     def is_paper_arm(self) -> bool:
         """Whether the arm is the paper's, so that parameters may stand beside its Table I."""
         return self.robot == published.ROBOT
 
     @property
     def seeks_effects(self) -> bool:
-        """Whether effects can be sought in campaigns of this instrument."""
+        """Whether effects are sought, which needs an instrument that measures poses."""
         return instruments()[self.instrument].measures_pose
 
     def published(self, parameter: str) -> float | None:
@@ -149,25 +199,23 @@ class Results:
             return None
         return published.parameter(parameter, self.settings.kcub_reading)
 
-    def calibration(self, load: str = COMBINED) -> Calibration:
+    def calibration(self, load: str = COMBINED) -> PaperCalibrationRecord:
         """Read `calibration/<load>.json` of the paper's model.
 
         Raises:
             RecordError: when it did not converge, or is of the general model.
         """
         found = self.any_calibration(load)
-        if isinstance(found, Calibration):
+        if isinstance(found, PaperCalibrationRecord):
             return found
-        raise RecordError(
-            "the picture is of the paper's model",
-            where=str(self._calibration_path(load)),
-            value=f"a calibration with the {found.model} model",
-            allowed="a campaign calibrated with the paper's model",
-            remedy="draw the pictures of the general model, or calibrate with "
-            "calibration.model: paper",
+        raise self._other_model(
+            load,
+            found,
+            "paper",
+            "draw the pictures of the general model, or calibrate with calibration.model: paper",
         )
 
-    def general(self) -> GeneralCalibration:
+    def general(self) -> GeneralCalibrationRecord:
         """Read the calibration of all loads with the general model.
 
         It is `calibration/combined.json`, or stands beside that of the paper's model.
@@ -176,126 +224,149 @@ class Results:
             RecordError: when it did not converge, or is not of the general model.
         """
         found = self.any_calibration()
-        if not isinstance(found, GeneralCalibration):
+        if not isinstance(found, GeneralCalibrationRecord):
             found = self.any_calibration(GENERAL)
-        if isinstance(found, GeneralCalibration):
+        if isinstance(found, GeneralCalibrationRecord):
             return found
-        raise RecordError(
-            "the picture is of the general model",
-            where=str(self._calibration_path(GENERAL)),
-            value=f"a calibration with the {found.model}'s model",
-            allowed="a calibration with the general model",
-            remedy="run the calibrate stage with --load general",
-        )
+        raise self._other_model(GENERAL, found, "general", "run pa10cal calibrate --load general")
 
-    def chain(self) -> Chain:
-        """Return the chain of the nominal arm."""
-        return Chain.of(load_arm(self.robot, self.raw))
-
-    def any_calibration(self, load: str = COMBINED) -> Calibration | GeneralCalibration:
+    def any_calibration(self, load: str = COMBINED) -> CalibrationRecord:
         """Read `calibration/<load>.json`, whatever the model.
 
         Raises:
             RecordError: when one of its fits did not converge.
         """
-        path = self._calibration_path(load)
-        found = self._once(path, lambda: self._read_calibration(path))
-        check_converged(path, found)
+        name = f"calibration/{load}.json"
+        found = self._read(CalibrationRecord, name)
+        for key, fit in found.fits.items():
+            if fit.status != CONVERGED:
+                path = self.folder / name
+                raise RecordError(
+                    "the fit did not converge, so nothing is drawn of it",
+                    where=f"{path}: {key}" if key else str(path),
+                    value=f"{fit.status}: {fit.reason}",
+                    allowed=f"a calibration whose status is {CONVERGED}",
+                    remedy="allow more steps (calibration.max_iterations), free fewer parameters "
+                    "or measure more poses, and run pa10cal calibrate again",
+                )
         return found
 
-    def _read_calibration(self, path: Path) -> Calibration | GeneralCalibration:
-        schema, stage = schemas.CALIBRATION, "calibrate"
-        content = read_content(path, schema, stage, self.campaign)
-        if content.get("model") == "general":
-            return as_record(content, GeneralCalibration, path, schema, stage)
-        return as_record(content, Calibration, path, schema, stage)
-
-    def calibrations(self) -> tuple[Calibration | GeneralCalibration, ...]:
+    def calibrations(self) -> tuple[CalibrationRecord, ...]:
         """Read the calibrations of all loads: one, or the paper's and the general one beside."""
         combined = self.any_calibration()
-        return (combined, self.general()) if isinstance(combined, Calibration) else (combined,)
+        return (combined,) if combined.model == "general" else (combined, self.general())
 
-    def load_cases(self) -> dict[str, Calibration]:
-        """Read the calibration of each single load, by its key in `errors`: `0`, `22`, ...."""
-        loads = [f"{load:g}" for load in self.calibration().loads_fitted]
-        return {load: self.calibration(f"{load}N") for load in loads}
+    def load_cases(self) -> dict[str, PaperCalibrationRecord]:
+        """Read the calibration of each single load, by its key in `errors`: `0N`, `22N`, …."""
+        loads = [f"{load:g}N" for load in self.calibration().loads_fitted]
+        return {load: self.calibration(load) for load in loads}
 
-    def held_out(self) -> HeldOut:
+    def held_out(self) -> HoldoutRecord:
         """Read `evaluation/holdout.json`.
 
         Raises:
             RecordError: when what was evaluated did not converge.
         """
-        path = self.folder / "evaluation" / "holdout.json"
-        found = self._read(path, HeldOut, schemas.HOLDOUT, "evaluate")
+        found = self._read(HoldoutRecord)
         self.any_calibration(found.calibration)
         return found
 
-    def analysis(self) -> Analysis:
+    def analysis(self) -> AnalysisRecord:
         """Read `discovery/analysis.json`.
 
         Raises:
             RecordError: when the calibration it began with did not converge.
         """
-        return self._discovered("analysis", Analysis, schemas.ANALYSIS)
+        self.any_calibration(self.settings.evaluation.calibration)
+        return self._read(AnalysisRecord)
 
-    def verdict(self) -> Verdict:
+    def verdict(self) -> VerdictRecord:
         """Read `discovery/verdict.json`.
 
         Raises:
             RecordError: when the calibration it began with did not converge.
         """
-        return self._discovered("verdict", Verdict, schemas.VERDICT)
+        self.any_calibration(self.settings.evaluation.calibration)
+        return self._read(VerdictRecord)
 
     def base_frame(self) -> Array:
         """Read T_instr_base (4, 4) of `seed/base_frame.json` [m]."""
-        path = self.folder / "seed" / "base_frame.json"
-        return np.array(self._read(path, BaseFrame, schemas.BASE_FRAME, "seed").T_instr_base)
+        return self._read(BaseFrameRecord).T_instr_base
 
-    def planes(self) -> list[Plane]:
+    def planes(self) -> list[PlaneRecord]:
         """Read `montecarlo/z<mm>.json` for every plane of the settings, from low to high."""
-        return [
-            self._read(
-                self.folder / "montecarlo" / f"z{plane_mm}.json",
-                Plane,
-                schemas.MONTECARLO,
-                "montecarlo",
-            )
-            for plane_mm in sorted(set(self.settings.montecarlo.planes_mm))
-        ]
+        heights = sorted(set(self.settings.montecarlo.planes_mm))
+        return [self._read(PlaneRecord, f"montecarlo/z{height}.json") for height in heights]
 
-    def poses(self) -> Poses:
-        """Read the end-effector's places of `ingest/poses.parquet`, in order of time."""
-        return self._once("poses", lambda: read_poses(self._poses_path, self.campaign))
+    def poses(self) -> pd.DataFrame:
+        """Read `ingest/poses.parquet` in order of time.
+
+        Raises:
+            RecordError: when it is missing.
+        """
+        path = self.folder / "ingest" / "poses.parquet"
+        if not path.is_file():
+            raise RecordError(
+                "the table of poses is missing",
+                where=str(path),
+                allowed="a file that pa10cal ingest wrote",
+                remedy="run pa10cal ingest first",
+            )
+        return self._once(path, lambda: read_pose_table(path, self.campaign).sort_values("time_s"))
+
+    def places(self) -> pd.DataFrame:
+        """Read the same of an instrument that measured the end-effector, in `PLACE_MM`.
+
+        Raises:
+            RecordError: when it did not.
+        """
+        poses = self.poses()
+        if absent := [name for name in PLACE_MM if name not in poses]:
+            raise RecordError(
+                "the table of poses lacks a column",
+                where=str(self.folder / "ingest" / "poses.parquet"),
+                value=absent[0],
+                allowed=f"all of {', '.join(PLACE_MM)}",
+                remedy="run pa10cal ingest again",
+            )
+        return poses
 
     def joints(self) -> JointPositions:
-        """Read the joint positions of `ingest/poses.parquet`, in order of time."""
-        return self._once("joints", lambda: read_joints(self._poses_path, self.campaign))
+        """Read the joint positions of `ingest/poses.parquet`."""
+        poses = self.poses()
+        found = sorted(
+            (int(match[1]), match[2], match[0])
+            for match in map(_JOINT.fullmatch, poses.columns)
+            if match
+        )
+        mean = poses.groupby(["pose", "load_N"])[[name for _, _, name in found]].mean()
+        return JointPositions(mean, np.array([unit == "m" for _, unit, _ in found]))
 
-    @property
-    def _poses_path(self) -> Path:
-        return self.folder / "ingest" / "poses.parquet"
+    def chain(self) -> Chain:
+        """Return the chain of the nominal arm."""
+        return Chain.of(load_arm(self.robot, self.raw))
 
-    def _calibration_path(self, load: str) -> Path:
-        return self.folder / "calibration" / f"{load}.json"
+    def _read(self, kind: type[_R], name: str | None = None) -> _R:
+        """Read a record of this campaign."""
+        path = self.folder / (name or kind.FILE)
+        return self._once(path, lambda: read(kind, path, self.campaign))
 
-    def _discovered(self, name: str, kind: type[_R], schema: str) -> _R:
-        found = self._read(self.folder / "discovery" / f"{name}.json", kind, schema, "discover")
-        self.any_calibration(self.settings.evaluation.calibration)
-        return found
-
-    def _read(self, path: Path, kind: type[_R], schema: str, stage: str) -> _R:
-        def read() -> _R:
-            content = read_content(path, schema, stage, self.campaign)
-            return as_record(content, kind, path, schema, stage)
-
-        return self._once(path, read)
-
-    def _once(self, key: object, read: Callable[[], _T]) -> _T:
+    def _once(self, key: object, read_it: Callable[[], _T]) -> _T:
         """Return what was read under a key, reading it the first time."""
         if key not in self._read_once:
-            self._read_once[key] = read()
+            self._read_once[key] = read_it()
         return cast(_T, self._read_once[key])
+
+    def _other_model(
+        self, load: str, found: CalibrationRecord, wanted: str, remedy: str
+    ) -> RecordError:
+        return RecordError(
+            f"the picture is of the {MODELS[wanted]}",
+            where=str(self.folder / "calibration" / f"{load}.json"),
+            value=f"a calibration with the {MODELS[found.model]}",
+            allowed=f"a calibration with the {MODELS[wanted]}",
+            remedy=remedy,
+        )
 
 
 def _first_sentences(said: str) -> str:

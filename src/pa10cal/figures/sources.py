@@ -2,21 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pa10cal.errors import SettingsError
-from pa10cal.figures.chain_results import read_curve_study
-from pa10cal.figures.curve_results import read_curve
-from pa10cal.figures.draw import Source
+from pa10cal.figures.curve_results import CurveResults, read_curve
 from pa10cal.figures.options import PictureOptions
 from pa10cal.figures.results import Results
-from pa10cal.figures.trial_scores import read_scores
+from pa10cal.results.codec import read
+from pa10cal.results.studies import CurveCalibrationRecord
+from pa10cal.results.trials import TrialScoresRecord
 
 
-def read_source(
-    folder: Path, campaign_dir: Path | None, settings: PictureOptions
-) -> tuple[str, Source]:
-    """Return what the results in a folder are of, as `registry.FOLDERS` names it, and them.
+def _nothing(need: str) -> None:
+    del need
+
+
+@dataclass(frozen=True)
+class Source:
+    """What the pictures of a results folder are drawn from.
+
+    Attributes:
+        folder: which pictures, of `registry.FOLDERS`.
+        name: what messages call it.
+        footer: stands below every picture: where its data come from.
+        content: what each module of that folder draws.
+        lacks: says why a need of a picture is not met, None where it is; studies have no needs.
+    """
+
+    folder: str
+    name: str
+    footer: str
+    content: Any
+    lacks: Callable[[str], str | None] = _nothing
+
+
+def read_source(folder: Path, campaign_dir: Path | None, settings: PictureOptions) -> Source:
+    """Return what the pictures of a results folder are drawn from.
 
     Args:
         folder: results of a campaign, of blind trials, of a curve, or of chains along curves.
@@ -28,13 +52,13 @@ def read_source(
         RecordError, RawDataError: when they cannot be used.
     """
     if campaign_dir is not None:
-        return "campaign", Results.of(campaign_dir, folder, settings)
+        return of_campaign(Results.of(campaign_dir, folder, settings))
     if (folder / "scores.json").exists():
-        return "trials", read_scores(folder / "scores.json")
+        return _of_trials(read(TrialScoresRecord, folder / "scores.json"))
     if (folder / "curve.json").exists():
-        return "curve", read_curve(folder)
+        return _of_curve(folder.name, read_curve(folder))
     if (folder / "calibration.json").exists():
-        return "chain", read_curve_study(folder / "calibration.json")
+        return _of_chain(read(CurveCalibrationRecord, folder / "calibration.json"))
     raise SettingsError(
         "results of nothing that pictures are drawn of",
         where="--results",
@@ -42,3 +66,33 @@ def read_source(
         allowed="a folder with scores.json, curve.json or calibration.json, or one of a campaign",
         remedy="correct the folder; for a campaign give --campaign-dir as well",
     )
+
+
+def of_campaign(results: Results) -> Source:
+    """Return the source of a campaign's pictures."""
+    return Source("campaign", results.campaign, results.footer, results, results.lacks)
+
+
+def _of_trials(scores: TrialScoresRecord) -> Source:
+    footer = f"{scores.trials} blind trials. Synthetic data. Provenance: {scores.provenance}."
+    return Source("trials", "blind trials", footer, scores)
+
+
+def _of_curve(name: str, found: CurveResults) -> Source:
+    record = found.record
+    footer = (
+        f"{record.links} links of {record.link_m:.4g} m on a continuous curve: "
+        f"{record.shapes[0].ending_is}. Synthetic data."
+    )
+    return Source("curve", name, footer, found)
+
+
+def _of_chain(study: CurveCalibrationRecord) -> Source:
+    asked: Any = study.settings
+    footer = (
+        f"{study.summaries[0].individuals} arms of {asked['links']} links of "
+        f"{asked['link_m']:g} m each way, {asked['postures']} postures each, noise "
+        f"{asked['position_mm']:g} mm and {1e3 * asked['attitude_rad']:g} mrad. Synthetic data. "
+        f"Provenance: {study.provenance}."
+    )
+    return Source("chain", "chain along curves", footer, study)

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pa10cal.figures.discovery_records import Errors
-from pa10cal.figures.general_records import GeneralCalibration
 from pa10cal.figures.held_out_models import title
-from pa10cal.figures.records import Accuracy, HeldOut
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.table import Grid, Row, Table
-from pa10cal.observe.registry import instruments
+from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.calibration import GeneralCalibrationRecord
+from pa10cal.results.evaluation import HoldoutRecord
 
 PICTURE = Picture(
     title="Accuracy of the general model",
@@ -82,7 +81,7 @@ def tabulate(results: Results) -> Table:
         data=Grid(_DATA_HEADER, tuple(_data(entry) for entry in entries)),
         shown=tuple(grids),
         notes=(
-            instruments()[results.instrument].words.of,
+            results.words.of,
             "The nominal arm has its base and its tool or targets fitted to the same poses.",
             "Extrapolated: poses with a joint at an angle that hardly any of the poses fitted come "
             "near, so that an error learnt by angle is guessed there.",
@@ -90,7 +89,7 @@ def tabulate(results: Results) -> Table:
     )
 
 
-def _fitted(case: GeneralCalibration) -> Iterator[_Entry]:
+def _fitted(case: GeneralCalibrationRecord) -> Iterator[_Entry]:
     for key, model in _FITTED.items():
         if model == "geometry" and not case.springs:
             continue  # the same as the calibrated model
@@ -98,10 +97,10 @@ def _fitted(case: GeneralCalibration) -> Iterator[_Entry]:
         yield _entry("fitted", model, _ALL, _ALL, _together(list(by_load.values())))
         if len(by_load) > 1:
             for load, accuracy in by_load.items():
-                yield _entry("fitted", model, f"{load}N", _ALL, accuracy)
+                yield _entry("fitted", model, load, _ALL, accuracy)
 
 
-def _extended(results: Results, held_out: HeldOut) -> Iterator[_Entry]:
+def _extended(results: Results, held_out: HoldoutRecord) -> Iterator[_Entry]:
     """Yield what discovery says of the poses it was fitted to."""
     if "extended" not in held_out.models:
         return
@@ -112,7 +111,7 @@ def _extended(results: Results, held_out: HeldOut) -> Iterator[_Entry]:
             yield _entry("fitted", "extended", _ALL, part, gap.after)
 
 
-def _held_out(held_out: HeldOut) -> Iterator[_Entry]:
+def _held_out(held_out: HoldoutRecord) -> Iterator[_Entry]:
     for name, model in held_out.models.items():
         yield _entry("held out", name, _ALL, _ALL, model)
         for part, accuracy in (("inside", model.inside), ("extrapolated", model.extrapolated)):
@@ -120,7 +119,7 @@ def _held_out(held_out: HeldOut) -> Iterator[_Entry]:
                 yield _entry("held out", name, _ALL, part, accuracy)
 
 
-def _entry(poses: str, model: str, load: str, part: str, accuracy: Accuracy | Errors) -> _Entry:
+def _entry(poses: str, model: str, load: str, part: str, accuracy: Accuracy) -> _Entry:
     return _Entry(
         poses,
         model,
@@ -148,7 +147,7 @@ def _together(parts: list[Accuracy]) -> Accuracy:
     )
 
 
-def _shown(entry: _Entry, held_out: HeldOut) -> Row:
+def _shown(entry: _Entry, held_out: HoldoutRecord) -> Row:
     angle = entry.orientation_deg
     return (
         f"{title(entry.model, held_out)}{_PARTS[entry.part]}",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pa10cal.figures.general_records import GeneralCalibration
 from pa10cal.figures.joint_columns import joint_panels, label_below, over_angle
 from pa10cal.figures.joint_errors import Left, joint_errors, running_mean
-from pa10cal.figures.records import HeldOutRow, Residual
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
@@ -26,6 +24,9 @@ from pa10cal.figures.style import (
     points,
     write_text_at,
 )
+from pa10cal.results.accuracy import ResidualRows
+from pa10cal.results.calibration import GeneralCalibrationRecord
+from pa10cal.results.evaluation import HeldOutRows
 
 PICTURE = Picture(
     title="Error of each joint against its position",
@@ -76,7 +77,8 @@ def draw(results: Results) -> Figure:
     to_shown = np.where(joints.slides, 1e3, np.degrees(1.0))
     rows = []
     for title, colour, found in _sets(results, case):
-        left = _left(found, joints.of([(row.pose, row.load_N) for row in found]))
+        q = joints.of(found.pose.tolist(), found.load_N.tolist())
+        left = Left(q, found.position_mm, found.rotation_deg)
         error = 1e3 * joint_errors(chain, left, p_ee_target_m)
         rows.append(_Row(title, colour, left.q * to_shown, error, _beyond(found)))
     figure = new_figure(
@@ -106,8 +108,8 @@ def draw(results: Results) -> Figure:
 
 
 def _sets(
-    results: Results, case: GeneralCalibration
-) -> Iterator[tuple[str, str, Sequence[Residual | HeldOutRow]]]:
+    results: Results, case: GeneralCalibrationRecord
+) -> Iterator[tuple[str, str, ResidualRows | HeldOutRows]]:
     """Yield the poses of each row: what they are, their colour, what is left of them."""
     models = results.held_out().models
     said = "{}, before" if "extended" in models else "calibrated model, {}"
@@ -118,22 +120,14 @@ def _sets(
         yield "held out, after", AFTER, models["extended"].rows
 
 
-def _left(found: Sequence[Residual | HeldOutRow], q: Array) -> Left:
-    turned = [row.rotation_deg for row in found if row.rotation_deg is not None]
-    return Left(
-        q=q,
-        position_mm=np.array([row.position_mm for row in found]),
-        rotation_deg=np.array(turned) if len(turned) == len(found) else None,
-    )
+def _beyond(found: ResidualRows | HeldOutRows) -> NDArray[np.bool_]:
+    extrapolated = found.extrapolated if isinstance(found, HeldOutRows) else None
+    return np.zeros(len(found), dtype=bool) if extrapolated is None else extrapolated
 
 
-def _beyond(found: Sequence[Residual | HeldOutRow]) -> NDArray[np.bool_]:
-    return np.array([isinstance(row, HeldOutRow) and bool(row.extrapolated) for row in found])
-
-
-def _target(case: GeneralCalibration) -> Array:
+def _target(case: GeneralCalibrationRecord) -> Array:
     """Return the place (3,) of what was measured, the middle of several, in the end-effector."""
-    if case.solved.places_m:
+    if case.solved.places_m.size:
         return np.asarray(np.reshape(case.solved.places_m, (-1, 3)).mean(axis=0))
     tool = [case.parameters.get(f"tool_{axis}") for axis in "xyz"]
     return np.array([0.0 if parameter is None else parameter.value for parameter in tool])
@@ -162,7 +156,7 @@ def _unit(slides: NDArray[np.bool_]) -> str:
 
 
 def _notes(
-    rows: list[_Row], limit: float, averaged: bool, case: GeneralCalibration
+    rows: list[_Row], limit: float, averaged: bool, case: GeneralCalibrationRecord
 ) -> Iterator[str]:
     beyond = sum(int((np.abs(row.error) > limit).sum()) for row in rows)
     model = "before and after discovery" if rows[-1].colour == AFTER else "calibrated model"
@@ -173,7 +167,7 @@ def _notes(
     extrapolated = int(rows[-1].beyond.sum())
     if extrapolated:
         yield f"Grey: {extrapolated} poses that leave the angles learnt from, extrapolated."
-    if any(residual.rotation_deg is None for residual in case.residuals):
+    if case.residuals.rotation_deg is None:
         yield "Positions alone were seen: an error of one joint shows in several."
     elif rows[-1].colour != AFTER:
         yield "There is no model with discovered effects that held-out poses were judged with."

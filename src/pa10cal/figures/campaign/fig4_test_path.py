@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
-from pa10cal.figures.poses import Poses
 from pa10cal.figures.registry import Picture
-from pa10cal.figures.results import Results
+from pa10cal.figures.results import PLACE_MM, Results
 from pa10cal.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, new_figure, panel
 
 PICTURE = Picture(
@@ -56,7 +56,7 @@ class _Path:
 
 def draw(results: Results) -> Figure:
     """Draw the first pass over the grid, the held-out places and the straight-line moves."""
-    path = _path(results.poses(), results.base_frame())
+    path = _path(results.places(), results.base_frame())
     figure = new_figure(128.0, "Experimental test path in the robot's base frame (compare Fig. 4)")
     space = panel(figure, 2.0, 29.0, 110.0, 94.0, projection="3d")
     _draw_space(space, path)
@@ -66,14 +66,13 @@ def draw(results: Results) -> Figure:
     return figure
 
 
-def _path(poses: Poses, T_instr_base: Array) -> _Path:
+def _path(poses: pd.DataFrame, T_instr_base: Array) -> _Path:
     """Carry the places to the base frame: the first visit of each pose, as the arm came by."""
-    p_base_mm = (poses.p_instr_mm - 1e3 * T_instr_base[:3, 3]) @ T_instr_base[:3, :3]
 
     def first_visits(kind: str) -> Array:
-        rows = np.flatnonzero(poses.kind == kind)
-        _, first = np.unique(poses.pose[rows], return_index=True)
-        return np.asarray(p_base_mm[rows[np.sort(first)]])
+        first = poses[poses["kind"] == kind].drop_duplicates("pose")
+        p_instr_mm = first[list(PLACE_MM)].to_numpy()
+        return np.asarray((p_instr_mm - 1e3 * T_instr_base[:3, 3]) @ T_instr_base[:3, :3])
 
     return _Path(
         grid=first_visits("grid"),

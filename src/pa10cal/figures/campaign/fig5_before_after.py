@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pa10cal.figures import published
-from pa10cal.figures.records import Accuracy, Calibration
+from pa10cal.figures.parameter_names import written_load
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.repeats import Scatter, scatter_by_load
 from pa10cal.figures.results import Results
@@ -25,6 +25,8 @@ from pa10cal.figures.style import (
     panel,
     plain_log,
 )
+from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.calibration import PaperCalibrationRecord
 
 PICTURE = Picture(
     title="Fig. 5: error before and after calibration",
@@ -70,7 +72,7 @@ class _Column:
 def draw(results: Results) -> Figure:
     """Draw mean and peak position error, and mean orientation error, on logarithmic axes."""
     combined, cases = results.calibration(), results.load_cases()
-    scatter = scatter_by_load(results.poses())
+    scatter = scatter_by_load(results.places())
     angles = _columns(results, combined, cases, lambda e: (e.orientation_deg, None))
     seen = any(not column.is_paper for column in angles)
     raised = _ORIENTATION_MM if seen else 0.0
@@ -97,8 +99,8 @@ def draw(results: Results) -> Figure:
 
 def _columns(
     results: Results,
-    combined: Calibration,
-    cases: dict[str, Calibration],
+    combined: PaperCalibrationRecord,
+    cases: dict[str, PaperCalibrationRecord],
     figures_of: Callable[[Errors], tuple[float | None, float | None]],
 ) -> list[_Column]:
     """Return a column a load and model, without those whose figure was not measured."""
@@ -108,8 +110,8 @@ def _columns(
         found.append((k, "after", case.errors[load].after, False))
         found.append((k, "combined", combined.errors[load].after, False))
         for slot, stated in (("before", published.BEFORE), ("after", published.AFTER)):
-            if results.is_paper_arm and float(load) in stated:
-                found.append((k, slot, stated[int(load)], True))
+            if results.is_paper_arm and load in stated:
+                found.append((k, slot, stated[load], True))
     return [
         _Column(k, slot, mean, peak, is_paper)
         for k, slot, errors, is_paper in found
@@ -127,9 +129,9 @@ def _scatter_columns(
         if load in scatter
     ]
     return ours + [
-        _Column(k, "repeats", published.REPEATABILITY_MM[int(load)], None, is_paper=True)
+        _Column(k, "repeats", published.REPEATABILITY_MM[load], None, is_paper=True)
         for k, load in enumerate(loads)
-        if results.is_paper_arm and float(load) in published.REPEATABILITY_MM
+        if results.is_paper_arm and load in published.REPEATABILITY_MM
     ]
 
 
@@ -172,7 +174,7 @@ def _draw_columns(
     high = max(column.peak or column.mean for column in columns)
     plain_log(axes, "y", low / room[0], high * room[1])
     axes.set_xlim(-0.5, len(loads) - 0.5)
-    axes.set_xticks(range(len(loads)), [f"{load} N" for load in loads])
+    axes.set_xticks(range(len(loads)), [written_load(load) for load in loads])
     axes.tick_params(axis="x", length=0.0)
     axes.grid(visible=False, axis="x")
     for k in range(1, len(loads)):

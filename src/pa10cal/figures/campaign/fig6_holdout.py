@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pa10cal.figures import published
-from pa10cal.figures.records import HeldOut, HeldOutModel
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.results import COMBINED, Results
 from pa10cal.figures.style import (
@@ -22,6 +21,7 @@ from pa10cal.figures.style import (
     plain_log,
     write_text_at,
 )
+from pa10cal.results.evaluation import HeldOutModel, HoldoutRecord
 
 PICTURE = Picture(
     title="Fig. 6: error at held-out points and loads",
@@ -69,35 +69,33 @@ def draw(results: Results) -> Figure:
     return figure
 
 
-def _draw_configurations(axes: Axes, held_out: HeldOut) -> None:
-    # Every model is judged on the same configurations.
-    rows = {
-        name: sorted(model.rows, key=lambda row: (row.load_N, row.pose))
-        for name, model in held_out.models.items()
-    }
-    first = next(iter(rows.values()))
-    loads = np.array([row.load_N for row in first])
-    aside = np.linspace(-0.2, 0.2, len(rows))
+def _draw_configurations(axes: Axes, held_out: HoldoutRecord) -> None:
+    # Every model is judged on the same configurations, in the same order.
+    first = next(iter(held_out.models.values())).rows
+    order = np.lexsort((first.pose, first.load_N))
+    loads, poses = first.load_N[order], first.pose[order]
+    aside = np.linspace(-0.2, 0.2, len(held_out.models))
     errors_mm = {
-        name: np.array([np.linalg.norm(row.position_mm) for row in found])
-        for name, found in rows.items()
+        name: np.linalg.norm(model.rows.position_mm[order], axis=1)
+        for name, model in held_out.models.items()
     }
     for shift, (name, errors) in zip(aside, errors_mm.items(), strict=True):
         at = np.arange(len(errors)) + shift
         axes.plot(at, errors, label=_NAMES[name], **_dots(name))
-        beyond = np.array([bool(row.extrapolated) for row in rows[name]])
-        if beyond.any():
+        extrapolated = held_out.models[name].rows.extrapolated
+        if extrapolated is not None and extrapolated.any():
+            beyond = extrapolated[order]
             hollow = _dots(name) | {"markerfacecolor": "white"}
             axes.plot(at[beyond], errors[beyond], label="extrapolated", **hollow)
     lowest = min(errors.min() for errors in errors_mm.values())
     highest = max(errors.max() for errors in errors_mm.values())
     plain_log(axes, "y", lowest / 1.5, highest * 1.5)
-    axes.set_xlim(-0.7, len(first) - 0.3)
+    axes.set_xlim(-0.7, len(poses) - 0.3)
     axes.set_ylabel("position error [mm]")
     axes.set_xlabel("held-out configuration: pose, grouped by load")
     axes.grid(visible=False, axis="x")
-    named = len(first) <= _MOST_NAMES
-    axes.set_xticks(range(len(first)), [row.pose for row in first], rotation=90.0)
+    named = len(poses) <= _MOST_NAMES
+    axes.set_xticks(range(len(poses)), poses.tolist(), rotation=90.0)
     axes.tick_params(axis="x", length=0.0, labelbottom=named)
     for load in np.unique(loads):
         at = np.flatnonzero(loads == load)
@@ -106,7 +104,7 @@ def _draw_configurations(axes: Axes, held_out: HeldOut) -> None:
             axes.axvline(at[0] - 0.5, color=SEPARATOR, linewidth=0.6)
 
 
-def _draw_summary(axes: Axes, held_out: HeldOut, with_paper: bool) -> None:
+def _draw_summary(axes: Axes, held_out: HoldoutRecord, with_paper: bool) -> None:
     """Draw mean and peak of each model, ours above the paper's."""
     names = list(held_out.models)
     for k, name in enumerate(names):

@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from pa10cal.figures.discovery_records import Analysis, Errors, Naming
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
@@ -24,6 +23,8 @@ from pa10cal.figures.style import (
     plain_log,
     write_text_at,
 )
+from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.analysis import AnalysisRecord, NamingStep
 
 PICTURE = Picture(
     title="Gap: error as effects are named",
@@ -76,15 +77,15 @@ def draw(results: Results) -> Figure:
     return figure
 
 
-def _beyond(found: Analysis) -> str:
+def _beyond(found: AnalysisRecord) -> str:
     """Say what becomes of held-out poses that leave the angles which the fit has seen."""
     if len(found.naming) == 1:
         return "No effect was named: there is one step."
-    held_out = found.gap.holdout or ()
-    error_mm = np.array([np.linalg.norm(row.after_mm) for row in held_out])
-    beyond = np.array([row.extrapolated for row in held_out], dtype=bool)
-    if not beyond.any():
+    held_out = found.gap.holdout
+    beyond = None if held_out is None else held_out.extrapolated
+    if held_out is None or beyond is None or not beyond.any():
         return ""
+    error_mm = np.linalg.norm(held_out.after_mm, axis=1)
     inside, outside = (np.sqrt(np.mean(error_mm[rows] ** 2)) for rows in (~beyond, beyond))
     return (
         f"Held out, at last: rms {inside:.3f} mm inside the angles seen, {outside:.3f} mm in "
@@ -92,7 +93,7 @@ def _beyond(found: Analysis) -> str:
     )
 
 
-def _name(step: Naming) -> str:
+def _name(step: NamingStep) -> str:
     """Return what joined the model at a step."""
     if not step.effects:
         return "calibrated model"
@@ -100,7 +101,7 @@ def _name(step: Naming) -> str:
     return f"+ {name}\n   {place}"
 
 
-def _draw_errors(axes: Axes, y: float, errors: Errors, look: dict[str, Any]) -> None:
+def _draw_errors(axes: Axes, y: float, errors: Accuracy, look: dict[str, Any]) -> None:
     axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=look["color"], linewidth=1.4)
     for value, size in ((errors.rms_mm, 7.0), (errors.peak_mm, 4.0)):
         axes.plot(value, y, color=look["color"], marker="|", markersize=size)
@@ -114,7 +115,7 @@ def _draw_errors(axes: Axes, y: float, errors: Errors, look: dict[str, Any]) -> 
     )
 
 
-def _draw_legend(figure: Figure, steps: tuple[Naming, ...]) -> None:
+def _draw_legend(figure: Figure, steps: tuple[NamingStep, ...]) -> None:
     handles = [Line2D([], [], label="poses fitted", **_TRAIN)]
     if steps[0].holdout is not None:
         handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))

@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pa10cal.figures.parameter_names import written
-from pa10cal.figures.records import Health, PosesWanted
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
@@ -27,7 +26,7 @@ from pa10cal.figures.style import (
     plain_log,
     write_text_at,
 )
-from pa10cal.observe.registry import instruments
+from pa10cal.results.health import Health, PosesNeeded
 
 PICTURE = Picture(
     title="Health of the calibration",
@@ -69,7 +68,7 @@ def draw(results: Results) -> Figure:
     )
     bottom = _BELOW_MM + text_mm
     curve = panel(figure, 22.0, bottom + 28.0, 75.0, _PANELS_MM - 30.0)
-    error = instruments()[results.instrument].words.error
+    error = results.words.error
     _draw_poses(curve, health)
     figure.legend(
         *curve.get_legend_handles_labels(),
@@ -115,7 +114,7 @@ def _draw_poses(axes: Axes, health: Health) -> None:
     axes.set_ylabel("uncertainty to be expected\nof a prediction [mm]")
 
 
-def _wanted(poses: PosesWanted) -> str:
+def _wanted(poses: PosesNeeded) -> str:
     said = f"wanted: {poses.u_wanted_mm:.3g} mm"
     if poses.wanted is None:
         return f"{said}, not with {len(poses.d_optimal_order)} chosen poses"

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pa10cal.figures.general_records import GeneralCalibration
 from pa10cal.figures.parameter_names import written
-from pa10cal.figures.records import AnyCalibration, Health
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.table import Grid, Row, Table
+from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
+from pa10cal.results.health import Health
 
 PICTURE = Picture(
     title="Health of the calibration",
@@ -60,7 +60,7 @@ def tabulate(results: Results) -> Table:
 _MODELS = {"paper": "paper's model", "general": "general model"}
 
 
-def _said(case: AnyCalibration) -> dict[str, str]:
+def _said(case: CalibrationRecord) -> dict[str, str]:
     """Return quantities and how they are written."""
     health = case.health
     poses = health.poses
@@ -80,7 +80,7 @@ def _said(case: AnyCalibration) -> dict[str, str]:
         "poses measured": str(poses.measured),
         "well-chosen poses that would do": str(wanted),
     }
-    if isinstance(case, GeneralCalibration):
+    if isinstance(case, GeneralCalibrationRecord):
         for of, scatter in case.scatter.items():
             unit = "mrad" if of == "attitude" else "mm"
             found[f"scatter beyond what is stated, {of} [{unit}]"] = _number(1e3 * scatter)
@@ -113,7 +113,7 @@ def _order(health: Health, model: str) -> Grid:
     return Grid(header, rows, f"Expected uncertainty by number of poses, {model}")
 
 
-def _data_rows(case: AnyCalibration) -> Iterator[Row]:
+def _data_rows(case: CalibrationRecord) -> Iterator[Row]:
     health, model = case.health, case.model
     poses = health.poses
     for quantity in ("verdict", "line", "reason", "iterations", "rank", "unknowns", "condition"):

@@ -9,7 +9,6 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pa10cal.figures.held_out_models import Judged, judged
-from pa10cal.figures.records import HeldOut
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.results import COMBINED, Results
 from pa10cal.figures.style import (
@@ -22,7 +21,7 @@ from pa10cal.figures.style import (
     plain_log,
     write_text_at,
 )
-from pa10cal.observe.registry import instruments
+from pa10cal.results.evaluation import HoldoutRecord
 
 PICTURE = Picture(
     title="Error of held-out poses",
@@ -61,8 +60,8 @@ def draw(results: Results) -> Figure:
     wide = 72.0 if angles else 152.0
     position = panel(figure, 15.0, bottom, wide, _PANEL_MM)
     _draw_shares(position, [(model, model.error_mm) for model in models])
-    seen = instruments()[results.instrument].words
-    position.set(xlabel=f"{seen.error} [mm]", ylabel="share of the poses [%]")
+    words = results.words
+    position.set(xlabel=f"{words.error} [mm]", ylabel="share of the poses [%]")
     if angles:
         orientation = panel(figure, 96.0, bottom, wide, _PANEL_MM)
         _draw_shares(orientation, angles)
@@ -74,7 +73,7 @@ def draw(results: Results) -> Figure:
         bbox_to_anchor=(4.0 / WIDTH_MM, 14.0 / height_of(figure)),
         handlelength=4.0,
     )
-    for k, line in enumerate((seen.of, _fitted(held_out))):
+    for k, line in enumerate((words.of, _fitted(held_out))):
         write_text_at(figure, 2.0, 10.0 - 4.0 * k, line, color=GREY)
     return figure
 
@@ -107,7 +106,7 @@ def _said(model: Judged) -> str:
     return f"{text} ({len(model.error_mm)} poses)"
 
 
-def _fitted(held_out: HeldOut) -> str:
+def _fitted(held_out: HoldoutRecord) -> str:
     load = held_out.calibration
     fitted = "all loads together" if load == COMBINED else f"{load} alone"
     return f"Marks on the lines: rms. Calibrated with {fitted}."

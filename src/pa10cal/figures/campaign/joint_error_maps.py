@@ -13,7 +13,6 @@ from matplotlib.patches import Patch
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from pa10cal.figures.discovery_records import FoundEffect
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
@@ -27,6 +26,7 @@ from pa10cal.figures.style import (
     panel,
     write_text_at,
 )
+from pa10cal.results.discovery import FoundEffect
 
 PICTURE = Picture(
     title="Where: error maps of the joints",
@@ -119,12 +119,12 @@ def _map(effect: FoundEffect) -> _Map:
     )
 
 
-def _draw_map(axes: Axes, each: _Map, stretches: tuple[tuple[float, float], ...] | None) -> None:
+def _draw_map(axes: Axes, each: _Map, stretches: Array | None) -> None:
     """Draw a map; `stretches` are the angles seen [rad], None where that is not known."""
     angle, line, half = each.angle_deg, each.line_mrad, each.half_width_mrad
     unseen = np.zeros(len(angle), dtype=bool)
     if stretches is not None:
-        unseen = ~_within(angle, np.degrees(np.reshape(stretches, (-1, 2))))
+        unseen = ~_within(angle, np.degrees(stretches))
     axes.fill_between(
         angle, 0.0, 1.0, where=unseen, transform=axes.get_xaxis_transform(), color=SEPARATOR,
         alpha=0.45, linewidth=0.0,

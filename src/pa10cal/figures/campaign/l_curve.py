@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pa10cal.figures.records import LCurvePoint
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
@@ -23,6 +22,7 @@ from pa10cal.figures.style import (
     power_of_ten,
     write_text_at,
 )
+from pa10cal.results.calibration import LCurvePoint
 
 PICTURE = Picture(
     title="L-curve of the tolerance terms",
@@ -62,7 +62,7 @@ def draw(results: Results) -> Figure:
     case = results.calibration()
     if not case.l_curve:
         raise NothingToShowError("no weights were tried")
-    epsilon = case.settings.epsilon
+    epsilon = float(str(case.settings["epsilon"]))
     readings = (
         _Reading("ε on the residuals", epsilon, ORANGE, "s"),
         _Reading("ε on the cost: √ε on the residuals", float(np.sqrt(epsilon)), VERMILLION, "^"),
@@ -75,10 +75,12 @@ def draw(results: Results) -> Figure:
     figure.legend(
         *error.get_legend_handles_labels(), loc="lower left", bbox_to_anchor=(0.012, 0.115)
     )
-    chosen = {"residual": readings[0], "cost": readings[1]}[case.settings.epsilon_acts_on].title
+    chosen = {"residual": readings[0], "cost": readings[1]}[
+        str(case.settings["epsilon_acts_on"])
+    ].title
     acts = (
         "only on directions that the poses leave open, so they cost no fit"
-        if case.settings.tolerance_terms == "null_space"
+        if case.settings["tolerance_terms"] == "null_space"
         else f"on every departure, with {chosen}"
     )
     write_text_at(figure, 2.0, 6.5, f"In the calibration itself the terms act {acts}.")

@@ -37,15 +37,15 @@ def draw(results: Results) -> Figure:
     halves = []
     for plane, colour in zip(planes, cycle(SERIES), strict=False):
         trace = plane.convergence
-        cycles = np.array(trace.cycles)
-        percent = 100.0 * (np.array(trace.mean_mm) / plane.closed_form_mean_mm - 1.0)
-        halves.append(100.0 * np.array(trace.half_width95_mm) / plane.closed_form_mean_mm)
+        cycles = trace.cycles
+        percent = 100.0 * (trace.mean_mm / plane.closed_form_mean_mm - 1.0)
+        halves.append(100.0 * trace.half_width95_mm / plane.closed_form_mean_mm)
         running.plot(cycles, percent, color=colour, label=f"z = {plane.plane_mm} mm")
         distance.plot(
             cycles, np.abs(percent), color=colour, marker="o", markersize=2.5, linewidth=0.7
         )
     # The planes' intervals hardly differ; the first one's stands for all.
-    cycles, half = np.array(planes[0].convergence.cycles), halves[0]
+    cycles, half = planes[0].convergence.cycles, halves[0]
     running.fill_between(
         cycles, -half, half, color="#d9d9d9", linewidth=0.0, zorder=0.5, label="95 % interval"
     )

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MultipleLocator
 
-from pa10cal.figures.records import Plane
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import BLACK, new_figure, panel, write_text_at
+from pa10cal.results.montecarlo import PlaneRecord
 
 PICTURE = Picture(
     title="Monte Carlo: map of the error over the plane",
@@ -43,7 +43,7 @@ def draw(results: Results) -> Figure:
     rows = -(-len(planes) // _COLUMNS)
     height = _BELOW_MM + rows * (_SIZE_MM + _TITLE_ROOM_MM) + 8.0
     figure = new_figure(height, "Expected position error from resolver uncertainty alone")
-    values = np.array([row[2] for plane in planes for row in plane.map.rows])
+    values = np.concatenate([plane.map.rows[:, 2] for plane in planes])
     limits = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
     for k, plane in enumerate(planes):
         row, column = divmod(k, _COLUMNS)
@@ -51,7 +51,7 @@ def draw(results: Results) -> Figure:
         bottom = height - 8.0 - (row + 1) * (_SIZE_MM + _TITLE_ROOM_MM)
         axes = panel(figure, left, bottom, _SIZE_MM, _SIZE_MM)
         _draw_ring(axes, plane)
-        if plane.map.rows:
+        if len(plane.map.rows):
             _draw_map(axes, plane, limits)
         else:
             axes.set_title(f"z = {plane.plane_mm} mm")
@@ -74,7 +74,7 @@ def draw(results: Results) -> Figure:
     return figure
 
 
-def _draw_ring(axes: Axes, plane: Plane) -> None:
+def _draw_ring(axes: Axes, plane: PlaneRecord) -> None:
     """Draw the circles of the reach asked for, and the base."""
     for reach_m in plane.reach_m:
         axes.add_patch(Circle((0.0, 0.0), 1e3 * reach_m, fill=False, linewidth=0.6))
@@ -87,10 +87,10 @@ def _draw_ring(axes: Axes, plane: Plane) -> None:
     axes.yaxis.set_major_locator(MultipleLocator(500.0))
 
 
-def _draw_map(axes: Axes, plane: Plane, limits: tuple[float, float]) -> None:
+def _draw_map(axes: Axes, plane: PlaneRecord, limits: tuple[float, float]) -> None:
     """Draw the map of one plane, its colours between limits, within what the axes show."""
     spacing = plane.map.spacing_mm
-    points = np.array(plane.map.rows)
+    points = plane.map.rows
     index = np.round(points[:, :2] / spacing).astype(int)
     low = index.min(axis=0)
     shape = index.max(axis=0) - low + 1

@@ -6,10 +6,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pa10cal.figures import published
-from pa10cal.figures.records import Plane
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import BLUE, GREEN, GREY, PAPER, SKY, new_figure, panel, write_text_at
+from pa10cal.results.montecarlo import PlaneRecord
 
 PICTURE = Picture(
     title="Monte Carlo: error by plane",
@@ -58,7 +58,7 @@ def draw(results: Results) -> Figure:
     return figure
 
 
-def _draw_spread(axes: Axes, planes: list[Plane], with_paper: bool) -> None:
+def _draw_spread(axes: Axes, planes: list[PlaneRecord], with_paper: bool) -> None:
     axes.errorbar(
         [plane.plane_mm for plane in planes],
         [plane.mean_mm for plane in planes],
@@ -84,7 +84,7 @@ def _draw_spread(axes: Axes, planes: list[Plane], with_paper: bool) -> None:
     _name_planes(axes, planes)
 
 
-def _draw_means(axes: Axes, planes: list[Plane], with_paper: bool) -> None:
+def _draw_means(axes: Axes, planes: list[PlaneRecord], with_paper: bool) -> None:
     z_mm = [plane.plane_mm for plane in planes]
     axes.errorbar(
         z_mm,
@@ -125,7 +125,7 @@ def _draw_means(axes: Axes, planes: list[Plane], with_paper: bool) -> None:
     _name_planes(axes, planes)
 
 
-def _name_planes(axes: Axes, planes: list[Plane]) -> None:
+def _name_planes(axes: Axes, planes: list[PlaneRecord]) -> None:
     axes.set_xticks([plane.plane_mm for plane in planes])
     axes.set_xlim(planes[0].plane_mm - 60.0, planes[-1].plane_mm + 60.0)
     axes.set_xlabel("height z of the plane above the base [mm]")

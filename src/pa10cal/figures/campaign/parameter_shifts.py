@@ -9,11 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pa10cal.figures.discovery_records import Analysis, Shift
 from pa10cal.figures.parameter_names import K_CUB, K_LIN, LINKS, Kind, joints_of
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import AFTER, GREY, SEPARATOR, new_figure, panel, write_text_at
+from pa10cal.results.analysis import AnalysisRecord, ParameterShift
 
 PICTURE = Picture(
     title="Gap: parameters that had absorbed the effects",
@@ -59,7 +59,9 @@ def draw(results: Results) -> Figure:
     return figure
 
 
-def _draw_links(axes: Axes, links: list[tuple[Kind, int]], shifts: dict[str, Shift]) -> None:
+def _draw_links(
+    axes: Axes, links: list[tuple[Kind, int]], shifts: dict[str, ParameterShift]
+) -> None:
     found = [shifts[kind.name(joint)] for kind, joint in links]
     unit = np.array([shift.tolerance or 1.0 for shift in found])
     _draw_shifts(axes, found, unit, [kind.written(joint) for kind, joint in links])
@@ -68,7 +70,9 @@ def _draw_links(axes: Axes, links: list[tuple[Kind, int]], shifts: dict[str, Shi
     axes.set_xlabel("after − before, in manufacturing tolerances (grey: within one)")
 
 
-def _draw_springs(axes: Axes, springs: list[tuple[Kind, int]], shifts: dict[str, Shift]) -> None:
+def _draw_springs(
+    axes: Axes, springs: list[tuple[Kind, int]], shifts: dict[str, ParameterShift]
+) -> None:
     axes.set_title("stiffness of the joints")
     if not springs:
         axes.text(0.5, 0.5, "all joints held rigid", transform=axes.transAxes, ha="center")
@@ -82,7 +86,7 @@ def _draw_springs(axes: Axes, springs: list[tuple[Kind, int]], shifts: dict[str,
     axes.set_xlabel("after − before [%] of the larger")
 
 
-def _draw_shifts(axes: Axes, found: list[Shift], unit: Array, names: list[str]) -> None:
+def _draw_shifts(axes: Axes, found: list[ParameterShift], unit: Array, names: list[str]) -> None:
     """Draw shifts of n parameters, each in its unit (n,), with their 95 % intervals."""
     y = np.arange(len(found))
     moved = np.array([shift.after - shift.before for shift in found]) / unit
@@ -98,7 +102,7 @@ def _draw_shifts(axes: Axes, found: list[Shift], unit: Array, names: list[str]) 
     axes.set_xlim(-reach, reach)
 
 
-def _said(found: Analysis) -> str:
+def _said(found: AnalysisRecord) -> str:
     if not found.effects:
         return "No effect was named: what moves is the weighing of the fit."
     hidden = len(found.parameter_shifts) - sum(s.identifiable for s in found.parameter_shifts)

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from pa10cal.figures.parameter_names import K_CUB, K_LIN, LINKS, Kind, joints_of
-from pa10cal.figures.records import Calibration
+from pa10cal.figures.parameter_names import K_CUB, K_LIN, LINKS, Kind, joints_of, std_of
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.repeats import incompleteness, scatter_by_load
 from pa10cal.figures.results import Results
@@ -28,6 +27,7 @@ from pa10cal.figures.style import (
     plain_log,
     write_text_at,
 )
+from pa10cal.results.calibration import PaperCalibrationRecord
 
 PICTURE = Picture(
     title="Parameters and their uncertainty",
@@ -100,7 +100,7 @@ def draw(results: Results) -> Figure:
         bbox_to_anchor=(0.012, (6.0 + _NOTE_MM) / total),
         ncols=2,
     )
-    lacking = incompleteness(case, scatter_by_load(results.poses()))
+    lacking = incompleteness(case, scatter_by_load(results.places()))
     if lacking is not None:
         write_text_at(figure, 2.0, 6.0, lacking.replace(": ", ":\n"))
     return figure
@@ -120,7 +120,11 @@ def _lay_out(names: list[str]) -> tuple[dict[int, Kind], list[_Row]]:
 
 
 def _draw_values(
-    axes: Axes, headings: dict[int, Kind], rows: list[_Row], case: Calibration, results: Results
+    axes: Axes,
+    headings: dict[int, Kind],
+    rows: list[_Row],
+    case: PaperCalibrationRecord,
+    results: Results,
 ) -> None:
     _draw_parameters(
         axes,
@@ -146,11 +150,11 @@ def _draw_values(
     axes.set_xlabel("departure from nominal / tolerance")
 
 
-def _draw_widths(axes: Axes, rows: list[_Row], case: Calibration) -> None:
+def _draw_widths(axes: Axes, rows: list[_Row], case: PaperCalibrationRecord) -> None:
     known = [row for row in rows if case.parameters[row.name].identifiable]
     y = [row.y for row in known]
     per_tolerance = _HALF_WIDTH_95 / np.array([_tolerance(case, row) for row in known])
-    half = per_tolerance * [case.parameters[row.name].std for row in known]
+    half = per_tolerance * [std_of(case.parameters[row.name]) for row in known]
     spread = per_tolerance * [case.inner_dependence.std[row.name] for row in known]
     axes.plot(spread, y, color=ORANGE, marker="^", linestyle="none")
     axes.plot(half, y, color=BLUE, marker="o", linestyle="none")
@@ -171,13 +175,18 @@ def _draw_widths(axes: Axes, rows: list[_Row], case: Calibration) -> None:
     axes.set_xlabel("half width of the 95 % interval / tolerance")
 
 
-def _tolerance(case: Calibration, row: _Row) -> float:
+def _tolerance(case: PaperCalibrationRecord, row: _Row) -> float:
     """Return the tolerance of a link parameter; every one has one."""
     return case.parameters[row.name].tolerance or 1.0
 
 
 def _draw_parameters(
-    axes: Axes, names: list[str], y: Array, unit: Array, case: Calibration, results: Results
+    axes: Axes,
+    names: list[str],
+    y: Array,
+    unit: Array,
+    case: PaperCalibrationRecord,
+    results: Results,
 ) -> None:
     """Draw values with their intervals, and the paper's values behind them.
 
@@ -191,7 +200,7 @@ def _draw_parameters(
     """
     parameters = [case.parameters[name] for name in names]
     value = np.array([parameter.value for parameter in parameters]) / unit
-    half = _HALF_WIDTH_95 * np.array([parameter.std for parameter in parameters]) / unit
+    half = _HALF_WIDTH_95 * np.array([std_of(parameter) for parameter in parameters]) / unit
     is_open = np.array([not parameter.identifiable for parameter in parameters], dtype=bool)
     at_bound = np.array([parameter.at_bound for parameter in parameters], dtype=bool) & ~is_open
     for rows, look in (
@@ -207,7 +216,7 @@ def _draw_parameters(
     axes.plot(stated / unit, y, linestyle="none", zorder=1.9, **PAPER)
 
 
-def _draw_stiffness(axes: Axes, kind: Kind, case: Calibration, results: Results) -> None:
+def _draw_stiffness(axes: Axes, kind: Kind, case: PaperCalibrationRecord, results: Results) -> None:
     joints = joints_of(kind, list(case.parameters))
     axes.set_title(kind.title)
     if not joints:
@@ -232,7 +241,7 @@ def _draw_stiffness(axes: Axes, kind: Kind, case: Calibration, results: Results)
     axes.set_xlabel(f"{kind.symbol.rstrip(',')} [{kind.unit}]")
 
 
-def _draw_base(axes: Axes, case: Calibration) -> None:
+def _draw_base(axes: Axes, case: PaperCalibrationRecord) -> None:
     """Draw the half widths of the base frame's intervals; the paper states no values."""
     shown = {
         "x [µm]": "base_p_cmm_x",
@@ -242,7 +251,7 @@ def _draw_base(axes: Axes, case: Calibration) -> None:
         "γy [µrad]": "gamma_y",
         "γz [µrad]": "gamma_z",
     }
-    half = [1e6 * _HALF_WIDTH_95 * case.parameters[name].std for name in shown.values()]
+    half = [1e6 * _HALF_WIDTH_95 * std_of(case.parameters[name]) for name in shown.values()]
     axes.plot(half, range(len(shown)), color=BLUE, marker="o", linestyle="none")
     axes.set_ylim(len(shown) - 0.5, -0.5)
     axes.set_yticks(range(len(shown)), list(shown))
@@ -252,7 +261,7 @@ def _draw_base(axes: Axes, case: Calibration) -> None:
     axes.set_xlabel("half width of interval")
 
 
-def _legend(case: Calibration, results: Results) -> list[Line2D]:
+def _legend(case: PaperCalibrationRecord, results: Results) -> list[Line2D]:
     choices = case.inner_dependence.choices
     entries: list[tuple[str, dict[str, Any]]] = [
         ("found, with 95 % interval", _FOUND | {"linestyle": "-"}),

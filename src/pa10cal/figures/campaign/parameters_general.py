@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pa10cal.figures.general_records import GeneralCalibration, GeneralParameter, Redundant
 from pa10cal.figures.parameter_names import written
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.table import Grid, Row, Table
+from pa10cal.results.calibration import CalibratedParameter, GeneralCalibrationRecord, Redundant
 
 PICTURE = Picture(
     title="Parameters of the general model",
@@ -66,7 +66,7 @@ def tabulate(results: Results) -> Table:
     )
 
 
-def _grids(case: GeneralCalibration) -> Iterator[Grid]:
+def _grids(case: GeneralCalibrationRecord) -> Iterator[Grid]:
     left = dict(case.parameters)
     for title, begin in _GROUPS:
         group = {name: left.pop(name) for name in list(left) if name.startswith(begin)}
@@ -78,7 +78,7 @@ def _grids(case: GeneralCalibration) -> Iterator[Grid]:
         yield Grid(("left out", "the same as"), rows, "Left out: others say the same")
 
 
-def _row(name: str, parameter: GeneralParameter) -> Row:
+def _row(name: str, parameter: CalibratedParameter) -> Row:
     unit, scale, digits = _SHOWN.get(parameter.unit, (parameter.unit, 1.0, ".4g"))
     tolerance = "–" if parameter.tolerance is None else f"{scale * parameter.tolerance:g}"
     if parameter.at_bound:
@@ -95,7 +95,7 @@ def _said(entry: Redundant) -> str:
     return " + ".join(parts).replace("+ -", "− ") or "nothing: it does not show"
 
 
-def _data_rows(case: GeneralCalibration) -> Iterator[Row]:
+def _data_rows(case: GeneralCalibrationRecord) -> Iterator[Row]:
     for name, parameter in case.parameters.items():
         yield (
             name,
@@ -113,7 +113,7 @@ def _data_rows(case: GeneralCalibration) -> Iterator[Row]:
         yield (entry.name, "", "", "", "", "", "", "true", said_by)
 
 
-def _notes(case: GeneralCalibration) -> Iterator[str]:
+def _notes(case: GeneralCalibrationRecord) -> Iterator[str]:
     health = case.health
     yield (
         f"Rank {health.rank} of {health.unknowns} unknowns. std is one standard uncertainty, from "

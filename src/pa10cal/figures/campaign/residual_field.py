@@ -13,8 +13,6 @@ from matplotlib.quiver import Quiver
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from pa10cal.figures.discovery_records import Configuration
-from pa10cal.figures.records import Residual
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
@@ -29,7 +27,8 @@ from pa10cal.figures.style import (
     panel,
     write_text_at,
 )
-from pa10cal.observe.registry import instruments
+from pa10cal.results.accuracy import ResidualRows
+from pa10cal.results.analysis import GapRows
 
 PICTURE = Picture(
     title="Gap: residual vectors before and after",
@@ -138,7 +137,7 @@ def draw(results: Results) -> Figure:
         color=BLACK,
     )
     _draw_legend(figure, every, sets)
-    said = instruments()[results.instrument].words.arrows if alone else _SAME_SCALE
+    said = results.words.arrows if alone else _SAME_SCALE
     write_text_at(figure, 2.0, 6.0, said, color=GREY)
     return figure
 
@@ -148,35 +147,33 @@ def _sets(results: Results) -> list[_Arrows]:
     if not results.seeks_effects:
         return [_calibrated(results.general().residuals)]
     found = results.analysis().gap
-    held_out = found.holdout or ()
-    parts = (
-        ("poses fitted", found.train, _TRAIN),
-        ("held-out poses", tuple(row for row in held_out if not row.extrapolated), _HELD_OUT),
-        ("held out, extrapolated", tuple(row for row in held_out if row.extrapolated), _BEYOND),
-    )
-    return [_before_and_after(name, rows, look) for name, rows, look in parts if rows]
+    every = np.ones(len(found.train), dtype=bool)
+    sets = [_before_and_after("poses fitted", found.train, every, _TRAIN)]
+    if found.holdout is not None:
+        beyond = found.holdout.extrapolated
+        if beyond is None:
+            beyond = np.zeros(len(found.holdout), dtype=bool)
+        sets += [
+            _before_and_after(name, found.holdout, rows, look)
+            for name, rows, look in (
+                ("held-out poses", ~beyond, _HELD_OUT),
+                ("held out, extrapolated", beyond, _BEYOND),
+            )
+            if rows.any()
+        ]
+    return sets
 
 
-def _before_and_after(name: str, rows: tuple[Configuration, ...], look: dict[str, Any]) -> _Arrows:
+def _before_and_after(
+    name: str, found: GapRows, rows: NDArray[np.bool_], look: dict[str, Any]
+) -> _Arrows:
     """Return the arrows of configurations; they are the opposite of the residuals."""
-    return _Arrows(
-        name,
-        np.array([row.place_mm for row in rows]),
-        {
-            "before": -np.array([row.before_mm for row in rows]),
-            "after": -np.array([row.after_mm for row in rows]),
-        },
-        look,
-    )
+    vectors = {"before": -found.before_mm[rows], "after": -found.after_mm[rows]}
+    return _Arrows(name, found.place_mm[rows], vectors, look)
 
 
-def _calibrated(rows: tuple[Residual, ...]) -> _Arrows:
-    return _Arrows(
-        "poses fitted",
-        np.array([row.place_mm for row in rows]),
-        {"calibrated": -np.array([row.position_mm for row in rows])},
-        _TRAIN,
-    )
+def _calibrated(rows: ResidualRows) -> _Arrows:
+    return _Arrows("poses fitted", rows.place_mm, {"calibrated": -rows.position_mm}, _TRAIN)
 
 
 def _draw_view(

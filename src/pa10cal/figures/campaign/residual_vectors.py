@@ -12,10 +12,10 @@ from matplotlib.quiver import Quiver
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
-from pa10cal.figures.records import Residual
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import BLACK, BLUE, ORANGE, new_figure, panel, write_text_at
+from pa10cal.results.accuracy import ResidualRows
 
 PICTURE = Picture(
     title="Residual vectors in space",
@@ -122,13 +122,13 @@ def draw(results: Results) -> Figure:
     return figure
 
 
-def _by_load(residuals: tuple[Residual, ...]) -> list[_Arrows]:
+def _by_load(residuals: ResidualRows) -> list[_Arrows]:
     """Return the arrows load by load; they are the opposite of the residuals."""
-    load_N = np.array([residual.load_N for residual in residuals])
-    place_mm = np.array([residual.place_mm for residual in residuals])
-    vector_mm = -np.array([residual.position_mm for residual in residuals])
+    load_N = residuals.load_N
     return [
-        _Arrows(float(load), place_mm[load_N == load], vector_mm[load_N == load])
+        _Arrows(
+            float(load), residuals.place_mm[load_N == load], -residuals.position_mm[load_N == load]
+        )
         for load in np.unique(load_N)
     ]
 

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from pa10cal.figures.parameter_names import K_CUB, K_LIN, KINDS, Kind, joints_of
-from pa10cal.figures.records import Calibration, Parameter
+from pa10cal.figures.parameter_names import (
+    K_CUB,
+    K_LIN,
+    KINDS,
+    Kind,
+    joints_of,
+    std_of,
+    written_load,
+)
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.repeats import incompleteness, scatter_by_load
 from pa10cal.figures.results import COMBINED, Results
 from pa10cal.figures.table import Grid, Row, Table
+from pa10cal.results.calibration import CalibratedParameter, PaperCalibrationRecord
 
 PICTURE = Picture(
     title="Table I: parameters",
@@ -26,6 +34,7 @@ lightcap2008 is simulated with Table I, so a difference there is an estimation e
 
 _NOT_IDENTIFIABLE = "†"
 _AT_BOUND = "‡"
+_TOGETHER = "All loads together"
 _RIGID = "∞"
 _NONE = "n/a"
 _DATA_HEADER: Row = (
@@ -45,9 +54,13 @@ _DATA_HEADER: Row = (
 def tabulate(results: Results) -> Table:
     """Return every link and spring parameter of every calibration, the paper's beside the first."""
     combined = results.calibration()
-    cases = {COMBINED: combined} | {f"{load}N": c for load, c in results.load_cases().items()}
+    cases = {COMBINED: combined} | results.load_cases()
     grids = [
-        _grid(case, results, "All loads together" if load == COMBINED else f"{load[:-1]} N alone")
+        _grid(
+            case,
+            results,
+            _TOGETHER if load == COMBINED else f"{written_load(load)} alone",
+        )
         for load, case in cases.items()
     ]
     return Table(
@@ -63,7 +76,7 @@ def tabulate(results: Results) -> Table:
     )
 
 
-def _data_rows(load: str, case: Calibration, results: Results) -> list[Row]:
+def _data_rows(load: str, case: PaperCalibrationRecord, results: Results) -> list[Row]:
     names = list(case.parameters)
     return [
         _data_row(load, kind.name(joint), joint, case.parameters[kind.name(joint)], results)
@@ -72,7 +85,9 @@ def _data_rows(load: str, case: Calibration, results: Results) -> list[Row]:
     ]
 
 
-def _data_row(load: str, name: str, joint: int, parameter: Parameter, results: Results) -> Row:
+def _data_row(
+    load: str, name: str, joint: int, parameter: CalibratedParameter, results: Results
+) -> Row:
     published = results.published(name)
     return (
         load,
@@ -88,7 +103,7 @@ def _data_row(load: str, name: str, joint: int, parameter: Parameter, results: R
     )
 
 
-def _grid(case: Calibration, results: Results, caption: str) -> Grid:
+def _grid(case: PaperCalibrationRecord, results: Results, caption: str) -> Grid:
     """Lay the parameters out as Table I does: a row a joint, ours and the paper's beside it."""
     with_paper = results.is_paper_arm and case.load == COMBINED
     names = list(case.parameters)
@@ -109,14 +124,14 @@ def _grid(case: Calibration, results: Results, caption: str) -> Grid:
     return Grid(tuple(header), tuple(rows), caption)
 
 
-def _cell(kind: Kind, joint: int, case: Calibration) -> str:
+def _cell(kind: Kind, joint: int, case: PaperCalibrationRecord) -> str:
     parameter = case.parameters.get(kind.name(joint))
     if parameter is None:
         return _absent(kind)
     value = _number(kind.scale * parameter.value, kind.digits)
     if not parameter.identifiable:
         return f"{value} {_NOT_IDENTIFIABLE}"
-    text = f"{value} ± {_number(kind.scale * parameter.std, kind.digits)}"
+    text = f"{value} ± {_number(kind.scale * std_of(parameter), kind.digits)}"
     return f"{text} {_AT_BOUND}" if parameter.at_bound else text
 
 
@@ -134,7 +149,7 @@ def _number(value: float, digits: str) -> str:
     return text.lstrip("-") if float(text) == 0.0 else text
 
 
-def _notes(case: Calibration, results: Results) -> tuple[str, ...]:
+def _notes(case: PaperCalibrationRecord, results: Results) -> tuple[str, ...]:
     unidentified_directions = "; ".join(" with ".join(names) for names in case.null_directions)
     notes = [
         "± is one standard uncertainty.",
@@ -153,5 +168,5 @@ def _notes(case: Calibration, results: Results) -> tuple[str, ...]:
             "The paper's values belong to the arm that its authors measured; the arm of a "
             "synthetic campaign need not share them.",
         ]
-    lacking = incompleteness(case, scatter_by_load(results.poses()))
+    lacking = incompleteness(case, scatter_by_load(results.places()))
     return tuple(notes) if lacking is None else (*notes, lacking)

@@ -6,17 +6,18 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from pa10cal.figures.discovery_records import (
-    EffectName,
-    FoundEffect,
-    LoadGap,
-    PartGap,
-    SetGap,
-    Verdict,
-)
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.table import Grid, Row, Table
+from pa10cal.results.accuracy import BeforeAfter
+from pa10cal.results.discovery import (
+    EffectName,
+    EvidenceByBlocks,
+    FoundEffect,
+    LoadGap,
+    SetGap,
+    VerdictRecord,
+)
 
 PICTURE = Picture(
     title="Verdict: effects missing from the model",
@@ -76,7 +77,7 @@ def tabulate(results: Results) -> Table:
     )
 
 
-def _grids(found: Verdict) -> Iterator[Grid]:
+def _grids(found: VerdictRecord) -> Iterator[Grid]:
     yield Grid(
         ("effect", "of", "parameters, with 95 % intervals", "alternatives", "evidence"),
         tuple(_effect_row(effect) for effect in found.effects) or (("none named", "", "", "", ""),),
@@ -107,20 +108,20 @@ def _effect_row(effect: FoundEffect) -> Row:
         for name, parameter in effect.parameters.items()
     )
     evidence = _blocks(effect) or "; ".join(
-        f"{name} {value:.3g}" for name, value in _statistics(effect.evidence)
+        f"{name} {value:.3g}" for name, value in _statistics(effect.evidence.model_dump())
     )
     return (effect.id, effect.of, parameters, _together(effect.alternatives) or "none", evidence)
 
 
 def _blocks(effect: FoundEffect) -> str:
-    """Say how blocks left out are predicted; empty where effects were judged by repeats."""
-    found = effect.evidence.get("cross_validation_over_blocks")
-    if not found:
+    """Say how blocks held out are predicted; empty where effects were judged by repeats."""
+    if not isinstance(effect.evidence, EvidenceByBlocks):
         return ""
+    found = effect.evidence.cross_validation_over_blocks
     return (
-        f"rms of blocks left out {found['rms_without_mm']:.3f} mm without, "
-        f"{found['rms_with_mm']:.3f} mm with it; better in {found['improved']} of "
-        f"{found['blocks']} blocks, z {found['z']:.1f}"
+        f"rms of blocks left out {found.rms_without_mm:.3f} mm without, "
+        f"{found.rms_with_mm:.3f} mm with it; better in {found.improved} of "
+        f"{found.blocks} blocks, z {found.z:.1f}"
     )
 
 
@@ -147,13 +148,13 @@ def _together(effects: tuple[EffectName, ...]) -> str:
     return "; ".join(f"{effect.id} of {effect.of}" for effect in effects)
 
 
-def _sets(found: Verdict) -> list[tuple[str, SetGap]]:
+def _sets(found: VerdictRecord) -> list[tuple[str, SetGap]]:
     """Return the gaps there are, by what the poses are."""
     holdout = found.gap.holdout
     return [("fitted", found.gap.train)] + ([] if holdout is None else [("held out", holdout)])
 
 
-def _gap_rows(found: Verdict) -> Iterator[Row]:
+def _gap_rows(found: VerdictRecord) -> Iterator[Row]:
     for poses, gap in _sets(found):
         yield _gap_row(poses, "all", gap)
         for load, at_load in gap.per_load.items():
@@ -168,7 +169,7 @@ def _gap_row(poses: str, load: str, gap: LoadGap) -> Row:
     return (poses, load, *_errors(gap), said)
 
 
-def _errors(gap: PartGap) -> list[str]:
+def _errors(gap: BeforeAfter) -> list[str]:
     """Return mean, root mean square and peak, each before and after."""
     return [
         f"{getattr(errors, name):.4f}"
@@ -177,14 +178,14 @@ def _errors(gap: PartGap) -> list[str]:
     ]
 
 
-def _parts(gap: SetGap) -> list[tuple[str, PartGap]]:
+def _parts(gap: SetGap) -> list[tuple[str, BeforeAfter]]:
     """Return the gap inside the angles seen in the fit, and beyond them, where they differ."""
     if gap.inside is None or gap.extrapolated is None:
         return []
     return [("inside", gap.inside), ("extrapolated", gap.extrapolated)]
 
 
-def _data_rows(found: Verdict) -> Iterator[Row]:
+def _data_rows(found: VerdictRecord) -> Iterator[Row]:
     yield ("verdict", "", "", "verdict", found.verdict, "", "", "")
     for effect in found.effects:
         rivals = _together(effect.alternatives)
@@ -192,14 +193,14 @@ def _data_rows(found: Verdict) -> Iterator[Row]:
         for name, parameter in effect.parameters.items():
             value, std = f"{parameter.value:.8g}", f"{parameter.std:.3g}"
             yield ("effect", effect.id, effect.of, name, value, std, parameter.unit, remark)
-        for name, number in _statistics(effect.evidence):
+        for name, number in _statistics(effect.evidence.model_dump()):
             yield ("evidence", effect.id, effect.of, name, f"{number:.6g}", "", "", "")
     for place in found.unexplained.all if found.unexplained else ():
         yield ("unexplained", "", place.of or "", "", "", "", "", place.why)
     for entry in found.not_testable:
         yield ("not_testable", entry.id, entry.of, "", "", "", "", entry.why)
     for poses, gap in _sets(found):
-        parts: dict[str, PartGap] = {"all": gap, **gap.per_load, **dict(_parts(gap))}
+        parts: dict[str, BeforeAfter] = {"all": gap, **gap.per_load, **dict(_parts(gap))}
         for load, at_load in parts.items():
             for when, errors in (("before", at_load.before), ("after", at_load.after)):
                 for name in ("mean_mm", "rms_mm", "peak_mm"):
@@ -209,7 +210,7 @@ def _data_rows(found: Verdict) -> Iterator[Row]:
     yield ("gap", "", "", "noise_floor_mm", floor, "", "mm", "repeatability alone")
 
 
-def _notes(found: Verdict) -> tuple[str, ...]:
+def _notes(found: VerdictRecord) -> tuple[str, ...]:
     return (
         _MEANINGS.get(found.verdict, found.verdict),
         "Before is the calibrated model, after the same with the effects found, recalibrated, and "

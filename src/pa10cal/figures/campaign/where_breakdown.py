@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from pa10cal.figures.discovery_records import Analysis, Estimate, LackOfFit
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
@@ -24,6 +23,8 @@ from pa10cal.figures.style import (
     plain_log,
     write_text_at,
 )
+from pa10cal.results.accuracy import Estimate
+from pa10cal.results.analysis import AnalysisRecord, LackOfFit
 
 PICTURE = Picture(
     title="Where: remaining error by load, axis, joint and direction",
@@ -119,7 +120,7 @@ def _draw_parts(axes: Axes, names: list[str], rms: list[list[float]], floor: lis
     return axes
 
 
-def _draw_directions(axes: Axes, found: Analysis) -> None:
+def _draw_directions(axes: Axes, found: AnalysisRecord) -> None:
     """Draw, for each joint, the mean error at cells where it came from either side."""
     ticks, labels = [], []
     if not any(part.arrivals for part in found.before.by_joint):
@@ -147,9 +148,9 @@ def _draw_directions(axes: Axes, found: Analysis) -> None:
     axes.set(xlabel="joint, arriving in − or + direction", ylabel="mean [µrad]")
 
 
-def _draw_drifts(axes: Axes, found: Analysis) -> None:
+def _draw_drifts(axes: Axes, found: AnalysisRecord) -> None:
     """Draw slopes of the position error with time and temperature, over the range of each."""
-    kelvin = np.array(found.before.cells.temperature_C, dtype=float)
+    kelvin = found.before.cells.temperature_C
     spans = (
         float(np.ptp(found.before.cells.time_s)) / _S_PER_H,
         float(np.ptp(kelvin)) if np.isfinite(kelvin).all() else 0.0,
@@ -184,7 +185,7 @@ def _slopes(fit: LackOfFit) -> tuple[list[Estimate | None], list[Estimate | None
     )
 
 
-def _against_pure_error(found: Analysis) -> str:
+def _against_pure_error(found: AnalysisRecord) -> str:
     """Say how what poses share compares with pure error, before and after."""
     tests = [("before", found.before.pose.shared), ("after", found.after.pose.shared)]
     if not any(test for _, test in tests):

@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
-from pa10cal.figures.discovery_records import CellJoint, LackOfFit, Periodogram
 from pa10cal.figures.joint_columns import LEFT_MM, joint_panels, label_below, over_angle
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
@@ -21,6 +20,7 @@ from pa10cal.figures.style import (
     new_figure,
     points,
 )
+from pa10cal.results.analysis import CellJoint, LackOfFit, Periodogram
 
 PICTURE = Picture(
     title="Where: error of each joint against its angle",
@@ -92,7 +92,7 @@ def draw(results: Results) -> Figure:
 
 def _limit(joint: CellJoint) -> float:
     """Return how far points reach [µrad], those that tell little left aside."""
-    error, std = np.abs(joint.error_rad), np.array(joint.std_rad)
+    error, std = np.abs(joint.error_rad), joint.std_rad
     return float(1.1e6 * error[std <= _POOR * np.median(std)].max())
 
 
@@ -102,7 +102,7 @@ def _draw_points(axes: Axes, fits: _Fits, k: int) -> None:
         points(
             axes,
             np.degrees(joint.q_rad),
-            1e6 * np.array(joint.error_rad),
+            1e6 * joint.error_rad,
             color=colour,
             marker=".",
             markersize=2.2 * broad,
@@ -123,12 +123,10 @@ def _draw_orders(axes: Axes, fits: _Fits, k: int) -> None:
         axes.axvline(order, color=GREY, linewidth=0.5, linestyle=":")
     for fit, colour, broad in fits:
         found = fit.by_joint[k].periodogram or found
-        axes.plot(
-            found.orders, 1e6 * np.array(found.explained_rad), color=colour, linewidth=0.7 * broad
-        )
+        axes.plot(found.orders, 1e6 * found.explained_rad, color=colour, linewidth=0.7 * broad)
         axes.plot(
             found.marked,
-            1e6 * np.array(found.marked_rad),
+            1e6 * found.marked_rad,
             color=colour,
             marker="o",
             markersize=2.0 + broad,

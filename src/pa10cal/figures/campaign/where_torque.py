@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from pa10cal.figures.discovery_records import CellJoint, LackOfFit
 from pa10cal.figures.joint_columns import LEFT_MM, joint_panels, label_below, over_angle
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.results import Results
@@ -21,6 +20,7 @@ from pa10cal.figures.style import (
     WIDTH_MM,
     new_figure,
 )
+from pa10cal.results.analysis import CellJoint, LackOfFit
 
 PICTURE = Picture(
     title="Where: remaining torque at each joint",
@@ -76,12 +76,14 @@ def draw(results: Results) -> Figure:
 
 def _limit(fit: LackOfFit) -> float:
     """Return how far the torques of any joint reach, and at least their noise."""
-    reach = [abs(left) for joint in fit.cells.joints for left in joint.torque_residual_Nm or ()]
+    reach = [
+        float(np.abs(np.asarray(joint.torque_residual_Nm)).max()) for joint in fit.cells.joints
+    ]
     return 1.1 * max(*reach, *(_NOISES * part.noise_Nm for part in fit.by_torque))
 
 
 def _draw_torques(axes: Axes, joint: CellJoint) -> None:
-    q_deg, left_Nm = np.degrees(joint.q_rad), np.array(joint.torque_residual_Nm)
+    q_deg, left_Nm = np.degrees(joint.q_rad), np.asarray(joint.torque_residual_Nm)
     side = np.sign(joint.arrival)
     for sign, look, _ in _SIDES:
         rows = side == sign

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from pa10cal.figures.chain_results import DEPARTS, CurveStudy, Individual
+from pa10cal.figures.chain_words import DEPARTS
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.style import (
     AFTER,
@@ -26,6 +26,7 @@ from pa10cal.figures.style import (
     panel,
     plain_log,
 )
+from pa10cal.results.studies import CurveCalibrationRecord, Individual
 
 PICTURE = Picture(
     title="A chain of links, calibrated",
@@ -50,7 +51,7 @@ _SHORT = {"two_level": "two-level", "two_level_all": "all inside", "general": "g
 _ASIDE = {"fitted": -0.14, "held_out": 0.14}
 
 
-def draw(study: CurveStudy) -> Figure:
+def draw(study: CurveCalibrationRecord) -> Figure:
     """Draw postures, errors pose by pose, means over the noise floor, and scores."""
     figure = new_figure(
         150.0, f"A chain of {study.joints} joints, posed along curves and calibrated (synthetic)"
@@ -62,8 +63,8 @@ def draw(study: CurveStudy) -> Figure:
     return figure
 
 
-def _draw_postures(axes: Axes, study: CurveStudy) -> None:
-    places_m, shapes = np.array(study.postures_of_first.p_m), study.postures_of_first.shape
+def _draw_postures(axes: Axes, study: CurveCalibrationRecord) -> None:
+    places_m, shapes = study.postures_of_first.p_m, study.postures_of_first.shape
     for k in evenly(len(shapes), _MOST_POSTURES):
         axes.plot(*places_m[k].T, color=_COLOURS[shapes[k]], linewidth=0.7, marker=".", ms=2.0)
     for shape, colour in _COLOURS.items():
@@ -80,18 +81,17 @@ def _draw_postures(axes: Axes, study: CurveStudy) -> None:
     axes.legend(loc="upper left", bbox_to_anchor=(-0.02, 1.04), ncols=2, columnspacing=1.0)
 
 
-def _draw_poses(axes: Axes, study: CurveStudy) -> None:
+def _draw_poses(axes: Axes, study: CurveCalibrationRecord) -> None:
     """Draw the errors of the first individual that departs by its rows, pose by pose."""
     poses = _by_rows(study)[0].poses
-    held_out = np.array(poses.held_out)
-    before_mm = np.array(poses.nominal_mm)
+    held_out, before_mm = poses.held_out, poses.nominal_mm
     order = np.lexsort((before_mm, held_out))
     place = np.empty(len(order))
     place[order] = np.arange(1, len(order) + 1)
     shown = (
         ("nominal", before_mm, BEFORE, "o"),
-        ("two-level", np.array(poses.two_level_mm), _OF_MODEL["two_level"], "o"),
-        ("general", np.array(poses.general_mm), _OF_MODEL["general"], "s"),
+        ("two-level", poses.two_level_mm, _OF_MODEL["two_level"], "o"),
+        ("general", poses.general_mm, _OF_MODEL["general"], "s"),
     )
     for said, errors_mm, colour, mark in shown:
         look: dict[str, Any] = {"color": colour, "marker": mark, "ms": 2.2, "linestyle": "none"}
@@ -113,7 +113,7 @@ def _draw_poses(axes: Axes, study: CurveStudy) -> None:
     )
 
 
-def _draw_means(axes: Axes, study: CurveStudy) -> None:
+def _draw_means(axes: Axes, study: CurveCalibrationRecord) -> None:
     """Draw the mean errors of every individual over the noise floor."""
     columns = [(departs, model) for departs in DEPARTS for model in _SHORT]
     for x, (departs, model) in enumerate(columns):
@@ -148,7 +148,7 @@ def _draw_means(axes: Axes, study: CurveStudy) -> None:
     axes.set_title("every arm: fitted (full), held out (hollow)")
 
 
-def _draw_scores(axes: Axes, study: CurveStudy) -> None:
+def _draw_scores(axes: Axes, study: CurveCalibrationRecord) -> None:
     """Draw how far parameters ended from the truth, in their standard uncertainties."""
     scores = np.array(
         [score for each in _by_rows(study) for score in each.models["two_level"].scores.values()]
@@ -163,7 +163,7 @@ def _draw_scores(axes: Axes, study: CurveStudy) -> None:
     axes.set_yticks([])
 
 
-def _by_rows(study: CurveStudy) -> list[Individual]:
+def _by_rows(study: CurveCalibrationRecord) -> list[Individual]:
     return [each for each in study.individuals if each.departs == "rows"]
 
 

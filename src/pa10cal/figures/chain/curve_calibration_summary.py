@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from pa10cal.figures.chain_results import (
-    DEPARTS,
-    MODELS,
-    CurveStudy,
-    Individual,
-    OverFloor,
-    Summary,
-)
+from collections.abc import Mapping
+
+from pa10cal.figures.chain_words import DEPARTS, MODELS
 from pa10cal.figures.parameter_names import written
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.table import Grid, Row, Table
+from pa10cal.results.studies import CurveCalibrationRecord, CurveStudySummary, Individual, OverFloor
 
 PICTURE = Picture(
     title="Rank, null directions and errors of the chain",
@@ -42,7 +38,7 @@ _HEADER = (
 _ERRORS_HEADER = ("arm departs", "model", "fitted", "peak", "held out", "peak", "held out, true")
 
 
-def tabulate(study: CurveStudy) -> Table:
+def tabulate(study: CurveCalibrationRecord) -> Table:
     """Return a row for each way to depart and each model."""
     first = [each for each in study.individuals if each.number == 1]
     left_out = first[0].models["general"].left_out
@@ -79,7 +75,7 @@ def tabulate(study: CurveStudy) -> Table:
     )
 
 
-def _row(found: Summary) -> Row:
+def _row(found: CurveStudySummary) -> Row:
     return (
         DEPARTS[found.departs],
         MODELS[found.model],
@@ -115,7 +111,7 @@ def _error_rows(each: Individual) -> list[Row]:
     ]
 
 
-def _directions(study: CurveStudy) -> tuple[Row, ...]:
+def _directions(study: CurveCalibrationRecord) -> tuple[Row, ...]:
     return tuple(
         (MODELS[found.model], _said(weights))
         for found in study.summaries
@@ -124,7 +120,7 @@ def _directions(study: CurveStudy) -> tuple[Row, ...]:
     )
 
 
-def _said(weights: dict[str, float]) -> str:
+def _said(weights: Mapping[str, float]) -> str:
     """Return a combination of parameters in words, such as `δd₁ − base z`."""
     parts = []
     for name, weight in weights.items():
@@ -138,5 +134,5 @@ def _times(found: OverFloor) -> str:
     return f"{found.mean:.2f} ({found.largest:.2f})"
 
 
-def _of(count: int, found: Summary) -> str:
+def _of(count: int, found: CurveStudySummary) -> str:
     return f"{count} of {found.individuals}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
@@ -18,7 +20,7 @@ from pa10cal.figures.style import (
     panel,
     write_text_at,
 )
-from pa10cal.figures.trial_scores import Scores
+from pa10cal.results.trials import TrialScoresRecord
 
 PICTURE = Picture(
     title="What was hidden, and what was named",
@@ -51,7 +53,7 @@ _HONEST = _WORDS[:4]
 _RIGHT_WITHOUT_NAME = _WORDS[1]
 
 
-def draw(scores: Scores) -> Figure:
+def draw(scores: TrialScoresRecord) -> Figure:
     """Draw a row an effect, a column a name that was given, and columns for what is no name."""
     inside, outside = scores.confusion.single, scores.confusion.outside
     rows = [*((name, inside[name]) for name in sorted(inside))]
@@ -78,7 +80,7 @@ def draw(scores: Scores) -> Figure:
 
 def _draw_cells(
     axes: Axes,
-    rows: list[tuple[str, dict[str, int]]],
+    rows: list[tuple[str, Mapping[str, int]]],
     columns: list[str],
     without_name: set[str],
 ) -> None:
@@ -102,7 +104,7 @@ def _draw_cells(
 
 
 def _name(
-    axes: Axes, rows: list[tuple[str, dict[str, int]]], columns: list[str], ids: int, inside: int
+    axes: Axes, rows: list[tuple[str, Mapping[str, int]]], columns: list[str], ids: int, inside: int
 ) -> None:
     axes.set_xlim(-0.5, len(columns) + 0.5)
     axes.set_ylim(len(rows) - 0.5, -0.5)

@@ -15,7 +15,7 @@ from pa10cal.figures.style import (
     panel,
     write_text_at,
 )
-from pa10cal.figures.trial_scores import Rate, Scores
+from pa10cal.results.trials import Rate, TrialScoresRecord
 
 PICTURE = Picture(
     title="How often a verdict is wrong",
@@ -34,7 +34,7 @@ _NULL, _EXTRA, _OUTSIDE = 0.02, 0.05, 0.05
 _ROW_MM = 6.0
 
 
-def draw(scores: Scores) -> Figure:
+def draw(scores: TrialScoresRecord) -> Figure:
     """Draw the share of wrong verdicts of every kind of trial with its interval."""
     rows = _rows(scores)
     height = _ROW_MM * len(rows)
@@ -50,7 +50,7 @@ def draw(scores: Scores) -> Figure:
     return figure
 
 
-def _rows(scores: Scores) -> list[tuple[str, Rate, float | None]]:
+def _rows(scores: TrialScoresRecord) -> list[tuple[str, Rate, float | None]]:
     hidden = scores.nothing_hidden
     rows: list[tuple[str, Rate, float | None]] = [
         ("nothing hidden: a name", hidden["null"].named, _NULL),

@@ -17,7 +17,7 @@ from pa10cal.figures.style import (
     panel,
     write_text_at,
 )
-from pa10cal.figures.trial_scores import Scores
+from pa10cal.results.trials import TrialScoresRecord
 
 PICTURE = Picture(
     title="Whether intervals of effects hold the truth",
@@ -35,7 +35,7 @@ _TITLE = "Whether the intervals of named effects hold what was hidden: blind tri
 _ROW_MM = 4.6
 
 
-def draw(scores: Scores) -> Figure:
+def draw(scores: TrialScoresRecord) -> Figure:
     """Draw the share inside the 95 % interval by parameter, and by level over all of them."""
     found = scores.intervals
     if not found.scores:
@@ -57,7 +57,7 @@ def draw(scores: Scores) -> Figure:
     return figure
 
 
-def _draw_parameters(axes: Axes, scores: Scores) -> None:
+def _draw_parameters(axes: Axes, scores: TrialScoresRecord) -> None:
     rows = scores.intervals.by_parameter
     for y, row in enumerate(rows):
         share = row.share or 0.0
@@ -86,7 +86,7 @@ def _draw_parameters(axes: Axes, scores: Scores) -> None:
     axes.set_xlabel("inside, 95 % interval [%]")
 
 
-def _draw_levels(axes: Axes, scores: Scores) -> None:
+def _draw_levels(axes: Axes, scores: TrialScoresRecord) -> None:
     size = np.abs([score.score for score in scores.intervals.scores])
     level = np.linspace(0.0, 0.995, 200)
     half_width = norm.ppf(0.5 + level / 2.0)

@@ -20,7 +20,7 @@ from pa10cal.figures.style import (
     plain_log,
     write_text_at,
 )
-from pa10cal.figures.trial_scores import HiddenEffect, OneTrial, Scores
+from pa10cal.results.trials import JudgedEffect, JudgedTrial, TrialScoresRecord
 
 PICTURE = Picture(
     title="How large an effect must be to be found",
@@ -43,7 +43,7 @@ _LOWEST, _HIGHEST = 0.03, 60.0
 _RATIOS = {1.5: "right", 3.0: "left"}
 
 
-def draw(scores: Scores) -> Figure:
+def draw(scores: TrialScoresRecord) -> Figure:
     """Draw every trial by its effect and size, and the share found by what it does to poses."""
     trials = [trial for trial in scores.per_trial if trial.kind == "single"]
     if not trials:
@@ -62,7 +62,7 @@ def draw(scores: Scores) -> Figure:
     return figure
 
 
-def _draw_sizes(axes: Axes, trials: list[OneTrial], names: list[str]) -> None:
+def _draw_sizes(axes: Axes, trials: list[JudgedTrial], names: list[str]) -> None:
     for trial in trials:
         hidden = trial.hidden[0]
         y = names.index(hidden.id) + (-0.17 if trial.layout == "grid" else 0.17)
@@ -75,13 +75,13 @@ def _draw_sizes(axes: Axes, trials: list[OneTrial], names: list[str]) -> None:
     axes.set_title("every trial")
 
 
-def _look(hidden: HiddenEffect) -> dict[str, Any]:
+def _look(hidden: JudgedEffect) -> dict[str, Any]:
     color = BLUE if hidden.listed else VERMILLION if hidden.testable else GREY
     face = color if hidden.listed else "white"
     return {"color": color, "markerfacecolor": face, "markersize": 2.8, "markeredgewidth": 0.7}
 
 
-def _draw_moved(axes: Axes, scores: Scores) -> None:
+def _draw_moved(axes: Axes, scores: TrialScoresRecord) -> None:
     for entry in scores.power.bins:
         found = entry.listed
         if found.share is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.table import Grid, Row, Table
-from pa10cal.figures.trial_scores import Bar, Scores
+from pa10cal.results.trials import Bar, TrialScoresRecord
 
 PICTURE = Picture(
     title="Targets, and values reached",
@@ -29,7 +29,7 @@ _NOTES = (
 )
 
 
-def tabulate(scores: Scores) -> Table:
+def tabulate(scores: TrialScoresRecord) -> Table:
     """Return a row a figure."""
     grid = Grid(_HEADER, tuple(map(_row, scores.bars)))
     return Table("Blind trials: figures to reach", data=grid, shown=(grid,), notes=_notes(scores))
@@ -52,7 +52,7 @@ def _figure(value: float, bar: Bar) -> str:
     return f"{100.0 * value:.1f} %" if bar.share else f"{value:.3g}"
 
 
-def _notes(scores: Scores) -> tuple[str, ...]:
+def _notes(scores: TrialScoresRecord) -> tuple[str, ...]:
     singles, gap = scores.single, scores.gap
     notes = [*_NOTES]
     if singles.alternatives is not None:
