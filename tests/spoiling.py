@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from pa10cal.campaign.description import read_campaign
-from pa10cal.campaign.ingest import ingest_campaign
-from pa10cal.files.arms import load_arm
-from pa10cal.settings import IngestSettings
+from pa10cal.campaign.read import read_campaign
 
 CONFIGURATIONS = 34
 TOUCHES = 15  # a configuration
@@ -13,9 +10,7 @@ APPROACH, DWELL = 6, 10
 
 
 def ingest(raw):
-    folder = raw.write()
-    campaign = read_campaign(folder)
-    return ingest_campaign(campaign, load_arm(campaign.robot), folder, IngestSettings())
+    return read_campaign(raw.write())
 
 
 def row_of(lines, *words):

@@ -49,8 +49,8 @@ MAY_IMPORT = {
     "terms": {"arm"},
     "frame": set(),
     "observe": {"arm", "terms", "frame"},
-    "campaign": {"arm", "frame", "observe", "settings"},
-    "calibration": {"arm", "terms", "observe", "frame"},
+    "campaign": {"arm", "files.arms", "frame", "observe", "settings"},
+    "calibration": {"arm", "campaign.description", "fit", "frame", "observe", "terms"},
     "discovery": {
         "arm",
         "terms",

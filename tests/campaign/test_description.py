@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import yaml
 
-from pa10cal.campaign.description import read_campaign
+from pa10cal.campaign.description import read_description
 from pa10cal.errors import Pa10calError
 
 
 def test_reads_every_key_of_the_contract(raw_campaign):
     raw_campaign.description["holdout"] = {"every": 5}
-    campaign = read_campaign(raw_campaign.write())
+    campaign = read_description(raw_campaign.write())
     assert campaign.robot == "pa10_6ce"
     assert campaign.ball_names == ("A", "B", "C")
     np.testing.assert_array_equal(campaign.p_ee_balls_mm[1], [-50.0, 80.0, 310.0])
@@ -66,13 +66,13 @@ def test_refuses_what_it_cannot_use(raw_campaign, key, value, message):
     change(raw_campaign.description, key, value)
     (folder / "campaign.yaml").write_text(yaml.safe_dump(raw_campaign.description))
     with pytest.raises(Pa10calError, match=message):
-        read_campaign(folder)
+        read_description(folder)
 
 
 def test_a_misspelt_key_is_named_before_the_one_that_is_missing_for_it(raw_campaign):
     raw_campaign.description["provenence"] = raw_campaign.description.pop("provenance")
     with pytest.raises(Pa10calError, match=r"unknown key provenence.*did you mean 'provenance'"):
-        read_campaign(raw_campaign.write())
+        read_description(raw_campaign.write())
 
 
 @pytest.mark.parametrize(
@@ -88,5 +88,5 @@ def test_refuses_an_unreadable_file(tmp_path, content, message):
     if content is not None:
         (tmp_path / "campaign.yaml").write_text(content)
     with pytest.raises(Pa10calError, match=message) as refusal:
-        read_campaign(tmp_path)
+        read_description(tmp_path)
     assert "\n" not in str(refusal.value)

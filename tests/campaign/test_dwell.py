@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pa10cal.campaign.dwell import best_clock_offset, dwell_readings, find_dwells
-from pa10cal.campaign.logs import Samples
+from pa10cal.campaign.rows import Samples
 
 STILL = 0.02
 

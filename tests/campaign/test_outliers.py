@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from made_up_sightings import sighted
-from pa10cal.campaign.outliers import Misfit, off_model
+from pa10cal.campaign.screens import off_model
+from pa10cal.observe.raw import Misfit
 from spoiling import ingest, replace
 
 
@@ -16,7 +17,7 @@ def spoiled(tmp_path, errors_mm):
     for row, error_mm in errors_mm.items():
         word = raw.poses[row].split(",")[raw.column("T1_x_mm")]
         replace(raw.poses, row, "T1_x_mm", repr(float(word) + error_mm))
-    return [left.line - 1 for left in ingest(raw).left_out]
+    return [row.line - 1 for row in ingest(raw).quarantined]
 
 
 @pytest.mark.parametrize("sizes_mm", [(99.0, 101.0, 103.0), (60.0, 150.0, 260.0)])
@@ -30,7 +31,7 @@ def test_errors_within_what_is_allowed_stay(tmp_path):
 
 
 def test_beside_a_large_error_ten_times_the_usual_one_still_stays():
-    length_mm = np.full((40, 1), 9.0)
-    length_mm[:3, 0] = [80.0, 95.0, 300.0]
-    off = off_model(Misfit(length_mm, np.zeros(40)))
+    length_m = np.full((40, 1), 9e-3)
+    length_m[:3, 0] = [80e-3, 95e-3, 300e-3]
+    off = off_model(Misfit(length_m, np.zeros(40)))
     assert np.flatnonzero(off[:, 0]).tolist() == [1, 2]

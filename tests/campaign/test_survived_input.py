@@ -23,13 +23,13 @@ from spoiling import (
 
 def test_clean_logs_leave_nothing_out(raw_campaign):
     ingested = ingest(raw_campaign)
-    assert len(ingested.poses) == CONFIGURATIONS
-    assert ingested.left_out == ()
+    assert len(ingested.observations) == CONFIGURATIONS
+    assert ingested.quarantined == ()
     assert ingested.notes == ()
 
 
 # --- survived ----------------------------------------------------------------------------------
-# name: (how the logs are spoilt, configurations left, {reason: rows} left out, note)
+# name: (how the logs are spoilt, configurations left, {reason: rows} quarantined, note)
 
 
 def repeated_row(raw):
@@ -55,16 +55,16 @@ def coplanar_touches(raw):
     del raw.cmm[row_of(raw.cmm, "P05", "22", "2", "A")]
 
 
-def stray_touch(raw):
+def outlier_touch(raw):
     index = row_of(raw.cmm, "P01", "0", "1", "B") + 2
     replace(raw.cmm, index, "y_mm", f"{float(raw.cmm[index].split(',')[8]) + 0.4:.4f}")
 
 
-def stray_touch_far_off(raw):
+def outlier_touch_far_off(raw):
     replace(raw.cmm, row_of(raw.cmm, "P01", "22", "1", "A") + 3, "x_mm", "99999.0")
 
 
-def stray_out_of_this_world(raw):
+def outlier_out_of_this_world(raw):
     replace(raw.cmm, row_of(raw.cmm, "P01", "22", "1", "A") + 1, "y_mm", "-4e15")
     replace(raw.cmm, row_of(raw.cmm, "P02", "22", "1", "B") + 1, "x_mm", "1e160")
 
@@ -73,12 +73,12 @@ def negative_load(raw):
     replace(raw.cmm, row_of(raw.cmm, "P02", "22", "1", "A") + 2, "load_N", "-22")
 
 
-def stray_pole(raw):
+def outlier_pole(raw):
     index = row_of(raw.cmm, "P04", "0", "1", "A")
     replace(raw.cmm, index, "z_mm", f"{float(raw.cmm[index].split(',')[9]) + 1.0:.4f}")
 
 
-def stray_of_four(raw):
+def outlier_of_four(raw):
     index = row_of(raw.cmm, "P06", "22", "1", "C") + 4
     del raw.cmm[index]
     replace(raw.cmm, index - 1, "x_mm", f"{float(raw.cmm[index - 1].split(',')[7]) - 0.7:.4f}")
@@ -177,26 +177,37 @@ def extra_column(raw):
 
 def apart(reason, touches):
     """A configuration lost: its other touches, and the samples of its dwell."""
-    return {reason: touches, "a dwell whose configuration is left out": DWELL}
+    return {reason: touches, "a dwell whose configuration is quarantined": DWELL}
 
 
+OUTLIER = {"suspected outlier": 1}
 SURVIVED = {
     "repeated row": (repeated_row, 34, {"repeats an earlier row": 2}, None),
     "rows out of order": (rows_out_of_order, 34, {}, "rows of cmm.csv out of order: "),
     "missing ball": (missing_ball, 33, apart("ball B of .* is missing", 10), None),
     "three touches": (three_touches, 33, apart("ball C .* fewer than four", 13), None),
     "coplanar touches": (coplanar_touches, 33, apart("ball A .* coplanar", 14), None),
-    "stray touch": (stray_touch, 34, {"stray": 1}, None),
-    "stray touch far off": (stray_touch_far_off, 34, {"stray": 1}, None),
-    "stray out of this world": (
-        stray_out_of_this_world,
+    "outlier touch": (outlier_touch, 34, OUTLIER, None),
+    "outlier touch far off": (outlier_touch_far_off, 34, OUTLIER, None),
+    "outlier out of this world": (
+        outlier_out_of_this_world,
         34,
         {"a coordinate beyond any measuring volume": 2},
         None,
     ),
     "negative load": (negative_load, 34, {"negative load": 1}, None),
-    "stray pole": (stray_pole, 33, {"stray": 1} | apart("ball A .* coplanar", 14), None),
-    "stray of four": (stray_of_four, 33, {"stray": 1} | apart("ball C .* fewer", 13), None),
+    "outlier pole": (
+        outlier_pole,
+        33,
+        OUTLIER | apart("ball A .* coplanar", 14),
+        None,
+    ),
+    "outlier of four": (
+        outlier_of_four,
+        33,
+        OUTLIER | apart("ball C .* fewer", 13),
+        None,
+    ),
     "nan and text": (nan_and_text, 34, {"not a finite number": 5}, None),
     "single decimal comma": (single_decimal_comma, 34, {"the number of fields": 1}, None),
     "unknown words": (
@@ -250,20 +261,20 @@ def test_survives_with_every_row_used_or_listed(raw_campaign, name):
     spoil, left, expected, note = SURVIVED[name]
     spoil(raw_campaign)
     ingested = ingest(raw_campaign)
-    found = Counter(row.reason for row in ingested.left_out)
+    found = Counter(row.reason for row in ingested.quarantined)
     for reason, count in expected.items():
         assert sum(found[text] for text in found if re.search(reason, text)) == count, found
     assert sum(found.values()) == sum(expected.values()), found
-    assert len(ingested.poses) == left
+    assert len(ingested.observations) == left
     assert note is None or any(note in text for text in ingested.notes)
     rows = len([line for line in raw_campaign.cmm[1:] if line.strip()])
-    of_cmm = sum(row.file.startswith("cmm") for row in ingested.left_out)
-    assert rows == ingested.poses.ball_touches.sum() + of_cmm
+    of_cmm = sum(row.file.startswith("cmm") for row in ingested.quarantined)
+    assert rows == ingested.observations.measured.touches.sum() + of_cmm
     samples = len(raw_campaign.resolver) - 1
     moving = APPROACH * (samples // (APPROACH + DWELL))
-    of_log = len(ingested.left_out) - of_cmm
-    assert samples == ingested.poses.dwell_samples.sum() + moving + of_log
-    assert len({(row.file, row.line) for row in ingested.left_out}) == len(ingested.left_out)
+    of_log = len(ingested.quarantined) - of_cmm
+    assert samples == ingested.observations.log.samples.sum() + moving + of_log
+    assert len({(row.file, row.line) for row in ingested.quarantined}) == len(ingested.quarantined)
 
 
 def test_lists_the_physical_lines_and_the_value(raw_campaign):
@@ -271,12 +282,12 @@ def test_lists_the_physical_lines_and_the_value(raw_campaign):
     raw_campaign.cmm.insert(20, "")  # a blank line counts
     raw_campaign.cmm.append(raw_campaign.cmm[3])
     ingested = ingest(raw_campaign)
-    found = [(row.file, row.line, row.value) for row in ingested.left_out]
+    found = [(row.file, row.line, row.value) for row in ingested.quarantined]
     assert found == [("cmm.csv", 42, "y_mm = '12.x'"), ("cmm.csv", len(raw_campaign.cmm), "")]
 
 
-def test_a_stray_is_the_very_touch_that_was_moved(raw_campaign):
+def test_a_outlier_is_the_very_touch_that_was_moved(raw_campaign):
     index = row_of(raw_campaign.cmm, "P01", "0", "1", "B") + 2
-    stray_touch(raw_campaign)
+    outlier_touch(raw_campaign)
     ingested = ingest(raw_campaign)
-    assert [row.line for row in ingested.left_out] == [index + 1]
+    assert [row.line for row in ingested.quarantined] == [index + 1]

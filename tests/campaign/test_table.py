@@ -2,48 +2,43 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.campaign.description import read_campaign
-from pa10cal.campaign.ingest import ingest_campaign
-from pa10cal.campaign.measured import MeasuredPoses
+from made_up_poses import measured_poses
+from pa10cal.arm.state import PoseStates
 from pa10cal.campaign.table import (
-    observations_of,
     read_observations,
     read_pose_table,
     write_pose_table,
 )
 from pa10cal.errors import RawDataError
-from pa10cal.files.arms import load_arm
 from pa10cal.observe.averages import poses_of
-from pa10cal.settings import IngestSettings
+from spoiling import ingest
 
 ARMS, AXES = 6, "xyz"
 
 
 @pytest.fixture
-def poses(raw_campaign) -> MeasuredPoses:
-    folder = raw_campaign.write()
-    campaign = read_campaign(folder)
-    return ingest_campaign(campaign, load_arm(campaign.robot), folder, IngestSettings()).poses
+def campaign(raw_campaign):
+    return ingest(raw_campaign)
 
 
 @pytest.fixture
-def table(poses, tmp_path):
-    write_pose_table(tmp_path / "poses.parquet", poses, "made-up")
+def every(campaign, tmp_path):
+    written(campaign.observations, tmp_path / "every.parquet", campaign.name)
+    return read_observations(tmp_path / "every.parquet", campaign.description)
+
+
+@pytest.fixture
+def table(campaign, tmp_path):
+    written(campaign.observations, tmp_path / "poses.parquet", "made-up")
     return read_pose_table(tmp_path / "poses.parquet")
 
 
-@pytest.fixture
-def every(poses, raw_campaign, tmp_path):
-    path = tmp_path / "every.parquet"
-    campaign = read_campaign(raw_campaign.folder)
-    write_pose_table(path, poses, campaign.name)
-    return read_observations(path, campaign)
+def written(every, path, name="made-up"):
+    write_pose_table(path, every, np.zeros(ARMS, dtype=bool), name)
 
 
 def made_up_poses(repeats, scatter_ee, rng, poses=40):
@@ -51,45 +46,27 @@ def made_up_poses(repeats, scatter_ee, rng, poses=40):
     root = np.linalg.cholesky(scatter_ee)
     count = poses * repeats
     R = np.repeat(Rotation.random(poses, random_state=rng).as_matrix(), repeats, axis=0)
-    place = np.repeat(rng.uniform(-500, 500, (poses, 3)), repeats, axis=0)
+    place = np.repeat(rng.uniform(-0.5, 0.5, (poses, 3)), repeats, axis=0)
     error = rng.normal(size=(count, 6)) @ root.T
     T = np.tile(np.eye(4), (count, 1, 1))
     turn = (R @ error[:, 3:, None])[..., 0]
     T[:, :3, :3] = Rotation.from_rotvec(turn).as_matrix() @ R
     T[:, :3, 3] = place + (R @ error[:, :3, None])[..., 0]
-    zeros = np.zeros((count, ARMS))
-    return MeasuredPoses(
-        kind=np.full(count, "grid"),
-        pose=np.repeat([f"P{k:02d}" for k in range(poses)], repeats),
-        load_N=np.zeros(count),
-        repeat=np.tile(np.arange(1, repeats + 1), poses),
-        time_s=np.arange(count, dtype=float),
-        slides=np.zeros(ARMS, dtype=bool),
+    states = PoseStates(
         q_rad=rng.normal(size=(count, ARMS)),
-        q_u_rad=zeros,
         tau_Nm=rng.normal(size=(count, ARMS)),
-        tau_u_Nm=zeros,
         arrival=np.sign(rng.normal(size=(count, ARMS))),
+        load_N=np.zeros(count),
         temperature_C=np.full(count, 21.0),
-        dwell_samples=np.full(count, 10),
-        ball_names=(),
-        p_instr_balls_mm=np.zeros((count, 0, 3)),
-        cov_balls_mm2=np.zeros((count, 0, 3, 3)),
-        ball_touches=np.zeros((count, 0), dtype=np.int64),
-        T_instr_ee_mm=T,
-        cov_ee_mm=np.tile(4.0 * scatter_ee, (count, 1, 1)),
+        time_s=np.arange(count, dtype=float),
     )
+    labels = np.repeat([f"P{k:02d}" for k in range(poses)], repeats)
+    return measured_poses(labels, states, T, np.tile(4.0 * scatter_ee, (count, 1, 1)))
 
 
-def written(poses):
-    """Return poses of a tracker as they are read back."""
-    instrument = SimpleNamespace(kind="pose")
-    return observations_of(poses, SimpleNamespace(instrument=instrument, stated=None))
-
-
-def test_the_same_poses_give_the_same_bytes(poses, tmp_path):
+def test_the_same_readings_give_the_same_bytes(campaign, tmp_path):
     for name in ("first", "second"):
-        write_pose_table(tmp_path / name, poses, "made-up")
+        written(campaign.observations, tmp_path / name)
     assert (tmp_path / "first").read_bytes() == (tmp_path / "second").read_bytes()
 
 
@@ -155,16 +132,15 @@ def test_a_kind_without_rows_gives_no_poses(every):
 
 def test_covariance_of_the_mean_is_the_pooled_scatter_in_the_instruments_axes():
     rng = np.random.default_rng(8)
-    sigmas = np.array([0.02, 0.01, 0.005, 5e-5, 2e-5, 1e-5])
+    sigmas = np.array([2e-5, 1e-5, 5e-6, 5e-5, 2e-5, 1e-5])
     correlated = np.eye(6)
     correlated[0, 4] = correlated[4, 0] = 0.6
     scatter = correlated * np.outer(sigmas, sigmas)
-    every = written(made_up_poses(25, scatter, rng))
+    every = made_up_poses(25, scatter, rng)
     mean = poses_of(every)
-    unit = np.array([1e-3] * 3 + [1.0] * 3)
     R = mean.measured.T_instr_target[7, :3, :3]
     to_ee = np.kron(np.eye(2), R.T)
-    found = 25 * to_ee @ mean.measured.cov[7] @ to_ee.T / np.outer(unit, unit)
+    found = 25 * to_ee @ mean.measured.cov[7] @ to_ee.T
     np.testing.assert_allclose(found / np.outer(sigmas, sigmas), correlated, atol=0.15)
     single = poses_of(every, average=False)
     np.testing.assert_allclose(single.measured.cov[7 * 25], 25 * mean.measured.cov[7], rtol=1e-2)
@@ -172,11 +148,11 @@ def test_covariance_of_the_mean_is_the_pooled_scatter_in_the_instruments_axes():
 
 def test_covariance_is_the_instruments_where_nothing_is_repeated_or_it_is_asked_for():
     rng = np.random.default_rng(9)
-    scatter = np.diag([1e-4, 1e-4, 1e-4, 1e-9, 1e-9, 1e-9])
-    stated = 4.0 * scatter * np.outer([1e-3] * 3 + [1] * 3, [1e-3] * 3 + [1] * 3)
-    once = written(made_up_poses(1, scatter, rng))
+    scatter = np.diag([1e-10, 1e-10, 1e-10, 1e-9, 1e-9, 1e-9])
+    stated = 4.0 * scatter
+    once = made_up_poses(1, scatter, rng)
     np.testing.assert_allclose(poses_of(once).measured.cov[3], stated)
-    thrice = written(made_up_poses(3, scatter, rng))
+    thrice = made_up_poses(3, scatter, rng)
     asked = poses_of(thrice, covariance="instrument")
     np.testing.assert_allclose(asked.measured.cov[3], stated / 3)
 
@@ -193,7 +169,7 @@ def test_refuses_what_is_no_table(tmp_path, content):
 def test_refuses_the_table_of_another_campaign(tmp_path, table):
     rng = np.random.default_rng(9)
     poses = made_up_poses(1, np.eye(6) * 1e-9, rng)
-    write_pose_table(tmp_path / "poses.parquet", poses, "one")
+    written(poses, tmp_path / "poses.parquet", "one")
     assert read_pose_table(tmp_path / "poses.parquet", "one").attrs["campaign"] == "one"
     with pytest.raises(RawDataError, match=r"poses.parquet: .*\(got 'one'\); .*campaign 'other'"):
         read_pose_table(tmp_path / "poses.parquet", "other")

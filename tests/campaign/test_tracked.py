@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.campaign.ingest import repeatability_mm
+from pa10cal.campaign.read import repeatability_mm
 from pa10cal.errors import Pa10calError
 from spoiling import ingest, replace
 
@@ -29,43 +29,45 @@ def with_columns(lines, columns):
 
 def test_poses_come_out_as_they_went_in(tracked):
     ingested = ingest(tracked)
-    poses = ingested.poses
-    assert ingested.left_out == ()
+    poses = ingested.observations
+    assert ingested.quarantined == ()
     assert ingested.notes == ("no torques logged: those of the described masses are used",)
     assert list(poses.pose) == [key[1] for key in tracked.keys]
-    expected = np.array(tracked.T_instr_ee)
-    expected[:, :3, 3] *= 1e3
-    np.testing.assert_allclose(poses.T_instr_ee_mm, expected, atol=2e-6)
-    np.testing.assert_allclose(poses.q_rad, tracked.q_rad, atol=1e-8)
-    assert np.isnan(poses.tau_Nm).all()
-    assert np.isnan(poses.temperature_C).all()
-    assert not poses.arrival.any()
-    assert poses.p_instr_balls_mm.shape == (34, 0, 3)
+    measured = poses.measured
+    R = np.array(tracked.T_instr_ee)[:, :3, :3]
+    np.testing.assert_allclose(measured.T_instr_target[:, :3, :3], R, atol=2e-6)
+    place_m = np.array(tracked.T_instr_ee)[:, :3, 3]
+    np.testing.assert_allclose(measured.T_instr_target[:, :3, 3], place_m, atol=2e-9)
+    np.testing.assert_allclose(poses.states.q_rad, tracked.q_rad, atol=1e-8)
+    assert np.isnan(poses.states.tau_Nm).all()
+    assert np.isnan(poses.states.temperature_C).all()
+    assert not poses.states.arrival.any()
+    assert measured.by_apparatus.shape == (34, 6, 0)
 
 
 def test_what_is_stated_is_taken_and_what_is_not_follows_from_the_instrument(tracked):
-    plain = ingest(tracked).poses.cov_ee_mm
-    np.testing.assert_allclose(plain[7], np.diag([0.005**2] * 3 + [5e-5**2] * 3), rtol=1e-9)
+    plain = ingest(tracked).observations.measured.cov
+    np.testing.assert_allclose(plain[7], np.diag([5e-6**2] * 3 + [5e-5**2] * 3), rtol=1e-9)
     torques = {f"tau{j}_Nm": -20.0 * j for j in range(1, 7)}
     with_columns(tracked.poses, {"u_x_mm": 0.02, **torques, "temperature_C": 22.5})
     ingested = ingest(tracked)
     assert not any("torques" in note for note in ingested.notes)
-    poses = ingested.poses
-    np.testing.assert_allclose(poses.cov_ee_mm[:, 0, 0], 0.02**2)
-    np.testing.assert_allclose(poses.cov_ee_mm[:, 1, 1], 0.005**2)
-    assert (poses.tau_Nm[:, 1] == -40.0).all()
-    assert (poses.temperature_C == 22.5).all()
+    poses = ingested.observations
+    np.testing.assert_allclose(poses.measured.cov[:, 0, 0], 2e-5**2)
+    np.testing.assert_allclose(poses.measured.cov[:, 1, 1], 5e-6**2)
+    assert (poses.states.tau_Nm[:, 1] == -40.0).all()
+    assert (poses.states.temperature_C == 22.5).all()
 
 
 def test_uncertainty_of_the_quaternion_is_that_of_a_small_rotation_on_the_left(tracked):
     u = [1e-4, 2e-4, 3e-4, 4e-4]
     with_columns(tracked.poses, dict(zip(("u_qw", "u_qx", "u_qy", "u_qz"), u, strict=True)))
-    poses = ingest(tracked).poses
-    R = Rotation.from_matrix(poses.T_instr_ee_mm[3, :3, :3])
+    poses = ingest(tracked).observations
+    R = Rotation.from_matrix(poses.measured.T_instr_target[3, :3, :3])
     drawn = R.as_quat(scalar_first=True) + np.random.default_rng(1).normal(0, u, (40_000, 4))
     drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
     turns = (Rotation.from_quat(drawn, scalar_first=True) * R.inv()).as_rotvec()
-    np.testing.assert_allclose(np.cov(turns.T), poses.cov_ee_mm[3, 3:, 3:], atol=4e-9)
+    np.testing.assert_allclose(np.cov(turns.T), poses.measured.cov[3, 3:, 3:], atol=4e-9)
 
 
 def test_bad_rows_are_listed(tracked):
@@ -77,13 +79,13 @@ def test_bad_rows_are_listed(tracked):
     words[-4:] = ["0.5", "0", "0", "0"]
     tracked.poses[12] = ",".join(words)
     ingested = ingest(tracked)
-    assert [(row.line, row.reason) for row in ingested.left_out] == [
+    assert [(row.line, row.reason) for row in ingested.quarantined] == [
         (6, "not a finite number"),
         (13, "the quaternion is not of unit length"),
         (36, "repeats an earlier row"),
         (37, "this configuration was read before"),
     ]
-    assert len(ingested.poses) == 32
+    assert len(ingested.observations) == 32
 
 
 def test_radians_are_noticed(tracked):
@@ -131,8 +133,8 @@ def test_positions_in_another_unit_are_noticed(tracked, factor, message):
 def test_a_single_position_far_off_is_listed(tracked, index, x_mm, reason):
     replace(tracked.poses, index, "x_mm", str(x_mm))
     ingested = ingest(tracked)
-    assert [(row.line, row.reason) for row in ingested.left_out] == [(index + 1, reason)]
-    assert len(ingested.poses) == 33
+    assert [(row.line, row.reason) for row in ingested.quarantined] == [(index + 1, reason)]
+    assert len(ingested.observations) == 33
 
 
 def test_a_repeat_far_from_the_others_is_listed(tracked):
@@ -145,7 +147,7 @@ def test_a_repeat_far_from_the_others_is_listed(tracked):
     replace(tracked.poses, len(tracked.poses) - 1, "y_mm", f"{float(words[12]) + 12.0:.6f}")
     ingested = ingest(tracked)
     expected = [(len(tracked.poses), "far from the other readings of this pose and load")]
-    assert [(row.line, row.reason) for row in ingested.left_out] == expected
+    assert [(row.line, row.reason) for row in ingested.quarantined] == expected
 
 
 @pytest.mark.parametrize(
@@ -163,17 +165,17 @@ def test_a_row_without_a_torque_or_a_true_uncertainty_is_listed(tracked, column,
     with_columns(tracked.poses, {"u_x_mm": 0.02, **{f"tau{j}_Nm": 1.5 for j in range(1, 7)}})
     replace(tracked.poses, 12, column, text)
     ingested = ingest(tracked)
-    assert [(row.line, row.reason) for row in ingested.left_out] == [(13, reason)]
-    assert ingested.left_out[0].value.startswith(f"{column} = ")
-    assert not np.isnan(ingested.poses.tau_Nm).any()
+    assert [(row.line, row.reason) for row in ingested.quarantined] == [(13, reason)]
+    assert ingested.quarantined[0].value.startswith(f"{column} = ")
+    assert not np.isnan(ingested.observations.states.tau_Nm).any()
 
 
 def test_an_uncertainty_left_blank_is_not_stated(tracked):
     with_columns(tracked.poses, {"u_x_mm": 0.02})
     replace(tracked.poses, 12, "u_x_mm", "")
     ingested = ingest(tracked)
-    assert ingested.left_out == ()
-    assert ingested.poses.cov_ee_mm[11, 0, 0] == pytest.approx(0.005**2)
+    assert ingested.quarantined == ()
+    assert ingested.observations.measured.cov[11, 0, 0] == pytest.approx(5e-6**2)
 
 
 def test_torques_of_some_joints_only_are_refused(tracked):
@@ -197,7 +199,7 @@ def test_holds_out_whole_poses_where_the_rows_do_not_say_it(tracked, rule, held_
         del words[column]
         tracked.poses[k] = ",".join(words)
     ingested = ingest(tracked)
-    poses = ingested.poses
+    poses = ingested.observations
     assert sorted(set(poses.pose[poses.kind == "holdout"])) == sorted(held_out)
     assert not set(poses.pose[poses.kind == "grid"]) & set(held_out)
     assert "no line_x rows" in ingested.notes
@@ -210,11 +212,9 @@ def test_refuses_two_statements_of_what_is_held_out(tracked):
 
 
 def test_repeatability_is_the_deviation_of_position_within_a_pose(tracked):
-    poses = ingest(tracked).poses
+    poses = ingest(tracked).calibration
     assert repeatability_mm(poses) == pytest.approx({0.0: 0.0, 22.0: 0.0}, abs=1e-6)
-    shifted = poses.T_instr_ee_mm.copy()
-    second = (poses.kind == "grid") & (poses.repeat == 2) & (poses.load_N == 22)
-    shifted[second, 2, 3] += 0.02
-    moved = poses.take(np.arange(len(poses)))
-    object.__setattr__(moved, "T_instr_ee_mm", shifted)
+    T = poses.measured.T_instr_target.copy()
+    T[(poses.repeat == 2) & (poses.states.load_N == 22), 2, 3] += 2e-5
+    moved = poses.with_measured(T_instr_target=T)
     assert repeatability_mm(moved) == pytest.approx({0.0: 0.0, 22.0: 0.02 / 2**0.5}, abs=1e-6)

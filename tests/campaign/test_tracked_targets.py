@@ -9,7 +9,7 @@ import pytest
 
 from made_up_sightings import UNCERTAINTY_MM, sighted
 from pa10cal.arm.chain import Chain
-from pa10cal.campaign.ingest import repeatability_mm
+from pa10cal.campaign.read import repeatability_mm
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
 from spoiling import ingest, replace
@@ -53,39 +53,36 @@ def seen_row(raw, column, first=1):
 
 
 def listed(ingested):
-    return [(row.line, row.reason) for row in ingested.left_out]
+    return [(row.line, row.reason) for row in ingested.quarantined]
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_points_come_out_as_they_went_in(tmp_path, robot):
     raw = sighted(tmp_path, "points", robot=robot)
     ingested = ingest(raw)
-    poses = ingested.poses
-    assert ingested.left_out == ()
+    poses = ingested.observations
+    assert ingested.quarantined == ()
     assert ingested.notes == (NO_TORQUES[robot != "gx4_351s"],)
-    assert poses.ball_names == ("T1", "T2", "T3")
-    np.testing.assert_allclose(poses.p_instr_balls_mm, 1e3 * raw.p_instr_m, atol=1e-8)
-    np.testing.assert_allclose(poses.q_rad, raw.q, atol=1e-9)
+    assert poses.measured.names == ("T1", "T2", "T3")
+    np.testing.assert_allclose(1e3 * poses.measured.p_instr_m, 1e3 * raw.p_instr_m, atol=1e-8)
+    np.testing.assert_allclose(poses.states.q_rad, raw.q, atol=1e-9)
     seen = np.isfinite(raw.p_instr_m)
-    variances = poses.cov_balls_mm2[..., range(3), range(3)]
+    variances = 1e6 * poses.measured.cov_m2[..., range(3), range(3)]
     np.testing.assert_allclose(variances[seen], UNCERTAINTY_MM**2)
     assert np.isnan(variances[~seen]).all()
-    assert poses.T_instr_ee_mm is None
-    assert not poses.ball_touches.any()
-    assert np.isnan(poses.tau_Nm).all()
+    assert np.isnan(poses.states.tau_Nm).all()
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_distances_come_out_as_they_went_in(tmp_path, robot):
     raw = sighted(tmp_path, "distance", robot=robot)
     ingested = ingest(raw)
-    poses = ingested.poses
-    assert ingested.left_out == ()
+    poses = ingested.observations
+    assert ingested.quarantined == ()
     assert ingested.notes == (NO_TORQUES[robot != "gx4_351s"],)
-    np.testing.assert_allclose(poses.d_mm, 1e3 * raw.d_m, atol=1e-8)
-    np.testing.assert_allclose(poses.d_u_mm, UNCERTAINTY_MM)
-    np.testing.assert_allclose(poses.q_rad, raw.q, atol=1e-9)
-    assert poses.ball_names == ()
+    np.testing.assert_allclose(1e3 * poses.measured.d_m, 1e3 * raw.d_m, atol=1e-8)
+    np.testing.assert_allclose(1e3 * poses.measured.u_m, UNCERTAINTY_MM)
+    np.testing.assert_allclose(poses.states.q_rad, raw.q, atol=1e-9)
 
 
 def test_what_is_stated_beside_the_values_is_taken(tmp_path):
@@ -95,13 +92,13 @@ def test_what_is_stated_beside_the_values_is_taken(tmp_path):
     with_columns(raw, {**torques, **stated})
     ingested = ingest(raw)
     assert ingested.notes == ()
-    poses = ingested.poses
-    variances = np.diagonal(poses.cov_balls_mm2[0, 0])
+    poses = ingested.observations
+    variances = 1e6 * np.diagonal(poses.measured.cov_m2[0, 0])
     np.testing.assert_allclose(variances, [UNCERTAINTY_MM**2, 0.05**2, UNCERTAINTY_MM**2])
-    np.testing.assert_allclose(poses.q_u_rad[0, 2:], [2e-5, np.radians(0.01)])
-    assert np.isnan(poses.q_u_rad[0, :2]).all()
-    np.testing.assert_allclose(poses.tau_Nm[3], [1.5, 3.0, 4.5, 6.0])
-    assert (poses.temperature_C == 22.5).all()
+    np.testing.assert_allclose(poses.log.q_u[0, 2:], [2e-5, np.radians(0.01)])
+    assert np.isnan(poses.log.q_u[0, :2]).all()
+    np.testing.assert_allclose(poses.states.tau_Nm[3], [1.5, 3.0, 4.5, 6.0])
+    assert (poses.states.temperature_C == 22.5).all()
 
 
 def test_rows_without_any_target_or_with_part_of_one_are_listed(tmp_path):
@@ -116,8 +113,8 @@ def test_rows_without_any_target_or_with_part_of_one_are_listed(tmp_path):
         (row + 1, "a target with some of its coordinates only"),
         (13, "no target was seen"),
     ]
-    assert ingested.left_out[0].value == "T2_x_mm, T2_y_mm, T2_z_mm"
-    assert len(ingested.poses) == 38
+    assert ingested.quarantined[0].value == "T2_x_mm, T2_y_mm, T2_z_mm"
+    assert len(ingested.observations) == 38
 
 
 @pytest.mark.parametrize(
@@ -146,7 +143,7 @@ def test_a_row_that_cannot_be_used_is_listed(tmp_path, kind, column, text, reaso
     replace(raw.poses, 12, column, text)
     ingested = ingest(raw)
     assert listed(ingested) == [(13, reason)]
-    assert len(ingested.poses) == 39
+    assert len(ingested.observations) == 39
 
 
 @pytest.mark.parametrize("kind", ["points", "distance"])
@@ -168,13 +165,13 @@ def test_what_files_do_is_survived(tmp_path, kind):
         (44, "the last line is cut short"),
     ]
     assert "rows of poses.csv out of order: 10" in ingested.notes
-    np.testing.assert_allclose(ingested.poses.q_rad, raw.q, atol=1e-9)
+    np.testing.assert_allclose(ingested.observations.states.q_rad, raw.q, atol=1e-9)
 
 
 def test_a_compressed_file_is_read(tmp_path):
     raw = sighted(tmp_path, "distance")
     raw.description["files"]["poses"] = "poses.csv.gz"
-    assert len(ingest(raw).poses) == 40
+    assert len(ingest(raw).observations) == 40
 
 
 def emptied(lines):
@@ -263,7 +260,7 @@ def test_small_turns_in_degrees_are_not_taken_for_radians(tmp_path):
         words[5:11] = [f"{value:.6f}" for value in q_deg[k]]
         words[11:] = [f"{1e3 * value:.6f}" for value in p_m[k]] + [""] * 6
         raw.poses[k + 1] = ",".join(words)
-    assert len(ingest(raw).poses) == 40
+    assert len(ingest(raw).observations) == 40
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e-3, "metres"), (0.1, "centimetres")])
@@ -289,8 +286,8 @@ def test_a_reading_far_from_the_model_is_listed_wherever_the_target_is(
     ingested = ingest(raw)
     reason = "far from where the joint angles put the end-effector"
     assert listed(ingested) == [(row + 1, reason)]
-    assert column in ingested.left_out[0].value.split(" = ")[0]
-    assert len(ingested.poses) == 39
+    assert column in ingested.quarantined[0].value.split(" = ")[0]
+    assert len(ingested.observations) == 39
 
 
 def test_an_attitude_far_from_the_model_is_listed(tmp_path):
@@ -321,8 +318,10 @@ def test_a_label_of_another_command_is_listed(tmp_path):
     raw = sighted(tmp_path, "points", robot="gx4_351s", repeats=3)
     add(raw, 44, "q3_mm", 8.0)
     ingested = ingest(raw)
-    assert [row.line for row in ingested.left_out] == [45]
-    assert ingested.left_out[0].reason.startswith("the joint angles are not those of this pose's")
+    assert [row.line for row in ingested.quarantined] == [45]
+    assert ingested.quarantined[0].reason.startswith(
+        "the joint angles are not those of this pose's"
+    )
 
 
 @pytest.mark.parametrize(
@@ -363,17 +362,17 @@ def test_poses_are_held_out_where_the_rows_do_not_say_it(tmp_path, rule, count):
     raw = sighted(tmp_path, "distance")
     raw.description["holdout"] = rule
     raw.poses[:] = [line.replace(",holdout,", ",grid,") for line in raw.poses]
-    poses = ingest(raw).poses
+    poses = ingest(raw).observations
     held = poses.kind == "holdout"
     assert held.sum() == count
     if "last_fraction" in rule:
-        assert poses.time_s[held].min() > poses.time_s[~held].max()
+        assert poses.states.time_s[held].min() > poses.states.time_s[~held].max()
 
 
 @pytest.mark.parametrize("kind", ["points", "distance"])
 def test_repeatability_is_that_of_what_was_measured(tmp_path, kind):
     raw = sighted(tmp_path, kind, poses=60, repeats=4, noise_mm=0.1)
-    found = repeatability_mm(ingest(raw).poses)
+    found = repeatability_mm(ingest(raw).calibration)
     # The mean of a standard deviation of four readings is a little below sigma.
     expected = 0.1 * (np.sqrt(3) * 0.97 if kind == "points" else 0.92)
     assert found == {0.0: pytest.approx(expected, rel=0.12)}
@@ -383,5 +382,5 @@ def test_repeatability_is_that_of_what_was_measured(tmp_path, kind):
 def test_a_long_campaign_takes_seconds(tmp_path, kind):
     raw = sighted(tmp_path, kind, poses=12_000, noise_mm=0.05)
     begin = time.process_time()
-    assert len(ingest(raw).poses) == 12_000
+    assert len(ingest(raw).observations) == 12_000
     assert time.process_time() - begin < 6.0

@@ -10,9 +10,7 @@ import pytest
 import yaml
 
 from made_up_robot import logged_q, seen_m, seen_p, seen_T, track
-from pa10cal.campaign.description import read_campaign
-from pa10cal.campaign.ingest import ingest_campaign
-from pa10cal.campaign.options import IngestOptions
+from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 from pa10cal.cell.write import write_campaign
@@ -292,24 +290,26 @@ def test_the_reader_of_campaigns_takes_it_as_it_was_seen(tmp_path, name, instrum
     arm = load_arm(name)
     campaign = tracked(arm, instrument, poses=20, repeat_every=4, loads_N=(0.0, 22.0))
     write_campaign(campaign, tmp_path)
-    ingested = ingest_campaign(read_campaign(tmp_path), arm, tmp_path, IngestOptions())
-    assert ingested.left_out == ()
-    poses, made = ingested.poses, campaign.truth.schedule
+    ingested = read_campaign(tmp_path)
+    assert ingested.quarantined == ()
+    poses, made = ingested.observations, campaign.truth.schedule
     assert poses.kind.tolist() == made.kind.tolist()
     assert poses.pose.tolist() == made.pose.tolist()
-    assert poses.load_N.tolist() == made.load_N.tolist()
-    assert np.abs(poses.q_rad - logged_q(campaign)).max() < 1e-12
+    assert poses.states.load_N.tolist() == made.load_N.tolist()
+    assert np.abs(poses.states.q_rad - logged_q(campaign)).max() < 1e-12
     if instrument == "pose":
         T = seen_T(campaign)
-        T[:, :3, 3] *= 1e3
-        assert np.abs(poses.T_instr_ee_mm - T).max() < 1e-6
-        variances = np.diagonal(poses.cov_ee_mm, axis1=1, axis2=2)
-        assert variances == pytest.approx(np.tile([0.05**2] * 3 + [2e-4**2] * 3, (len(T), 1)))
+        off = np.abs(poses.measured.T_instr_target - T)
+        assert off[:, :3, 3].max() < 1e-9
+        assert off[:, :3, :3].max() < 1e-6
+        variances = np.diagonal(poses.measured.cov, axis1=1, axis2=2)
+        expected = np.tile([5e-5**2] * 3 + [2e-4**2] * 3, (len(T), 1))
+        assert variances == pytest.approx(expected)
     elif instrument == "points":
         seen_mm = 1e3 * seen_p(campaign)
-        assert poses.ball_names == ("T1", "T2", "T3")
-        assert np.array_equal(np.isnan(poses.p_instr_balls_mm), np.isnan(seen_mm))
-        assert np.nanmax(np.abs(poses.p_instr_balls_mm - seen_mm)) < 1e-6
+        assert poses.measured.names == ("T1", "T2", "T3")
+        assert np.array_equal(np.isnan(1e3 * poses.measured.p_instr_m), np.isnan(seen_mm))
+        assert np.nanmax(np.abs(1e3 * poses.measured.p_instr_m - seen_mm)) < 1e-6
     else:
-        assert np.abs(poses.d_mm - 1e3 * seen_m(campaign, "d_mm")[:, 0]).max() < 1e-6
-        assert poses.d_u_mm == pytest.approx(0.05)
+        assert np.abs(1e3 * poses.measured.d_m - 1e3 * seen_m(campaign, "d_mm")[:, 0]).max() < 1e-6
+        assert 1e3 * poses.measured.u_m == pytest.approx(0.05)

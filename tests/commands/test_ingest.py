@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from made_up_sightings import sighted
-from pa10cal.campaign.description import read_campaign
+from pa10cal.campaign.description import read_description
 from pa10cal.campaign.table import read_observations, read_pose_table
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.files.arm_text import arm_text
@@ -38,7 +38,7 @@ def rows_of(listing):
 def cell_null(tmp_path_factory):
     status, table, listing = run(RAW / "cell-null", tmp_path_factory.mktemp("cell-null"))
     assert status == 0
-    every = read_observations(table, read_campaign(RAW / "cell-null"))
+    every = read_observations(table, read_description(RAW / "cell-null"))
     return read_pose_table(table), rows_of(listing), every
 
 
@@ -76,7 +76,9 @@ def test_says_what_it_did_in_one_line(raw_campaign, tmp_path, capsys):
     said = capsys.readouterr()
     assert said.err == ""
     assert said.out.count("\n") == 1
-    assert said.out.startswith("made-up: 34 configurations; 102 balls; 1 rows left out; repeatab")
+    assert said.out.startswith(
+        "made-up: 34 configurations; 102 balls; 1 rows quarantined; repeatab"
+    )
 
 
 def test_the_same_input_gives_the_same_bytes(raw_campaign, tmp_path):
@@ -175,7 +177,7 @@ def test_says_what_an_instrument_without_balls_saw(tmp_path, capsys, kind):
     assert run(raw.write(), tmp_path / "out")[0] == 0
     seen = int(np.isfinite(raw.p_instr_m[..., 0]).sum())
     targets = f"; targets T1, T2, T3 seen {seen} times of 240" if kind == "points" else ""
-    expected = f"sighted: 80 configurations{targets}; 0 rows left out; repeatability 0.0"
+    expected = f"sighted: 80 configurations{targets}; 0 rows quarantined; repeatability 0.0"
     told = capsys.readouterr().out
     assert told.startswith(expected)
     assert "ball" not in told

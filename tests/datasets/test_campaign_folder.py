@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pa10cal.campaign.description import read_campaign
-from pa10cal.campaign.quarantine import LeftOut
+from pa10cal.campaign.description import read_description
+from pa10cal.campaign.quarantine import Quarantined
 from pa10cal.datasets.campaign_folder import table_bytes, write_campaigns
 from pa10cal.datasets.commands import command_columns
 from pa10cal.datasets.dataset import ImportedCampaign
@@ -37,7 +37,7 @@ def campaign():
         held_out_fraction=0.3,
         poses=poses,
         files=("t.csv",),
-        left_out=(LeftOut("t.csv", 7, "not a finite number", "a = 'x'"),),
+        left_out=(Quarantined("t.csv", 7, "not a finite number", "a = 'x'"),),
         notes=(),
     )
 
@@ -48,7 +48,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def test_the_contracts_reader_takes_the_description(campaign, tmp_path):
     (folder,) = write_campaigns([campaign], tmp_path / "raw")
-    described = read_campaign(folder)
+    described = read_description(folder)
     assert folder == tmp_path / "raw" / "made-up"
     assert (described.name, described.robot) == ("made-up", "ur10")
     assert described.provenance == campaign.provenance
@@ -86,7 +86,7 @@ def test_the_same_campaign_gives_the_same_bytes(campaign, tmp_path):
 def test_a_former_campaign_is_replaced_as_a_whole(campaign, tmp_path):
     write_campaigns([campaign], tmp_path)
     (folder,) = write_campaigns([replace(campaign, provenance="another")], tmp_path)
-    assert read_campaign(folder).provenance == "another"
+    assert read_description(folder).provenance == "another"
     assert sorted(path.name for path in folder.iterdir()) == OWN
     assert [path.name for path in tmp_path.iterdir()] == ["made-up"]
 

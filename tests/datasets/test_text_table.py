@@ -51,7 +51,9 @@ def test_bad_rows_are_listed_with_line_and_value(tmp_path):
         (14, "repeats an earlier row", ""),
     ]
     assert len(table) + len(table.left_out) == table.total == 13
-    with pytest.raises(RawDataError, match=r"t\.csv:8: 7 of 13 rows would be left out, 5 of them"):
+    with pytest.raises(
+        RawDataError, match=r"t\.csv:8: 7 of 13 rows would be quarantined, 5 of them"
+    ):
         table.refuse_too_many(0.5)
     table.refuse_too_many(0.6)
 

@@ -10,9 +10,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.calibrate import ErrorSources, calibrate
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.description import read_campaign
-from pa10cal.campaign.ingest import ingest_campaign
-from pa10cal.campaign.table import observations_of
+from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
@@ -28,7 +26,7 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import average_repeats
-from pa10cal.settings import IngestSettings, parse_section
+from pa10cal.settings import parse_section
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates
@@ -77,9 +75,8 @@ def measure(tmp_path_factory):
         folder = tmp_path_factory.mktemp("campaign")
         made = simulate_campaign("c", ARM, parse_section(SimulateOptions, raw, where="test"))
         write_campaign(made, folder / "raw", folder / "truth.json")
-        campaign = read_campaign(folder / "raw")
-        poses = ingest_campaign(campaign, ARM, folder / "raw", IngestSettings()).poses
-        readings = observations_of(poses, campaign).of_kind("grid")
+        found = read_campaign(folder / "raw")
+        campaign, readings = found.description, found.calibration
         tool = campaign.tool
         payload = Payload(
             tool.mass_kg,

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from made_up_sightings import UNCERTAINTY_MM, sighted
-from pa10cal.campaign.description import read_campaign
 from pa10cal.campaign.table import read_observations, read_pose_table, write_pose_table
 from pa10cal.errors import RawDataError
 from pa10cal.observe.averages import average_repeats, poses_of
@@ -21,9 +20,9 @@ U_M = 1e-3 * UNCERTAINTY_MM
 
 def every_of(raw, tmp_path):
     """Ingest, write the table, read it back: every single reading."""
-    path = tmp_path / "poses.parquet"
-    write_pose_table(path, ingest(raw).poses, raw.description["name"])
-    return read_observations(path, read_campaign(raw.folder))
+    campaign, path = ingest(raw), tmp_path / "poses.parquet"
+    write_pose_table(path, campaign.observations, campaign.arm.prismatic, campaign.name)
+    return read_observations(path, campaign.description)
 
 
 def averaged(every):

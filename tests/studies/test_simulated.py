@@ -10,10 +10,7 @@ from pa10cal.calibration.general.calibrate import calibrate_general
 from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.description import read_campaign
-from pa10cal.campaign.ingest import ingest_campaign
-from pa10cal.campaign.options import IngestOptions
-from pa10cal.campaign.table import read_observations, write_pose_table
+from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.individual import draw_individual
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.cell.write import write_campaign
@@ -37,10 +34,7 @@ def test_a_campaign_in_memory_is_the_one_of_its_files(tmp_path, instrument):
     plan = TrackerOptions(instrument=instrument, poses=12, holdout_share=0.0, targets=2)
     made = track(arm, plan, 5)
     write_campaign(made, tmp_path / "raw")
-    campaign = read_campaign(tmp_path / "raw")
-    ingested = ingest_campaign(campaign, arm, tmp_path / "raw", IngestOptions())
-    write_pose_table(tmp_path / "poses.parquet", ingested.poses, campaign.name)
-    read = read_observations(tmp_path / "poses.parquet", campaign).of_kind("grid")
+    read = read_campaign(tmp_path / "raw").calibration
     found = observations_of(made)
     assert list(found.pose) == list(read.pose)
     assert found.states.q_rad == pytest.approx(read.states.q_rad, abs=1e-8)

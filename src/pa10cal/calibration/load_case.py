@@ -30,9 +30,9 @@ from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.calibration.uncertainty import ErrorSources, with_own_scatter
 from pa10cal.errors import CalibrationError
 from pa10cal.observe.averages import average_repeats
-from pa10cal.observe.instrument import Deviations
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.observe.quantities import Deviations
 from pa10cal.terms.baseline import baseline, nominal
 
 Array = NDArray[np.float64]

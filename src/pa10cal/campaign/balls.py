@@ -1,4 +1,4 @@
-"""Tooling balls of every configuration: located, checked against the tool, with covariance."""
+"""Tooling balls of every configuration: touches gathered, centres with covariance, checked."""
 
 from __future__ import annotations
 
@@ -7,20 +7,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.campaign.grouping import LEAST_TOUCHES, unusable_balls
-from pa10cal.campaign.spheres import Spheres, fit_spheres, pooled_touch_sigma_mm, touch_sigma_mm
-from pa10cal.campaign.strays import find_strays
+from pa10cal.campaign.rows import Touches
+from pa10cal.campaign.spheres import (
+    Spheres,
+    find_outliers,
+    fit_spheres,
+    pooled_touch_sigma_mm,
+    touch_sigma_mm,
+)
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import fit_rigid
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Index = NDArray[np.intp]
+
+#: Touches that a ball needs.
+LEAST_TOUCHES = 4
 
 #: Balls further than this from where the description puts them are other balls.
 TOOL_MISFIT_MM = 1.0
-#: Touches further from the middle of their configuration than so many sizes of the tool are stray.
+#: Touches are outliers further from the middle of their configuration than so many tool sizes.
 FAR_OFF = 2.0
-#: Configurations from which the tool's shape is learnt rather than believed.
+#: Configurations from which the tool's shape is found rather than taken as stated.
 ENOUGH_FOR_SHAPE = 5
 
 UNDECIDED = "the touches do not fit the tool, and no single one is to blame"
@@ -35,14 +44,14 @@ class TouchedTool:
         p_ee_balls_mm: (B, 3) their centres in the end-effector frame.
         radius_mm: their radius.
         centre_uncertainty_mm: standard uncertainty of one measured centre, per axis.
-        stray_sigma: a touch further off than this many sigmas of one touch is a stray.
+        outlier_sigma: a touch further off than this many sigmas of one touch is an outlier.
     """
 
     names: tuple[str, ...]
     p_ee_balls_mm: Array
     radius_mm: float
     centre_uncertainty_mm: float
-    stray_sigma: float
+    outlier_sigma: float
 
 
 @dataclass(frozen=True)
@@ -53,7 +62,7 @@ class LocatedBalls:
         p_instr_mm: (C, B, 3) centres.
         cov_mm2: (C, B, 3, 3) their covariances.
         used: (C, B, T) touches used.
-        stray: (C, B, T) touches found astray.
+        outlier: (C, B, T) touches suspected to be outliers.
         reason: (C,) why a configuration cannot be used; "" where it can.
         touch_sigma_mm: standard uncertainty of one touch, from the instrument's statement.
         pooled_sigma_mm: standard deviation of one touch, from the residuals of all spheres.
@@ -62,14 +71,14 @@ class LocatedBalls:
     p_instr_mm: Array
     cov_mm2: Array
     used: Mask
-    stray: Mask
+    outlier: Mask
     reason: NDArray[np.object_]
     touch_sigma_mm: float
     pooled_sigma_mm: float
 
 
 def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) -> LocatedBalls:
-    """Find the centres of all balls and the touches that are astray.
+    """Find the centres of all balls and the touches that are suspected outliers.
 
     Args:
         p_instr_mm: (C, B, T, 3) touches, padded.
@@ -81,8 +90,8 @@ def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) 
         RawDataError: when touches in general do not lie on spheres of this radius, or the balls
             are not those of the tool.
     """
-    stray = _far_off(p_instr_mm, valid, tool)
-    near = valid & ~stray
+    outlier = _far_off(p_instr_mm, valid, tool)
+    near = valid & ~outlier
     spheres = _fit(p_instr_mm, near, tool)
     _refuse_flat(spheres, where)
     reason = unusable_balls(near, spheres.coplanar.reshape(valid.shape[:2]), tool.names)
@@ -91,15 +100,15 @@ def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) 
     if len(whole):
         spheres = _fit(p_instr_mm[whole], near[whole], tool)
         sigma_mm = touch_sigma_mm(spheres, tool.centre_uncertainty_mm)
-        limit_mm = tool.stray_sigma * sigma_mm
+        limit_mm = tool.outlier_sigma * sigma_mm
         _refuse_other_radius(spheres, limit_mm, tool, where)
         shape_mm = _shape(spheres.centre_mm.reshape(len(whole), -1, 3), tool, where)
-        strays = find_strays(
+        outliers = find_outliers(
             p_instr_mm[whole], near[whole], shape_mm, tool.radius_mm, limit_mm, sigma_mm
         )
-        stray[whole] |= strays.touch
-        reason[whole[strays.undecided]] = UNDECIDED
-    used = valid & ~stray
+        outlier[whole] |= outliers.touch
+        reason[whole[outliers.undecided]] = UNDECIDED
+    used = valid & ~outlier
     spheres = _fit(p_instr_mm, used, tool)
     without = unusable_balls(used, spheres.coplanar.reshape(valid.shape[:2]), tool.names)
     reason = np.where(reason == "", without, reason)
@@ -111,7 +120,7 @@ def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) 
         p_instr_mm=spheres.centre_mm.reshape(C, B, 3),
         cov_mm2=sigma_mm**2 * spheres.cofactor.reshape(C, B, 3, 3),
         used=used,
-        stray=stray,
+        outlier=outlier,
         reason=reason,
         touch_sigma_mm=sigma_mm,
         pooled_sigma_mm=pooled_mm,
@@ -157,7 +166,7 @@ def _refuse_other_radius(spheres: Spheres, limit_mm: float, tool: TouchedTool, w
         "the touches do not lie on spheres of the stated diameter",
         where=where,
         value=f"typically {np.median(worst):.3g} mm off a sphere of {2 * tool.radius_mm:g} mm",
-        allowed=f"within {limit_mm:.3g} mm, {tool.stray_sigma:g} sigmas of one touch",
+        allowed=f"within {limit_mm:.3g} mm, {tool.outlier_sigma:g} sigmas of one touch",
         remedy="check ball_diameter_mm, the unit of x_mm, y_mm, z_mm, the compensation of the "
         "probe's radius, and instrument.uncertainty_mm",
     )
@@ -179,3 +188,71 @@ def _shape(p_instr_mm: Array, tool: TouchedTool, where: str) -> Array:
             remedy="check tool.balls_mm and the names of the balls",
         )
     return seen if len(p_instr_mm) >= ENOUGH_FOR_SHAPE else nominal
+
+
+@dataclass(frozen=True)
+class TouchGroups:
+    """Touches of C configurations on B balls, padded to T a ball.
+
+    Attributes:
+        of_touch: (N,) configuration of every touch.
+        first: (C,) first touch of every configuration, which names it.
+        row: (C, B, T) touch, 0 where there is none.
+        valid: (C, B, T) where there is one.
+    """
+
+    of_touch: Index
+    first: Index
+    row: Index
+    valid: Mask
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+
+def group_touches(touches: Touches, balls: int) -> TouchGroups:
+    """Gather touches, which are in order of time, by configuration and ball."""
+    of_touch = touches.configurations
+    count = int(of_touch.max(initial=-1)) + 1
+    key = of_touch * balls + touches.ball
+    order = np.argsort(key, kind="stable")
+    sizes = np.bincount(key, minlength=count * balls)
+    place = np.arange(len(key)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    row = np.zeros((count * balls, int(sizes.max(initial=0))), dtype=np.intp)
+    valid = np.zeros(row.shape, dtype=bool)
+    row[key[order], place] = order
+    valid[key[order], place] = True
+    first = np.unique(of_touch, return_index=True)[1]
+    shape = (count, balls, row.shape[1])
+    return TouchGroups(of_touch, first, row.reshape(shape), valid.reshape(shape))
+
+
+def commonest(of_touch: Index, dwell: Index) -> Index:
+    """Return the dwell in which each configuration has most touches (the first of equals)."""
+    pairs, counts = np.unique(np.column_stack([of_touch, dwell]), axis=0, return_counts=True)
+    best_last = np.lexsort((-pairs[:, 1], counts, pairs[:, 0]))
+    pairs = pairs[best_last]
+    last = np.append(np.diff(pairs[:, 0]) > 0, True)
+    return np.asarray(pairs[last, 1], dtype=np.intp)
+
+
+def unusable_balls(valid: Mask, coplanar: Mask, names: tuple[str, ...]) -> NDArray[np.object_]:
+    """Return (C,) why a configuration's balls cannot all be located; "" where they can.
+
+    Args:
+        valid: (C, B, T) touches that are there.
+        coplanar: (C, B) balls whose touches lie in one plane.
+        names: names of the balls.
+    """
+    count = valid.sum(axis=2)
+    bad = (count < LEAST_TOUCHES) | coplanar
+    reasons = np.full(len(valid), "", dtype=object)
+    for c in np.flatnonzero(bad.any(axis=1)):
+        b = int(np.argmax(bad[c]))
+        if count[c, b] == 0:
+            reasons[c] = f"ball {names[b]} of this configuration is missing"
+        elif count[c, b] < LEAST_TOUCHES:
+            reasons[c] = f"ball {names[b]} of this configuration has fewer than four touches"
+        else:
+            reasons[c] = f"the touches on ball {names[b]} of this configuration are coplanar"
+    return reasons

@@ -1,6 +1,6 @@
 """CSV as it comes from instruments: rows as text with their physical lines, bad rows listed.
 
-What makes a single row unusable puts it into quarantine; what makes the file unusable (another
+What makes a single row unusable quarantines it; what makes the file unusable (another
 separator, decimal commas throughout, a missing column, nothing in it) stops with one message.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pa10cal.campaign.quarantine import LeftOut, left_out
+from pa10cal.campaign.quarantine import Quarantined, quarantined
 from pa10cal.errors import RawDataError
 
 Array = NDArray[np.float64]
@@ -38,9 +38,9 @@ class RawRows:
         file: name of the file.
         columns: fields of every column, in the order of the file.
         line: (N,) physical line of every row, the header being line 1.
-        total: rows in the file, those left out included.
+        total: rows in the file, quarantined ones included.
         unused: columns that were not asked for.
-        left_out: rows that were left out.
+        quarantined: rows that are not used.
     """
 
     file: str
@@ -48,17 +48,17 @@ class RawRows:
     line: NDArray[np.int64]
     total: int
     unused: tuple[str, ...]
-    left_out: tuple[LeftOut, ...]
+    quarantined: tuple[Quarantined, ...]
 
     def take(self, keep: NDArray[np.bool_], reason: str, values: Sequence[object]) -> RawRows:
-        """Keep some rows and list the others with a reason and (for each of them) a value."""
+        """Keep some rows; quarantine the others with a reason and (for each of them) a value."""
         return RawRows(
             self.file,
             {name: column[keep] for name, column in self.columns.items()},
             self.line[keep],
             self.total,
             self.unused,
-            (*self.left_out, *left_out(self.file, self.line[~keep], reason, values)),
+            (*self.quarantined, *quarantined(self.file, self.line[~keep], reason, values)),
         )
 
 
@@ -77,7 +77,7 @@ def read_rows(
     """Read a CSV file, plain or gzipped.
 
     Rows with another number of fields than the header, exact repeats of an earlier row and a last
-    line that was cut short are left out and listed.
+    line that was cut short are quarantined.
 
     Args:
         path: the file; a byte-order mark and Windows line ends are accepted.
@@ -109,8 +109,8 @@ def read_rows(
     wrong = ~right
     wrong[-1] &= not cut
     listed = (
-        *left_out(path.name, line[wrong], f"{FIELDS} {len(header)}", widths[wrong]),
-        *left_out(path.name, line[-1:] if cut else [], CUT, [numbered[-1][1]] if cut else []),
+        *quarantined(path.name, line[wrong], f"{FIELDS} {len(header)}", widths[wrong]),
+        *quarantined(path.name, line[-1:] if cut else [], CUT, [numbered[-1][1]] if cut else []),
     )
     table = np.array([row for row in rows if len(row) == len(header)], dtype=object)
     columns = dict(zip(header, table.T, strict=True))
@@ -124,7 +124,7 @@ def read_rows(
 def numbers(
     raw: RawRows, names: Sequence[str], *, may_be_blank: bool = False
 ) -> tuple[RawRows, Array]:
-    """Read columns as finite numbers; rows where one is none are left out and listed.
+    """Read columns as finite numbers; rows where one is none are quarantined.
 
     Args:
         raw: the rows.
@@ -155,7 +155,7 @@ def numbers(
 def in_range(
     raw: RawRows, names: Sequence[str], reason: str, at_least: float, at_most: float = np.inf
 ) -> RawRows:
-    """Leave out and list the rows with a number outside a range; empty fields are let through."""
+    """Quarantine the rows with a number outside a range; empty fields are let through."""
     if not names:
         return raw
     _, found = numbers(raw, names, may_be_blank=True)
@@ -169,7 +169,7 @@ def in_range(
 
 
 def whole_numbers(raw: RawRows, name: str) -> tuple[RawRows, NDArray[np.int64]]:
-    """Read a column as whole numbers; other rows are left out and listed."""
+    """Read a column as whole numbers; other rows are quarantined."""
     raw, found = numbers(raw, [name])
     column = found[:, 0]
     keep = column == np.round(column)
@@ -255,7 +255,7 @@ def _refuse_systematic_width(
 
 
 def _without_cut_last(raw: RawRows, last_column: str) -> RawRows:
-    """Leave out a last line without a line end whose last number lacks digits others have."""
+    """Quarantine a last line without a line end whose last number lacks digits others have."""
     decimals = np.array([len(field.partition(".")[2]) for field in raw.columns[last_column]])
     usual = int(np.bincount(decimals).argmax())
     if decimals[-1] >= usual or np.mean(decimals[:-1] == usual) < SAME_FORMAT:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import Field, FiniteFloat, StringConstraints
+from pydantic import AfterValidator, Field, FiniteFloat, StringConstraints
 
 from pa10cal.errors import RawDataError
-from pa10cal.observe.instrument import Stated
+from pa10cal.observe.instrument import Instrument as MeasuredBy
+from pa10cal.observe.quantities import Stated
+from pa10cal.observe.registry import instruments
 from pa10cal.settings_reading import parse_section
 from pa10cal.settings_section import Section
 
@@ -27,13 +29,24 @@ BallName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]+$")]
 FileName = Annotated[str, StringConstraints(pattern=r"^[^/\\]+$")]
 
 
+def _known_kind(kind: str) -> str:
+    if kind not in instruments():
+        raise ValueError(f"should be one of {', '.join(instruments())}")
+    return kind
+
+
 class Instrument(Section):
     """What measured the end-effector."""
 
-    kind: Literal["touch_trigger_cmm", "pose", "points", "distance"]
+    kind: Annotated[str, AfterValidator(_known_kind)]
     uncertainty_mm: PositiveFinite = Field(
         description="standard uncertainty of one measured centre, per axis"
     )
+
+    @property
+    def type(self) -> type[MeasuredBy]:
+        """Return the class of the instrument."""
+        return instruments()[self.kind]
 
 
 class Tool(Section):
@@ -63,10 +76,10 @@ class Holdout(Section):
     every: Annotated[int, Field(ge=2)] | None = None
 
 
-class Campaign(Section):
+class CampaignDescription(Section):
     """One measurement campaign.
 
-    Every key is one of the raw-data contract; see `read_campaign` for what each instrument needs.
+    Every key is one of the raw-data contract; `read_description` checks what each instrument needs.
     """
 
     name: Text
@@ -98,7 +111,7 @@ class Campaign(Section):
         return np.array(centres, dtype=float).reshape(-1, 3)
 
 
-def read_campaign(folder: Path) -> Campaign:
+def read_description(folder: Path) -> CampaignDescription:
     """Read and check a campaign's description.
 
     Args:
@@ -120,7 +133,7 @@ def read_campaign(folder: Path) -> Campaign:
             allowed=SCHEMA,
             remedy=f"convert the campaign and state schema: {SCHEMA}",
         )
-    campaign = parse_section(Campaign, content, where=str(path))
+    campaign = parse_section(CampaignDescription, content, where=str(path))
     _check_instrument(campaign, folder)
     if campaign.holdout is not None:
         _check_holdout(campaign.holdout, path)
@@ -149,10 +162,10 @@ def _read_mapping(path: Path) -> dict[str, object]:
     return content
 
 
-def _check_instrument(campaign: Campaign, folder: Path) -> None:
+def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
     """Refuse a campaign that lacks what its kind of instrument needs."""
-    kind = campaign.instrument.kind
-    if kind == "touch_trigger_cmm":
+    kind, touched = campaign.instrument.kind, campaign.instrument.type.from_touches
+    if touched:
         if campaign.ball_diameter_mm is None:
             raise _unfit(folder, "ball_diameter_mm", None, "the diameter of the tooling balls")
         offsets = campaign.p_ee_balls_mm - campaign.p_ee_balls_mm.mean(axis=0, keepdims=True)
@@ -163,7 +176,7 @@ def _check_instrument(campaign: Campaign, folder: Path) -> None:
                 dict(campaign.tool.balls_mm),
                 "at least three balls, not on one line",
             )
-    needed = ("cmm", "resolver") if kind == "touch_trigger_cmm" else ("poses",)
+    needed = ("cmm", "resolver") if touched else ("poses",)
     for key in needed:
         name = getattr(campaign.files, key)
         if name is None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
-from pa10cal.campaign.logs import Samples
+from pa10cal.campaign.rows import Samples
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -1,4 +1,4 @@
-"""Rows of raw files that were left out, each with its file, line and reason."""
+"""Rows of raw files that are not used, each with its file, line and reason."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.errors import RawDataError
+from pa10cal.observe.observations import Observations
 
 
 @dataclass(frozen=True, order=True)
-class LeftOut:
-    """One row that was left out.
+class Quarantined:
+    """One row that is not used.
 
     Attributes:
         file: name of the raw file.
         line: line in it, the header being line 1.
-        reason: why it was left out.
+        reason: why it is not used.
         value: what was found, as text.
     """
 
@@ -31,20 +32,38 @@ class LeftOut:
     value: str = ""
 
 
-def left_out(
+@dataclass(frozen=True)
+class Ingested:
+    """A campaign's readings and what is quarantined.
+
+    Attributes:
+        observations: single readings of all kinds, in order of time.
+        quarantined: rows that are not used, each once.
+        notes: what the reader should know, one clause each.
+        warnings: what the reader should mend before going on, one sentence each.
+    """
+
+    observations: Observations
+    quarantined: tuple[Quarantined, ...]
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+
+def quarantined(
     file: str,
     lines: NDArray[np.int64] | Sequence[int],
     reason: str,
     values: Iterable[object] | None = None,
-) -> tuple[LeftOut, ...]:
-    """List rows left out for one reason, with the value found in each."""
+) -> tuple[Quarantined, ...]:
+    """List rows quarantined for one reason, with the value found in each."""
     found = [""] * len(lines) if values is None else [str(value) for value in values]
     return tuple(
-        LeftOut(file, int(line), reason, value) for line, value in zip(lines, found, strict=True)
+        Quarantined(file, int(line), reason, value)
+        for line, value in zip(lines, found, strict=True)
     )
 
 
-def quarantine_csv(rows: Iterable[LeftOut]) -> str:
+def quarantine_csv(rows: Iterable[Quarantined]) -> str:
     """Return the quarantine table as CSV text."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -53,18 +72,20 @@ def quarantine_csv(rows: Iterable[LeftOut]) -> str:
     return text.getvalue()
 
 
-def refuse_too_many(rows: Iterable[LeftOut], totals: dict[str, int], max_fraction: float) -> None:
-    """Stop when more of a file's rows are left out than the settings allow, or all of them.
+def refuse_too_many(
+    rows: Iterable[Quarantined], totals: dict[str, int], max_fraction: float
+) -> None:
+    """Stop when more of a file's rows are quarantined than the settings allow, or all of them.
 
     Args:
-        rows: rows left out.
+        rows: rows quarantined.
         totals: rows in each file.
         max_fraction: `ingest.max_quarantined_fraction`.
 
     Raises:
         RawDataError: naming the file, the commonest reason and the first line it struck.
     """
-    by_file: dict[str, list[LeftOut]] = {name: [] for name in totals}
+    by_file: dict[str, list[Quarantined]] = {name: [] for name in totals}
     for row in sorted(rows):
         by_file[row.file].append(row)
     for name, listed in by_file.items():
@@ -73,7 +94,7 @@ def refuse_too_many(rows: Iterable[LeftOut], totals: dict[str, int], max_fractio
         reason, times = Counter(row.reason for row in listed).most_common(1)[0]
         first = next(row.line for row in listed if row.reason == reason)
         raise RawDataError(
-            f"{len(listed)} of {totals[name]} rows would be left out, "
+            f"{len(listed)} of {totals[name]} rows would be quarantined, "
             f"{times} of them because: {reason}",
             where=f"{name}:{first}",
             allowed=f"at most {max_fraction:.0%} (ingest.max_quarantined_fraction)",

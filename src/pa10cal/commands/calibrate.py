@@ -10,7 +10,7 @@ from pa10cal.calibration.options import CalibrationOptions
 
 if TYPE_CHECKING:
     from pa10cal.arm.description import Arm
-    from pa10cal.campaign.description import Campaign
+    from pa10cal.campaign.description import CampaignDescription
     from pa10cal.observe.observations import Observations
     from pa10cal.results.calibration import CalibrationRecord
 
@@ -37,13 +37,13 @@ def calibrate(
         out: calibration to write (.json).
         settings: section calibration.
     """
-    from pa10cal.campaign.description import read_campaign
+    from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
     from pa10cal.files.arms import load_arm
     from pa10cal.planning.campaign import takes_general_model
     from pa10cal.results.codec import write
 
-    campaign = read_campaign(campaign_dir)
+    campaign = read_description(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
     every = read_observations(poses, campaign)
     general = load == GENERAL or takes_general_model(settings.model, campaign.instrument.kind)
@@ -54,7 +54,7 @@ def calibrate(
 
 
 def _by_papers_model(
-    campaign: Campaign,
+    campaign: CampaignDescription,
     arm: Arm,
     every: Observations,
     base_frame: Path,
@@ -92,7 +92,7 @@ def _by_papers_model(
 
 
 def _by_general_model(
-    campaign: Campaign,
+    campaign: CampaignDescription,
     arm: Arm,
     every: Observations,
     base_frame: Path,

@@ -43,7 +43,7 @@ def discover(
         settings: section discovery.
     """
     from pa10cal.calibration.records import calibration_options, models_of
-    from pa10cal.campaign.description import read_campaign
+    from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
     from pa10cal.discovery.records import discovery_records, summary
     from pa10cal.files.arms import load_arm
@@ -57,7 +57,7 @@ def discover(
     from pa10cal.stages.measurement_setup import setup_of
 
     began = time.perf_counter()
-    campaign = read_campaign(campaign_dir)
+    campaign = read_description(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
     every, from_order = read_observations(poses, campaign), False
     record = read(CalibrationRecord, calibration, campaign.name)

@@ -22,13 +22,13 @@ def seed(
         out: base frame in the instrument's frame, to write (.json).
         settings: section base_frame.
     """
-    from pa10cal.campaign.description import read_campaign
+    from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
     from pa10cal.files.arms import load_arm
     from pa10cal.observe.seed import locate_base, summary
     from pa10cal.results.codec import write
 
-    campaign = read_campaign(campaign_dir)
+    campaign = read_description(campaign_dir)
     every = read_observations(poses, campaign)
     arm = load_arm(campaign.robot, campaign_dir)
     record = locate_base(every, arm, settings, poses, campaign.name, campaign.provenance)

@@ -23,7 +23,7 @@ def transfer(
         extended: the model with the effects that discovery named (.json).
     """
     from pa10cal.calibration.records import calibration_options, models_of
-    from pa10cal.campaign.description import read_campaign
+    from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
     from pa10cal.discovery.extended import read_extended
     from pa10cal.discovery.options import DiscoveryOptions
@@ -35,7 +35,7 @@ def transfer(
     from pa10cal.results.evaluation import TransferRecord
     from pa10cal.stages.measurement_setup import setup_of
 
-    campaign = read_campaign(campaign_dir)
+    campaign = read_description(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
     every = read_observations(poses, campaign)
     record = read(CalibrationRecord, calibration)

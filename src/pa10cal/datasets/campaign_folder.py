@@ -13,7 +13,7 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, read_campaign
+from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, read_description
 from pa10cal.campaign.quarantine import quarantine_csv
 from pa10cal.datasets.dataset import ImportedCampaign
 from pa10cal.errors import OutputError
@@ -131,7 +131,7 @@ def _write(campaign: ImportedCampaign, folder: Path) -> None:
         allow_unicode=True,
     )
     (folder / DESCRIPTION_FILE).write_text(text, encoding="utf-8", newline="\n")
-    read_campaign(folder)
+    read_description(folder)
 
 
 def _replace(beside: Path, place: Path) -> None:

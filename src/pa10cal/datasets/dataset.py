@@ -9,7 +9,7 @@ from typing import Literal
 
 import pandas as pd
 
-from pa10cal.campaign.quarantine import LeftOut
+from pa10cal.campaign.quarantine import Quarantined
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class ImportedCampaign:
     held_out_fraction: float
     poses: pd.DataFrame
     files: tuple[str, ...]
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[Quarantined, ...]
     notes: tuple[str, ...]
 
 

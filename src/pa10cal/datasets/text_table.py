@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pa10cal.campaign.quarantine import LeftOut, left_out, refuse_too_many
+from pa10cal.campaign.quarantine import Quarantined, quarantined, refuse_too_many
 from pa10cal.errors import RawDataError
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ class TextTable:
     line: NDArray[np.int64]
     columns: dict[str, Array]
     total: int
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[Quarantined, ...]
 
     def __len__(self) -> int:
         return len(self.line)
@@ -60,7 +60,7 @@ class TextTable:
     def keep(self, good: NDArray[np.bool_], reason: str, values: Iterable[object]) -> TextTable:
         """Keep some rows and list the others with a reason and (for each of them) a value."""
         kept = self.take(np.flatnonzero(good))
-        listed = left_out(self.file, self.line[~good], reason, values)
+        listed = quarantined(self.file, self.line[~good], reason, values)
         return TextTable(kept.file, kept.line, kept.columns, kept.total, (*self.left_out, *listed))
 
     def refuse_too_many(self, max_fraction: float) -> None:
@@ -187,7 +187,7 @@ def _parse(
         values[good & ~readable] = [f"{name} = {w!r}" for w in words[good & ~readable, place]]
         good &= readable
     wrong_width = f"the number of fields is not {width}"
-    listed = left_out(file, line[~fits], wrong_width, widths[~fits])
+    listed = quarantined(file, line[~fits], wrong_width, widths[~fits])
     whole = TextTable(file, line[fits], columns, len(rows), listed)
     return whole.keep(good, NOT_A_NUMBER, values[~good])
 

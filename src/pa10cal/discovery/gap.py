@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from pa10cal.calibration.accuracy import Accuracy, deviations, summarise
-from pa10cal.observe.instrument import Deviations
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.observe.quantities import Deviations
 
 Array = NDArray[np.float64]
 

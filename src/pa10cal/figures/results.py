@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
-from pa10cal.campaign.description import read_campaign
+from pa10cal.campaign.description import read_description
 from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError
 from pa10cal.figures import published
@@ -132,7 +132,7 @@ class Results:
     @classmethod
     def of(cls, raw: Path, folder: Path, settings: PictureOptions) -> Results:
         """Return the results in a folder, of the campaign in a folder of raw files."""
-        campaign = read_campaign(raw)
+        campaign = read_description(raw)
         return cls(
             folder=folder,
             raw=raw,

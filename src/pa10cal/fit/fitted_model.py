@@ -23,8 +23,9 @@ from pa10cal.arm.statics import Payload
 from pa10cal.errors import ModelError
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.loads import statics_of, with_torques
-from pa10cal.observe.instrument import Deviations, Instrument
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Deviations
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Term, shows_torque, yields

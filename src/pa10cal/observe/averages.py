@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.errors import RawDataError
-from pa10cal.observe.instrument import Array, Index, Instrument, group_means
+from pa10cal.observe.instrument import Instrument, group_means
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.observe.quantities import Array, Index
 
 M = TypeVar("M", bound=Instrument)
 

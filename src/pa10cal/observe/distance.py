@@ -16,18 +16,8 @@ from typing_extensions import override
 
 from pa10cal.frame.length_scale import scale_of_distances
 from pa10cal.frame.ranging import range_from_distances
-from pa10cal.observe.instrument import (
-    MM,
-    Array,
-    Comparison,
-    Deviations,
-    Index,
-    Instrument,
-    Located,
-    Stated,
-    Words,
-    group_means,
-)
+from pa10cal.observe.instrument import MM, Instrument, group_means
+from pa10cal.observe.quantities import Array, Comparison, Deviations, Index, Located, Stated, Words
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 from pa10cal.observe.targets import by_end_and_targets, carried_targets
 from pa10cal.terms.term import Parameter

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from typing_extensions import TypeVar
 
 from pa10cal.arm.state import PoseStates
-from pa10cal.observe.instrument import Array, Instrument, Rows
+from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.quantities import Array, Rows
 
 M = TypeVar("M", bound=Instrument)
 M_co = TypeVar("M_co", bound=Instrument, default=Instrument, covariant=True)

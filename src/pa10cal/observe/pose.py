@@ -14,18 +14,8 @@ from typing_extensions import override
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
 from pa10cal.frame.length_scale import scale_of_points
 from pa10cal.frame.pose_error import pose_error
-from pa10cal.observe.instrument import (
-    MM,
-    Array,
-    Comparison,
-    Deviations,
-    Index,
-    Instrument,
-    Located,
-    Stated,
-    Words,
-    group_means,
-)
+from pa10cal.observe.instrument import MM, Instrument, group_means
+from pa10cal.observe.quantities import Array, Comparison, Deviations, Index, Located, Stated, Words
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 
 RAW_PLACE = ("x_mm", "y_mm", "z_mm")
@@ -37,7 +27,8 @@ _LENGTH_TOLERANCE = 0.01
 
 _PLACE = ("ee_x_mm", "ee_y_mm", "ee_z_mm")
 _QUATERNION = ("ee_qw", "ee_qx", "ee_qy", "ee_qz")
-_SCALE = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
+#: What makes of position [mm] and rotation [rad] position [m] and rotation.
+POSE_SCALE = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
 _COVARIANCE = tuple(f"ee_cov_{i}{j}" for i in range(6) for j in range(i, 6))
 
 
@@ -231,7 +222,7 @@ class Pose(Instrument):
         quaternion = Rotation.from_matrix(self.T_instr_target[:, :3, :3]).as_quat(
             canonical=True, scalar_first=True
         )
-        cov = (self.cov / np.outer(_SCALE, _SCALE))[:, *np.triu_indices(6)]
+        cov = (self.cov / np.outer(POSE_SCALE, POSE_SCALE))[:, *np.triu_indices(6)]
         columns = dict(zip(_PLACE, self.T_instr_target[:, :3, 3].T / MM, strict=True))
         columns |= dict(zip(_QUATERNION, quaternion.T, strict=True))
         return columns | dict(zip(_COVARIANCE, cov.T, strict=True))
@@ -299,4 +290,4 @@ def pose_of_columns(columns: Mapping[str, Array]) -> tuple[Array, Array]:
     cov = np.zeros((count, 6, 6))
     stacked = np.column_stack([columns[name] for name in _COVARIANCE])
     cov[:, upper[0], upper[1]] = cov[:, upper[1], upper[0]] = stacked
-    return T, cov * np.outer(_SCALE, _SCALE)
+    return T, cov * np.outer(POSE_SCALE, POSE_SCALE)

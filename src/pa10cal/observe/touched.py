@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.frame.nominal_fit import seed_from_nominal
-from pa10cal.frame.rigid_fit import pose_by_source
-from pa10cal.observe.instrument import Array, Index, Located, Stated, Words, group_means
-from pa10cal.observe.pose import Pose, pose_of_columns
+from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
+from pa10cal.observe.instrument import MM, group_means
+from pa10cal.observe.pose import POSE_SCALE, Pose, pose_of_columns
+from pa10cal.observe.quantities import Array, Index, Located, Stated, Words
 from pa10cal.observe.targets import columns_of_places, names_of_columns, places_of_columns
 
 
@@ -41,6 +42,31 @@ class Touched(Pose):
     )
     from_touches: ClassVar[bool] = True
     _of_all: ClassVar[tuple[str, ...]] = ("names",)
+
+    @classmethod
+    def of_balls(
+        cls,
+        names: tuple[str, ...],
+        p_ee_balls_mm: Array,
+        p_instr_balls_mm: Array,
+        cov_balls_mm2: Array,
+        touches: NDArray[np.int64],
+    ) -> Touched:
+        """Fit the end-effector to located balls, weighted by their covariances.
+
+        Args:
+            names: (B,) names of the balls.
+            p_ee_balls_mm: (B, 3) their stated places on the end-effector.
+            p_instr_balls_mm: (P, B, 3) their centres.
+            cov_balls_mm2: (P, B, 3, 3) covariances of the centres.
+            touches: (P, B) touches behind each centre.
+        """
+        found = fit_rigid_weighted(p_ee_balls_mm, p_instr_balls_mm, cov_balls_mm2)
+        T = found.T.copy()
+        T[:, :3, 3] *= MM
+        cov = found.covariance * np.outer(POSE_SCALE, POSE_SCALE)
+        p_m, cov_m2 = MM * p_instr_balls_mm, MM**2 * cov_balls_mm2
+        return Touched(T, cov, pose_by_source(T, p_m, cov_m2), names, p_m, cov_m2, touches)
 
     @override
     def averaged(self, code: Index) -> Self:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.errors import RecordError
-from pa10cal.observe.instrument import Instrument, Start
+from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.quantities import Start
 from pa10cal.results.seed import BaseFrameRecord
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ import numpy as np
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.description import Campaign
+from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import MeasurementSetup
 
@@ -15,7 +15,10 @@ MM = 1e-3
 
 
 def setup_of(
-    campaign: Campaign, arm: Arm, calibration: CalibrationOptions, discovery: DiscoveryOptions
+    campaign: CampaignDescription,
+    arm: Arm,
+    calibration: CalibrationOptions,
+    discovery: DiscoveryOptions,
 ) -> MeasurementSetup:
     """Return what the search needs to know besides the poses."""
     return MeasurementSetup(
@@ -28,7 +31,7 @@ def setup_of(
     )
 
 
-def payload_of(campaign: Campaign, arm: Arm) -> Payload | None:
+def payload_of(campaign: CampaignDescription, arm: Arm) -> Payload | None:
     """Return what the arm carries; None where the masses of its links are not known."""
     if arm.mass_kg is None:
         return None

@@ -15,13 +15,11 @@ from pa10cal.calibration.calibrate import Calibration, calibrate
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.records import fitted_model
 from pa10cal.calibration.uncertainty import ErrorSources
-from pa10cal.campaign.description import Campaign, read_campaign
-from pa10cal.campaign.ingest import ingest_campaign
-from pa10cal.campaign.table import observations_of
+from pa10cal.campaign.description import CampaignDescription
+from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.evidence.records import verdict_by_repeats
 from pa10cal.evaluation.options import JudgingOptions
-from pa10cal.files.arms import load_arm
 from pa10cal.observe.averages import average_repeats, poses_of
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
@@ -45,7 +43,7 @@ class CalibratedCampaign:
         seconds: that this took.
     """
 
-    campaign: Campaign
+    campaign: CampaignDescription
     arm: Arm
     readings: Observations[Pose]
     held_out: Observations[Pose]
@@ -73,14 +71,12 @@ def calibrated(raw: Path, settings: JudgingOptions) -> CalibratedCampaign:
         CalibrationError: when it is not enough to calibrate with.
     """
     began = time.perf_counter()
-    campaign = read_campaign(raw)
-    arm = load_arm(campaign.robot, raw)
-    ingested = ingest_campaign(campaign, arm, raw, settings.ingest)
-    every = observations_of(ingested.poses, campaign)
-    calibration = _calibrate(arm, poses_of(every, average=False), settings.calibration)
+    campaign = read_campaign(raw, settings.ingest)
+    every = campaign.observations
+    calibration = _calibrate(campaign.arm, poses_of(every, average=False), settings.calibration)
     return CalibratedCampaign(
-        campaign=campaign,
-        arm=arm,
+        campaign=campaign.description,
+        arm=campaign.arm,
         readings=poses_of(every, average=False, covariance="instrument"),
         held_out=poses_of(every, "holdout"),
         calibration=calibration,

@@ -27,10 +27,7 @@ from pa10cal.calibration.general.unknowns import Unknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.records import parameter_records
 from pa10cal.calibration.uncertainty import ErrorSources
-from pa10cal.campaign.description import read_campaign
-from pa10cal.campaign.ingest import ingest_campaign
-from pa10cal.campaign.options import IngestOptions
-from pa10cal.campaign.table import observations_of as observations_of_table
+from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.campaign import Campaign, simulate_campaign
 from pa10cal.cell.individual import draw_individual
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
@@ -152,7 +149,7 @@ def _touched_scores(simulate: SimulateOptions, options: CalibrationOptions) -> d
     """Simulate, ingest and calibrate one campaign; score every identifiable parameter."""
     arm = load_arm(simulate.robot)
     made = simulate_campaign("coverage", arm, simulate, "text_e7")
-    readings = _ingested(made, arm)
+    readings = _ingested(made)
     found = calibrate(
         baseline(arm, options.flexible_joints, options.tolerances),
         average_repeats(readings),
@@ -167,14 +164,12 @@ def _touched_scores(simulate: SimulateOptions, options: CalibrationOptions) -> d
     }
 
 
-def _ingested(made: Campaign, arm: Arm) -> Observations[Pose]:
+def _ingested(made: Campaign) -> Observations[Pose]:
     """Take a campaign through its files to single readings of the calibration poses."""
     with tempfile.TemporaryDirectory() as folder:
         raw = Path(folder) / "raw"
         write_campaign(made, raw)
-        campaign = read_campaign(raw)
-        ingested = ingest_campaign(campaign, arm, raw, IngestOptions())
-        return poses_of(observations_of_table(ingested.poses, campaign), average=False)
+        return poses_of(read_campaign(raw).observations, average=False)
 
 
 @dataclass(frozen=True)

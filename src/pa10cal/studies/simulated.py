@@ -22,8 +22,8 @@ from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.evaluation.known_truth import KnownTruth
 from pa10cal.fit.loads import with_torques
-from pa10cal.observe.instrument import Stated
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Stated
 from pa10cal.observe.registry import instruments
 
 Array = NDArray[np.float64]

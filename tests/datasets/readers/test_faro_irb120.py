@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from made_up_datasets import ROWS, edit, write_irb120
-from pa10cal.campaign.description import read_campaign
-from pa10cal.campaign.ingest import ingest_campaign
+from pa10cal.campaign.read import read_campaign
 from pa10cal.datasets.campaign_folder import write_campaigns
 from pa10cal.datasets.readers.faro_irb120 import FILES, read
 from pa10cal.errors import RawDataError
-from pa10cal.files.arms import load_arm
-from pa10cal.settings import IngestSettings
 
 PLACES = [f"T{k}_{axis}_mm" for k in (1, 2, 3) for axis in "xyz"]
 
@@ -40,12 +37,11 @@ def test_rows_of_the_four_tables_come_together(folder):
 
 def test_the_contracts_reader_takes_it(folder, tmp_path):
     (place,) = write_campaigns(read(folder, 0.2), tmp_path / "raw")
-    described = read_campaign(place)
-    assert described.instrument.kind == "points"
-    assert described.ball_names == ()
-    found = ingest_campaign(described, load_arm("irb120"), place, IngestSettings())
-    assert found.left_out == ()
-    assert Counter(found.poses.kind.tolist()) == {"grid": 7, "holdout": 3}
+    found = read_campaign(place)
+    assert found.description.instrument.kind == "points"
+    assert found.description.ball_names == ()
+    assert found.quarantined == ()
+    assert Counter(found.observations.kind.tolist()) == {"grid": 7, "holdout": 3}
 
 
 def test_a_reflector_seen_in_part_is_not_seen(folder):
@@ -82,7 +78,7 @@ def test_tables_of_different_lengths_are_refused(folder):
 def test_too_many_unreadable_rows_are_refused(folder):
     for line in (2, 3, 4):
         edit(folder / "joints.txt", line, 2, "x", separator=None)
-    with pytest.raises(RawDataError, match=r"joints\.txt:2: 3 of 10 rows would be left out"):
+    with pytest.raises(RawDataError, match=r"joints\.txt:2: 3 of 10 rows would be quarantined"):
         read(folder, 0.2)
 
 

@@ -10,15 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from made_up_datasets import REPEAT, REPEATED, ROWS, SERIES_A, SERIES_C, edit, ur10_poses, write_ipa
 from pa10cal.arm.chain import Chain
-from pa10cal.campaign.description import read_campaign
-from pa10cal.campaign.ingest import ingest_campaign
+from pa10cal.campaign.read import read_campaign
 from pa10cal.datasets.campaign_folder import write_campaigns
 from pa10cal.datasets.catalogue import dataset_named
 from pa10cal.datasets.readers.ipa_robot_accuracy import DATASET, read
 from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.rigid_fit import fit_rigid
-from pa10cal.settings import IngestSettings
 
 Q = [f"q{j}_deg" for j in range(1, 7)]
 ATTITUDE = ["qw", "qx", "qy", "qz"]
@@ -31,8 +29,7 @@ def folder(tmp_path):
 
 def ingested(campaign, folder):
     (place,) = write_campaigns([campaign], folder)
-    described = read_campaign(place)
-    return ingest_campaign(described, load_arm(described.robot), place, IngestSettings())
+    return read_campaign(place)
 
 
 @pytest.mark.parametrize("which", [0, 1])
@@ -126,7 +123,7 @@ def test_a_row_that_cannot_be_used_is_listed(folder, column, text, reason):
 def test_too_many_such_rows_are_refused(folder):
     for line in (3, 5, 6):
         edit(folder / SERIES_A, line, "wrist_3_joint", "?")
-    with pytest.raises(RawDataError, match=r"3 of 10 rows would be left out, .*not a finite"):
+    with pytest.raises(RawDataError, match=r"3 of 10 rows would be quarantined, .*not a finite"):
         read(folder, 0.2)
 
 
@@ -139,7 +136,7 @@ def test_angles_in_degrees_are_noticed(folder):
 
 def test_the_last_thirty_percent_are_held_out(folder, tmp_path):
     a, _ = read(folder, 0.2)
-    poses = ingested(a, tmp_path).poses
+    poses = ingested(a, tmp_path).observations
     assert list(np.flatnonzero(poses.kind == "holdout")) == [7, 8, 9]  # the last 3 of 9 labels
 
 
@@ -187,12 +184,12 @@ def test_real_attitudes_fit_the_nominal_arm_in_this_convention_only(real, name):
 @pytest.mark.parametrize("name", ["ur10-a", "ur10-c"])
 def test_real_campaigns_are_ingested_whole_and_split_by_time(real, name, tmp_path):
     found = ingested(real[name], tmp_path)
-    assert found.left_out == ()
-    kind = found.poses.kind
+    assert found.quarantined == ()
+    kind = found.observations.kind
     rows = len(kind)
     held = round(0.3 * rows)
     assert Counter(kind.tolist()) == {"grid": rows - held, "holdout": held}
-    assert (np.diff(found.poses.time_s) >= 0).all()
+    assert (np.diff(found.observations.states.time_s) >= 0).all()
     assert (kind[rows - held :] == "holdout").all()
 
 

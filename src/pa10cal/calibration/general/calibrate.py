@@ -19,8 +19,8 @@ from pa10cal.calibration.general.unknowns import Unknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.loads import TorqueSource, with_torques
-from pa10cal.observe.instrument import Start
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Start
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets

@@ -24,8 +24,8 @@ from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import span_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
-from pa10cal.observe.instrument import Deviations, Start
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Deviations, Start
 from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]

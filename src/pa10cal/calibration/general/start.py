@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.observe.instrument import Start
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Start
 
 
 def find_start(arm: Arm, observations: Observations) -> Start:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pa10cal.campaign.quarantine import left_out
+from pa10cal.campaign.quarantine import quarantined
 from pa10cal.datasets.commands import command_columns
 from pa10cal.datasets.dataset import DataSet, ImportedCampaign
 from pa10cal.datasets.text_table import TextTable, read_bare_table
@@ -55,7 +55,7 @@ def read(folder: Path, max_left_out: float) -> tuple[ImportedCampaign, ...]:
     p_mm = np.stack([table.numbers(list(table.columns)) for table in places], axis=1)
     seen = np.asarray(np.isfinite(p_mm).all(axis=2), dtype=bool)
     some = np.asarray(seen.any(axis=1), dtype=bool)
-    unseen = left_out(FILES[1], line[~some], "no reflector was seen")
+    unseen = quarantined(FILES[1], line[~some], "no reflector was seen")
     q_rad = np.deg2rad(joints.numbers(JOINTS)[some])
     poses = command_columns(np.asarray(line[some] - 1, dtype=np.float64), q_rad)
     for b, table in enumerate(places):

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pa10cal.campaign.strays import find_strays
+from pa10cal.campaign.spheres import find_outliers
 
 RADIUS_MM, SIGMA_MM = 12.7, 0.01
 LIMIT_MM = 6 * SIGMA_MM
@@ -24,15 +24,15 @@ def touches(rng, count):
 
 def found_in(p_mm, valid=None):
     valid = np.ones(p_mm.shape[:3], dtype=bool) if valid is None else valid
-    return find_strays(p_mm, valid, BALLS_MM, RADIUS_MM, LIMIT_MM, SIGMA_MM)
+    return find_outliers(p_mm, valid, BALLS_MM, RADIUS_MM, LIMIT_MM, SIGMA_MM)
 
 
 @settings(deadline=None, max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_clean_touches_are_left_alone(seed):
-    strays = found_in(touches(np.random.default_rng(seed), 20))
-    assert not strays.touch.any()
-    assert not strays.undecided.any()
+    outliers = found_in(touches(np.random.default_rng(seed), 20))
+    assert not outliers.touch.any()
+    assert not outliers.undecided.any()
 
 
 @settings(deadline=None, max_examples=40)
@@ -45,29 +45,29 @@ def test_clean_touches_are_left_alone(seed):
 def test_blames_the_moved_touch_or_none(seed, ball, touch, size_mm):
     p_mm = touches(np.random.default_rng(seed), 6)
     p_mm[2, ball, touch] += size_mm * NORMALS[touch]
-    strays = found_in(p_mm)
-    blamed = np.argwhere(strays.touch).tolist()
+    outliers = found_in(p_mm)
+    blamed = np.argwhere(outliers.touch).tolist()
     assert blamed in ([[2, ball, touch]], [])
-    assert not strays.undecided[[0, 1, 3, 4, 5]].any()
+    assert not outliers.undecided[[0, 1, 3, 4, 5]].any()
     if touch:  # the one touch along its direction may shift its ball unseen, across the tool
-        assert strays.undecided[2] == (not blamed)
+        assert outliers.undecided[2] == (not blamed)
 
 
 def test_two_opposite_touches_of_one_ball_are_told_apart_by_the_other_balls():
     p_mm = touches(np.random.default_rng(1), 40)
-    # Moved along the line to another ball, the distance of the two says which touch is astray.
+    # Moved along the line to another ball, the distance of the two says which touch is an outlier.
     R = Rotation.align_vectors((BALLS_MM[1] - BALLS_MM[0])[None], [[1.0, 0.0, 0.0]])[0]
     normals = NORMALS @ R.as_matrix().T
     p_mm = BALLS_MM[None, :, None] + RADIUS_MM * normals + 0 * p_mm
     p_mm[:, 0, 1] += 0.5 * normals[1]
-    strays = found_in(p_mm)
-    np.testing.assert_array_equal(np.argwhere(strays.touch), [[c, 0, 1] for c in range(40)])
+    outliers = found_in(p_mm)
+    np.testing.assert_array_equal(np.argwhere(outliers.touch), [[c, 0, 1] for c in range(40)])
 
 
-def test_two_strays_in_one_configuration_are_undecided():
+def test_two_outliers_in_one_configuration_are_undecided():
     p_mm = touches(np.random.default_rng(3), 6)
     p_mm[4, 0, 1] += [0.8, 0.0, 0.0]
     p_mm[4, 1, 2] += [0.0, 0.9, 0.0]
-    strays = found_in(p_mm)
-    assert not strays.touch.any()
-    np.testing.assert_array_equal(np.flatnonzero(strays.undecided), [4])
+    outliers = found_in(p_mm)
+    assert not outliers.touch.any()
+    np.testing.assert_array_equal(np.flatnonzero(outliers.undecided), [4])

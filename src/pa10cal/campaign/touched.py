@@ -1,4 +1,4 @@
-"""Touches and resolver log to measured configurations: balls, poses, dwells, joined by time."""
+"""Touches and resolver log joined by time: balls located, joints read in dwells."""
 
 from __future__ import annotations
 
@@ -8,8 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.campaign.balls import LocatedBalls, TouchedTool, locate_balls
-from pa10cal.campaign.description import Campaign
+from pa10cal.arm.state import PoseStates
+from pa10cal.campaign.balls import (
+    LocatedBalls,
+    TouchedTool,
+    TouchGroups,
+    commonest,
+    group_touches,
+    locate_balls,
+)
+from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.dwell import (
     DwellReadings,
     Dwells,
@@ -17,18 +25,17 @@ from pa10cal.campaign.dwell import (
     dwell_readings,
     find_dwells,
 )
-from pa10cal.campaign.grouping import TouchGroups, commonest, configurations, group_touches
-from pa10cal.campaign.logs import Samples, Touches, read_samples, read_touches
-from pa10cal.campaign.measured import Ingested, MeasuredPoses
 from pa10cal.campaign.options import IngestOptions
-from pa10cal.campaign.plausibility import (
+from pa10cal.campaign.quarantine import Ingested, Quarantined, quarantined, refuse_too_many
+from pa10cal.campaign.rows import Samples, Touches, read_samples, read_touches
+from pa10cal.campaign.screens import (
     OTHER_COMMAND,
     off_command,
     refuse_wrong_angle_unit,
 )
-from pa10cal.campaign.quarantine import LeftOut, left_out, refuse_too_many
 from pa10cal.errors import RawDataError
-from pa10cal.frame.rigid_fit import fit_rigid_weighted
+from pa10cal.observe.observations import JointLog, Observations
+from pa10cal.observe.touched import Touched
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -43,11 +50,11 @@ OFFSET_LEAVES = 0.2
 OUTSIDE = "touched outside any dwell: the arm moved, or the clocks differ"
 OTHER_DWELL = "touched in another dwell than the rest of its configuration"
 NOT_TOUCHED = "a dwell in which nothing was touched"
-LOST = "a dwell whose configuration is left out"
+LOST = "a dwell whose configuration is quarantined"
 
 
-def poses_from_touches(
-    campaign: Campaign, arm: Arm, folder: Path, settings: IngestOptions
+def read_touched(
+    campaign: CampaignDescription, arm: Arm, folder: Path, settings: IngestOptions
 ) -> Ingested:
     """Read a campaign of a touch-trigger instrument.
 
@@ -68,7 +75,7 @@ def poses_from_touches(
     samples, resolver_read = read_samples(resolver, arm.n)
     reads = (cmm_read, resolver_read)
     totals = {read.file: read.total for read in reads}
-    listed = [*cmm_read.left_out, *resolver_read.left_out]
+    listed = [*cmm_read.quarantined, *resolver_read.quarantined]
     refuse_too_many(listed, totals, settings.max_quarantined_fraction)
     _check_angle_unit(campaign, arm, touches, samples, str(resolver))
 
@@ -85,7 +92,7 @@ def poses_from_touches(
         p_ee_balls_mm=campaign.p_ee_balls_mm,
         radius_mm=0.5 * float(campaign.ball_diameter_mm or np.nan),
         centre_uncertainty_mm=campaign.instrument.uncertainty_mm,
-        stray_sigma=settings.stray_touch_sigma,
+        outlier_sigma=settings.stray_touch_sigma,
     )
     balls = locate_balls(touches.p_instr_mm[groups.row], groups.valid, tool, str(cmm))
     readings = dwell_readings(samples, dwells)
@@ -104,7 +111,7 @@ def poses_from_touches(
 
 
 def _check_angle_unit(
-    campaign: Campaign, arm: Arm, touches: Touches, samples: Samples, where: str
+    campaign: CampaignDescription, arm: Arm, touches: Touches, samples: Samples, where: str
 ) -> None:
     """Compare the joints' motion with that of one ball's touches."""
     one = touches.ball == np.bincount(touches.ball).argmax()
@@ -153,14 +160,14 @@ def _check_clocks(
 
 def _in_one_dwell(
     touches: Touches, touched: Index, file: str
-) -> tuple[Touches, Index, tuple[LeftOut, ...]]:
+) -> tuple[Touches, Index, tuple[Quarantined, ...]]:
     """Keep the touches of each configuration that were made in one and the same dwell."""
     outside = touched < 0
-    rows = left_out(file, touches.line[outside], OUTSIDE, _seconds(touches.time_s[outside]))
+    rows = quarantined(file, touches.line[outside], OUTSIDE, _seconds(touches.time_s[outside]))
     touches, touched = touches.take(~outside), touched[~outside]
-    of_touch = configurations(touches)
+    of_touch = touches.configurations
     other = touched != commonest(of_touch, touched)[of_touch]
-    rows += left_out(file, touches.line[other], OTHER_DWELL, _seconds(touches.time_s[other]))
+    rows += quarantined(file, touches.line[other], OTHER_DWELL, _seconds(touches.time_s[other]))
     return touches.take(~other), touched[~other], rows
 
 
@@ -171,18 +178,18 @@ def _unused_touches(
     reason: NDArray[np.object_],
     file: str,
     settings: IngestOptions,
-) -> tuple[LeftOut, ...]:
-    """List stray touches, and the touches of configurations that cannot be used."""
-    astray = np.zeros(len(touches), dtype=bool)
-    astray[groups.row[balls.stray]] = True
-    why = np.where(astray, "", reason[groups.of_touch])
+) -> tuple[Quarantined, ...]:
+    """List touches that are outliers, and touches of configurations that cannot be used."""
+    off = np.zeros(len(touches), dtype=bool)
+    off[groups.row[balls.outlier]] = True
+    why = np.where(off, "", reason[groups.of_touch])
     lost = np.flatnonzero(why != "")
     labels = _labels(touches)
-    stray = f"stray: more than {settings.stray_touch_sigma:g} sigmas off its ball"
-    rows = left_out(file, touches.line[astray], stray, labels[astray])
+    outlier = f"suspected outlier: more than {settings.stray_touch_sigma:g} sigmas off its ball"
+    rows = quarantined(file, touches.line[off], outlier, labels[off])
     for text in np.unique(why[lost].astype(str)):
         these = why == text
-        rows += left_out(file, touches.line[these], str(text), labels[these])
+        rows += quarantined(file, touches.line[these], str(text), labels[these])
     return rows
 
 
@@ -194,42 +201,40 @@ def _assemble(
     readings: DwellReadings,
     dwell: Index,
     good: Index,
-) -> MeasuredPoses:
+) -> Observations:
     """Fit the end-effector to the balls of the good configurations and gather their readings."""
-    first = groups.first[good]
-    cov_balls_mm2 = balls.cov_mm2[good]
-    fit = fit_rigid_weighted(tool.p_ee_balls_mm, balls.p_instr_mm[good], cov_balls_mm2)
-    used = balls.used[good]
-    time_s = touches.time_s[groups.row[good]]
+    first, at = groups.first[good], dwell[good]
+    used, time_s = balls.used[good], touches.time_s[groups.row[good]]
     begin = np.where(used, time_s, np.inf).min(axis=(1, 2), initial=np.inf)
     end = np.where(used, time_s, -np.inf).max(axis=(1, 2), initial=-np.inf)
-    at = dwell[good]
-    return MeasuredPoses(
-        kind=touches.kind[first],
-        pose=touches.pose[first],
-        load_N=touches.load_N[first],
-        repeat=touches.repeat[first],
-        time_s=0.5 * (begin + end),
-        slides=np.zeros(readings.q_rad.shape[1], dtype=bool),
+    states = PoseStates(
         q_rad=readings.q_rad[at],
-        q_u_rad=readings.q_u_rad[at],
         tau_Nm=readings.tau_Nm[at],
-        tau_u_Nm=readings.tau_u_Nm[at],
         arrival=readings.arrival[at],
+        load_N=touches.load_N[first],
         temperature_C=readings.temperature_C[at],
-        dwell_samples=readings.samples[at],
-        ball_names=tool.names,
-        p_instr_balls_mm=balls.p_instr_mm[good],
-        cov_balls_mm2=cov_balls_mm2,
-        ball_touches=used.sum(axis=2),
-        T_instr_ee_mm=fit.T,
-        cov_ee_mm=fit.covariance,
+        time_s=0.5 * (begin + end),
+    )
+    return Observations(
+        pose=touches.pose[first],
+        states=states,
+        measured=Touched.of_balls(
+            tool.names,
+            tool.p_ee_balls_mm,
+            balls.p_instr_mm[good],
+            balls.cov_mm2[good],
+            used.sum(axis=2),
+        ),
+        kind=touches.kind[first],
+        repeat=touches.repeat[first],
+        readings=np.ones(len(good), dtype=np.int64),
+        log=JointLog(readings.q_u_rad[at], readings.tau_u_Nm[at], readings.samples[at]),
     )
 
 
 def _idle_samples(
     samples: Samples, dwells: Dwells, touched: Index, used: Index, file: str
-) -> tuple[tuple[LeftOut, ...], list[str]]:
+) -> tuple[tuple[Quarantined, ...], list[str]]:
     """List the samples of dwells that serve no configuration; the arm may have waited there."""
     serves, seen = np.zeros(len(dwells), dtype=bool), np.zeros(len(dwells), dtype=bool)
     serves[used] = True
@@ -238,8 +243,8 @@ def _idle_samples(
     dwell = np.where(standing, dwells.of_sample, 0)
     lost = standing & seen[dwell] & ~serves[dwell]
     idle = standing & ~seen[dwell]
-    rows = left_out(file, samples.line[idle], NOT_TOUCHED)
-    rows += left_out(file, samples.line[lost], LOST)
+    rows = quarantined(file, samples.line[idle], NOT_TOUCHED)
+    rows += quarantined(file, samples.line[lost], LOST)
     count = int((~seen).sum())
     return rows, [f"dwells without touches: {count}"] if count else []
 

@@ -1,0 +1,223 @@
+"""A campaign's folder to its readings, whatever the instrument."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+from pa10cal.campaign.description import (
+    DESCRIPTION_FILE,
+    CampaignDescription,
+    Holdout,
+    read_description,
+)
+from pa10cal.campaign.options import IngestOptions
+from pa10cal.campaign.quarantine import Ingested, Quarantined
+from pa10cal.campaign.touched import read_touched
+from pa10cal.campaign.tracked import read_tracked
+from pa10cal.errors import RawDataError
+from pa10cal.files.arms import load_arm
+from pa10cal.observe.observations import Observations
+
+LINES = ("line_x", "line_y")
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A measurement campaign as it was read.
+
+    Attributes:
+        folder: its folder.
+        description: what campaign.yaml says.
+        arm: the nominal arm that it names.
+        observations: single readings of all kinds, in order of time.
+        quarantined: rows that are not used, each with file, line and reason.
+        notes: what the reader should know, one clause each.
+        warnings: what the reader should mend before going on, one sentence each.
+    """
+
+    folder: Path
+    description: CampaignDescription
+    arm: Arm
+    observations: Observations
+    quarantined: tuple[Quarantined, ...]
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Return its name."""
+        return self.description.name
+
+    @cached_property
+    def calibration(self) -> Observations:
+        """Return single readings of the poses to calibrate with, ordered by pose and load."""
+        return self.observations.of_kind("grid")
+
+    @cached_property
+    def held_out(self) -> Observations:
+        """Return single readings of the poses held out, ordered by pose and load."""
+        return self.observations.of_kind("holdout")
+
+    @cached_property
+    def lines(self) -> tuple[Observations, Observations]:
+        """Return single readings of the straight moves along the base's x and y axes."""
+        line_x, line_y = (self.observations.of_kind(kind) for kind in LINES)
+        return line_x, line_y
+
+    @property
+    def summary(self) -> str:
+        """Return in one line what was read."""
+        repeatability = ", ".join(
+            f"{spread:.3f} mm at {load:g} N"
+            for load, spread in repeatability_mm(self.calibration).items()
+        )
+        parts = [
+            f"{len(self.observations)} configurations",
+            *self.observations.measured.counts,
+            f"{len(self.quarantined)} rows quarantined",
+            f"repeatability {repeatability or 'unknown'}",
+            *self.notes,
+        ]
+        return f"{self.name}: {'; '.join(parts)}"
+
+    def __repr__(self) -> str:
+        return f"<Campaign {self.summary}>"
+
+    def _repr_html_(self) -> str:
+        """Return a table for notebooks: kinds of poses, instrument, arm, and what is not used."""
+        rows = {
+            "robot": self.arm.title,
+            "instrument": self.description.instrument.kind,
+            **{
+                name: f"{len(found)} readings of {len(set(found.pose))} poses"
+                for name, found in (
+                    ("calibration", self.calibration),
+                    ("held out", self.held_out),
+                    ("straight moves", self.lines[0]),
+                )
+            },
+            "quarantined": f"{len(self.quarantined)} rows",
+            "notes": "; ".join(self.notes) or "none",
+        }
+        return pd.Series(rows, name=self.name).to_frame().to_html()
+
+
+def read_campaign(folder: Path | str, options: IngestOptions | None = None) -> Campaign:
+    """Read a measurement campaign: its raw files to single readings, held-out poses marked.
+
+    Args:
+        folder: the campaign's folder, with `campaign.yaml` and the raw files that it names.
+        options: how to ingest; None for the defaults.
+
+    Raises:
+        RawDataError: when the description or a file, or too much of it, cannot be used, when there
+            is no `grid` row, or when the arm has sliding joints and its log gives degrees.
+        SettingsError: when a key of the description does not fit.
+    """
+    folder = Path(folder)
+    description = read_description(folder)
+    arm = load_arm(description.robot, folder)
+    found = ingest_campaign(description, arm, folder, options or IngestOptions())
+    return Campaign(
+        folder,
+        description,
+        arm,
+        found.observations,
+        found.quarantined,
+        found.notes,
+        found.warnings,
+    )
+
+
+def ingest_campaign(
+    description: CampaignDescription, arm: Arm, folder: Path, options: IngestOptions
+) -> Ingested:
+    """Read the raw files of a campaign; see `read_campaign`."""
+    instrument = description.instrument.type
+    if instrument.from_touches and arm.prismatic.any():
+        raise RawDataError(
+            "the arm has sliding joints",
+            where=f"{folder / DESCRIPTION_FILE}: robot",
+            value=arm.name,
+            allowed="turning joints, as the resolver log gives positions in degrees",
+            remedy="give the poses in files.poses, with a column in millimetres for each of them",
+        )
+    read = read_touched if instrument.from_touches else read_tracked
+    ingested = read(description, arm, folder, options)
+    every = ingested.observations
+    if description.holdout is not None:
+        every = hold_out(every, description.holdout, f"{folder / DESCRIPTION_FILE}: holdout")
+    kinds = set(every.kind)
+    if "grid" not in kinds:
+        raise RawDataError(
+            "there is no usable grid row to calibrate with",
+            where=str(folder),
+            value=", ".join(sorted(kinds)),
+            allowed="rows of kind grid",
+            remedy="check the column kind",
+        )
+    wanted = (*(LINES if instrument.uses_lines else ()), "holdout")
+    missing = [kind for kind in wanted if kind not in kinds]
+    return replace(
+        ingested,
+        observations=every,
+        quarantined=tuple(sorted(ingested.quarantined)),
+        notes=(*ingested.notes, *(f"no {kind} rows" for kind in missing)),
+    )
+
+
+def hold_out(every: Observations, rule: Holdout, where: str) -> Observations:
+    """Mark grid poses as held out: the last of them in time, or every n-th.
+
+    All loads and repeats of a pose go together, as they are the same command.
+
+    Args:
+        every: readings in order of time.
+        rule: which poses.
+        where: file and key, for the message.
+
+    Raises:
+        RawDataError: when rows already say that they are held out.
+    """
+    if "holdout" in every.kind:
+        raise RawDataError(
+            "held-out poses are stated both here and in the rows",
+            where=where,
+            allowed="one of the two",
+            remedy="remove the key, or the kind holdout from the rows",
+        )
+    grid = every.kind == "grid"
+    labels = pd.unique(pd.Series(every.pose[grid]))
+    if rule.every is not None:
+        chosen = labels[rule.every - 1 :: rule.every]
+    else:
+        chosen = labels[len(labels) - round((rule.last_fraction or 0.0) * len(labels)) :]
+    kind = every.kind.astype("U7")
+    kind[grid & np.isin(every.pose, np.asarray(chosen, dtype=str))] = "holdout"
+    return replace(every, kind=kind)
+
+
+def repeatability_mm(single: Observations) -> dict[float, float]:
+    """Return, for each load, the mean standard deviation of what was measured in one pose.
+
+    The deviation is that of the distance from the mean of the repeats (paper, Section III), of the
+    end-effector, of each target, or of the measured distance; loads without repeats are not in it.
+    """
+    places_mm = 1e3 * single.measured.places_m
+    targets, axes = places_mm.shape[1:]
+    table = pd.DataFrame(places_mm.reshape(-1, axes))
+    target = np.tile(np.arange(targets), len(single))
+    load_N = np.repeat(single.states.load_N, targets)
+    keys = [load_N, np.repeat(single.pose, targets), target]
+    groups = table[table[0].notna()].groupby([key[table[0].notna()] for key in keys])
+    repeated = groups.size().to_numpy() > 1
+    square: NDArray[np.float64] = groups.var().sum(axis=1).to_numpy()[repeated]
+    load = groups.size().index.get_level_values(0).to_numpy()[repeated]
+    return {float(at): float(np.sqrt(square[load == at]).mean()) for at in np.unique(load)}

@@ -1,0 +1,330 @@
+"""Rows of the raw files of a campaign, in order of time, with what is quarantined."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.campaign.csv_rows import (
+    RawRows,
+    choices,
+    column_names,
+    in_range,
+    numbers,
+    read_rows,
+    whole_numbers,
+)
+from pa10cal.campaign.quarantine import Quarantined
+from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.observations import KINDS, JointLog, Observations
+from pa10cal.observe.quantities import Stated
+from pa10cal.observe.raw import RawColumns
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Rows = Index | NDArray[np.bool_]
+
+#: No instrument measures further than this.
+LARGEST_MM = 1e6
+TOO_LARGE = "a coordinate beyond any measuring volume"
+NOT_UNCERTAIN = "the stated uncertainty is not above zero"
+
+_T = TypeVar("_T", bound="_Columns")
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Arrays of equal length, one entry a row of a file.
+
+    Attributes:
+        line: (N,) physical line in the file.
+        time_s: (N,) time, ascending.
+    """
+
+    line: NDArray[np.int64]
+    time_s: Array
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    def take(self: _T, rows: Rows) -> _T:
+        """Return some of the rows."""
+        return type(self)(*(_some(getattr(self, field.name), rows) for field in fields(self)))
+
+
+@dataclass(frozen=True)
+class Touches(_Columns):
+    """Probe touches on tooling balls.
+
+    Attributes:
+        kind: (N,) one of `KINDS`.
+        pose: (N,) label.
+        load_N: (N,) external load.
+        repeat: (N,) number of the repeat.
+        ball: (N,) index of the ball.
+        p_instr_mm: (N, 3) touched point, probe radius compensated.
+    """
+
+    kind: NDArray[np.str_]
+    pose: NDArray[np.str_]
+    load_N: Array
+    repeat: NDArray[np.int64]
+    ball: NDArray[np.int64]
+    p_instr_mm: Array
+
+    @property
+    def configurations(self) -> Index:
+        """Return the number of each touch's configuration, in the order of their appearance."""
+        return _configurations(self.kind, self.pose, self.load_N, self.repeat)
+
+
+@dataclass(frozen=True)
+class Samples(_Columns):
+    """Samples of the resolver and torque log of an arm with n joints.
+
+    Attributes:
+        q_deg: (N, n) motor-side joint positions after the gear ratio.
+        tau_Nm: (N, n) torques that hold the arm.
+        temperature_C: (N,) temperature.
+    """
+
+    q_deg: Array
+    tau_Nm: Array
+    temperature_C: Array
+
+
+@dataclass(frozen=True)
+class PoseRows(_Columns):
+    """Configurations as `files.poses` holds them.
+
+    Attributes:
+        observations: (N,) what they say.
+    """
+
+    observations: Observations
+
+    @property
+    def configurations(self) -> Index:
+        """Return the number of each row's configuration, in the order of their appearance."""
+        found = self.observations
+        return _configurations(found.kind, found.pose, found.states.load_N, found.repeat)
+
+
+@dataclass(frozen=True)
+class FileRead:
+    """How the reading of one file went.
+
+    Attributes:
+        file: its name.
+        total: rows in it.
+        out_of_order: rows whose time was earlier than that of a row before them; they were sorted
+            in and are used.
+        unused: columns that nothing is read from.
+        quarantined: rows that are not used.
+    """
+
+    file: str
+    total: int
+    out_of_order: int
+    unused: tuple[str, ...]
+    quarantined: tuple[Quarantined, ...]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader should know of it."""
+        late = f"rows of {self.file} out of order: {self.out_of_order}"
+        unused = (f"column {name} of {self.file} is not used" for name in self.unused)
+        return (*((late,) if self.out_of_order else ()), *unused)
+
+
+def read_touches(path: Path, ball_names: Sequence[str]) -> tuple[Touches, FileRead]:
+    """Read the touches of a touch-trigger instrument.
+
+    Args:
+        path: cmm.csv or cmm.csv.gz.
+        ball_names: names of the tool's balls.
+
+    Raises:
+        RawDataError: when the file as a whole cannot be used.
+    """
+    places = ["x_mm", "y_mm", "z_mm"]
+    labels = ["kind", "pose", "load_N", "repeat", "ball", "touch"]
+    raw = read_rows(path, ["time_s", *labels, *places])
+    raw = choices(choices(raw, "kind", KINDS), "ball", ball_names)
+    raw, _ = numbers(raw, ["time_s", "load_N", *places])
+    raw, _ = whole_numbers(raw, "touch")
+    raw = in_range(raw, places, TOO_LARGE, -LARGEST_MM, LARGEST_MM)
+    raw, labelled = _labelled(raw)
+    _, p_instr_mm = numbers(raw, places)
+    names = raw.columns["ball"].astype(str)
+    ball = np.argmax(names[:, None] == np.array(ball_names), axis=1)
+    return _in_time(Touches(**labelled, ball=ball, p_instr_mm=p_instr_mm), raw)
+
+
+def read_samples(path: Path, joints: int) -> tuple[Samples, FileRead]:
+    """Read the resolver and torque log of an arm with the given number of joints.
+
+    Samples at the time of an earlier one are quarantined.
+
+    Raises:
+        RawDataError: when the file as a whole cannot be used.
+    """
+    q = [f"q{j}_deg" for j in range(1, joints + 1)]
+    tau = [f"tau{j}_Nm" for j in range(1, joints + 1)]
+    raw = read_rows(path, ["time_s", *q, *tau, "temperature_C"])
+    raw, table = numbers(raw, ["time_s", *q, *tau, "temperature_C"])
+    time_s = table[:, 0]
+    order = np.argsort(time_s, kind="stable")
+    first = np.ones(len(time_s), dtype=bool)
+    first[order[1:]] = np.diff(time_s[order]) > 0.0
+    raw = raw.take(first, "another sample has this time", [f"{t:g} s" for t in time_s[~first]])
+    table = table[first]
+    samples = Samples(
+        raw.line, table[:, 0], table[:, 1 : joints + 1], table[:, joints + 1 : -1], table[:, -1]
+    )
+    return _in_time(samples, raw)
+
+
+def read_pose_rows(
+    path: Path,
+    prismatic: NDArray[np.bool_],
+    instrument: type[Instrument],
+    stated: Stated,
+    *,
+    kind_stated: bool,
+) -> tuple[PoseRows, FileRead, RawColumns]:
+    """Read the configurations of an instrument that touches nothing.
+
+    Args:
+        path: the file named by `files.poses`.
+        prismatic: (n,) which joints slide; torques are logged for all joints or for none.
+        instrument: the class of the instrument.
+        stated: what the campaign's description states of it.
+        kind_stated: whether the rows must say their kind; else all are of the grid.
+
+    Returns:
+        The rows: no approach (arrivals are 0) and no dwell, what was not logged is nan; how the
+        reading went; and the columns that hold what was measured.
+
+    Raises:
+        RawDataError: when the file as a whole cannot be used.
+    """
+    measured = instrument.raw_columns(column_names(path))
+    q = position_columns(prismatic)
+    tau = [f"tau{joint}_Nm" for joint in range(1, len(q) + 1)]
+    labels = ["pose", "load_N", "repeat", *(["kind"] if kind_stated else [])]
+    stated_u = [f"u_{name}" for name in (*q, *tau, *measured.names)]
+    optional = ["temperature_C", *stated_u]
+    raw = read_rows(path, ["time_s", *labels, *q, *measured.names], ["kind", *optional], tau)
+    if "kind" not in raw.columns:
+        raw.columns["kind"] = np.full(len(raw.line), "grid", dtype=object)
+    raw = choices(raw, "kind", KINDS)
+    logged = [name for name in tau if name in raw.columns]
+    raw, _ = numbers(raw, ["time_s", "load_N", *q, *logged])
+    raw, _ = numbers(raw, measured.names, may_be_blank=measured.may_be_blank)
+    raw = in_range(raw, measured.lengths, TOO_LARGE, -LARGEST_MM, LARGEST_MM)
+    given = [name for name in optional if name in raw.columns]
+    raw, _ = numbers(raw, given, may_be_blank=True)
+    above_zero = float(np.nextafter(0.0, 1.0))
+    raw = in_range(raw, [name for name in stated_u if name in given], NOT_UNCERTAIN, above_zero)
+    raw = _usable(raw, instrument, measured)
+    raw, labelled = _labelled(raw)
+    given += [*logged, *q, *measured.names]
+    columns = dict(zip(given, numbers(raw, given, may_be_blank=True)[1].T, strict=True))
+    unknown = np.full(len(raw.line), np.nan)
+
+    def read(names: Sequence[str]) -> Array:
+        return np.column_stack([columns.get(name, unknown) for name in names])
+
+    def uncertain(names: Sequence[str]) -> Array:
+        return read([f"u_{name}" for name in names])
+
+    count = len(raw.line)
+    states = PoseStates(
+        q_rad=in_radians(read(q), prismatic),
+        tau_Nm=read(tau),
+        arrival=np.zeros((count, len(q))),
+        load_N=labelled["load_N"],
+        temperature_C=read(["temperature_C"])[:, 0],
+        time_s=labelled["time_s"],
+    )
+    seen = instrument.from_raw(measured, read(measured.names), uncertain(measured.names), stated)
+    samples = np.zeros(count, dtype=np.int64)
+    found = Observations(
+        pose=labelled["pose"],
+        states=states,
+        measured=seen,
+        kind=labelled["kind"],
+        repeat=labelled["repeat"],
+        readings=np.ones(count, dtype=np.int64),
+        log=JointLog(in_radians(uncertain(q), prismatic), uncertain(tau), samples),
+    )
+    rows, done = _in_time(PoseRows(raw.line, labelled["time_s"], found), raw)
+    return rows, done, measured
+
+
+def position_columns(prismatic: NDArray[np.bool_]) -> list[str]:
+    """Return the raw columns of joint positions: q1_deg …, or q1_mm of a joint that slides."""
+    units = np.where(prismatic, "mm", "deg")
+    return [f"q{joint}_{unit}" for joint, unit in enumerate(units, start=1)]
+
+
+def in_radians(q: Array, prismatic: NDArray[np.bool_]) -> Array:
+    """Return logged joint positions (N, n) in radians; in metres of joints that slide."""
+    return np.asarray(np.where(prismatic, 1e-3 * q, np.radians(q)))
+
+
+def _usable(raw: RawRows, instrument: type[Instrument], measured: RawColumns) -> RawRows:
+    """Quarantine rows that are no measurement of the instrument."""
+    _, values = numbers(raw, measured.names, may_be_blank=measured.may_be_blank)
+    remaining = np.ones(len(raw.line), dtype=bool)
+    for found in instrument.unusable(measured, values):
+        raw = raw.take(~found.rows[remaining], found.reason, list(found.values))
+        remaining &= ~found.rows
+    return raw
+
+
+def _labelled(raw: RawRows) -> tuple[RawRows, dict[str, Any]]:
+    """Read line, time and labels of every row; rows that lack one are quarantined."""
+    raw = in_range(raw, ["load_N"], "negative load", 0.0)
+    raw, repeat = whole_numbers(raw, "repeat")
+    named = raw.columns["pose"] != ""
+    raw = raw.take(named, "the pose has no label", [""] * int((~named).sum()))
+    _, table = numbers(raw, ["time_s", "load_N"])
+    kind, pose = raw.columns["kind"].astype(str), raw.columns["pose"].astype(str)
+    return raw, {
+        "line": raw.line,
+        "time_s": table[:, 0],
+        "kind": kind,
+        "pose": pose,
+        "load_N": table[:, 1],
+        "repeat": repeat[named],
+    }
+
+
+def _in_time(rows: _T, raw: RawRows) -> tuple[_T, FileRead]:
+    """Sort the rows by time and say how many were out of order."""
+    time_s = rows.time_s
+    late = time_s[1:] < np.maximum.accumulate(time_s)[:-1] if len(time_s) else np.zeros(0, bool)
+    done = FileRead(raw.file, raw.total, int(late.sum()), raw.unused, raw.quarantined)
+    return rows.take(np.argsort(time_s, kind="stable")), done
+
+
+def _configurations(
+    kind: NDArray[np.str_], pose: NDArray[np.str_], load_N: Array, repeat: NDArray[np.int64]
+) -> Index:
+    """Number the configurations in the order in which they first appear."""
+    keys = pd.DataFrame({"kind": kind, "pose": pose, "load": load_N, "repeat": repeat})
+    return np.asarray(keys.groupby(list(keys), sort=False).ngroup(), dtype=np.intp)
+
+
+def _some(value: Any, rows: Rows) -> Any:
+    """Return some rows of an array, or of observations."""
+    return value.take(rows) if isinstance(value, Observations) else value[rows]

@@ -1,0 +1,152 @@
+"""What an instrument is given and gives: statements, words, rows, starts, deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Rows = Index | NDArray[np.bool_] | slice
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a campaign's description states of its instrument.
+
+    Attributes:
+        uncertainty_m: standard uncertainty of one measured coordinate or distance.
+        targets_m: places of targets in the end-effector frame (3,), by name.
+    """
+
+    uncertainty_m: float
+    targets_m: Mapping[str, Array]
+
+    def places_m(self, names: tuple[str, ...]) -> Array | None:
+        """Return the places (B, 3) of targets; None where one of them is not stated."""
+        if not set(names) <= set(self.targets_m):
+            return None
+        return np.array([self.targets_m[name] for name in names], dtype=float).reshape(-1, 3)
+
+
+@dataclass(frozen=True)
+class Words:
+    """How messages and captions speak of an instrument's errors.
+
+    Attributes:
+        error: label of an axis: `position error`.
+        of: what the errors are of, one sentence.
+        arrows: what an arrow that shows one is.
+    """
+
+    error: str
+    of: str
+    arrows: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Predicted minus measured in P poses, b components each; zero rows where nothing was seen.
+
+    Attributes:
+        residual: (P, b) [m], and chord of the attitude [rad] where it is measured.
+        by_end: (P, b, 6) derivative by velocity and angular velocity of the end of the chain, along
+            the instrument's axes.
+        by_targets: (P, b, t) derivative by the places of targets (t = 0 where the tool is part of
+            the chain).
+    """
+
+    residual: Array
+    by_end: Array
+    by_targets: Array
+
+
+@dataclass(frozen=True)
+class Located:
+    """Base frame and targets, found with the nominal arm.
+
+    Attributes:
+        method: how, as `seed/base_frame.json` has it.
+        T_instr_base: (4, 4) base in the instrument's frame [m].
+        scatter_m: root mean square of the residuals, positions or distances.
+        poses: how many it rests on.
+        axis_u_rad: (3,) standard uncertainty of the directions of the base's axes, per axis across
+            each; None where the instrument has no directions.
+        scatter_rad: root mean square angle between measured and modelled attitudes; None where none
+            is measured.
+        T_ee_target: (4, 4) the one target whose attitude is measured; None where it is the
+            end-effector itself, or there is none.
+        p_ee_targets_m: (B, 3) places of targets, in the order of `Instrument.target_names`.
+        held: directions of the targets that the poses do not determine, held as stated.
+        stated: whether the places of the targets are stated; None where it does not matter.
+    """
+
+    method: str
+    T_instr_base: Array
+    scatter_m: float
+    poses: int
+    axis_u_rad: Array | None = None
+    scatter_rad: float | None = None
+    T_ee_target: Array | None = None
+    p_ee_targets_m: Array | None = None
+    held: tuple[str, ...] | None = None
+    stated: bool | None = None
+
+
+@dataclass(frozen=True)
+class Start:
+    """Approximate frames and targets, from which a fit starts.
+
+    Attributes:
+        T_instr_base: (4, 4) base in the instrument's frame [m].
+        p_ee_target_m: (3,) origin of the tool frame in the end-effector frame, where the
+            instrument measures poses.
+        R_ee_target: (3, 3) attitude of that frame; measured attitudes are turned by it, so that
+            the tool's remaining attitude is small.
+        targets_m: (t,) places of targets in the end-effector frame, x, y, z of each.
+    """
+
+    T_instr_base: Array
+    p_ee_target_m: Array
+    R_ee_target: Array
+    targets_m: Array
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """Predicted minus measured in P configurations.
+
+    Attributes:
+        distance_mm: (P,) position error; root mean square over the targets seen; the error of the
+            distance itself where a distance was measured.
+        position_mm: (P, 3) mean over the targets, along base axes; along the line of sight where a
+            distance was measured.
+        rotation_deg: (P, 3) axis times angle along base axes; None where no attitude is measured.
+    """
+
+    distance_mm: Array
+    position_mm: Array
+    rotation_deg: Array | None
+
+    @property
+    def angle_deg(self) -> Array | None:
+        """Return the orientation errors (P,); None where no attitude is measured."""
+        if self.rotation_deg is None:
+            return None
+        angle: Array = np.linalg.norm(self.rotation_deg, axis=1)
+        return angle
+
+    def rotation_of(self, k: int) -> list[float] | None:
+        """Return the rotation of one configuration as a list; None where none is measured."""
+        found: list[float] | None = (
+            None if self.rotation_deg is None else self.rotation_deg[k].tolist()
+        )
+        return found
+
+    def take(self, rows: Rows) -> Deviations:
+        """Return some of the configurations."""
+        turned = None if self.rotation_deg is None else self.rotation_deg[rows]
+        return Deviations(self.distance_mm[rows], self.position_mm[rows], turned)
