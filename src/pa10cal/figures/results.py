@@ -19,7 +19,7 @@ from pa10cal.errors import RecordError
 from pa10cal.figures import published
 from pa10cal.figures.options import PictureOptions
 from pa10cal.files.arms import load_arm
-from pa10cal.observe.instrument import Words
+from pa10cal.observe.quantities import Words
 from pa10cal.observe.registry import instruments
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import (
