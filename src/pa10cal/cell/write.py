@@ -17,10 +17,11 @@ from pa10cal.cell.campaign import REFERENCE_TEMPERATURE_C, Campaign
 from pa10cal.cell.mechanism import GRAVITY_M_S2
 from pa10cal.cell.robot import Robot
 from pa10cal.errors import SimulationError
-from pa10cal.files.output import whole_file, write_json, write_text
+from pa10cal.files.output import whole_file, write_text
+from pa10cal.results.codec import write
+from pa10cal.results.truth import TrueEffect, TrueParameter, TrueTool, TruthRecord
 
 CAMPAIGN_SCHEMA = "pa10cal-campaign/1"
-TRUTH_SCHEMA = "pa10cal-truth/1"
 DESCRIPTION_FILE = "campaign.yaml"
 PROVENANCE = (
     "synthetic: written by this project's own virtual cell, not measured on a robot; "
@@ -46,7 +47,7 @@ def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) 
     instrument = campaign.instrument
     _claim_folder(folder, truth, list(instrument.files.values()))
     if truth is not None:
-        write_json(truth, truth_record(campaign))
+        write(truth_record(campaign), truth)
     for key, name in instrument.files.items():
         write_table(campaign.tables[key], folder / name, instrument.decimals)
     text = yaml.safe_dump(
@@ -70,44 +71,39 @@ def campaign_description(campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def truth_record(campaign: Campaign) -> dict[str, Any]:
-    """Return all that a campaign hides, with units, ready for JSON; no estimate reads it."""
+def truth_record(campaign: Campaign) -> TruthRecord:
+    """Return all that a campaign hides; no estimate reads it."""
     truth, settings = campaign.truth, campaign.settings
     robot, mechanism = truth.robot, truth.robot.mechanism
-    payload, targets = mechanism.payload, robot.targets
-    poses = truth.poses
-    by_purpose = (
-        {}
-        if poses is None
-        else {field.name: getattr(poses, field.name).tolist() for field in fields(poses)}
-    )
-    return {
-        "schema": TRUTH_SCHEMA,
-        "campaign": campaign.name,
-        "robot": robot.arm.name,
-        "random_seed": settings.random_seed,
-        "kcub_reading": robot.springs.source,
-        "parameters": _parameters(robot),
-        "T_instr_base_m": robot.T_instr_base.tolist(),
-        "joint_placements_m": mechanism.placements.tolist(),
-        "T_last_joint_ee_m": mechanism.T_last_ee.tolist(),
-        "T_ee_target_m": robot.T_ee_target.tolist(),
-        "mass_kg": mechanism.mass_kg.tolist(),
-        "com_in_joint_frame_m": mechanism.com_m.tolist(),
-        "tool": {
-            "mass_kg": payload.mass_kg,
-            "com_m": payload.com_m.tolist(),
-            "load_point_m": payload.load_point_m.tolist(),
-            "targets_m": dict(zip(targets.names, targets.p_ee_m.tolist(), strict=True)),
-        },
-        "hidden_effects": [
-            {"id": effect.id, "of": effect.of, "parameters": effect.model_dump()}
+    payload, targets, poses = mechanism.payload, robot.targets, truth.poses
+    return TruthRecord(
+        campaign=campaign.name,
+        robot=robot.arm.name,
+        random_seed=settings.random_seed,
+        kcub_reading=robot.springs.source,
+        parameters=_parameters(robot),
+        T_instr_base_m=robot.T_instr_base,
+        joint_placements_m=mechanism.placements,
+        T_last_joint_ee_m=mechanism.T_last_ee,
+        T_ee_target_m=robot.T_ee_target,
+        mass_kg=mechanism.mass_kg,
+        com_in_joint_frame_m=mechanism.com_m,
+        tool=TrueTool(
+            mass_kg=payload.mass_kg,
+            com_m=payload.com_m,
+            load_point_m=payload.load_point_m,
+            targets_m=dict(zip(targets.names, targets.p_ee_m, strict=True)),
+        ),
+        hidden_effects=tuple(
+            TrueEffect(id=effect.id, of=effect.of, parameters=effect.model_dump(mode="json"))
             for effect in truth.effects
-        ],
-        "settings": settings.model_dump(mode="json"),
-        "poses_rad_or_m": by_purpose,
-        "q_motor_rad_or_m": truth.q_motor.tolist(),
-    }
+        ),
+        settings=settings.model_dump(mode="json"),
+        poses_rad_or_m={}
+        if poses is None
+        else {field.name: getattr(poses, field.name) for field in fields(poses)},
+        q_motor_rad_or_m=truth.q_motor,
+    )
 
 
 def write_table(table: pd.DataFrame, path: Path, decimals: Mapping[str, int]) -> None:
@@ -132,25 +128,24 @@ def write_table(table: pd.DataFrame, path: Path, decimals: Mapping[str, int]) ->
         beside.write_bytes(content)
 
 
-def _parameters(robot: Robot) -> dict[str, dict[str, Any]]:
+def _parameters(robot: Robot) -> dict[str, TrueParameter]:
     """Return departures and springs by name; a row has no beta or no d, as its maker says.
 
     A robot whose axes depart in any way has no departures of rows.
     """
-    parameters: dict[str, dict[str, Any]] = {}
+    parameters: dict[str, TrueParameter] = {}
     hayati = robot.arm.hayati
     for field in () if robot.departures is None else fields(robot.departures):
         name = field.name.rsplit("_", 1)[0]
         for i, value in enumerate(getattr(robot.departures, field.name)):
             if not (name == "beta" and not hayati[i]) and not (name == "d" and hayati[i]):
-                parameters[f"delta_{name}_{i + 1}"] = {
-                    "value": float(value),
-                    "unit": _UNITS[field.name],
-                }
+                parameters[f"delta_{name}_{i + 1}"] = TrueParameter(
+                    value=float(value), unit=_UNITS[field.name]
+                )
     for joint in np.flatnonzero(robot.springs.flexible).tolist():
         k_lin, k_cub = float(robot.springs.k_lin[joint]), float(robot.springs.k_cub[joint])
-        parameters[f"K_lin_{joint + 1}"] = {"value": k_lin, "unit": "N m/rad"}
-        parameters[f"K_cub_{joint + 1}"] = {"value": k_cub, "unit": "N m/rad^3"}
+        parameters[f"K_lin_{joint + 1}"] = TrueParameter(value=k_lin, unit="N m/rad")
+        parameters[f"K_cub_{joint + 1}"] = TrueParameter(value=k_cub, unit="N m/rad^3")
     return parameters
 
 

@@ -34,6 +34,7 @@ from pa10cal.results.studies import (
     CurveCalibrationRecord,
 )
 from pa10cal.results.trials import TrialScoresRecord, TrialTruthRecord, TrialVerdictRecord
+from pa10cal.results.truth import TruthRecord
 
 #: Every kind of record, in the order of the docs.
 RECORDS: tuple[type[Record], ...] = (
@@ -48,6 +49,7 @@ RECORDS: tuple[type[Record], ...] = (
     CurveRecord,
     CurveCalibrationRecord,
     CoverageRecord,
+    TruthRecord,
     TrialTruthRecord,
     TrialVerdictRecord,
     TrialScoresRecord,

@@ -156,9 +156,9 @@ def _touched_scores(simulate: SimulateOptions, options: CalibrationOptions) -> d
         options,
         ErrorSources(readings, 1e-3 * options.apparatus_uncertainty_mm),
     )
-    truth = truth_record(made)["parameters"]
+    truth = truth_record(made).parameters
     return {
-        name: (parameter.value - truth[name]["value"]) / parameter.std
+        name: (parameter.value - truth[name].value) / parameter.std
         for name, parameter in parameter_records(found).items()
         if parameter.identifiable and parameter.std and name in truth
     }
