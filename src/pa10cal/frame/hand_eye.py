@@ -169,7 +169,7 @@ def _best(
     Which is best some of the poses tell.
     """
     few = problem.thinned(MOST_POSES)
-    found = [refined(few, first_guess(few, *start)) for start in starts]
+    found = [refined(few, first_guess(few, *start), passes=1) for start in starts]
     best = min(found, key=lambda each: each[1].cost)[0]
     guess, at, split = refined(problem, replace(best, p_ee_m=problem.p_ee_stated_m))
     poses, targets = problem.shape
@@ -209,7 +209,7 @@ def _by_positions(problem: TargetProblem) -> list[Array]:
     # x = S (p - mean) + s - R_base p_ee, linear in S (nine), s and the places.
     of_S = np.kron(off[:, None, :], np.eye(3)).reshape(-1, 9)
     of_s = np.kron(root, np.eye(3))
-    of_places = (-root[..., None] * problem.by_places()).reshape(len(of_s), -1)
+    of_places = (-root[..., None] * problem.by_places).reshape(len(of_s), -1)
     x_base_m = (root * problem.p_base_m[problem.pose]).ravel()
     solved = np.linalg.lstsq(np.hstack([of_S, of_s, of_places]), x_base_m, rcond=1e-9)[0]
     # The nine go by columns of S, the inverse of the base's rotation.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,21 +114,27 @@ class TargetProblem:
             weights=self.weights[chosen],
         )
 
-    @property
+    @cached_property
     def root_weight(self) -> Array:
         """Square root of the weight of every row, (K,)."""
         return np.sqrt(self.weights[self.pose])
 
     def in_base(self, p_ee_m: Array) -> Array:
         """Return the modelled places (K, 3) of the targets in the base frame."""
-        carried = (self.R_base[self.pose] @ p_ee_m[self.target][..., None])[..., 0]
+        carried = np.einsum("kij,kj->ki", self._R_rows, p_ee_m[self.target])
         return np.asarray(self.p_base_m[self.pose] + carried)
 
+    @cached_property
+    def _R_rows(self) -> Array:
+        """Modelled attitude of every row, (K, 3, 3)."""
+        return self.R_base[self.pose]
+
+    @cached_property
     def by_places(self) -> Array:
         """Return the derivative (K, 3, 3 B) of those places by the targets' places."""
         by_places = np.zeros((len(self.pose), 3, 3 * self.shape[1]))
         rows, columns = np.arange(len(self.pose))[:, None, None], 3 * self.target[:, None, None]
-        by_places[rows, np.arange(3)[:, None], columns + np.arange(3)] = self.R_base[self.pose]
+        by_places[rows, np.arange(3)[:, None], columns + np.arange(3)] = self._R_rows
         return by_places
 
 
@@ -149,14 +156,21 @@ def first_guess(problem: TargetProblem, R_instr_base: Array, R_ee_target: Array)
     return Guess(R_instr_base, p_instr_base_m, problem.p_ee_stated_m, R_ee_target)
 
 
-def refined(problem: TargetProblem, guess: Guess) -> tuple[Guess, Linearised, Freedom]:
+def refined(
+    problem: TargetProblem, guess: Guess, passes: int = PASSES
+) -> tuple[Guess, Linearised, Freedom]:
     """Refine a guess, holding what of the targets the base can mimic.
+
+    Args:
+        problem: what was seen.
+        guess: where to set out.
+        passes: how often what can be mimicked is found.
 
     Returns:
         The solution, the problem there, and which steps of the targets (places of all, then the
         attitude where one was seen) the poses tell.
     """
-    for _ in range(PASSES):
+    for _ in range(passes):
         whole = _linearise(problem, guess, None).by_step
         split = freedom(whole[:, 6:], whole[:, :6])
         guess, at = descend(guess, _linearising(problem, split.free), _moving(split.free))
@@ -173,12 +187,14 @@ def _moving(free: Array) -> Callable[[Guess, Array], Guess]:
     def moved(guess: Guess, step: Array) -> Guess:
         of_targets = free @ step[6:]
         places = guess.p_ee_m.size
-        turn = of_targets[places:] if len(of_targets) > places else np.zeros(3)
+        R_ee_target = guess.R_ee_target
+        if len(of_targets) > places:
+            R_ee_target = Rotation.from_rotvec(of_targets[places:]).as_matrix() @ R_ee_target
         return Guess(
             guess.R_instr_base @ Rotation.from_rotvec(step[3:6]).as_matrix(),
             guess.p_instr_base_m + guess.R_instr_base @ step[:3],
             guess.p_ee_m + of_targets[:places].reshape(-1, 3),
-            Rotation.from_rotvec(turn).as_matrix() @ guess.R_ee_target,
+            R_ee_target,
         )
 
     return moved
@@ -186,8 +202,12 @@ def _moving(free: Array) -> Callable[[Guess, Array], Guess]:
 
 def residuals(problem: TargetProblem, guess: Guess) -> tuple[Array, Array]:
     """Return seen less modelled positions (K, 3) and turns (P, 3), along base axes."""
+    return _residuals(problem, guess, problem.in_base(guess.p_ee_m))
+
+
+def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[Array, Array]:
     R = guess.R_instr_base
-    off_m = (problem.p_instr_m - guess.p_instr_base_m) @ R - problem.in_base(guess.p_ee_m)
+    off_m = (problem.p_instr_m - guess.p_instr_base_m) @ R - p_base_m
     if not len(problem.R_cmm):
         return off_m, np.zeros((problem.shape[0], 3))
     modelled = problem.R_base @ guess.R_ee_target
@@ -201,14 +221,15 @@ def _linearise(problem: TargetProblem, guess: Guess, free: Array | None) -> Line
 
     The derivative of a squared angle by a small turn is exact also where the angle is not small.
     """
-    off_m, off_rad = residuals(problem, guess)
+    p_base_m = problem.in_base(guess.p_ee_m)
+    off_m, off_rad = _residuals(problem, guess, p_base_m)
     rows, places = len(problem.pose), 3 * problem.shape[1]
     turning = len(problem.R_cmm)
     by_step = np.zeros((3 * (rows + turning), 6 + places + (3 if turning else 0)))
     of_places = by_step[: 3 * rows].reshape(rows, 3, -1)
     of_places[:, :, :3] = np.eye(3)
-    of_places[:, :, 3:6] = _crossed(problem.in_base(guess.p_ee_m))
-    of_places[:, :, 6 : 6 + places] = problem.by_places()
+    of_places[:, :, 3:6] = _crossed(p_base_m)
+    of_places[:, :, 6 : 6 + places] = problem.by_places
     of_places *= problem.root_weight[:, None, None]
     residual = [problem.root_weight[:, None] * off_m]
     if turning:

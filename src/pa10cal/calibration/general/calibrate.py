@@ -199,7 +199,7 @@ def _model_start(model: Model, start: Start) -> Array:
 
 
 def _check_enough(problem: Problem) -> None:
-    unknowns, rows = len(problem.parameters), int(problem.components_seen.sum())
+    unknowns, rows = len(problem.parameters), problem.readings
     if rows < unknowns:
         a_pose = rows / max(1, len(problem.observations))
         raise CalibrationError(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.calibration.general.problem import Problem
+from pa10cal.calibration.general.problem import Problem, Rows
 from pa10cal.calibration.general.weighing import Weighed, first_scatter, refreshed, weigh
 from pa10cal.calibration.identifiability import NULL_RATIO, Identifiability, identify
 
@@ -95,8 +95,7 @@ def fit(problem: Problem, x_start: Array, *, robust: bool = True, max_iterations
             reason = "no step leads down"
             converged = length < _NEARLY
             break
-        x = ahead
-        rows = problem.rows(x)
+        x, rows = ahead
         weighed = weigh(problem, rows, scatter, robust)
         parts = span.reach[:, None] * _inverse_root(weighed.normal, span.reach)
         found = refreshed(problem, rows, weighed, parts, scatter)
@@ -110,7 +109,6 @@ def fit(problem: Problem, x_start: Array, *, robust: bool = True, max_iterations
     triangle = np.asarray(np.linalg.qr(weighed.rows.reshape(-1, len(x)), mode="r"))
     identifiability = _identified(triangle, problem.scale, span.reach)
     covariance = scatter.widening**2 * _covariance(triangle, span.reach, ~held)
-    seen = int(problem.components_seen.sum())
     return Fit(
         x=x,
         at_bound=held,
@@ -123,7 +121,7 @@ def fit(problem: Problem, x_start: Array, *, robust: bool = True, max_iterations
         covariance=covariance,
         identifiability=identifiability,
         cost=float(np.sum(weighed.residual**2)),
-        dof=seen - identifiability.rank,
+        dof=problem.readings - identifiability.rank,
         iterations=iterations,
         converged=converged,
         reason=reason,
@@ -187,15 +185,16 @@ def _inverse_root(normal: Array, reach: Array) -> Array:
 
 def _not_uphill(
     problem: Problem, x: Array, step: Array, weighed: Weighed, span: _Span
-) -> Array | None:
-    """Return the point ahead, the step halved until the weighted squares do not grow."""
+) -> tuple[Array, Rows] | None:
+    """Return the point ahead and its rows, halving until the weighted squares do not grow."""
     cost = float(np.sum(weighed.residual**2) + np.sum(span.off(x) ** 2))
     root = np.sqrt(weighed.weights)[:, None]
     for _ in range(_HALVINGS):
         ahead = span.clip(x + step)
-        white = root * np.einsum("pij,pj->pi", weighed.whitener, problem.residual(ahead))
+        rows = problem.rows(ahead)
+        white = root * np.einsum("pij,pj->pi", weighed.whitener, rows.residual)
         if np.sum(white**2) + np.sum(span.off(ahead) ** 2) <= cost * (1.0 + 1e-9) + 1e-12:
-            return ahead
+            return ahead, rows
         step = 0.5 * step
     return None
 

@@ -69,9 +69,24 @@ class Problem:
         return self.measured.stated_covariance
 
     @cached_property
+    def one_covariance(self) -> bool:
+        """Tell whether the instrument states the same covariance in every pose."""
+        return bool((self.stated_covariance == self.stated_covariance[:1]).all())
+
+    @cached_property
     def components_seen(self) -> NDArray[np.bool_]:
         """Return which components were seen, (P, b)."""
         return self.measured.components_seen
+
+    @cached_property
+    def times_seen(self) -> NDArray[np.intp]:
+        """Return how many components were seen in each pose, (P,), at least one."""
+        return np.asarray(np.maximum(self.components_seen.sum(axis=1), 1), dtype=np.intp)
+
+    @cached_property
+    def readings(self) -> int:
+        """Return how many components were seen in all."""
+        return int(self.components_seen.sum())
 
     def start(self, x_model: Array) -> Array:
         """Return a point (k,) with targets about where they sit."""
@@ -104,9 +119,8 @@ class Problem:
         found = self.measured.compare(self.T_instr_base @ predicted.T_base_ee, self.places_at(x))
         R = self.T_instr_base[:3, :3]
         by_end = np.concatenate([found.by_end[..., :3] @ R, found.by_end[..., 3:] @ R], axis=2)
-        by_model = by_end @ predicted.jacobian
-        if not len(self.places):
-            return Rows(found.residual, by_model)
-        return Rows(
-            found.residual, np.concatenate([by_model, found.by_targets[..., self.places]], axis=2)
-        )
+        of_model = predicted.jacobian.shape[2]
+        jacobian = np.empty((*found.residual.shape, of_model + len(self.places)))
+        np.matmul(by_end, predicted.jacobian, out=jacobian[..., :of_model])
+        jacobian[..., of_model:] = found.by_targets[..., self.places]
+        return Rows(found.residual, jacobian)

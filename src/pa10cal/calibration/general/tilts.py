@@ -44,7 +44,7 @@ def tilts_not_shown(problem: Problem, fit: Fit) -> tuple[Settled, ...]:
         return ()
     tilts = fit.x[at]
     gain = float(tilts @ np.linalg.solve(covariance, tilts))
-    if gain > len(at) * np.log(problem.components_seen.sum()):
+    if gain > len(at) * np.log(problem.readings):
         return ()
     return tuple(
         Settled(problem.parameters[k], float(sigma)) for k, sigma in zip(at, std, strict=True)

@@ -9,6 +9,7 @@ the further off they are, so that a wrong one neither pulls nor widens; none is 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,13 +109,21 @@ def weigh(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) -> Weigh
     distance = np.sqrt(np.sum(white**2, axis=1))
     weights: Array = np.ones(len(distance))
     if robust:
-        enough = problem.components_seen.sum() >= _ENOUGH * rows.jacobian.shape[2]
+        enough = problem.readings >= _ENOUGH * rows.jacobian.shape[2]
         limit = _limit(problem, distance, scatter.stated_part if enough else 1.0)
         weights = (limit / np.maximum(distance, limit)) ** 2
     root = np.sqrt(weights)
-    weighed = (root[:, None, None] * whitener) @ rows.jacobian
+    weighed = _times(root[:, None, None] * whitener, rows.jacobian)
     flat = weighed.reshape(-1, weighed.shape[2])
     return Weighed(root[:, None] * white, weighed, flat.T @ flat, weights, distance, whitener)
+
+
+def _times(matrices: Array, rows: Array) -> Array:
+    """Return matrices (P, b, b) times rows (P, b, k); diagonal ones take a pass over the rows."""
+    diagonal = np.diagonal(matrices, axis1=1, axis2=2)
+    if np.count_nonzero(matrices) > np.count_nonzero(diagonal):
+        return np.asarray(matrices @ rows)
+    return np.asarray(diagonal[:, :, None] * rows)
 
 
 def _limit(problem: Problem, distance: Array, least: float) -> Array:
@@ -123,21 +132,28 @@ def _limit(problem: Problem, distance: Array, least: float) -> Array:
     It goes by the scatter, or by the typical pose where that lies closer: many wrong ones make the
     scatter too wide to show any of them. It is at least this part of the former.
     """
-    seen = np.maximum(problem.components_seen.sum(axis=1), 1)
-    numbers = np.arange(1, seen.max() + 1)
-    limits, medians = np.sqrt(chdtri(numbers, _TAIL)), chdtri(numbers, 0.5)
-    typical = float(np.sqrt(np.median(distance**2 / medians[seen - 1])))
-    return np.asarray(limits[seen - 1] * min(1.0, max(typical, least)))
+    limits, medians = _quantiles(int(problem.times_seen.max()))
+    at = problem.times_seen - 1
+    typical = float(np.sqrt(np.median(distance**2 / medians[at])))
+    return np.asarray(limits[at] * min(1.0, max(typical, least)))
+
+
+@cache
+def _quantiles(most: int) -> tuple[Array, Array]:
+    """Return the limit of a distance and the median of its square, for 1 to `most` components."""
+    numbers = np.arange(1, most + 1)
+    return np.sqrt(np.asarray(chdtri(numbers, _TAIL))), np.asarray(chdtri(numbers, 0.5))
 
 
 def _whitener(problem: Problem, scatter: dict[str, float]) -> Array:
     """Return (P, b, b) that makes stated errors and scatter independent and of unit size."""
-    own = np.zeros(problem.stated_covariance.shape[1])
+    stated = problem.stated_covariance
+    own = np.zeros(stated.shape[1])
     for kind, rows in problem.measured.component_kinds:
         own[rows] = scatter[kind] ** 2 + _FINEST**2
-    total = problem.stated_covariance + np.diag(own)
-    inverse: Array = np.linalg.inv(np.linalg.cholesky(total))
-    return inverse
+    distinct = stated[:1] if problem.one_covariance else stated
+    inverse = np.linalg.inv(np.linalg.cholesky(distinct + np.diag(own)))
+    return np.broadcast_to(inverse, stated.shape)
 
 
 def _stated_sizes(problem: Problem) -> dict[str, float]:
@@ -174,7 +190,8 @@ def refreshed(
         parts: (k, r) of which A A^T is the covariance of the unknowns.
         before: the scatter so far.
     """
-    leverage = np.sum((weighed.rows @ parts) ** 2, axis=2)
+    flat = weighed.rows.reshape(-1, len(parts)) @ parts
+    leverage = np.einsum("ij,ij->i", flat, flat).reshape(weighed.residual.shape)
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
     sizes, dof = {}, {}
     for kind, columns in problem.measured.component_kinds:
