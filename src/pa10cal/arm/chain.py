@@ -145,7 +145,8 @@ class Chain:
 
     def coordinates(self, q_rad: Array) -> Array:
         """Return the nominal chain coordinates (P, m) at joint positions (P, n)."""
-        coordinates = np.tile(self.nominal, (len(q_rad), 1))
+        coordinates = np.empty((len(q_rad), len(self.nominal)))
+        coordinates[:] = self.nominal
         coordinates[:, self.joint_columns] += q_rad
         return coordinates
 

@@ -170,8 +170,10 @@ def _best(
     """
     few = problem.thinned(MOST_POSES)
     found = [refined(few, first_guess(few, *start), passes=1) for start in starts]
-    best = min(found, key=lambda each: each[1].cost)[0]
-    guess, at, split = refined(problem, replace(best, p_ee_m=problem.p_ee_stated_m))
+    best, _, told = min(found, key=lambda each: each[1].cost)
+    if told.open.size:
+        best = replace(best, p_ee_m=problem.p_ee_stated_m)
+    guess, at, split = refined(problem, best)
     poses, targets = problem.shape
     turning = len(problem.R_cmm)
     residuals_m = np.full((poses, targets, 3), np.nan)

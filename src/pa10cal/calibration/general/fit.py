@@ -105,10 +105,13 @@ def fit(problem: Problem, x_start: Array, *, robust: bool = True, max_iterations
             converged, reason = True, "the last step was a small part of the uncertainty"
             break
     weighed = weigh(problem, rows, scatter, robust)
-    _, _, held = _step(x, weighed, span)
+    held = span.held(x, _gradient(x, weighed, span))
     triangle = np.asarray(np.linalg.qr(weighed.rows.reshape(-1, len(x)), mode="r"))
-    identifiability = _identified(triangle, problem.scale, span.reach)
-    covariance = scatter.widening**2 * _covariance(triangle, span.reach, ~held)
+    directions = _directions(triangle, span.reach)
+    identifiability = _identified(triangle, directions, problem.scale, span.reach)
+    if held.any():
+        directions = _directions(triangle[:, ~held], span.reach[~held])
+    covariance = scatter.widening**2 * _covariance(directions, span.reach, ~held)
     return Fit(
         x=x,
         at_bound=held,
@@ -159,12 +162,24 @@ class _Span:
         off: Array = (x - self.start) / self.reach
         return off
 
+    def held(self, x: Array, gradient: Array) -> NDArray[np.bool_]:
+        """Return which unknowns press on an end of their range."""
+        pressing: NDArray[np.bool_] = ((x <= self.lower) & (gradient > 0)) | (
+            (x >= self.upper) & (gradient < 0)
+        )
+        return pressing
+
+
+def _gradient(x: Array, weighed: Weighed, span: _Span) -> Array:
+    """Return half the gradient of the sum of squares by the unknowns in reaches."""
+    gradient = weighed.rows.reshape(-1, len(x)).T @ weighed.residual.ravel() * span.reach
+    return np.asarray(gradient + span.off(x))
+
 
 def _step(x: Array, weighed: Weighed, span: _Span) -> tuple[Array, float, NDArray[np.bool_]]:
     """Return the Gauss-Newton step, its length in standard uncertainties, and what is held."""
-    gradient = weighed.rows.reshape(-1, len(x)).T @ weighed.residual.ravel() * span.reach
-    gradient += span.off(x)
-    held = ((x <= span.lower) & (gradient > 0)) | ((x >= span.upper) & (gradient < 0))
+    gradient = _gradient(x, weighed, span)
+    held = span.held(x, gradient)
     free = ~held
     step = np.zeros(len(x))
     parts = _inverse_root(weighed.normal[np.ix_(free, free)], span.reach[free])
@@ -199,13 +214,15 @@ def _not_uphill(
     return None
 
 
-def _identified(triangle: Array, scale: Array, reach: Array) -> Identifiability:
+def _identified(
+    triangle: Array, directions: tuple[Array, Array], scale: Array, reach: Array
+) -> Identifiability:
     """Return what rows (given by their triangle) tell, in scales, no worse than within a reach.
 
     A direction is open in those unknowns whose uncertainty it makes for the most part.
     """
     found = identify(triangle, scale)
-    size, right = _directions(triangle, reach)
+    size, right = directions
     told = size > max(1.0, NULL_RATIO * size[0])
     rank, values = int(np.count_nonzero(told)), found.singular_values
     part = np.abs(right[~told])
@@ -223,9 +240,9 @@ def _directions(triangle: Array, reach: Array) -> tuple[Array, Array]:
     return size, right
 
 
-def _covariance(triangle: Array, reach: Array, free: NDArray[np.bool_]) -> Array:
-    """Return the covariance of the free unknowns by rows, given by their triangle, and reach."""
-    size, right = _directions(triangle[:, free], reach[free])
+def _covariance(directions: tuple[Array, Array], reach: Array, free: NDArray[np.bool_]) -> Array:
+    """Return the covariance (k, k) of the free unknowns by the directions of theirs, and reach."""
+    size, right = directions
     root = reach[free, None] * right.T / np.hypot(size, 1.0)
     covariance = np.zeros((len(reach), len(reach)))
     covariance[np.ix_(free, free)] = root @ root.T

@@ -106,8 +106,8 @@ def choose_unknowns(
     columns = np.concatenate([by_model[..., :at], found.by_targets, by_model[..., at:]], axis=2)
     columns = columns.reshape(-1, len(parameters)) * [p.scale for p in parameters]
     base_first = len(base.parameters)
-    kept = _well_said(columns, _independent(columns), base_first)
-    redundant = _redundant(columns, kept, parameters)
+    kept, parts = _well_said(columns, _independent(columns), base_first)
+    redundant = _redundant(parts, kept, parameters)
     names = {parameters[k].name for k in kept}
     first_place = at
     places = [k - first_place for k in kept if first_place <= k < first_place + len(targets_m)]
@@ -129,45 +129,50 @@ def _along_instrument(jacobian: Array, T_instr_base: Array) -> Array:
 
 def _independent(columns: Array) -> list[int]:
     """Return the columns, in order, that are no combinations of those before them."""
-    basis = np.zeros((len(columns), 0))
+    basis = np.empty((columns.shape[1], len(columns)))
     kept: list[int] = []
-    for k, column in enumerate(columns.T):
-        size = np.linalg.norm(column)
-        left = column - basis @ (basis.T @ column)
-        left -= basis @ (basis.T @ left)  # once more, against rounding
-        length = np.linalg.norm(left)
+    for k, column in enumerate(np.ascontiguousarray(columns.T)):
+        before = basis[: len(kept)]
+        left = column - (before @ column) @ before
+        left -= (before @ left) @ before  # once more, against rounding
+        size, length = float(column @ column) ** 0.5, float(left @ left) ** 0.5
         if size > 0.0 and length > _LEAST_LEFT * size:
-            basis = np.column_stack([basis, left / length])
+            basis[len(kept)] = left / length
             kept.append(k)
     return kept
 
 
-def _well_said(columns: Array, kept: list[int], first: int) -> list[int]:
+def _well_said(columns: Array, kept: list[int], first: int) -> tuple[list[int], Array]:
     """Exchange columns kept, none before `first`, for those that they say only by large motions.
 
     Every exchange makes the volume that unit columns span larger by the motion's size (Gu and
     Eisenstat, 1996), so that they come to an end.
+
+    Returns:
+        What is kept, and its parts (kept, others) in the others.
     """
     size = np.linalg.norm(columns, axis=0)
-    unit = columns / np.where(size > 0.0, size, 1.0)
+    size[size == 0.0] = 1.0
+    unit, shown = columns / size, np.flatnonzero(columns.any(axis=0))
     while True:
-        others = [k for k in np.flatnonzero(size) if k not in kept]
-        parts = np.abs(np.linalg.lstsq(unit[:, kept], unit[:, others], rcond=1e-12)[0])
-        parts[np.array(kept) < first] = 0.0
-        if not parts.size or parts.max() <= _MOST_TIMES:
-            return kept
-        worst = int(np.argmax(parts.max(axis=0)))
-        last = int(np.flatnonzero(parts[:, worst] > _MOST_TIMES)[-1])
-        kept = sorted([*kept[:last], *kept[last + 1 :], int(others[worst])])
+        others = [k for k in range(len(size)) if k not in kept]
+        parts = np.linalg.lstsq(unit[:, kept], unit[:, others], rcond=1e-12)[0]
+        large = np.abs(parts)
+        large[np.array(kept) < first] = 0.0
+        large[:, ~np.isin(others, shown)] = 0.0
+        if not large.size or large.max() <= _MOST_TIMES:
+            return kept, parts * size[others] / size[kept][:, None]
+        worst = int(np.argmax(large.max(axis=0)))
+        last = int(np.flatnonzero(large[:, worst] > _MOST_TIMES)[-1])
+        kept = sorted([*kept[:last], *kept[last + 1 :], others[worst]])
 
 
 def _redundant(
-    columns: Array, kept: list[int], parameters: tuple[Parameter, ...]
+    parts: Array, kept: list[int], parameters: tuple[Parameter, ...]
 ) -> tuple[Redundant, ...]:
     """Return the parameters left out, and what those kept say of them."""
     others = [k for k in range(len(parameters)) if k not in kept]
     scale = np.array([parameter.scale for parameter in parameters])
-    parts = np.linalg.lstsq(columns[:, kept], columns[:, others], rcond=1e-12)[0]
     parts = np.where(np.abs(parts) > 1e-6, parts, 0.0) * scale[kept][:, None] / scale[others]
     return tuple(
         Redundant(
