@@ -134,6 +134,16 @@ def test_the_file_can_be_read_by_people(tmp_path):
     assert content["arm"]["rows"][1]["a_m"] == 0.45
 
 
+def test_parameters_are_a_table_as_readers_know_them():
+    model = fitted("pa10_6ce", 1)
+    table = model.parameters.set_index(["term", "of", "parameter"])
+    assert table.loc[("transmission_error", "joint 1", "A"), "unit"] == "rad"
+    assert table.loc[("joint_spring", "joint 2", "K_lin_2"), "value"] == pytest.approx(3e4)
+    assert (table["std"] >= 0.0).all()
+    assert "transmission_error" in model._repr_html_()
+    assert replace(model, covariance=None).parameters["std"].isna().all()
+
+
 def test_nominal_geometry_is_predicted_by_the_nominal_chain():
     arm = load_arm("pa10_6ce")
     model = FittedModel(Model(Chain.of(arm), ()), np.zeros(0), np.eye(4))

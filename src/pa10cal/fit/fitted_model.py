@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar
+from html import escape
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +29,10 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
-from pa10cal.terms.term import Term, shows_torque, yields
+from pa10cal.terms.term import Report, Term, shows_torque, yields
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 M = TypeVar("M", bound=Instrument)
@@ -126,6 +130,41 @@ class FittedModel:
     def arm(self) -> Arm:
         """Return the nominal arm."""
         return self.model.chain.arm
+
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """Return the parameters as readers know them: term, place, name, value, std and unit."""
+        import pandas as pd  # late: a prediction needs none
+
+        rows = []
+        for term in self.model.terms:
+            report, std = self.reported(term)
+            rows += [
+                (term.id, term.of, parameter.name, value, sigma, parameter.unit)
+                for parameter, value, sigma in zip(
+                    report.parameters, report.values, std, strict=True
+                )
+            ]
+        return pd.DataFrame(rows, columns=["term", "of", "parameter", "value", "std", "unit"])
+
+    def reported(self, term: Term) -> tuple[Report, Array]:
+        """Return what readers know of one of its terms, and standard uncertainties (nan: unknown).
+
+        Raises:
+            ValueError: when it has no such term.
+        """
+        columns = self.model.columns_of(term)
+        report = term.report(self.x[columns])
+        if self.covariance is None:
+            return report, np.full(len(report.values), np.nan)
+        own = report.jacobian @ self.covariance[columns, columns] @ report.jacobian.T
+        return report, np.sqrt(np.maximum(np.diag(own), 0.0))
+
+    def _repr_html_(self) -> str:
+        """Return the model as a notebook shows it."""
+        fitted = self.fitted_to
+        about = "" if fitted is None else f", fitted to {fitted.campaign}: {fitted.health}"
+        return f"<p>{escape(self.arm.title + about)}</p>{self.parameters.to_html(index=False)}"
 
     @property
     def frames(self) -> tuple[str, ...]:

@@ -222,21 +222,19 @@ def model_from_plain(
 
 def _term_to_plain(model: FittedModel, term: Term) -> dict[str, Any]:
     """Return a term with its form, what readers know of it, and the values it is solved in."""
-    columns = model.model.columns_of(term)
-    x = model.x[columns]
-    report = term.report(x)
-    std: list[float | None] = [None] * len(report.values)
-    if model.covariance is not None:
-        own = report.jacobian @ model.covariance[columns, columns] @ report.jacobian.T
-        std = np.sqrt(np.maximum(np.diag(own), 0.0)).tolist()
+    report, std = model.reported(term)
     return {
         **term_to_plain(term),
         "formula": term.formula,
         "parameters": {
-            parameter.name: {"value": float(value), "std": sigma, "unit": parameter.unit}
+            parameter.name: {
+                "value": float(value),
+                "std": float(sigma) if np.isfinite(sigma) else None,
+                "unit": parameter.unit,
+            }
             for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)
         },
-        "x": x.tolist(),
+        "x": model.values_of(term).tolist(),
     }
 
 
