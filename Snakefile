@@ -33,8 +33,8 @@ rule all:
     """Everything, for every campaign of the configuration."""
     default_target: True
     input:
-        every(calibrations_of),
-        every(lambda campaign: planes_of(campaign) if by_papers_model(campaign) else []),
+        expand(rules.calibrate.output, campaign=SETTINGS.campaigns),
+        every(planes_of),
         every(verdict_of),
         expand(rules.export.output.model, campaign=SETTINGS.campaigns),
         expand(rules.evaluate.output, campaign=SETTINGS.campaigns),

@@ -20,12 +20,19 @@ STAND_INS = {
     ),
     "seed": (["--campaign-dir", "--poses", "--settings", "--out"], ""),
     "calibrate": (
-        ["--campaign-dir", "--poses", "--base-frame", "--load", "--settings", "--out"],
-        "import pa10cal.calibration.probe",
+        ["--campaign-dir", "--poses", "--base-frame", "--load?", "--settings", "--out"],
+        """
+        import pa10cal.calibration.probe
+        for case in () if a.load else ("0N", "22.5N", "combined"):
+            write_text(Path(a.out) / f"{case}.json", json.dumps(vars(a)))
+        """,
     ),
     "montecarlo": (
-        ["--campaign", "--robot", "--campaign-dir", "--plane-mm", "--settings", "--out"],
-        "",
+        ["--campaign", "--robot", "--campaign-dir", "--settings", "--out"],
+        """
+        for plane in json.loads(a.settings)["planes_mm"]:
+            write_text(Path(a.out) / f"z{plane}.json", json.dumps(vars(a)))
+        """,
     ),
     "discover": (
         [
@@ -117,7 +124,7 @@ def {command}(*, {parameters}) -> None:
     a = SimpleNamespace(**locals())
     print("{command} at work", file=sys.stderr)
     json.loads(getattr(a, "settings", "{{}}"))
-    if hasattr(a, "out") and {command!r} != "simulate":
+    if Path(getattr(a, "out", "folder")).suffix:
         write_text(Path(a.out), json.dumps(vars(a)))
 {body}
 """

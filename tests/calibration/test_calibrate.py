@@ -18,7 +18,7 @@ from pa10cal.calibration.identifiability import identify, observability, unident
 from pa10cal.calibration.inner_dependence import inner_dependence
 from pa10cal.calibration.l_curve import l_curve
 from pa10cal.calibration.levels import TwoLevel
-from pa10cal.calibration.load_case import rows_of_load
+from pa10cal.calibration.load_case import load_cases, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.calibration.uncertainty import ErrorSources
@@ -324,3 +324,8 @@ def test_directions_that_noise_drowns_are_named(model, observe, calibrated):
     weak = weak_directions(drowned)
     assert weak[0][0] > 1.0
     assert set(weak[0][1].weights) <= {parameter.name for parameter in model.parameters}
+
+
+def test_load_cases_are_the_loads_by_rising_load_and_all_together():
+    loads_N = np.array([100.0, 0.0, 22.5, 0.0])
+    assert load_cases(loads_N) == ("0N", "22.5N", "100N", "combined")

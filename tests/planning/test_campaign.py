@@ -1,12 +1,12 @@
 """A glance at a campaign never refuses; what it sees is right."""
 
-import pandas as pd
+import os
+
 import pytest
 
 from pa10cal.planning.campaign import (
     arm_files,
     campaign_name,
-    load_cases,
     raw_files,
     robot_name,
 )
@@ -35,7 +35,7 @@ def test_sees_robot_and_the_files_that_are_there(campaign):
 
 
 @pytest.mark.parametrize("text", ["", "- a list", "robot: [", "files: cmm.csv", "files: {cmm: 3}"])
-def test_leaves_refusals_to_the_stage(campaign, text):
+def test_leaves_refusals_to_the_command(campaign, text):
     folder = campaign(text)
     assert robot_name(folder) == ""
     assert raw_files(folder) == []
@@ -48,8 +48,9 @@ def test_a_campaign_that_is_not_there_has_nothing(tmp_path):
     assert raw_files(tmp_path / "gone") == []
 
 
-def test_load_cases_are_the_loads_of_the_grid_by_rising_load(tmp_path):
-    kinds = ["grid", "grid", "holdout", "line_x", "grid", "grid"]
-    table = pd.DataFrame({"kind": kinds, "load_N": [100.0, 0.0, 90.0, 5.0, 22.5, 0.0]})
-    table.to_parquet(tmp_path / "poses.parquet")
-    assert load_cases(tmp_path / "poses.parquet") == ["0N", "22.5N", "100N"]
+def test_a_description_that_changes_is_read_again(campaign):
+    folder = campaign("robot: one")
+    assert robot_name(folder) == "one"
+    folder = campaign("robot: other")
+    os.utime(folder / "campaign.yaml", ns=(1, 1))
+    assert robot_name(folder) == "other"

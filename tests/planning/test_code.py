@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 import pa10cal
-from pa10cal.planning.code import source_files
+from pa10cal.planning import code
+from pa10cal.planning.code import code_digest, source_files
 
 PACKAGE = Path(pa10cal.__file__).parent
 
@@ -43,3 +44,29 @@ def test_the_order_does_not_depend_on_the_run():
 def test_refuses_a_module_that_is_not_there():
     with pytest.raises(ModuleNotFoundError, match=r"pa10cal\.commands\.nothing"):
         source_files("pa10cal.commands.nothing")
+
+
+def test_a_digest_is_that_of_the_files_alone():
+    assert code_digest("pa10cal.errors") == code_digest("pa10cal.errors")
+    assert code_digest("pa10cal.errors") != code_digest("pa10cal.near_miss")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "import pa10cal.settings",
+        "from pa10cal import settings",
+        "    from pa10cal.settings import (\n    Settings,  # all of it\n    Section as S,\n)",
+        "from pa10cal.settings import Settings as S, Section",
+        "import os, pa10cal.settings as s",
+    ],
+)
+def test_every_way_to_import_is_followed(tmp_path, monkeypatch, text):
+    package = tmp_path / "pa10cal"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "settings.py").write_text("")
+    (package / "new.py").write_text(f"{text}\n")
+    monkeypatch.setattr(code, "_PACKAGE", package)
+    assert package / "settings.py" in source_files("pa10cal.new")
+    source_files.cache_clear()

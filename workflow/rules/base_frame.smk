@@ -4,12 +4,12 @@ rule base_frame:
         campaign=raw("campaign.yaml"),
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
-        code=code_of("commands.seed"),
     output:
         result("seed/base_frame.json"),
     log:
         result("logs/base_frame.log"),
     params:
+        code=code_of("commands.seed"),
         folder=campaign_folder,
         settings=settings_of("base_frame"),
     shell:

@@ -15,8 +15,6 @@ rule blind_trials_reduced:
 
 rule judge_trials:
     """Some trials of one kind: hidden, measured, judged; the truth goes into a file apart."""
-    input:
-        code=code_of("commands.blind_trials"),
     output:
         verdicts=trial_result("trials/{kind}_{first}_{trials}.verdicts.jsonl"),
         truths=trial_result("trials/{kind}_{first}_{trials}.truths.jsonl"),
@@ -28,6 +26,7 @@ rule judge_trials:
         first="[0-9]+",
         trials="[0-9]+",
     params:
+        code=code_of("commands.blind_trials"),
         seed=SETTINGS.blind_trials.random_seed,
         settings=sections_of("ingest", "calibration", "discovery"),
     shell:
@@ -41,7 +40,6 @@ rule score_trials:
     input:
         verdicts=trial_chunks("verdicts.jsonl"),
         truths=trial_chunks("truths.jsonl"),
-        code=code_of("commands.score_trials"),
     output:
         scores=trial_result("scores.json"),
         trials=trial_result("trials.csv"),
@@ -49,6 +47,8 @@ rule score_trials:
         trial_result("logs/score_trials.log"),
     wildcard_constraints:
         study="|".join(TRIAL_STUDIES),
+    params:
+        code=code_of("commands.score_trials"),
     shell:
         "python -m pa10cal score_trials --verdicts {input.verdicts:q} --truths {input.truths:q}"
         " --scores {output.scores:q} --trials {output.trials:q} 2>&1 | tee {log:q} >&2"
@@ -58,7 +58,6 @@ rule trial_pictures:
     """The figures and the table of a study that have something to show."""
     input:
         scores=trial_result("scores.json"),
-        code=code_of("commands.figures", "figures.registry"),
     output:
         index=trial_result("pictures.json"),
         figures=reported(trial_result("figures"), "trials", "{picture}.svg", **OF_TRIALS),
@@ -68,6 +67,7 @@ rule trial_pictures:
     wildcard_constraints:
         study="|".join(TRIAL_STUDIES),
     params:
+        code=code_of("commands.figures", "figures.registry"),
         captions=Captions("trials", "study"),
         folder=lambda wildcards, input: os.path.dirname(input.scores),
         settings=sections_of("figures"),

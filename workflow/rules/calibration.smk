@@ -1,19 +1,32 @@
 rule calibrate:
-    """Two-level calibration of one load case, or of all loads together."""
+    """Every load of a campaign, all loads together, and the general model beside the paper's."""
     input:
         campaign=raw("campaign.yaml"),
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         base_frame=result("seed/base_frame.json"),
+    output:
+        directory(result("calibration")),
+    log:
+        result("logs/calibrate.log"),
+    params:
         code=code_of("commands.calibrate"),
+        folder=campaign_folder,
+        settings=settings_of("calibration"),
+        load="",
+    shell:
+        "python -m pa10cal calibrate --campaign-dir {params.folder:q} --poses {input.poses:q}"
+        " --base-frame {input.base_frame:q} --settings {params.settings:q} --out {output:q}"
+        " {params.load} 2>&1 | tee {log:q} >&2"
+
+
+use rule calibrate as calibrate_one with:
     output:
         result("calibration/{load}.json"),
     log:
         result("logs/calibrate_{load}.log"),
     params:
+        code=code_of("commands.calibrate"),
         folder=campaign_folder,
         settings=settings_of("calibration"),
-    shell:
-        "python -m pa10cal calibrate --campaign-dir {params.folder:q} --poses {input.poses:q}"
-        " --base-frame {input.base_frame:q} --load {wildcards.load:q}"
-        " --settings {params.settings:q} --out {output:q} 2>&1 | tee {log:q} >&2"
+        load="--load {load}",

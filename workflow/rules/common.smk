@@ -12,13 +12,12 @@ from pa10cal.planning.campaign import (
     campaign_name,
     can_seek_effects,
     instrument_kind,
-    load_cases,
     missing_campaign,
     raw_files,
     robot_name,
     takes_general_model,
 )
-from pa10cal.planning.code import source_files
+from pa10cal.planning.code import code_digest
 from pa10cal.settings import parse_settings
 
 try:
@@ -39,7 +38,6 @@ shell.prefix(
 wildcard_constraints:
     campaign=r"[^/]+",
     load=r"[0-9.e+-]+N|combined|general",
-    plane=r"[0-9]+",
 
 
 # Two studies: the full one on demand, and the first of its trials in the default target.
@@ -71,15 +69,11 @@ def _literal(path):
 
 
 def code_of(*modules):
-    """The files of the package that a stage is made of, so that editing one runs it again."""
+    """A digest of the files that a command is made of, so that editing one runs it again.
 
-    def files(wildcards):
-        paths = source_files(*(f"pa10cal.{module}" for module in modules))
-        return [
-            os.path.relpath(path) if path.is_relative_to(os.getcwd()) else path for path in paths
-        ]
-
-    return files
+    As a parameter: as inputs the hundred files would be looked at again whenever a job is chosen.
+    """
+    return lambda wildcards: code_digest(*(f"pa10cal.{module}" for module in modules))
 
 
 def settings_of(section, without=()):
@@ -122,26 +116,13 @@ def robot_of_campaign(wildcards):
 
 
 def planes_of(campaign):
-    """The Monte Carlo results of a campaign, one a plane."""
-    return expand(
-        result("montecarlo/z{plane}.json"),
-        campaign=campaign,
-        plane=SETTINGS.montecarlo.planes_mm,
-    )
+    """The Monte Carlo results of a campaign, one a plane; of those with the paper's model alone."""
+    return expand(rules.montecarlo.output, campaign=campaign) * (not by_general_model(campaign))
 
 
-def calibrations_of(campaign):
-    """The calibrations of a campaign: one a load that ingest found, and the combined one.
-
-    Beside the paper's model stands the general one, for all loads together.
-    """
-    poses = Path(checkpoints.ingest.get(campaign=campaign).output.poses)
-    beside = [] if by_general_model(campaign) else ["general"]
-    return expand(
-        result("calibration/{load}.json"),
-        campaign=campaign,
-        load=[*load_cases(poses), "combined", *beside],
-    )
+def evaluated_calibration(wildcards, input):
+    """The calibration that discovery, evaluation and export start from."""
+    return os.path.join(input.calibration, f"{SETTINGS.evaluation.calibration}.json")
 
 
 def by_general_model(campaign):
@@ -151,11 +132,6 @@ def by_general_model(campaign):
     return takes_general_model(
         SETTINGS.calibration.model, instrument_kind(Path(SETTINGS.raw_dir, campaign))
     )
-
-
-def by_papers_model(campaign):
-    """Whether they are worked out with the paper's: what is drawn of the paper belongs to these."""
-    return not by_general_model(campaign)
 
 
 def seeks_effects(campaign):

@@ -1,13 +1,12 @@
 rule coverage:
     """Long test: do 95 % intervals hold the truth of simulated campaigns in 95 % of cases?"""
-    input:
-        code=code_of("commands.coverage"),
     output:
         record=coverage_result("coverage.json"),
         table=coverage_result("coverage.csv"),
     log:
         coverage_result("logs/coverage.log"),
     params:
+        code=code_of("commands.coverage"),
         settings=settings_of("coverage"),
         calibration=settings_of("calibration"),
     shell:

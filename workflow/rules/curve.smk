@@ -31,8 +31,6 @@ rule curve:
 
 rule lay_curve:
     """A shape as links: where they join, their axes and joint angles."""
-    input:
-        code=code_of("commands.curve"),
     output:
         record=curve_result("{shape}/curve.json"),
         tables=expand(
@@ -43,6 +41,7 @@ rule lay_curve:
     wildcard_constraints:
         shape="|".join(CURVES),
     params:
+        code=code_of("commands.curve"),
         out=lambda wildcards, output: os.path.dirname(output.record),
         settings=lambda wildcards: json.dumps(CURVES[wildcards.shape]),
     shell:
@@ -54,7 +53,6 @@ rule draw_curve:
     """The chain along a curve and its joint angles; of one that moves some shapes and a film."""
     input:
         rules.lay_curve.output,
-        code=code_of("commands.figures", "figures.registry"),
     output:
         index=curve_result("{shape}/pictures.json"),
         figures=reported(
@@ -65,6 +63,7 @@ rule draw_curve:
     wildcard_constraints:
         shape="|".join(CURVES),
     params:
+        code=code_of("commands.figures", "figures.registry"),
         captions=Captions("curve", "shape"),
         folder=lambda wildcards, input: os.path.dirname(input[0]),
         settings=sections_of("figures"),
@@ -75,13 +74,12 @@ rule draw_curve:
 
 rule calibrate_chain:
     """The chain as an arm of the virtual cell, posed along curves and calibrated."""
-    input:
-        code=code_of("commands.curve_calibration"),
     output:
         curve_result("calibration.json"),
     log:
         curve_result("logs/calibration.log"),
     params:
+        code=code_of("commands.curve_calibration"),
         settings=settings_of("curve"),
         calibration=settings_of("calibration"),
     shell:
@@ -93,7 +91,6 @@ rule draw_chain:
     """The study of the chain."""
     input:
         record=curve_result("calibration.json"),
-        code=code_of("commands.figures", "figures.registry"),
     output:
         index=curve_result("pictures.json"),
         figures=reported(curve_result("figures"), "chain", "{picture}.svg", **OF_CURVES),
@@ -101,6 +98,7 @@ rule draw_chain:
     log:
         curve_result("logs/pictures.log"),
     params:
+        code=code_of("commands.figures", "figures.registry"),
         captions=Captions("chain", "study"),
         folder=lambda wildcards, input: os.path.dirname(input.record),
         settings=sections_of("figures"),

@@ -36,7 +36,6 @@ rule import_ipa_robot_accuracy:
     """The campaigns ur10-a and ur10-c."""
     input:
         rules.fetch_ipa_robot_accuracy.output,
-        code=code_of("commands.import_data", "datasets.readers.ipa_robot_accuracy"),
     output:
         [
             os.path.join(_literal(SETTINGS.raw_dir), campaign, name)
@@ -46,6 +45,7 @@ rule import_ipa_robot_accuracy:
     log:
         f"{FETCHED}.import.log",
     params:
+        code=code_of("commands.import_data", "datasets.readers.ipa_robot_accuracy"),
         folder=lambda wildcards, input: os.path.dirname(input[0]),
         out=lambda wildcards, output: os.path.dirname(os.path.dirname(output[0])),
         settings=settings_of("ingest"),

@@ -4,8 +4,7 @@ rule discover:
         campaign=raw("campaign.yaml"),
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
-        calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
-        code=code_of("commands.discover"),
+        calibration=result("calibration"),
     output:
         verdict=result("discovery/verdict.json"),
         analysis=result("discovery/analysis.json"),
@@ -15,11 +14,13 @@ rule discover:
     log:
         result("logs/discover.log"),
     params:
+        calibration=evaluated_calibration,
+        code=code_of("commands.discover"),
         folder=campaign_folder,
         settings=settings_of("discovery"),
     shell:
         "python -m pa10cal discover --campaign-dir {params.folder:q} --poses {input.poses:q}"
-        " --calibration {input.calibration:q} --settings {params.settings:q}"
+        " --calibration {params.calibration:q} --settings {params.settings:q}"
         " --verdict {output.verdict:q} --analysis {output.analysis:q} --extended {output.extended:q}"
         " --suggested {output.suggested:q}"
         " 2>&1 | tee {log:q} >&2"

@@ -4,17 +4,18 @@ rule evaluate:
         campaign=raw("campaign.yaml"),
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
-        calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
+        calibration=result("calibration"),
         extended=extended_model,
-        code=code_of("commands.evaluate"),
     output:
         result("evaluation/holdout.json"),
     log:
         result("logs/evaluate.log"),
     params:
+        calibration=evaluated_calibration,
+        code=code_of("commands.evaluate"),
         folder=campaign_folder,
         extended=extended_option,
     shell:
         "python -m pa10cal evaluate --campaign-dir {params.folder:q} --poses {input.poses:q}"
-        " --calibration {input.calibration:q} {params.extended} --out {output:q}"
+        " --calibration {params.calibration:q} {params.extended} --out {output:q}"
         " 2>&1 | tee {log:q} >&2"

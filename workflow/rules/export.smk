@@ -1,9 +1,8 @@
 rule export:
     """The calibrated model for other programs: all parameters, and the geometry as URDF."""
     input:
-        calibration=result(f"calibration/{SETTINGS.evaluation.calibration}.json"),
+        calibration=result("calibration"),
         extended=extended_model,
-        code=code_of("commands.export"),
     output:
         model=result("model/model.yaml"),
         covariance=result("model/model.covariance.npz"),
@@ -11,7 +10,9 @@ rule export:
     log:
         result("logs/export.log"),
     params:
+        calibration=evaluated_calibration,
+        code=code_of("commands.export"),
         extended=extended_option,
     shell:
-        "python -m pa10cal export --calibration {input.calibration:q} {params.extended}"
+        "python -m pa10cal export --calibration {params.calibration:q} {params.extended}"
         " --model {output.model:q} --urdf {output.urdf:q} 2>&1 | tee {log:q} >&2"

@@ -1,16 +1,16 @@
-checkpoint ingest:
-    """Raw logs to a table of poses. Which load cases there are is known once this has run."""
+rule ingest:
+    """Raw logs to a table of poses, and the list of rows that are quarantined."""
     input:
         campaign=raw("campaign.yaml"),
         arm=arm_of_campaign,
         logs=logs_of_campaign,
-        code=code_of("commands.ingest"),
     output:
         poses=result("ingest/poses.parquet"),
         quarantine=result("ingest/quarantine.csv"),
     log:
         result("logs/ingest.log"),
     params:
+        code=code_of("commands.ingest"),
         folder=campaign_folder,
         settings=settings_of("ingest"),
     shell:

@@ -2,8 +2,6 @@
 # that has nothing to show is left out, and pictures.json says why.
 from pa10cal.figures.report import Captions, titles
 
-EVALUATED = f"calibration/{SETTINGS.evaluation.calibration}.json"
-
 
 def found_of(*names):
     """The function that names results of a campaign."""
@@ -12,41 +10,24 @@ def found_of(*names):
 
 def discovered(name):
     """A result of discovery, where effects are sought."""
-    return lambda campaign: [
-        path
-        for path in found_of(EVALUATED, f"discovery/{name}.json")(campaign)
-        if seeks_effects(campaign)
+    return lambda campaign: found_of("calibration", f"discovery/{name}.json")(campaign)[
+        : 2 * seeks_effects(campaign)
     ]
-
-
-def calibrations_drawn(campaign):
-    """Those of single loads are compared with the paper alone."""
-    combined = found_of("calibration/combined.json")
-    return (calibrations_of if by_papers_model(campaign) else combined)(campaign)
-
-
-def planes_drawn(campaign):
-    return planes_of(campaign) if by_papers_model(campaign) else []
-
-
-def gap_of(campaign):
-    return [*discovered("analysis")(campaign), *found_of("calibration/combined.json")(campaign)]
 
 
 # The files behind what modules call their needs; what is left out is a property of the campaign.
 NEEDS = {
-    "calibration": calibrations_drawn,
-    "papers_calibration": calibrations_drawn,
-    "general_calibration": calibrations_drawn,
-    "general": calibrations_drawn,
+    **dict.fromkeys(
+        ("calibration", "papers_calibration", "general_calibration", "general"),
+        found_of("calibration"),
+    ),
     "poses": found_of("ingest/poses.parquet"),
     "base_frame": found_of("seed/base_frame.json"),
-    "planes": planes_drawn,
-    "evaluation": found_of(EVALUATED, "evaluation/holdout.json"),
-    "held_out": found_of(EVALUATED, "evaluation/holdout.json"),
+    "planes": planes_of,
+    **dict.fromkeys(("evaluation", "held_out"), found_of("calibration", "evaluation/holdout.json")),
     "analysis": discovered("analysis"),
     "verdict": discovered("verdict"),
-    "gap": gap_of,
+    "gap": lambda campaign: [*discovered("analysis")(campaign), *found_of("calibration")(campaign)],
 }
 
 
@@ -94,7 +75,6 @@ rule pictures:
         campaign=raw("campaign.yaml"),
         arm=arm_of_campaign,
         results=results_of_campaign,
-        code=code_of("commands.figures", "figures.registry"),
     output:
         index=result("pictures.json"),
         figures=reported(result("figures"), "campaign", "{picture}.svg", category="{campaign}"),
@@ -104,6 +84,7 @@ rule pictures:
     wildcard_constraints:
         campaign=NO_STUDY,
     params:
+        code=code_of("commands.figures", "figures.registry"),
         captions=Captions("campaign", "campaign"),
         folder=campaign_folder,
         results=results_folder,
@@ -121,7 +102,6 @@ for kind, endings in {"figures": ["svg", "pdf", "png"], "tables": ["csv", "md", 
             campaign=raw("campaign.yaml"),
             arm=arm_of_campaign,
             results=results_needed,
-            code=code_of("commands.figures", "figures.registry"),
         output:
             [result(f"{kind}/{{picture}}.{ending}") for ending in endings],
         log:
@@ -130,6 +110,7 @@ for kind, endings in {"figures": ["svg", "pdf", "png"], "tables": ["csv", "md", 
             campaign=NO_STUDY,
             picture="[a-z0-9_]+",
         params:
+            code=code_of("commands.figures", "figures.registry"),
             folder=campaign_folder,
             results=results_folder,
             settings=DRAWN_WITH,

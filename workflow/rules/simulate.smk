@@ -12,8 +12,6 @@ rule simulate:
 
 rule simulate_campaign:
     """One campaign of the virtual cell, and apart from it the truth that no estimate may read."""
-    input:
-        code=code_of("commands.simulate"),
     output:
         campaign=f"{SIMULATED}/campaign.yaml",
         cmm=f"{SIMULATED}/cmm.csv.gz",
@@ -24,6 +22,7 @@ rule simulate_campaign:
     wildcard_constraints:
         name=one_of(TOUCHED),
     params:
+        code=code_of("commands.simulate"),
         folder=lambda wildcards, output: os.path.dirname(output.campaign),
         kcub_reading=SETTINGS.kcub_reading,
         settings=lambda wildcards: SETTINGS.simulate[wildcards.name].model_dump_json(),
@@ -35,8 +34,6 @@ rule simulate_campaign:
 
 rule simulate_sighted:
     """One campaign of any arm under an instrument that does not touch, and its truth apart."""
-    input:
-        code=code_of("commands.simulate"),
     output:
         campaign=f"{SIMULATED}/campaign.yaml",
         poses=f"{SIMULATED}/poses.csv",
@@ -46,6 +43,7 @@ rule simulate_sighted:
     wildcard_constraints:
         name=one_of(SIGHTED),
     params:
+        code=code_of("commands.simulate"),
         folder=lambda wildcards, output: os.path.dirname(output.campaign),
         settings=lambda wildcards: SETTINGS.simulate[wildcards.name].model_dump_json(),
     shell:

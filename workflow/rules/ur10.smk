@@ -4,21 +4,20 @@ rule transfer:
         campaign=raw("campaign.yaml"),
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
-        calibration=lambda wildcards: expand(
-            result("calibration/combined.json"), campaign=wildcards.source
-        ),
+        calibration=lambda wildcards: expand(result("calibration"), campaign=wildcards.source),
         extended=lambda wildcards: expand(
             result("discovery/extended.json"), campaign=wildcards.source
         ),
-        code=code_of("commands.transfer"),
     output:
         result("evaluation/transfer_{source}.json"),
     log:
         result("logs/transfer_{source}.log"),
     params:
+        calibration=lambda wildcards, input: os.path.join(input.calibration, "combined.json"),
+        code=code_of("commands.transfer"),
         folder=campaign_folder,
     shell:
-        "python -m pa10cal transfer --calibration {input.calibration:q} --extended {input.extended:q}"
+        "python -m pa10cal transfer --calibration {params.calibration:q} --extended {input.extended:q}"
         " --campaign-dir {params.folder:q} --poses {input.poses:q} --out {output:q}"
         " 2>&1 | tee {log:q} >&2"
 
@@ -30,7 +29,6 @@ rule ur10:
             path
             for campaign in IMPORTED
             for path in (
-                *calibrations_of(campaign),
                 *verdict_of(campaign),
                 *expand(rules.export.output.model, campaign=campaign),
                 *expand(result("pictures.json"), campaign=campaign),

@@ -169,6 +169,11 @@ def work_out(
     )
 
 
+def load_cases(load_N: Array) -> tuple[str, ...]:
+    """Return the load cases of loads (P,) [N]: each of them by rising load, then all together."""
+    return (*(f"{load:g}N" for load in np.unique(load_N)), COMBINED)
+
+
 def rows_of_load(load_N: Array, load: str) -> NDArray[np.bool_]:
     """Return (P,) which poses are of a load case.
 

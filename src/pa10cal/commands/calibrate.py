@@ -23,20 +23,21 @@ def calibrate(
     campaign_dir: Path,
     poses: Path,
     base_frame: Path,
-    load: str,
     out: Path,
+    load: str | None = None,
     settings: CalibrationOptions = CalibrationOptions(),
 ) -> None:
-    """Calibrate the arm on one load case, by the paper's model or the general one.
+    """Calibrate the arm, at every load and at all together, by the paper's model or the general.
 
     Args:
         campaign_dir: folder of raw files.
         poses: table of poses (.parquet).
         base_frame: base frame that the command seed wrote (.json).
-        load: a load such as 44N; combined; or general.
-        out: calibration to write (.json).
+        out: folder for the calibrations, or with --load the calibration to write (.json).
+        load: one load case alone: a load such as 44N; combined; or general.
         settings: section calibration.
     """
+    from pa10cal.calibration.load_case import load_cases
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
     from pa10cal.files.arms import load_arm
@@ -46,11 +47,16 @@ def calibrate(
     campaign = read_description(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)
     every = read_observations(poses, campaign)
-    general = load == GENERAL or takes_general_model(settings.model, campaign.instrument.kind)
-    work = _by_general_model if general else _by_papers_model
-    record = work(campaign, arm, every, base_frame, load, settings)
-    write(record, out)
-    _say(f"{campaign.name} {load}", record)
+    general = takes_general_model(settings.model, campaign.instrument.kind)
+    beside = () if general else (GENERAL,)
+    cases = (load,) if load else load_cases(every.of_kind("grid").states.load_N) + beside
+    records = {}
+    for case in cases:
+        work = _by_general_model if general or case == GENERAL else _by_papers_model
+        records[case] = work(campaign, arm, every, base_frame, case, settings)
+        _say(f"{campaign.name} {case}", records[case])
+    for case, record in records.items():
+        write(record, out if load else out / f"{case}.json")
 
 
 def _by_papers_model(

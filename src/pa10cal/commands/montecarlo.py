@@ -15,18 +15,18 @@ def montecarlo(
     *,
     campaign: str,
     robot: str,
-    plane_mm: int,
     out: Path,
+    plane_mm: int | None = None,
     campaign_dir: Path | None = None,
     settings: MonteCarloOptions = MonteCarloOptions(),
 ) -> None:
-    """Study the position error from resolver uncertainty in one horizontal plane.
+    """Study the position error from resolver uncertainty in horizontal planes.
 
     Args:
         campaign: name, written into the result.
         robot: name of an arm description.
-        plane_mm: height of the flange above the base [mm].
-        out: result to write (.json).
+        out: folder for the results of all planes, or with --plane-mm the result to write (.json).
+        plane_mm: one plane alone: height of the flange above the base [mm].
         campaign_dir: folder that may hold a description of the arm.
         settings: section montecarlo.
     """
@@ -37,23 +37,25 @@ def montecarlo(
     from pa10cal.montecarlo.records import plane_record
     from pa10cal.results.codec import write
 
-    task = PlaneTask(
-        plane_mm=plane_mm,
-        reach_m=settings.reach_m,
-        positions=settings.positions,
-        cycles=settings.cycles,
-        sigma_rad=math.radians(settings.sigma_deg),
-        random_seed=settings.random_seed,
-        map_spacing_m=1e-3 * settings.map_spacing_mm,
-    )
-    progress = _Progress(f"montecarlo z = {task.plane_mm} mm", task.cycles)
-    errors = study_plane(load_arm(robot, campaign_dir), task, progress)
-    record = plane_record(errors, settings, campaign, robot, plane_mm)
-    write(record, out)
-    print(
-        f"{campaign} z = {plane_mm} mm: {record.mean_mm:.4f} ± {record.std_mm:.4f} mm, "
-        f"closed form {record.closed_form_mean_mm:.4f} ± {record.closed_form_std_mm:.4f} mm"
-    )
+    arm = load_arm(robot, campaign_dir)
+    for height_mm in settings.planes_mm if plane_mm is None else (plane_mm,):
+        task = PlaneTask(
+            plane_mm=height_mm,
+            reach_m=settings.reach_m,
+            positions=settings.positions,
+            cycles=settings.cycles,
+            sigma_rad=math.radians(settings.sigma_deg),
+            random_seed=settings.random_seed,
+            map_spacing_m=1e-3 * settings.map_spacing_mm,
+        )
+        progress = _Progress(f"montecarlo z = {height_mm} mm", task.cycles)
+        errors = study_plane(arm, task, progress)
+        record = plane_record(errors, settings, campaign, robot, height_mm)
+        write(record, out / f"z{height_mm}.json" if plane_mm is None else out)
+        print(
+            f"{campaign} z = {height_mm} mm: {record.mean_mm:.4f} ± {record.std_mm:.4f} mm, "
+            f"closed form {record.closed_form_mean_mm:.4f} ± {record.closed_form_std_mm:.4f} mm"
+        )
 
 
 class _Progress:

@@ -1,11 +1,12 @@
 """A glance at a campaign while jobs are planned.
 
-Nothing is refused here: what is wrong with a campaign is for the stage to say, which names file,
-line and remedy. A glance at an unusable file therefore gives a plan in which that stage still runs.
+Nothing is refused here: what is wrong with a campaign is for the command to say, which names
+file, line and remedy. A glance at an unusable file therefore gives a plan in which it still runs.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -78,22 +79,21 @@ def campaign_name(folder: Path) -> str:
     return str(_description(folder).get("name", folder.name))
 
 
-def load_cases(poses: Path) -> list[str]:
-    """Return the labels of the grid's loads in a table of poses, by rising load: `0N`, `22N`, ….
-
-    Args:
-        poses: the table that ingest wrote (`ingest/poses.parquet`).
-    """
-    import pyarrow.parquet as pq  # late: most plans need no table
-
-    rows = pq.read_table(poses, columns=["kind", "load_N"]).to_pylist()
-    return [f"{load_N:g}N" for load_N in sorted({r["load_N"] for r in rows if r["kind"] == "grid"})]
-
-
 def _description(folder: Path) -> dict[str, Any]:
     """Return the content of `campaign.yaml`, empty where it cannot be read."""
+    path = folder / "campaign.yaml"
     try:
-        content = yaml.safe_load((folder / "campaign.yaml").read_text(encoding="utf-8-sig"))
+        return _content(path, path.stat().st_mtime_ns)
+    except OSError:
+        return {}
+
+
+@lru_cache
+def _content(path: Path, changed_ns: int) -> dict[str, Any]:
+    """Read a description once for as long as it is not changed: plans ask for it often."""
+    del changed_ns
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, yaml.YAMLError):
         return {}
     return content if isinstance(content, dict) else {}
