@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 
 class Pa10calError(Exception):
     """A refusal with everything the reader needs to mend its cause.
@@ -30,6 +32,16 @@ class Pa10calError(Exception):
         self.remedy = remedy
         got = "" if value is None else f" (got {value!r})"
         super().__init__(f"{where}: {what}{got}; allowed: {allowed}; {remedy}")
+
+    def within(self, place: str) -> Self:
+        """Return this refusal, and where it belongs in what was being done."""
+        return type(self)(
+            self.what,
+            where=f"{place}: {self.where}",
+            value=self.value,
+            allowed=self.allowed,
+            remedy=self.remedy,
+        )
 
 
 class SettingsError(Pa10calError):

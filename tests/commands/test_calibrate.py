@@ -1,4 +1,4 @@
-"""The stages from a table of poses on, called in process on a campaign without missing effect."""
+"""The commands from a table of poses on, called in process on a campaign without missing effect."""
 
 import json
 from pathlib import Path
@@ -25,13 +25,15 @@ def work(tmp_path_factory):
 
 
 def run_calibrate(work, load, out, settings=None, base="base_frame.json"):
+    """Calibrate one load case, or all of them where none is named."""
     return run_command(
         "calibrate",
         [
             *("--campaign-dir", str(RAW / "cell-null")),
             *("--poses", str(work / "poses.parquet")),
             *("--base-frame", str(work / base)),
-            *("--load", load, "--out", str(out)),
+            *(("--load", load) if load else ()),
+            *("--out", str(out)),
             *("--settings", json.dumps(settings or {})),
         ],
     )
@@ -102,6 +104,26 @@ def test_one_load_alone(work):
     record = json.loads(out.read_text())
     assert record["loads_fitted"] == [22.0]
     assert record["errors"]["22N"]["after"]["mean_mm"] <= 0.012
+
+
+def test_all_load_cases_in_one_go(work, combined):
+    out = work / "calibration"
+    assert run_calibrate(work, None, out, {"inner_subsets": 0, "starts": 1}) == 0
+    records = {path.stem: json.loads(path.read_text()) for path in out.iterdir()}
+    assert sorted(records) == ["0N", "22N", "44N", "combined", "general"]
+    assert all(record["load"] == name for name, record in records.items())
+    assert records["general"]["model"] == "general"
+    values = records["combined"]["parameters"]
+    for name, parameter in combined["parameters"].items():
+        if parameter["identifiable"]:
+            assert values[name]["value"] == pytest.approx(parameter["value"], rel=1e-4)
+
+
+def test_a_load_case_that_is_refused_is_named_and_nothing_is_written(work, capsys):
+    out = work / "refused"
+    assert run_calibrate(work, None, out, {"inner_poses": 40}) == 2
+    assert "load case 0N: calibration.inner_poses: more inner poses" in capsys.readouterr().err
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,7 @@ def calibrate(
     from pa10cal.calibration.load_case import load_cases
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
+    from pa10cal.errors import CalibrationError
     from pa10cal.files.arms import load_arm
     from pa10cal.planning.campaign import takes_general_model
     from pa10cal.results.codec import write
@@ -53,7 +54,10 @@ def calibrate(
     records = {}
     for case in cases:
         work = _by_general_model if general or case == GENERAL else _by_papers_model
-        records[case] = work(campaign, arm, every, base_frame, case, settings)
+        try:
+            records[case] = work(campaign, arm, every, base_frame, case, settings)
+        except CalibrationError as error:
+            raise (error if load else error.within(f"load case {case}")) from None
         _say(f"{campaign.name} {case}", records[case])
     for case, record in records.items():
         write(record, out if load else out / f"{case}.json")
