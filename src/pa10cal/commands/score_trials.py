@@ -6,8 +6,10 @@ import csv
 import io
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from pa10cal.results.trials import Bar, JudgedTrial
+if TYPE_CHECKING:
+    from pa10cal.results.trials import Bar, JudgedTrial
 
 
 def score_trials(
@@ -35,6 +37,8 @@ def score_trials(
 
 def _table(trials: Iterable[JudgedTrial]) -> str:
     """Return one line a trial, lists joined."""
+    from pa10cal.results.trials import JudgedTrial
+
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(JudgedTrial.model_fields)
