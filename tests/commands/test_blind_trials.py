@@ -6,7 +6,8 @@ import json
 import pytest
 
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.files.schemas import TRIAL_TRUTH, TRIALS, VERDICT
+from pa10cal.results.discovery import VerdictRecord
+from pa10cal.results.trials import TrialScoresRecord, TrialTruthRecord
 from pa10cal.stages import trial_judging
 
 SEED = 20081
@@ -60,7 +61,7 @@ def score(tmp_path, verdicts, truths):
 def test_a_reduced_set_is_named_right(reduced, tmp_path):
     code, scores, rows = score(tmp_path, *reduced)
     assert code == 0
-    assert scores["schema"] == TRIALS
+    assert scores["schema"] == TrialScoresRecord.SCHEMA
     assert scores["provenance"].startswith("synthetic")
     assert (scores["trials"], scores["failed"]) == (6, [])
     assert scores["nothing_hidden"]["null"]["named"]["of"] == 2
@@ -93,7 +94,14 @@ def test_a_reduced_set_is_named_right(reduced, tmp_path):
             },
             ("single", "large"),
         ),
-        (lambda said: {"schema": VERDICT, "campaign": said["campaign"], "failed": "x"}, None),
+        (
+            lambda said: {
+                "schema": VerdictRecord.SCHEMA,
+                "campaign": said["campaign"],
+                "failed": "x",
+            },
+            None,
+        ),
     ],
     ids=["empty", "wrong place", "failed"],
 )
@@ -117,8 +125,8 @@ def test_empty_wrong_and_failed_verdicts_are_scored_as_such(reduced, tmp_path, c
 def test_a_verdict_is_that_of_the_contract_and_says_nothing_of_what_was_drawn(reduced):
     for verdicts, truths in zip(*reduced, strict=True):
         for said, hidden in zip(lines(verdicts), lines(truths), strict=True):
-            assert said["schema"] == VERDICT
-            assert hidden["schema"] == TRIAL_TRUTH
+            assert said["schema"] == VerdictRecord.SCHEMA
+            assert hidden["schema"] == TrialTruthRecord.SCHEMA
             assert said["campaign"] == hidden["campaign"]
             assert said["verdict"] in ("none", "named", "ambiguous", "unexplained")
             assert {"effects", "unexplained", "not_testable", "gap", "suggested_poses"} <= set(said)

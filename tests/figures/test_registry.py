@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pa10cal.figures.draw import draw_all
+from pa10cal.figures.draw import draw_all, summary
 from pa10cal.figures.registry import FOLDERS, Picture, entries
 from pa10cal.figures.report import Captions, caption, titles
 from pa10cal.figures.sources import of_campaign
@@ -98,10 +98,10 @@ class TestAll:
             else request.getfixturevalue("sighted")[source]
         )
         drawn = draw_all(of_campaign(results), tmp_path, results.settings.figures)
-        assert set(drawn.made) == expected
-        assert set(drawn.left_out) == set(entries("campaign")) - expected
+        assert set(drawn.drawn) == expected
+        assert set(drawn.omitted) == set(entries("campaign")) - expected
 
-    def test_older_files_of_what_is_left_out_are_removed_and_the_reason_is_kept(
+    def test_older_files_of_what_is_omitted_are_removed_and_the_reason_is_kept(
         self, results, tmp_path
     ):
         (tmp_path / "figures").mkdir()
@@ -110,6 +110,6 @@ class TestAll:
         drawn = draw_all(of_campaign(results), tmp_path, results.settings.figures)
         assert not old.exists()
         why = "no error that depends on a joint's angle was named"
-        assert drawn.left_out["joint_error_maps"] == why
-        assert f"joint_error_maps: left out, {why}" in drawn.lines
+        assert drawn.omitted["joint_error_maps"] == why
+        assert f"joint_error_maps: omitted, {why}" in summary(drawn)
         assert why in (tmp_path / "pictures.json").read_text("utf-8")

@@ -21,8 +21,8 @@ from pa10cal.figures.trials import (
     trials_power,
     trials_summary,
 )
-from pa10cal.files.schemas import VERDICT
 from pa10cal.results.codec import lines, read
+from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.trials import (
     HiddenEffect,
     JudgedTrialRecord,
@@ -217,7 +217,7 @@ def test_the_stage_refuses_another_name_and_other_records(full, tmp_path, capsys
     assert run_command("figures", ["--figure", "l_curve", *words]) == REFUSED
     assert "no such figure" in capsys.readouterr().err
     other = tmp_path / "other.json"
-    other.write_text(json.dumps({"schema": VERDICT}))
+    other.write_text(json.dumps({"schema": VerdictRecord.SCHEMA}))
     with pytest.raises(RecordError, match="not a record of this kind"):
         read(TrialScoresRecord, other)
     spoilt = json.loads(full.read_text("utf-8"))

@@ -1,5 +1,5 @@
 # The pictures of a campaign, drawn in one process. Modules of pa10cal.figures say which there are; one
-# that has nothing to show is left out, and pictures.json says why.
+# that has nothing to show is omitted, and pictures.json says why.
 from pa10cal.figures.report import Captions, titles
 
 

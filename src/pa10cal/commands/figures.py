@@ -24,7 +24,7 @@ def figures(
         out_dir: gets the folders figures and tables; by default the results.
         settings: sections figures, kcub_reading, montecarlo and evaluation.
     """
-    from pa10cal.figures.draw import draw_all, draw_one
+    from pa10cal.figures.draw import draw_all, draw_one, summary
     from pa10cal.figures.sources import read_source
 
     source = read_source(results, campaign_dir, settings)
@@ -33,5 +33,5 @@ def figures(
         draw_one(figure, source, out, settings.figures)
         print(f"{source.name}: {figure}")
     else:
-        for line in draw_all(source, out, settings.figures).lines:
+        for line in summary(draw_all(source, out, settings.figures)):
             print(f"{source.name}: {line}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from pa10cal.errors import RecordError, SettingsError
@@ -11,33 +10,15 @@ from pa10cal.figures.registry import Entry, NothingToShowError, entries
 from pa10cal.figures.sources import Source
 from pa10cal.figures.style import looks, write_figure
 from pa10cal.figures.table import write_table
-from pa10cal.files.output import whole_file, write_json
+from pa10cal.files.output import whole_file
+from pa10cal.results.codec import write
+from pa10cal.results.pictures import PicturesRecord
 
 #: Folder of the files of a picture, by what it is.
 _PLACES = {"figure": "figures", "table": "tables", "film": "figures"}
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """What became of the pictures of a results folder.
-
-    Attributes:
-        made: names of those that were written.
-        left_out: why each of the others was not, by name.
-    """
-
-    made: tuple[str, ...]
-    left_out: dict[str, str]
-
-    @property
-    def lines(self) -> list[str]:
-        """Return it as lines to print."""
-        return [f"{name}: left out, {why}" for name, why in self.left_out.items()] + [
-            f"{len(self.made)} drawn: {', '.join(self.made) or 'none'}"
-        ]
-
-
-def draw_all(source: Source, out: Path, settings: FigureOptions) -> Drawn:
+def draw_all(source: Source, out: Path, settings: FigureOptions) -> PicturesRecord:
     """Write every picture that has something to show, and remove older files of the others.
 
     Args:
@@ -49,7 +30,7 @@ def draw_all(source: Source, out: Path, settings: FigureOptions) -> Drawn:
     Raises:
         RecordError, RawDataError: when a result that is there cannot be used.
     """
-    made, left_out = [], {}
+    made, omitted = [], {}
     for place in {_PLACES[entry.kind] for entry in entries(source.folder).values()}:
         (out / place).mkdir(parents=True, exist_ok=True)
     for entry in entries(source.folder).values():
@@ -61,11 +42,20 @@ def draw_all(source: Source, out: Path, settings: FigureOptions) -> Drawn:
         except NothingToShowError as nothing:
             why = str(nothing)
         if why is not None:
-            left_out[entry.name] = why
+            omitted[entry.name] = why
             for path in (out / _PLACES[entry.kind]).glob(f"{entry.name}.*"):
                 path.unlink()
-    write_json(out / "pictures.json", {"drawn": made, "left_out": left_out})
-    return Drawn(tuple(made), left_out)
+    campaign = source.name if source.folder == "campaign" else None
+    record = PicturesRecord(campaign=campaign, drawn=tuple(made), omitted=omitted)
+    write(record, out / "pictures.json")
+    return record
+
+
+def summary(record: PicturesRecord) -> list[str]:
+    """Say in a few lines what was drawn."""
+    return [f"{name}: omitted, {why}" for name, why in record.omitted.items()] + [
+        f"{len(record.drawn)} drawn: {', '.join(record.drawn) or 'none'}"
+    ]
 
 
 def draw_one(name: str, source: Source, out: Path, settings: FigureOptions) -> None:

@@ -27,6 +27,7 @@ from pa10cal.results.curve import CurveRecord
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, TransferRecord
 from pa10cal.results.montecarlo import PlaneRecord
+from pa10cal.results.pictures import PicturesRecord
 from pa10cal.results.record import Key, Part, Record, Table
 from pa10cal.results.seed import BaseFrameRecord
 from pa10cal.results.studies import (
@@ -46,6 +47,7 @@ RECORDS: tuple[type[Record], ...] = (
     VerdictRecord,
     ExtendedRecord,
     AnalysisRecord,
+    PicturesRecord,
     CurveRecord,
     CurveCalibrationRecord,
     CoverageRecord,
