@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from pa10cal.calibration.accuracy import Accuracy, deviations, summarise
 from pa10cal.observe.observations import Observations
@@ -101,5 +101,5 @@ def _paired(saved_mm: Array, pose: NDArray[np.str_]) -> Paired:
     half = 0.0
     if count > 1:
         spread = float(by_pose.std(ddof=1)) / np.sqrt(count)
-        half = float(t.ppf(0.5 + _LEVEL / 2.0, count - 1)) * spread
+        half = float(stdtrit(count - 1, 0.5 + _LEVEL / 2.0)) * spread
     return Paired(mean, mean - half, mean + half, count)

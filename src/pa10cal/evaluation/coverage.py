@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 Array = NDArray[np.float64]
 
@@ -40,11 +40,11 @@ def coverage(scores: Array) -> Coverage:
     A parameter without an interval in some campaign has nan there.
     """
     there = np.isfinite(scores)
-    held = np.where(there, np.abs(scores) <= norm.ppf(0.5 + LEVEL / 2.0), np.nan)
+    held = np.where(there, np.abs(scores) <= ndtri(0.5 + LEVEL / 2.0), np.nan)
     shares = np.nanmean(held, axis=1)
     count = len(shares)
     half = (
-        float(t.ppf(0.975, count - 1) * shares.std(ddof=1) / np.sqrt(count)) if count > 1 else 1.0
+        float(stdtrit(count - 1, 0.975) * shares.std(ddof=1) / np.sqrt(count)) if count > 1 else 1.0
     )
     inside = float(shares.mean())
     return Coverage(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from pa10cal.evaluation.blind_trial import MAP, BlindTrial, Hidden, Named
 from pa10cal.evaluation.trial_rates import LEVEL, rate
@@ -51,7 +51,7 @@ def intervals(trials: Sequence[BlindTrial]) -> Intervals:
 
 def is_inside(score: ParameterScore) -> bool:
     """Return whether the 95 % interval of a parameter holds the truth."""
-    return bool(abs(score.score) <= norm.ppf(0.5 + LEVEL / 2.0))
+    return bool(abs(score.score) <= ndtri(0.5 + LEVEL / 2.0))
 
 
 def _scores(hidden: Hidden, named: Named) -> list[ParameterScore]:

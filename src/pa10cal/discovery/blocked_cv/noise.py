@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from pa10cal.discovery.evidence.judge import mean_length
 from pa10cal.discovery.evidence.repeatability import LEAST_DIFFERENCES
@@ -19,7 +19,7 @@ Index = NDArray[np.intp]
 
 #: Poses closer than this in every joint count as the same [rad; m of a sliding joint].
 NEARLY_SAME = 2e-3
-_MEDIAN_TO_SIGMA = 1.0 / float(norm.ppf(0.75))
+_MEDIAN_TO_SIGMA = 1.0 / float(ndtri(0.75))
 
 
 @dataclass(frozen=True)

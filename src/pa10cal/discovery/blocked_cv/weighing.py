@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtri
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -21,7 +21,7 @@ _KINDS = (slice(0, 3), slice(3, 6))
 _HUBER_TAIL = 1e-3
 #: Stated uncertainties are brought down by no more than this: data without noise have no scatter.
 _MOST_SHRINK = 1e-3
-_MEDIAN_TO_SIGMA = 1.0 / float(norm.ppf(0.75))
+_MEDIAN_TO_SIGMA = 1.0 / float(ndtri(0.75))
 
 
 @dataclass(frozen=True)
@@ -69,5 +69,5 @@ def weigh(residual: Array, dof: float, stated: Array) -> Weighing:
             covariance[:, rows, rows] += found - said
     whitener = np.linalg.inv(np.linalg.cholesky(covariance))
     distance = np.linalg.norm((whitener @ residual[:, :, None])[:, :, 0], axis=1)
-    limit = float(np.sqrt(chi2.isf(_HUBER_TAIL, 6)))
+    limit = float(np.sqrt(chdtri(6, _HUBER_TAIL)))
     return Weighing(whitener, np.minimum(1.0, limit / np.maximum(distance, limit)))

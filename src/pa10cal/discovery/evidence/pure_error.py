@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.noise_model import NoiseModel
@@ -42,7 +42,7 @@ class PureErrorTest:
     @property
     def p_value(self) -> float:
         """Return the probability of so large an F where the model lacks nothing."""
-        return float(f_distribution.sf(self.ratio, self.dof, self.pure_dof))
+        return float(fdtrc(self.dof, self.pure_dof, self.ratio))
 
 
 @dataclass(frozen=True)

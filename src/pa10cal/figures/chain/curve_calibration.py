@@ -7,7 +7,6 @@ from typing import Any, cast
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.stats import norm
 
 from pa10cal.figures.chain_words import DEPARTS
 from pa10cal.figures.registry import Picture
@@ -156,7 +155,7 @@ def _draw_scores(axes: Axes, study: CurveCalibrationRecord) -> None:
     edges = np.arange(-4.0, 4.01, 0.5)
     axes.hist(scores.clip(-3.99, 3.99), edges.tolist(), density=True, color=SKY)
     at = np.linspace(-4.0, 4.0, 161)
-    axes.plot(at, norm.pdf(at), color=BLACK)
+    axes.plot(at, np.exp(-0.5 * at**2) / np.sqrt(2.0 * np.pi), color=BLACK)
     axes.set_xlim(-4.0, 4.0)
     axes.set_xlabel("(value − truth) / std")
     axes.set_title(f"{len(scores)} parameters told,\ntwo-level; rms {_rms(scores):.2f}, line: 1")

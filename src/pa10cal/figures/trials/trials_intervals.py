@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.style import (
@@ -89,7 +89,7 @@ def _draw_parameters(axes: Axes, scores: TrialScoresRecord) -> None:
 def _draw_levels(axes: Axes, scores: TrialScoresRecord) -> None:
     size = np.abs([score.score for score in scores.intervals.scores])
     level = np.linspace(0.0, 0.995, 200)
-    half_width = norm.ppf(0.5 + level / 2.0)
+    half_width = ndtri(0.5 + level / 2.0)
     share = (size[:, None] <= half_width).mean(axis=0)
     band = 1.96 * np.sqrt(level * (1.0 - level) / len(size))
     axes.fill_between(
