@@ -8,10 +8,11 @@ from typing import Annotated
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, FiniteFloat, StringConstraints
+from pydantic import Field, FiniteFloat, StringConstraints
 
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import Instrument as MeasuredBy
+from pa10cal.observe.kinds import InstrumentKind
 from pa10cal.observe.quantities import Stated
 from pa10cal.observe.registry import instruments
 from pa10cal.settings_reading import parse_section
@@ -29,16 +30,10 @@ BallName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]+$")]
 FileName = Annotated[str, StringConstraints(pattern=r"^[^/\\]+$")]
 
 
-def _known_kind(kind: str) -> str:
-    if kind not in instruments():
-        raise ValueError(f"should be one of {', '.join(instruments())}")
-    return kind
-
-
 class Instrument(Section):
     """What measured the end-effector."""
 
-    kind: Annotated[str, AfterValidator(_known_kind)]
+    kind: InstrumentKind
     uncertainty_mm: PositiveFinite = Field(
         description="standard uncertainty of one measured centre, per axis"
     )

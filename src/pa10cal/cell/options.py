@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, FiniteFloat, NonNegativeInt, ValidationInfo, field_validator
 
+from pa10cal.observe.kinds import TrackerKind
 from pa10cal.settings_section import NonNegative, Positive, Section
 
 #: Keys that have a meaning whatever the instrument.
@@ -88,7 +89,7 @@ class TrackerOptions(Section):
     The arm is an individual drawn from tolerances. Spreads are standard deviations.
     """
 
-    instrument: Literal["pose", "points", "distance"] = Field(
+    instrument: TrackerKind = Field(
         "pose",
         description="pose: place and attitude of one target; points: places of several; distance: "
         "of one target from a fixed point",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,7 @@ class Bench:
     """
 
     robot: str
-    instrument: Literal["pose", "points", "distance"]
+    instrument: str
     flexible_joints: tuple[int, ...] = ()
     logs_torques: bool = False
 

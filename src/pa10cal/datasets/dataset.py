@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import pandas as pd
 
@@ -48,7 +47,7 @@ class ImportedCampaign:
     name: str
     robot: str
     provenance: str
-    instrument: Literal["pose", "points", "distance"]
+    instrument: str
     uncertainty_mm: float
     reference_temperature_C: float
     held_out_fraction: float

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any
 
 from pydantic import Field, FiniteFloat, NonNegativeInt
 
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.options import IngestOptions
 from pa10cal.discovery.options import DiscoveryOptions
+from pa10cal.observe.kinds import TrackerKind
 from pa10cal.settings_section import Section
 
 
@@ -59,11 +60,16 @@ class CoverageCase(Section):
     """An arm under an instrument, calibrated with the general model."""
 
     robot: str = Field(description="an arm description")
-    instrument: Literal["pose", "points", "distance"] = Field(description="what observes it")
+    instrument: TrackerKind = Field(description="what observes it")
     targets: Annotated[int, Field(ge=1)] = Field(1, description="targets of points")
     flexible_joints: tuple[Annotated[int, Field(ge=1)], ...] = Field(
         (), description="joints with a linear spring, of an arm with masses"
     )
+
+
+def _case(**fields: Any) -> CoverageCase:
+    """Return a case of the defaults, unchecked: a check brings the instruments, numpy and scipy."""
+    return CoverageCase.model_construct(**fields)
 
 
 class CoverageOptions(Section):
@@ -85,16 +91,16 @@ class CoverageOptions(Section):
     )
     cases: tuple[CoverageCase, ...] = Field(
         (
-            CoverageCase(robot="iiwa14", instrument="pose"),
-            CoverageCase(robot="iiwa14", instrument="points"),
-            CoverageCase(robot="iiwa14", instrument="distance"),
-            CoverageCase(robot="gx4_351s", instrument="pose"),
-            CoverageCase(robot="gx4_351s", instrument="points"),
-            CoverageCase(robot="gx4_351s", instrument="distance"),
-            CoverageCase(robot="ur10", instrument="points"),
-            CoverageCase(robot="ur10", instrument="distance"),
-            CoverageCase(robot="ur10", instrument="pose", flexible_joints=(2, 3, 4, 5)),
-            CoverageCase(robot="irb120", instrument="points", targets=3),
+            _case(robot="iiwa14", instrument="pose"),
+            _case(robot="iiwa14", instrument="points"),
+            _case(robot="iiwa14", instrument="distance"),
+            _case(robot="gx4_351s", instrument="pose"),
+            _case(robot="gx4_351s", instrument="points"),
+            _case(robot="gx4_351s", instrument="distance"),
+            _case(robot="ur10", instrument="points"),
+            _case(robot="ur10", instrument="distance"),
+            _case(robot="ur10", instrument="pose", flexible_joints=(2, 3, 4, 5)),
+            _case(robot="irb120", instrument="points", targets=3),
         ),
         description="an arm under an instrument each; targets are those of points",
     )

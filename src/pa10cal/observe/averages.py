@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Literal, TypeVar, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -125,14 +125,14 @@ def measured_as_poses(observations: Observations) -> Observations[Pose]:
     Raises:
         RawDataError: when it measures less.
     """
-    if not isinstance(observations.measured, Pose):
+    if not observations.measured.measures_pose:
         raise RawDataError(
             "the instrument does not measure the pose of the end-effector",
             where=f"instrument.kind of the campaign: {observations.measured.kind}",
             allowed="an instrument that measures position and attitude",
             remedy="calibrate this campaign with its general model",
         )
-    return observations  # type: ignore[return-value]
+    return cast("Observations[Pose]", observations)
 
 
 def repeat_scatter(single: Observations[Pose]) -> RepeatScatter:

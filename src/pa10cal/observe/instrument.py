@@ -46,6 +46,7 @@ class Instrument(ABC):
         directional: whether what it measures has directions in its frame; else neither the
             attitude of the base nor the direction of an error shows.
         uses_lines: whether straight moves along the base's axes help to find the base frame.
+        several_targets: whether it measures several targets on the end-effector.
         least_rows: rows from which on a single one can be found to be wrong: four times those that
             determine frames and targets.
     """
@@ -56,6 +57,7 @@ class Instrument(ABC):
     from_touches: ClassVar[bool] = False
     directional: ClassVar[bool] = True
     uses_lines: ClassVar[bool] = False
+    several_targets: ClassVar[bool] = False
     least_rows: ClassVar[int]
     #: Fields that belong to all poses together.
     _of_all: ClassVar[tuple[str, ...]] = ()

@@ -52,6 +52,7 @@ class Points(Instrument):
         "The error of a pose is the root mean square over the targets seen in it.",
         "Arrows: mean over the targets seen in a pose.",
     )
+    several_targets: ClassVar[bool] = True
     least_rows: ClassVar[int] = 12
     _of_all: ClassVar[tuple[str, ...]] = ("names", "p_ee_stated_m")
 

@@ -40,6 +40,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.observe.averages import average_repeats, poses_of
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.observe.registry import instruments
 from pa10cal.results import studies as results
 from pa10cal.studies.simulated import (
     draw_by_unknowns,
@@ -195,7 +196,8 @@ def _general_model(
 ) -> results.CoverageCase:
     """Work out one case of the general model."""
     targets = f"{case.targets} target{'s' if case.targets > 1 else ''}"
-    title = f"{case.robot}, {targets if case.instrument == 'points' else case.instrument}"
+    several = instruments()[case.instrument].several_targets
+    title = f"{case.robot}, {targets if several else case.instrument}"
     own, free = (_scores(case, options, calibration, any_way) for any_way in (False, True))
     found = coverage(own.parameters)
     classes = [class_of(name) for name in own.names]

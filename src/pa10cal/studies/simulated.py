@@ -116,7 +116,7 @@ def draw_by_unknowns(
     departures = {link.name: float(rng.normal(0.0, link.scale)) for link in links}
     free = draw_individual(arm, plan, rng)
     T_ee_target, targets = free.T_ee_target.copy(), free.targets
-    if plan.instrument == "pose":
+    if instruments()[plan.instrument].measures_pose:
         sought = {parameter.name for parameter in unknowns.tool.parameters}
         held = [f"tool_{axis}" not in sought for axis in "xyz"]
         T_ee_target[:3, 3][held] = 0.0
