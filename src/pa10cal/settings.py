@@ -46,7 +46,14 @@ PictureSettings = PictureOptions
 JudgingSettings = JudgingOptions
 
 #: Folders of `results_dir` that are no campaign's.
-RESERVED = ("blind_trials", "blind_trials_reduced", "curve", "datasets", "simulated")
+RESERVED = (
+    "blind_trials",
+    "blind_trials_reduced",
+    "blind_trials_tracked",
+    "curve",
+    "datasets",
+    "simulated",
+)
 
 
 def _campaign_name(name: str) -> str:

@@ -44,7 +44,7 @@ def test_benches_take_turns_and_singles_go_through_the_vocabulary():
     assert Counter(hidden(trial)[0][0] for trial in singles) == dict.fromkeys(vocabulary(), 6)
     by_bench = Counter(t.bench for t in singles if hidden(t)[0][0] == "backlash")
     assert by_bench == {bench.name: 1 for bench in BENCHES}
-    assert {t.bench.split(",")[0] for t in singles if hidden(t)[0][0] == "link_bending"} == {
+    assert {t.bench.split("-")[0] for t in singles if hidden(t)[0][0] == "link_bending"} == {
         "ur10",
         "iiwa14",
     }

@@ -8,7 +8,7 @@ import pytest
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.trials import TrialScoresRecord, TrialTruthRecord
-from pa10cal.stages import trial_judging
+from pa10cal.studies.touched_judging import TouchedCampaign
 
 SEED = 20081
 
@@ -156,15 +156,15 @@ def test_the_same_trials_come_out_of_any_division_into_jobs(run, reduced):
 
 
 def test_a_trial_that_fails_is_recorded_and_the_others_go_on(run, monkeypatch):
-    judge, seen = trial_judging.judge, []
+    judge, seen = TouchedCampaign.verdict, []
 
-    def fail_first(known, settings, seconds):
+    def fail_first(known, seconds):
         seen.append(known)
         if len(seen) == 1:
             raise KeyError("a fault of the program")
-        return judge(known, settings, seconds)
+        return judge(known, seconds)
 
-    monkeypatch.setattr(trial_judging, "judge", fail_first)
+    monkeypatch.setattr(TouchedCampaign, "verdict", fail_first)
     code, verdicts, truths = run("null", 2)
     assert code == 0
     failed, judged = lines(verdicts)
@@ -174,10 +174,10 @@ def test_a_trial_that_fails_is_recorded_and_the_others_go_on(run, monkeypatch):
 
 
 def test_when_all_trials_fail_the_stage_does(run, monkeypatch, capsys):
-    def fail(known, settings):
+    def fail(known, seconds):
         raise KeyError("a fault of the program")
 
-    monkeypatch.setattr(trial_judging, "judge", fail)
+    monkeypatch.setattr(TouchedCampaign, "verdict", fail)
     code, verdicts, _ = run("null", 1)
     assert code == REFUSED
     assert "every trial failed" in capsys.readouterr().err
@@ -190,6 +190,7 @@ def test_when_all_trials_fail_the_stage_does(run, monkeypatch, capsys):
         (("null", 0), "no trial to run"),
         (("nul", 1), "unknown kind of trial"),
         (("null", 1, "--layouts", "grid,small"), "no such layout"),
+        (("null", 1, "--measured", "tracked", "--layouts", "grid"), "ur10-pose"),
         (("null", 1, "--settings", '{"calibraton": {}}'), "did you mean 'calibration'"),
     ],
 )
@@ -199,6 +200,32 @@ def test_refuses_what_makes_no_sense(run, capsys, words, message):
     assert message in capsys.readouterr().err
     assert not verdicts.exists()
     assert not truths.exists()
+
+
+@pytest.fixture(scope="module")
+def tracked(run):
+    """A null, and a single that shows well, of trackers."""
+    words = ("--measured", "tracked", "--layouts", "ur10-pose")
+    runs = [run("null", 1, *words), run("single", 1, "--first", "1", *words)]
+    assert [code for code, _, _ in runs] == [0, 0]
+    return [verdicts for _, verdicts, _ in runs], [truths for _, _, truths in runs]
+
+
+def test_trackers_without_repeats_are_judged_by_blocks_and_scored_alike(tracked, tmp_path):
+    code, scores, _ = score(tmp_path, *tracked)
+    assert code == 0
+    assert scores["failed"] == []
+    assert scores["nothing_hidden"]["null"]["named"]["count"] == 0
+    assert scores["single"]["testable"] == scores["single"]["found"]
+    assert (scores["single"]["testable"]["count"], scores["single"]["testable"]["of"]) == (1, 1)
+    assert scores["single"]["confidently_wrong"]["count"] == 0
+    words = [bar["what"] for bar in scores["bars"]]
+    assert any("plausible size" in word for word in words)
+    (said,), (hidden,) = lines(tracked[0][1]), lines(tracked[1][1])
+    assert said["method"]
+    assert hidden["measured"] == "tracked"
+    assert hidden["layout"] == "ur10-pose"
+    assert hidden["hidden_effects"][0]["moved_mm"] > 0.01
 
 
 def test_a_verdict_without_a_truth_is_refused(reduced, tmp_path, capsys):

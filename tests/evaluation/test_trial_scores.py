@@ -52,6 +52,7 @@ def verdict(*effects, word=None, places=(), **more):
     known = {
         "not_testable": frozenset(),
         "alike": (),
+        "springs": (2, 3, 5),
         "noise_floor_mm": FLOOR_MM,
         "held_out_after_mm": 0.01,
         "seconds": 2.0,
@@ -60,7 +61,7 @@ def verdict(*effects, word=None, places=(), **more):
     return Verdict(word=word or given, effects=effects, places=places, **(known | more))
 
 
-def trial(kind, what, said, moved_mm=0.05, layout="grid"):
+def trial(kind, what, said, moved_mm=0.05, layout="grid", measured="touched"):
     what = tuple(
         hidden(each, moved_mm=moved_mm) if isinstance(each, Name) else each for each in what
     )
@@ -69,6 +70,7 @@ def trial(kind, what, said, moved_mm=0.05, layout="grid"):
         kind=kind,
         layout=layout,
         path="same",
+        measured=measured,
         flexible_joints=(2, 3, 5),
         hidden=what,
         seconds_twin=1.0,
@@ -350,3 +352,26 @@ def test_bars_are_met_and_missed():
     ]
     assert [bar.met for bar in bars(bad)] == [False] * len(bars(bad))
     assert all(bar.met is None for bar in bars([]))
+
+
+def test_a_compliance_where_the_model_has_a_spring_is_in_the_model_already():
+    at_spring, at_rigid = Name("joint_compliance", "joint 5"), Name("joint_compliance", "joint 4")
+    assert not single(at_spring, verdict()).is_testable(hidden(at_spring))
+    assert single(at_rigid, verdict()).is_testable(hidden(at_rigid))
+    assert single(WAVE, verdict()).is_testable(hidden(WAVE))
+
+
+def test_trials_of_trackers_have_bars_of_their_own_and_the_others_alike():
+    right = single(WAVE, verdict(named(WAVE)), measured="tracked")
+    wrong = single(WAVE, verdict(named(LOST)), measured="tracked")
+    unknown = single(WAVE, verdict(not_testable=frozenset({WAVE})), measured="tracked")
+    ours = bars([right, right, right, wrong, unknown])
+    theirs = bars([single(WAVE, verdict(named(WAVE)))])
+    assert len(ours) == len(theirs) + 2
+    assert [bar.what for bar in ours if bar.what not in {bar.what for bar in theirs}] == [
+        "one effect of plausible size, testable: among the effect or its alternatives",
+        "one effect: a confident wrong name",
+    ]
+    listed, confident = ours[1:3]
+    assert (listed.reached, listed.trials, listed.met) == (0.75, 4, False)
+    assert (confident.reached, confident.trials, confident.met) == (0.2, 5, False)

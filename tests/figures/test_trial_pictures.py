@@ -53,6 +53,7 @@ def trial(rng, number, kind, names):
     truth = TrialTruthRecord(
         campaign=campaign,
         kind=kind,
+        measured="touched",
         layout=("grid", "wide")[number % 2],
         path="same",
         temperature_drift_C=0.0,
@@ -88,7 +89,13 @@ def trial(rng, number, kind, names):
             holdout=set_gap(accuracy(0.02), accuracy(held_out_mm)), noise_floor_mm=0.005
         ),
     )
-    said = JudgedTrialRecord(**dict(keys), campaign=campaign, seconds=2.0, seconds_simulating=1.0)
+    said = JudgedTrialRecord(
+        **dict(keys),
+        campaign=campaign,
+        springs=(2, 3, 5),
+        seconds=2.0,
+        seconds_simulating=1.0,
+    )
     return said, truth
 
 

@@ -4,7 +4,13 @@ OF_TRIALS = {"category": "Blind trials", "subcategory": "{study}"}
 rule blind_trials:
     """Every blind trial, scored: wrong names, missed names, power, intervals."""
     input:
-        expand(trial_result("pictures.json"), study="blind_trials"),
+        expand(trial_result("pictures.json"), study=("blind_trials", "blind_trials_tracked")),
+
+
+rule blind_trials_tracked:
+    """Those of trackers, in which no pose is repeated and blocks of poses are the judge."""
+    input:
+        expand(trial_result("pictures.json"), study="blind_trials_tracked"),
 
 
 rule blind_trials_reduced:
@@ -27,10 +33,12 @@ rule judge_trials:
         trials="[0-9]+",
     params:
         code=code_of("commands.blind_trials"),
+        measured=lambda wildcards: TRIAL_STUDIES[wildcards.study][0],
         seed=SETTINGS.blind_trials.random_seed,
         settings=sections_of("ingest", "calibration", "discovery"),
     shell:
-        "python -m pa10cal blind_trials --kind {wildcards.kind} --first {wildcards.first}"
+        "python -m pa10cal blind_trials --measured {params.measured} --kind {wildcards.kind}"
+        " --first {wildcards.first}"
         " --count {wildcards.trials} --random-seed {params.seed} --settings {params.settings:q}"
         " --verdicts {output.verdicts:q} --truths {output.truths:q} 2>&1 | tee {log:q} >&2"
 

@@ -18,6 +18,7 @@ from pa10cal.planning.campaign import (
     takes_general_model,
 )
 from pa10cal.planning.code import code_digest
+from pa10cal.planning.trials import trial_counts
 from pa10cal.settings import parse_settings
 
 try:
@@ -40,10 +41,12 @@ wildcard_constraints:
     load=r"[0-9.e+-]+N|combined|general",
 
 
-# Two studies: the full one on demand, and the first of its trials in the default target.
+# Studies of blind trials: what measures, and how many of each kind. The first of the full one are
+# part of the default target.
 TRIAL_STUDIES = {
-    "blind_trials": SETTINGS.blind_trials.full,
-    "blind_trials_reduced": SETTINGS.blind_trials.reduced,
+    "blind_trials": ("touched", trial_counts(SETTINGS.blind_trials.full)),
+    "blind_trials_reduced": ("touched", trial_counts(SETTINGS.blind_trials.reduced)),
+    "blind_trials_tracked": ("tracked", trial_counts(SETTINGS.blind_trials.tracked)),
 }
 
 
@@ -178,7 +181,7 @@ def trial_chunks(kind_of_file):
             trial_result(f"trials/{kind}_{first}_{min(size, count - first)}.{kind_of_file}").format(
                 study=wildcards.study
             )
-            for kind, count in TRIAL_STUDIES[wildcards.study]
+            for kind, count in TRIAL_STUDIES[wildcards.study][1].items()
             for first in range(0, count, size)
         ]
 

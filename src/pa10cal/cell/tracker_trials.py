@@ -16,7 +16,6 @@ from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.poses import joint_bounds
 from pa10cal.cell.robot import Robot
 from pa10cal.cell.trials import (
-    DRIFT_C,
     DRIFTING,
     KINDS,
     MEMBERS,
@@ -63,7 +62,7 @@ class Bench:
     @property
     def name(self) -> str:
         """Return arm and instrument."""
-        return f"{self.robot}, {self.instrument}"
+        return f"{self.robot}-{self.instrument}"
 
 
 BENCHES = tuple(
@@ -82,8 +81,10 @@ TRACKED_HOLDOUT = 0.3
 #: [mm], noise of an attitude [rad], time a configuration takes [s], mass of the tool [kg].
 POSITION_MM = (0.015, 0.05)
 ATTITUDE_RAD = (5e-5, 2e-4)
-SECONDS_A_POSE = (10.0, 40.0)
+SECONDS_A_POSE = (20.0, 60.0)
 TOOL_KG = (0.5, 3.0)
+#: Swing of the hall's temperature in a trial that has one.
+TRACKED_DRIFT_C = 3.0
 #: Part of a tracker's trials with loads, which take turns [N]; and how many targets `points` has.
 LOADED = 0.5
 LOADS_N = (0.0, 30.0)
@@ -178,7 +179,7 @@ def _tracked(
         logs_torques = logs_torques or issubclass(effect, TorqueLogEffect)
     raw |= {
         "hidden_effects": hidden,
-        "temperature_drift_C": DRIFT_C if drifts or by_temperature(hidden) else 0.0,
+        "temperature_drift_C": TRACKED_DRIFT_C if drifts or by_temperature(hidden) else 0.0,
         "without_touches": {**plan, "logs_torques": logs_torques},
         **misstated(kind, robot.arm, position_mm, rng),
     }

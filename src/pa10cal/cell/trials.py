@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 Layout = Literal["grid", "wide"]
 TrialKind = Literal["null", "single", "pair", "triple", "outside", "wrong_noise", "wrong_mass"]
 KINDS: tuple[TrialKind, ...] = get_args(TrialKind)
+LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 
 ROBOT = "pa10_6ce"
 #: Factors of the usual size, drawn evenly in their logarithm.
@@ -87,7 +88,7 @@ def draw_trials(
     kind: TrialKind,
     count: int,
     random_seed: int,
-    layouts: Sequence[Layout] = ("grid", "wide"),
+    layouts: Sequence[Layout] = LAYOUTS,
     size: float | None = None,
 ) -> tuple[Trial, ...]:
     """Draw trials of touched balls of one kind; the same arguments give the same trials.

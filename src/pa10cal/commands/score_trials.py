@@ -26,7 +26,7 @@ def score_trials(
     from pa10cal.evaluation.trial_records import scores_record
     from pa10cal.files.output import write_text
     from pa10cal.results.codec import write
-    from pa10cal.stages.trial_records import read_trials
+    from pa10cal.studies.trial_records import read_trials
 
     record = scores_record(read_trials(verdicts, truths))
     write_text(trials, _table(record.per_trial))

@@ -11,11 +11,15 @@ import numpy as np
 MAP = "joint_error_map"
 #: Kind of trial that hides what no name covers.
 OUTSIDE = "outside"
+#: Trials of trackers, in which no pose is repeated.
+TRACKED = "tracked"
 #: Root mean square over mean of the length of a vector with independent, alike normal components.
 _RMS_OVER_MEAN = float(np.sqrt(3.0 * np.pi / 8.0))
 #: What shows in the logged torque at every joint, and in the pose only by way of a spring.
 _TORQUE_ALONE = "torque_gain"
 _TORQUE_BY_SPRING = "friction_torque"
+#: What the springs of the judged model are.
+_IN_THE_MODEL = "joint_compliance"
 #: Effects outside the vocabulary that are an error depending on the joint's angle, so that a map at
 #: their joint says where they are and leaves the cause open.
 _OF_ANGLE = ("third_harmonic", "dress_pack")
@@ -77,6 +81,7 @@ class Verdict:
         places: where something without a name sits; None where that cannot be told.
         not_testable: what the data cannot show, as was said before looking.
         alike: groups that the poses cannot tell apart, as was said before looking.
+        springs: joints with a spring in the judged model, from 1.
         noise_floor_mm: mean position error that repeatability alone leaves.
         held_out_after_mm: mean position error of the extended model at held-out poses; None where
             there are none.
@@ -88,6 +93,7 @@ class Verdict:
     places: tuple[str | None, ...]
     not_testable: frozenset[Name]
     alike: tuple[frozenset[Name], ...]
+    springs: tuple[int, ...]
     noise_floor_mm: float
     held_out_after_mm: float | None
     seconds: float
@@ -105,6 +111,7 @@ class BlindTrial:
 
     Attributes:
         campaign, kind, layout, path: which trial.
+        measured: `touched`, with poses repeated, or `tracked`, without.
         flexible_joints: joints with a spring.
         hidden: what it hides.
         seconds_twin: what it took to find how far the residual is moved.
@@ -116,6 +123,7 @@ class BlindTrial:
     kind: str
     layout: str
     path: str
+    measured: str
     flexible_joints: tuple[int, ...]
     hidden: tuple[Hidden, ...]
     seconds_twin: float
@@ -144,8 +152,14 @@ class BlindTrial:
         return hidden.name.id != _TORQUE_ALONE
 
     def is_testable(self, hidden: Hidden) -> bool:
-        """Tell whether the verdict said, before looking, that the data can show an effect."""
-        return self.verdict is not None and hidden.name not in self.verdict.not_testable
+        """Tell whether the verdict said, before looking, that the data can show an effect.
+
+        A compliance at a joint to which the judged model gives a spring is in the model already.
+        """
+        if self.verdict is None or hidden.name in self.verdict.not_testable:
+            return False
+        springs = {f"joint {joint}" for joint in self.verdict.springs}
+        return hidden.name.id != _IN_THE_MODEL or hidden.name.of not in springs
 
     def is_separable(self, hidden: Hidden) -> bool:
         """Tell whether the verdict said, before looking, that an effect can be told from others.

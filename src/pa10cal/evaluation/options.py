@@ -27,11 +27,13 @@ class TrialCounts(Section):
 
     null: NonNegativeInt = Field(200, description="nothing hidden")
     single: NonNegativeInt = Field(
-        380, description="one effect, each of the vocabulary in turn, 0.1 to 3 times its usual size"
+        20, description="rounds through the vocabulary, one effect a trial"
     )
     pair: NonNegativeInt = Field(100, description="two effects")
     triple: NonNegativeInt = Field(100, description="three effects")
-    outside: NonNegativeInt = Field(100, description="one effect that no name covers")
+    outside: NonNegativeInt = Field(
+        25, description="rounds through the effects that no name covers, one a trial"
+    )
     wrong_noise: NonNegativeInt = Field(
         40, description="nothing hidden, the instrument's uncertainty is misstated"
     )
@@ -51,8 +53,14 @@ class BlindTrialsOptions(Section):
         TrialCounts(), description="what `snakemake --cores 2 blind_trials` runs"
     )
     reduced: TrialCounts = Field(
-        TrialCounts(null=4, single=19, pair=2, triple=1, outside=4, wrong_noise=0, wrong_mass=0),
+        TrialCounts(null=4, single=1, pair=2, triple=1, outside=1, wrong_noise=0, wrong_mass=0),
         description="the first of them, which the default target runs",
+    )
+    tracked: TrialCounts = Field(
+        TrialCounts(
+            null=156, single=8, pair=24, triple=12, outside=6, wrong_noise=12, wrong_mass=12
+        ),
+        description="what it runs of trackers, with many different poses and none repeated",
     )
 
 

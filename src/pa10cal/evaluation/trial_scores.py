@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from pa10cal.evaluation.blind_trial import OUTSIDE, BlindTrial, Hidden
+from pa10cal.evaluation.blind_trial import OUTSIDE, TRACKED, BlindTrial, Hidden
 from pa10cal.evaluation.trial_rates import rate
 from pa10cal.results.trials import (
     Bar,
@@ -57,6 +57,8 @@ def score_singles(trials: Sequence[BlindTrial]) -> Singles:
         above=rate(t.lists(h) for t, h in above),
         found=rate(t.lists(h) for t, h in found),
         torque_alone=rate(t.lists(h) for t, h in torque),
+        testable=rate(t.lists(h) for t, h in testable),
+        confidently_wrong=rate(t.verdict is None or t.is_confidently_wrong() for t, _ in pairs),
         detected=rate(t.verdict is not None and t.verdict.says_something for t, _ in testable),
         wrong=rate(t.verdict is None or t.extra() > 0 for t, _ in pairs),
         alternatives=float(np.mean(alternatives)) if alternatives else None,
@@ -150,8 +152,22 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
         for t in trials
         if t.verdict is not None
     ]
+    plausible = (
+        _share(
+            "one effect of plausible size, testable: among the effect or its alternatives",
+            singles.testable,
+            0.95,
+        ),
+        _share(
+            "one effect: a confident wrong name", singles.confidently_wrong, 0.02, at_least=False
+        ),
+    )
+    tracked = any(trial.measured == TRACKED for trial in trials)
     return (
-        _share("nothing hidden: a name all the same", null.named, 0.02, at_least=False),
+        _share(
+            "false alarm: nothing hidden, yet an effect was named", null.named, 0.02, at_least=False
+        ),
+        *(plausible if tracked else ()),
         _share(
             f"one effect, separable, residual {LARGE:g} times the floor or more: "
             "right id and place",

@@ -38,8 +38,9 @@ class TrialTruthRecord(CampaignRecord):
     COMMAND: ClassVar[str] = "blind_trials"
 
     kind: str = Field(description="what the trial hides: `null`, `single`, `pair`, ...")
-    layout: str = Field(description="layout of the poses")
-    path: str = Field(description="path between the poses")
+    measured: str = Field(description="`touched`: balls, poses repeated; `tracked`: none repeated")
+    layout: str = Field(description="layout of the poses, or arm and instrument")
+    path: str = Field(description="path between the poses; empty where none is repeated")
     temperature_drift_C: float = Field(description="change of temperature [K]")
     flexible_joints: tuple[int, ...] = Field(description="joints with a spring, from 1")
     hidden_effects: tuple[HiddenEffect, ...] = Field(description="effects that it hides")
@@ -78,6 +79,7 @@ class TrialVerdictRecord(CampaignRecord):
 class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
     """The verdict on a trial."""
 
+    springs: tuple[int, ...] = Field(description="joints with a spring in the judged model, from 1")
     seconds: float = Field(description="time taken to judge the campaign [s]")
     seconds_simulating: float = Field(description="time taken to simulate the campaign [s]")
 
@@ -157,7 +159,11 @@ class Singles(Part):
         description="of testable effects that only the torque shows, those named or among the "
         "alternatives"
     )
+    testable: Rate = Field(description="of all testable, those named or among the alternatives")
     detected: Rate = Field(description="of all testable, those where anything was found")
+    confidently_wrong: Rate = Field(
+        description="of all, those where a name stands alone that is not what is hidden"
+    )
     wrong: Rate = Field(description="of all, those with a finding that stands for nothing hidden")
     alternatives: float | None = Field(
         description="mean number of alternatives where the truth is listed; null of none"

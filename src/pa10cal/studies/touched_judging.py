@@ -1,8 +1,10 @@
-"""From the folder of a raw campaign to a verdict, in memory: what judging a trial may know."""
+"""From the folder of touched balls to a verdict, in memory: what judging a trial may know."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,8 +33,8 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class CalibratedCampaign:
-    """A campaign with its calibrated baseline.
+class TouchedCampaign:
+    """A campaign of touched balls with its calibrated baseline.
 
     Attributes:
         campaign: its description.
@@ -41,6 +43,7 @@ class CalibratedCampaign:
         held_out: averaged held-out poses.
         calibration: cubic model on all loads.
         seconds: that this took.
+        options: by which it is judged.
     """
 
     campaign: CampaignDescription
@@ -49,70 +52,69 @@ class CalibratedCampaign:
     held_out: Observations[Pose]
     calibration: Calibration
     seconds: float
+    options: JudgingOptions
 
     @property
-    def left_mm(self) -> Array:
-        """Return what the baseline leaves at averaged grid poses, along the base axes, (C, 3)."""
+    def residual_mm(self) -> Array:
+        """Return the baseline's residual at averaged grid poses, along the base axes, (C, 3)."""
         poses = average_repeats(self.readings)
         found = self.calibration
         T_base_ee = found.level.model.predict(poses.states, found.solution.x)
         return deviations(T_base_ee, found.T_instr_base, poses).position_mm
 
+    def verdict(self, seconds_simulating: float) -> JudgedTrialRecord:
+        """Return the verdict, without suggestions.
 
-def calibrated(raw: Path, settings: JudgingOptions) -> CalibratedCampaign:
+        Args:
+            seconds_simulating: time that simulating the campaign took.
+
+        Raises:
+            DiscoveryError: when the data do not allow a search.
+        """
+        began = time.perf_counter()
+        found, held_out, options = self.calibration, self.held_out, self.options
+        error_rate = options.discovery.error_rate
+        setup = setup_of(self.campaign, self.arm, options.calibration, options.discovery)
+        discovery = discover(
+            self.readings,
+            held_out if len(held_out) else None,
+            fitted_model(found, setup.payload).with_bends(),
+            setup,
+            error_rate,
+        )
+        return JudgedTrialRecord(
+            **dict(verdict_by_repeats(discovery, error_rate)),
+            campaign=self.campaign.name,
+            springs=options.calibration.flexible_joints,
+            seconds=self.seconds + time.perf_counter() - began,
+            seconds_simulating=seconds_simulating,
+        )
+
+
+@contextmanager
+def touched_campaign(raw: Path, options: JudgingOptions) -> Iterator[TouchedCampaign]:
     """Ingest a raw campaign and calibrate the cubic model on all its loads.
 
     Args:
         raw: folder of the campaign.
-        settings: how to ingest and to calibrate.
+        options: how to ingest, to calibrate and to judge.
 
     Raises:
         RawDataError: when the campaign cannot be read.
         CalibrationError: when it is not enough to calibrate with.
     """
     began = time.perf_counter()
-    campaign = read_campaign(raw, settings.ingest)
+    campaign = read_campaign(raw, options.ingest)
     every = campaign.observations
-    calibration = _calibrate(campaign.arm, poses_of(every, average=False), settings.calibration)
-    return CalibratedCampaign(
+    calibration = _calibrate(campaign.arm, poses_of(every, average=False), options.calibration)
+    yield TouchedCampaign(
         campaign=campaign.description,
         arm=campaign.arm,
         readings=poses_of(every, average=False, covariance="instrument"),
         held_out=poses_of(every, "holdout"),
         calibration=calibration,
         seconds=time.perf_counter() - began,
-    )
-
-
-def judge(
-    known: CalibratedCampaign, settings: JudgingOptions, seconds_simulating: float
-) -> JudgedTrialRecord:
-    """Return the verdict on a campaign, without suggestions.
-
-    Args:
-        known: the campaign.
-        settings: how to judge it.
-        seconds_simulating: time that simulating it took.
-
-    Raises:
-        DiscoveryError: when the data do not allow a search.
-    """
-    began = time.perf_counter()
-    found, held_out = known.calibration, known.held_out
-    error_rate = settings.discovery.error_rate
-    setup = setup_of(known.campaign, known.arm, settings.calibration, settings.discovery)
-    discovery = discover(
-        known.readings,
-        held_out if len(held_out) else None,
-        fitted_model(found, setup.payload).with_bends(),
-        setup,
-        error_rate,
-    )
-    return JudgedTrialRecord(
-        **dict(verdict_by_repeats(discovery, error_rate)),
-        campaign=known.campaign.name,
-        seconds=known.seconds + time.perf_counter() - began,
-        seconds_simulating=seconds_simulating,
+        options=options,
     )
 
 

@@ -34,13 +34,15 @@ def truth_record(
         seconds: what finding that out took.
     """
     settings = trial.settings
+    plan = settings.without_touches
     return TrialTruthRecord(
         campaign=trial.name,
         kind=trial.kind,
+        measured="touched" if plan is None else "tracked",
         layout=trial.bench,
-        path=settings.path,
+        path=settings.path if plan is None else "",
         temperature_drift_C=settings.temperature_drift_C,
-        flexible_joints=settings.flexible_joints,
+        flexible_joints=(settings if plan is None else plan).flexible_joints,
         hidden_effects=tuple(
             HiddenEffect(**effect.model_dump(mode="json"), size=size, moved_mm=moved)
             for effect, size, moved in zip(
@@ -94,6 +96,7 @@ def _trial(said: TrialVerdictRecord, truth: TrialTruthRecord) -> BlindTrial:
         kind=truth.kind,
         layout=truth.layout,
         path=truth.path,
+        measured=truth.measured,
         flexible_joints=truth.flexible_joints,
         hidden=tuple(
             Hidden(_name(effect), effect.size, effect.parameters, effect.moved_mm)
@@ -120,6 +123,7 @@ def _verdict(said: JudgedTrialRecord) -> Verdict:
         places=_places(said),
         not_testable=frozenset(_name(effect) for effect in said.not_testable),
         alike=tuple(frozenset(map(_name, group)) for group in said.indistinguishable),
+        springs=said.springs,
         noise_floor_mm=said.gap.noise_floor_mm,
         held_out_after_mm=None if held_out is None else held_out.after.mean_mm,
         seconds=said.seconds,

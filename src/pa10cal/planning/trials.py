@@ -1,0 +1,53 @@
+"""How many blind trials a study has, for Snakemake to divide into jobs."""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from pathlib import Path
+
+from pa10cal.evaluation.options import TrialCounts
+
+_EFFECTS = Path(__file__).parents[1] / "cell" / "effects"
+
+
+def trial_counts(counts: TrialCounts) -> dict[str, int]:
+    """Return the number of trials of each kind.
+
+    Args:
+        counts: as in the settings, where kinds that go through effects in turn count their rounds.
+    """
+    rounds = {"single": named_effects(), "outside": all_effects() - named_effects()}
+    return {kind: number * rounds.get(kind, 1) for kind, number in counts}
+
+
+def all_effects() -> int:
+    """Return the number of effects that the virtual cell can hide."""
+    return len(_declared())
+
+
+def named_effects() -> int:
+    """Return the number of those in the vocabulary."""
+    return sum(_declared().values())
+
+
+@cache
+def _declared() -> dict[str, bool]:
+    """Return the ids of effects, and whether each is in the vocabulary, from the source alone.
+
+    Importing the effects would take half a second of every start of the workflow.
+    """
+    found: dict[str, bool] = {}
+    for path in sorted(_EFFECTS.glob("*.py")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef):
+                said = {
+                    entry.target.id: entry.value.value
+                    for entry in node.body
+                    if isinstance(entry, ast.AnnAssign)
+                    and isinstance(entry.target, ast.Name)
+                    and isinstance(entry.value, ast.Constant)
+                }
+                if isinstance(said.get("id"), str):
+                    found[str(said["id"])] = said.get("named", True) is not False
+    return found

@@ -1,0 +1,147 @@
+"""Blind trials: hidden in raw campaigns, judged from these alone.
+
+What judges is given the folder of the raw campaign and nothing else. What is hidden goes from the
+trial straight into a record of its own, which the scoring alone reads.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.cell.campaign import simulate_campaign
+from pa10cal.cell.options import SimulateOptions
+from pa10cal.cell.tracker_trials import BENCHES, draw_tracker_trials
+from pa10cal.cell.trials import LAYOUTS, Trial, TrialKind, draw_trials
+from pa10cal.cell.write import write_campaign
+from pa10cal.errors import SettingsError
+from pa10cal.evaluation.options import JudgingOptions
+from pa10cal.files.arms import load_arm
+from pa10cal.results.trials import (
+    FailedTrialRecord,
+    JudgedTrialRecord,
+    TrialTruthRecord,
+    TrialVerdictRecord,
+)
+from pa10cal.studies.touched_judging import touched_campaign
+from pa10cal.studies.tracked_judging import tracked_campaign
+from pa10cal.studies.trial_records import truth_record
+
+Array = NDArray[np.float64]
+Measured = Literal["touched", "tracked"]
+
+
+class Calibrated(Protocol):
+    """A raw campaign with its calibrated baseline, ready to be judged."""
+
+    @property
+    def seconds(self) -> float:
+        """Return the time that ingesting and calibrating took."""
+
+    @property
+    def residual_mm(self) -> Array:
+        """Return the baseline's residual at the poses fitted, along base axes, (C, 3)."""
+
+    def verdict(self, seconds_simulating: float) -> JudgedTrialRecord:
+        """Return the verdict on it."""
+
+
+def draw(
+    measured: Measured,
+    kind: TrialKind,
+    count: int,
+    random_seed: int,
+    layouts: str = "",
+    size: float | None = None,
+) -> tuple[Trial, ...]:
+    """Draw trials of touched balls with repeats, or of trackers without.
+
+    Args:
+        measured: which of the two.
+        kind: what they hide.
+        count: how many.
+        random_seed: draws them.
+        layouts: layouts of touched balls, or arms under trackers, with commas between them; empty
+            for all.
+        size: factor of the usual size of all effects; None draws it.
+
+    Raises:
+        SettingsError: for a kind or a layout that does not exist, or no trial at all.
+    """
+    if count < 1:
+        raise SettingsError(
+            "no trial to run",
+            where="--count",
+            value=count,
+            allowed="1 or more",
+            remedy="ask for more trials",
+        )
+    names = layouts.split(",") if layouts else []
+    benches = {bench.name: bench for bench in BENCHES}
+    known = benches if measured == "tracked" else LAYOUTS
+    if unknown := sorted(set(names) - set(known)):
+        raise SettingsError(
+            "no such layout of poses",
+            where="--layouts",
+            value=unknown[0],
+            allowed=", ".join(known),
+            remedy="correct the name",
+        )
+    if measured == "tracked":
+        chosen = [benches[name] for name in names or benches]
+        return draw_tracker_trials(kind, count, random_seed, chosen, size)
+    order = [layout for name in names or LAYOUTS for layout in LAYOUTS if layout == name]
+    return draw_trials(kind, count, random_seed, order, size)
+
+
+def try_trial(trial: Trial, options: JudgingOptions) -> tuple[TrialVerdictRecord, TrialTruthRecord]:
+    """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped."""
+    moved_mm: list[float | None] = [None] * len(trial.sizes)
+    seconds = 0.0
+    began = time.perf_counter()
+    try:
+        with _measured(trial.name, trial.settings, options) as known:
+            simulating = time.perf_counter() - began - known.seconds
+            verdict: TrialVerdictRecord = known.verdict(simulating)
+            began = time.perf_counter()
+            residual_mm = known.residual_mm
+        moved_mm = [
+            _moved_mm(trial, number, residual_mm, options) for number in range(len(trial.sizes))
+        ]
+        seconds = time.perf_counter() - began
+    except Exception as error:
+        message = " ".join(f"{type(error).__name__}: {error}".split())
+        verdict = FailedTrialRecord(campaign=trial.name, failed=message)
+    return verdict, truth_record(trial, moved_mm, seconds)
+
+
+@contextmanager
+def _measured(name: str, cell: SimulateOptions, options: JudgingOptions) -> Iterator[Calibrated]:
+    """Write a raw campaign without the record of what it hides, and calibrate with that."""
+    made = simulate_campaign(name, load_arm(cell.robot), cell)
+    calibrated = touched_campaign if cell.without_touches is None else tracked_campaign
+    with tempfile.TemporaryDirectory() as place:
+        write_campaign(made, Path(place) / "raw")
+        with calibrated(Path(place) / "raw", options) as known:
+            yield known
+
+
+def _moved_mm(trial: Trial, number: int, residual_mm: Array, options: JudgingOptions) -> float:
+    """Return how far one of the hidden effects moves the residual of the calibrated baseline.
+
+    Root mean square over the poses fitted of the difference to the same campaign, noise and all,
+    without this effect. For the scoring alone: no verdict sees it.
+    """
+    effects = trial.settings.hidden_effects
+    others = (*effects[:number], *effects[number + 1 :])
+    without = trial.settings.model_copy(update={"hidden_effects": others})
+    with _measured(trial.name, without, options) as known:
+        moved_mm = residual_mm - known.residual_mm
+    return float(np.sqrt(np.mean(np.sum(moved_mm**2, axis=1))))

@@ -1,0 +1,27 @@
+"""Numbers of blind trials, counted without importing the effects."""
+
+from pa10cal.cell.effects.vocabulary import outside, vocabulary
+from pa10cal.evaluation.options import BlindTrialsOptions, TrialCounts
+from pa10cal.planning.trials import all_effects, named_effects, trial_counts
+
+
+def test_effects_are_counted_as_the_cell_finds_them():
+    assert named_effects() == len(vocabulary())
+    assert all_effects() == len(vocabulary()) + len(outside())
+
+
+def test_singles_and_effects_outside_count_their_rounds():
+    full = trial_counts(TrialCounts(null=7, single=2, outside=3, pair=1))
+    assert full["null"] == 7
+    assert full["pair"] == 1
+    assert full["single"] == 2 * len(vocabulary())
+    assert full["outside"] == 3 * len(outside())
+
+
+def test_the_studies_are_as_large_as_their_bars_need():
+    options = BlindTrialsOptions()
+    tracked = trial_counts(options.tracked)
+    assert tracked["null"] >= 150
+    assert tracked["single"] >= 150
+    assert trial_counts(options.full)["single"] >= 380
+    assert trial_counts(options.reduced)["single"] == len(vocabulary())
