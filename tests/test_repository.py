@@ -72,12 +72,14 @@ MAY_IMPORT = {
         "calibration",
         "campaign",
         "cell",
+        "commands",
         "curve",
         "discovery",
         "evaluation",
         "files",
         "fit",
         "observe",
+        "stages.measurement_setup",
         "terms",
     },
     "datasets": {"campaign", "files", "settings"},
@@ -98,7 +100,7 @@ MAY_IMPORT = {
         "observe",
         "settings",
     },
-    "planning": {"cell.options", "files", "observe.registry", "settings"},
+    "planning": {"evaluation.options", "cell.options", "files", "observe.registry", "settings"},
 }
 #: Libraries that only some packages or modules may import.
 KEPT_TO = {
