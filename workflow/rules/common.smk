@@ -15,7 +15,7 @@ from pa10cal.planning.campaign import (
     missing_campaign,
     raw_files,
     robot_name,
-    takes_general_model,
+    by_general_model as planned_by_general_model,
 )
 from pa10cal.planning.code import code_digest
 from pa10cal.planning.trials import trial_counts
@@ -132,7 +132,7 @@ def by_general_model(campaign):
     """Whether the load cases of a campaign are worked out with the general model."""
     if campaign in IMPORTED:
         return True
-    return takes_general_model(
+    return planned_by_general_model(
         SETTINGS.calibration.model, instrument_kind(Path(SETTINGS.raw_dir, campaign))
     )
 

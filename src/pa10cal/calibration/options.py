@@ -11,6 +11,16 @@ from pa10cal.near_miss import remedy_for
 from pa10cal.settings_section import NonNegative, Positive, Section
 
 
+def takes_general_model(model: str, *, from_touches: bool) -> bool:
+    """Tell whether load cases are worked out with the general model.
+
+    Args:
+        model: `calibration.model` of the settings.
+        from_touches: whether the instrument touches balls, as the paper's does.
+    """
+    return model == "general" or (model == "auto" and not from_touches)
+
+
 class EffectOfPlace(Section):
     """An effect to calibrate with."""
 

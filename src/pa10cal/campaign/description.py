@@ -10,6 +10,8 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import Field, FiniteFloat, StringConstraints
 
+from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import Payload
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import Instrument as MeasuredBy
 from pa10cal.observe.kinds import InstrumentKind
@@ -104,6 +106,17 @@ class CampaignDescription(Section):
         """Ball centres (B, 3) in the end-effector frame, in the order of `ball_names`."""
         centres = [self.tool.balls_mm[name] for name in self.ball_names]
         return np.array(centres, dtype=float).reshape(-1, 3)
+
+    def payload(self, arm: Arm) -> Payload | None:
+        """Return what the arm carries; None where the masses of its links are not known."""
+        if arm.mass_kg is None:
+            return None
+        return Payload(
+            mass_kg=self.tool.mass_kg,
+            com_m=1e-3 * np.array(self.tool.com_mm),
+            load_point_m=1e-3 * np.array(self.tool.load_point_mm),
+            gravity_m_s2=np.array(self.gravity_m_s2),
+        )
 
 
 def read_description(folder: Path) -> CampaignDescription:

@@ -53,17 +53,18 @@ def instrument_kind(folder: Path) -> str:
     return str(instrument.get("kind", "")) if isinstance(instrument, dict) else ""
 
 
-def takes_general_model(model: str, instrument: str) -> bool:
+def by_general_model(model: str, instrument: str) -> bool:
     """Tell whether a campaign's load cases are worked out with the general model.
 
     Args:
         model: `calibration.model` of the settings.
         instrument: kind of the instrument.
     """
-    from pa10cal.observe.registry import instruments  # late: it brings numpy and scipy
+    from pa10cal.calibration.options import takes_general_model  # late: with numpy and scipy
+    from pa10cal.observe.registry import instruments
 
     found = instruments().get(instrument)
-    return model == "general" or (model == "auto" and not (found and found.from_touches))
+    return takes_general_model(model, from_touches=found is not None and found.from_touches)
 
 
 def can_seek_effects(instrument: str) -> bool:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from pa10cal.arm.description import Arm
-from pa10cal.arm.statics import Payload
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.options import DiscoveryOptions
@@ -22,22 +19,10 @@ def setup_of(
 ) -> MeasurementSetup:
     """Return what the search needs to know besides the poses."""
     return MeasurementSetup(
-        payload=payload_of(campaign, arm),
+        payload=campaign.payload(arm),
         p_ee_targets_m=MM * campaign.p_ee_balls_mm,
         reference_temperature_C=campaign.reference_temperature_C,
         flexible_joints=calibration.flexible_joints,
         apparatus_m=MM * calibration.apparatus_uncertainty_mm,
         options=discovery,
-    )
-
-
-def payload_of(campaign: CampaignDescription, arm: Arm) -> Payload | None:
-    """Return what the arm carries; None where the masses of its links are not known."""
-    if arm.mass_kg is None:
-        return None
-    return Payload(
-        mass_kg=campaign.tool.mass_kg,
-        com_m=MM * np.array(campaign.tool.com_mm),
-        load_point_m=MM * np.array(campaign.tool.load_point_mm),
-        gravity_m_s2=np.array(campaign.gravity_m_s2),
     )

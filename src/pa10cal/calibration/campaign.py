@@ -1,0 +1,136 @@
+"""The calibration of a campaign in memory: one load case, by the paper's model or the general."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+from pa10cal.calibration.accuracy import align_nominal
+from pa10cal.calibration.general.case import GeneralCase, fitted, work_out_general
+from pa10cal.calibration.general.start import find_start
+from pa10cal.calibration.load_case import COMBINED, LoadCase, rows_of_load, work_out
+from pa10cal.calibration.options import CalibrationOptions, takes_general_model
+from pa10cal.calibration.records import fitted_model, fitted_to
+from pa10cal.campaign.description import CampaignDescription
+from pa10cal.errors import CalibrationError
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.averages import average_repeats, poses_of
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Start
+from pa10cal.terms.baseline import nominal
+
+Array = NDArray[np.float64]
+
+
+def calibrated(
+    campaign: CampaignDescription,
+    arm: Arm,
+    every: Observations,
+    load: str = COMBINED,
+    options: CalibrationOptions | None = None,
+) -> FittedModel:
+    """Calibrate the arm of a campaign, its base, tool and targets found from the nominal arm.
+
+    Args:
+        campaign: description of the campaign.
+        arm: the nominal arm.
+        every: single readings of all kinds.
+        load: `combined`, or a load such as `44N`.
+        options: how to calibrate; None for the defaults, without trying random inner poses.
+
+    Raises:
+        CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
+            described does not fit the readings at all.
+    """
+    options = options or CalibrationOptions(inner_subsets=0)
+    payload = campaign.payload(arm)
+    touches = campaign.instrument.type.from_touches
+    if takes_general_model(options.model, from_touches=touches):
+        start = find_start(arm, average_repeats(every.of_kind("grid")))
+        case = general_case(campaign, arm, every, start, load, options)
+        model, used, health = fitted(case.full), case.full.problem.observations, case.health
+    else:
+        seed = align_nominal(nominal(arm), poses_of(every, "grid"))
+        papers = paper_case(campaign, arm, every, seed, load, options)
+        model, health = fitted_model(papers.cubic, payload), papers.health
+        used = papers.cubic.level.observations
+    return replace(model, fitted_to=fitted_to(used, load, health, campaign))
+
+
+def paper_case(
+    campaign: CampaignDescription,
+    arm: Arm,
+    every: Observations,
+    T_instr_base_seed: Array,
+    load: str,
+    options: CalibrationOptions,
+) -> LoadCase:
+    """Work out a load case on two levels, with the paper's unknowns.
+
+    Args:
+        campaign: description of the campaign.
+        arm: the nominal arm.
+        every: single readings of all kinds.
+        T_instr_base_seed: (4, 4) about where the base is.
+        load: `combined`, or a load such as `44N`.
+        options: how to calibrate.
+
+    Raises:
+        CalibrationError: when the instrument measures no poses, or there are too few of them.
+    """
+    if not every.measured.measures_pose:
+        raise CalibrationError(
+            "the paper's model needs positions and attitudes of the end-effector",
+            where="calibration.model",
+            value=options.model,
+            allowed=f"auto or general for an instrument of kind {campaign.instrument.kind}",
+            remedy="set calibration.model to auto",
+        )
+    held_out = poses_of(every, "holdout")
+    return work_out(
+        arm,
+        poses_of(every, "grid", average=False),
+        held_out if len(held_out) else None,
+        T_instr_base_seed,
+        load,
+        options,
+    )
+
+
+def general_case(
+    campaign: CampaignDescription,
+    arm: Arm,
+    every: Observations,
+    start: Start,
+    load: str,
+    options: CalibrationOptions,
+) -> GeneralCase:
+    """Work out a load case with every parameter that arm and instrument can identify.
+
+    Args:
+        campaign: description of the campaign.
+        arm: the nominal arm.
+        every: single readings of all kinds.
+        start: about where frames and targets are.
+        load: `combined` or `general` for all loads together, or a load such as `44N`.
+        options: how to calibrate.
+
+    Raises:
+        CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
+            described does not fit the readings at all.
+    """
+    grid = average_repeats(every.of_kind("grid"))
+    held_out = average_repeats(every.of_kind("holdout"))
+    return work_out_general(
+        arm,
+        grid,
+        held_out if len(held_out) else None,
+        rows_of_load(grid.states.load_N, COMBINED if load == "general" else load),
+        start,
+        load,
+        campaign.payload(arm),
+        options,
+    )
