@@ -218,8 +218,15 @@ def test_calibrated_model_is_exported(work, combined, tmp_path):
     argv = ["--calibration", str(work / "combined.json"), "--model", str(tmp_path / "model.yaml")]
     assert run_command("export", [*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 0
     model = yaml.safe_load((tmp_path / "model.yaml").read_text())
-    assert model["parameters"] == combined["parameters"]
-    assert "synthetic" in model["provenance"] or "virtual" in model["provenance"]
+    exported = {name: p for term in model["terms"] for name, p in term["parameters"].items()}
+    assert len(exported) == 30
+    for name, parameter in exported.items():
+        assert parameter["value"] == combined["parameters"][name]["value"]
+        if combined["parameters"][name]["identifiable"]:
+            std = combined["parameters"][name]["std"]
+            assert parameter["std"] == pytest.approx(std, rel=1e-6)
+    provenance = model["fitted_to"]["provenance"]
+    assert "synthetic" in provenance or "virtual" in provenance
     assert "joint_6" in (tmp_path / "robot.urdf").read_text()
 
 
@@ -230,7 +237,8 @@ def test_a_fit_that_did_not_converge_is_not_exported(work, combined, tmp_path, c
     assert run_command("export", [*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 2
     assert "not converged" in capsys.readouterr().err
     assert not list(tmp_path.glob("robot*"))
-    parameters = {k: v for k, v in combined["parameters"].items() if k != "K_lin_3"}
-    bad.write_text(json.dumps({**combined, "parameters": parameters}))
+    model = combined["fitted_model"]
+    springs = [{**term, "x": []} for term in model["terms"] if term["id"] == "joint_spring"]
+    bad.write_text(json.dumps({**combined, "fitted_model": {**model, "terms": springs}}))
     assert run_command("export", [*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 2
-    assert "K_lin_3" in capsys.readouterr().err
+    assert "fitted_model of cubic: terms[0]: x: values that do not fit" in capsys.readouterr().err
