@@ -87,4 +87,4 @@ def test_what_cannot_be_is_refused(tmp_path, path, capsys):
     assert "no such figure or table" in capsys.readouterr().err
     (tmp_path / "calibration.json").write_text("{}")
     assert run_command("figures", ["--results", str(tmp_path)]) == REFUSED
-    assert "run the curve_calibration stage again" in capsys.readouterr().err
+    assert "give a file that pa10cal curve_calibration wrote" in capsys.readouterr().err

@@ -310,7 +310,7 @@ class TestVerdictTable:
         )
         assert float(beyond["value"]) == 0.077
         text = (tmp_path / "verdict.md").read_text("utf-8")
-        assert "blocks of poses that were left out" in text
+        assert "blocks of poses held out of the fit" in text
         assert "| held out, extrapolated | all |" in text
         assert "| joint_error_map | joint 3 | 24 knots a turn, rms 0.000212 rad | none |" in text
         assert "0.300 mm without, 0.100 mm with it; better in 9 of 10 blocks, z 8.0" in text
@@ -319,7 +319,7 @@ class TestVerdictTable:
         rows = self.rows(results, tmp_path)
         assert rows[0]["value"] == "none"
         assert not any(row["kind"] == "effect" for row in rows)
-        assert "none named" in (tmp_path / "verdict.md").read_text("utf-8")
+        assert "| none | – | – | – | – |" in (tmp_path / "verdict.md").read_text("utf-8")
 
     def test_names_alternatives_and_what_has_no_name(self, changed, tmp_path):
         def doubtful(record):

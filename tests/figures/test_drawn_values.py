@@ -95,7 +95,7 @@ def test_an_attitude_that_was_not_seen_has_no_panel(results, tmp_path):
     figure = fig5_before_after.draw(source)
     assert [axes.get_ylabel() for axes in figure.axes] == ["position error [mm]"]
     assert figure.axes[0].get_xlabel() == "external load"
-    rows = paper_against_ours.tabulate(source).data.rows
+    rows = paper_against_ours.tabulate(source).data.to_numpy()
     said = {row[5] for row in rows if row[0].startswith("mean orientation error before")}
     assert said == {"not measured"}
 
@@ -110,7 +110,7 @@ def test_held_out_errors_without_attitude(changed):
     source = changed("evaluation/holdout.json", unseen)
     texts = texts_of(fig6_holdout.draw(source))
     assert not any("orientation" in text and "paper" not in text for text in texts)
-    rows = paper_against_ours.tabulate(source).data.rows
+    rows = paper_against_ours.tabulate(source).data.to_numpy()
     held_out = [row for row in rows if row[0] == "mean orientation error, held out"]
     assert {(row[5], row[7]) for row in held_out} == {("not measured", "")}
 

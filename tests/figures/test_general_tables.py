@@ -29,15 +29,15 @@ class TestParameters:
         source = results if kind == "nothing" else sighted[kind]
         case = source.general()
         rows, text = rows_of(parameters_general, source, tmp_path)
-        kept = {row["parameter"]: row for row in rows if row["left_out"] == "false"}
+        kept = {row["parameter"]: row for row in rows if row["redundant"] == "false"}
         assert set(kept) == set(case.parameters)
         for name, parameter in case.parameters.items():
             assert float(kept[name]["value"]) == pytest.approx(parameter.value, rel=1e-7)
             assert kept[name]["unit"] == parameter.unit
             assert kept[name]["identifiable"] == str(parameter.identifiable).lower()
-        left_out = {row["parameter"]: row["said_by"] for row in rows if row["left_out"] == "true"}
-        assert set(left_out) == {entry.name for entry in case.redundant}
-        assert "Left out: others say the same" in text
+        redundant = {row["parameter"] for row in rows if row["redundant"] == "true"}
+        assert redundant == {entry.name for entry in case.redundant}
+        assert "Omitted: redundant parameters" in text
 
     def test_shows_units_of_the_workshop(self, sighted, tmp_path):
         case = sighted["pose"].general()
@@ -53,15 +53,15 @@ class TestParameters:
         rows, text = rows_of(parameters_general, sighted["distance"], tmp_path)
         (turn,) = (row for row in rows if row["parameter"] == "gamma_x")
         assert (turn["std"], turn["identifiable"]) == ("", "false")
-        assert "| γ_x | 0.0000 | – | mrad | – | left open |" in text
-        assert "those of the masses described" in text
+        assert "| γ_x | 0.0000 | – | mrad | – | not identifiable |" in text
+        assert "torques of the described masses" in text
 
     def test_a_spring_at_its_end_is_rigid(self, copied, sighted, tmp_path):
         def rigid(record):
             record["parameters"]["K_lin_2"].update(at_bound=True, std=0.0)
 
         _, text = rows_of(parameters_general, copied(sighted["pose"], COMBINED, rigid), tmp_path)
-        assert "| K_lin, joint 2 | rigid | – | kN m/rad | – | at the end of its range |" in text
+        assert "| K_lin, joint 2 | rigid | – | kN m/rad | – | at a bound |" in text
 
 
 class TestDoubted:
@@ -162,6 +162,6 @@ class TestHealth:
         rows, text = rows_of(health_summary, source, tmp_path)
         assert "| general model | δa₂ | δd₄ | -0.9876 |" in text
         ordered = len(source.general().health.poses.d_optimal_order)
-        assert f"| well-chosen poses that would do | more than {ordered} |" in text
+        assert f"| well-chosen poses that suffice | more than {ordered} |" in text
         (noise,) = (row for row in rows if row["quantity"] == "noise_mm")
         assert noise["value"] == ""

@@ -12,7 +12,7 @@ import pytest
 from pa10cal.figures import published
 from pa10cal.figures.campaign import paper_against_ours, table1_parameters
 from pa10cal.figures.options import PictureOptions
-from pa10cal.figures.table import Grid, Table, write_table
+from pa10cal.figures.table import Table, figures, frame_of, shown, write_table
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def compared(results):
 
 
 def rows_of(table):
-    return [dict(zip(table.data.header, row, strict=True)) for row in table.data.rows]
+    return table.data.to_dict("records")
 
 
 def one(rows, quantity, condition, remark=""):
@@ -236,25 +236,26 @@ class TestTableOne:
         }
         for name, row in combined.items():
             assert float(row["paper"]) == published.parameter(name, "text_e7")
-        unknown = {name for name, row in combined.items() if row["identifiable"] == "false"}
+        unknown = {name for name, row in combined.items() if not row["identifiable"]}
         assert unknown == {"delta_d_1", "delta_theta_1"}
 
     def test_is_laid_out_as_in_the_paper(self, results):
-        together, *alone = table1_parameters.tabulate(results).shown
-        assert [row[0] for row in together.rows] == list("123456")
-        assert len(together.header) == 1 + 2 * 7
+        first_part, *alone = table1_parameters.tabulate(results).shown
+        together = first_part.frame
+        assert together["joint"].tolist() == list("123456")
+        assert together.shape[1] == 1 + 2 * 7
         assert [grid.caption for grid in alone] == ["0 N alone", "22 N alone", "44 N alone"]
-        first = dict(zip(together.header, together.rows[0], strict=True))
+        first = together.iloc[0]
         assert first["δd [mm]"] == "0.000 †"
         assert first["K_lin [kN m/rad]"] == "∞"
         assert first["δβ [mrad]"] == "n/a"
-        assert together.rows[1][2] == "-0.46"
+        assert together.iloc[1, 2] == "-0.46"
 
     @pytest.mark.parametrize(("reading", "value"), [("text_e7", "38.3"), ("table_e8", "384")])
     def test_shows_the_chosen_reading_of_the_papers_cubic_stiffness(self, results, reading, value):
         settings = PictureOptions.model_validate({"kcub_reading": reading})
         table = table1_parameters.tabulate(replace(results, settings=settings))
-        assert table.shown[0].rows[4][-1] == value
+        assert table.shown[0].frame.iloc[4, -1] == value
         assert any(reading[-2:] in note.replace("1e", "e") for note in table.notes)
 
     def test_an_arm_without_springs_has_its_table(self, results, tmp_path):
@@ -267,13 +268,13 @@ class TestTableOne:
         rigid = replace(results, folder=folder)
         table = table1_parameters.tabulate(rigid)
         assert len(rows_of(table)) == 4 * 24
-        assert all(row[-1] == "∞" for grid in table.shown[1:] for row in grid.rows)
+        assert all((part.frame.iloc[:, -1] == "∞").all() for part in table.shown[1:])
         rows = rows_of(paper_against_ours.tabulate(rigid))
         assert one(rows, "K_lin", "joint 2")["ours"] == "not estimated"
 
     def test_leaves_the_paper_out_for_another_arm(self, results):
         table = table1_parameters.tabulate(replace(results, robot="other"))
-        assert "paper" not in table.shown[0].header
+        assert "paper" not in table.shown[0].frame
         assert not any("paper" in note for note in table.notes)
 
 
@@ -294,10 +295,11 @@ class Cells(HTMLParser):
 
 
 def test_csv_markdown_and_html_hold_the_same_cells(tmp_path):
-    grid = Grid(("a", "b"), (("1 < 2", "x | y"), ("ü, é", '"quoted"')))
-    write_table(Table("T", grid, (grid,), ("a note",)), "from here", tmp_path, "t")
+    rows = [("1 < 2", "x | y"), ("ü, é", '"quoted"')]
+    part = shown(("a", "b"), rows)
+    write_table(Table("T", part.frame, (part,), ("a note",)), "from here", tmp_path, "t")
     with (tmp_path / "t.csv").open(encoding="utf-8", newline="") as file:
-        assert [tuple(row) for row in csv.reader(file)] == [grid.header, *grid.rows]
+        assert [tuple(row) for row in csv.reader(file)] == [("a", "b"), *rows]
     markdown = (tmp_path / "t.md").read_text("utf-8")
     assert "| 1 < 2 | x \\| y |" in markdown
     assert "from here" in markdown
@@ -307,8 +309,18 @@ def test_csv_markdown_and_html_hold_the_same_cells(tmp_path):
 
 
 def test_rows_have_as_many_cells_as_the_header():
-    with pytest.raises(ValueError, match="differ from the header"):
-        Grid(("a", "b"), (("1",),))
+    with pytest.raises(ValueError, match="2 columns passed, passed data had 1"):
+        frame_of(("a", "b"), [("1",)])
+
+
+def test_no_rows_are_said_to_be_none():
+    assert shown(("a", "b"), []).frame.to_numpy().tolist() == [["none", "–"]]
+
+
+def test_numbers_are_written_with_the_figures_they_have(tmp_path):
+    data = frame_of(("x", "y", "z"), [(figures(1.23456789e-7, 4), True, figures(None, 4))])
+    write_table(Table("T", data, ()), "", tmp_path, "t")
+    assert (tmp_path / "t.csv").read_text("utf-8") == "x,y,z\n1.235e-07,true,\n"
 
 
 def test_nothing_is_left_when_one_format_fails(tmp_path, monkeypatch):
@@ -319,8 +331,8 @@ def test_nothing_is_left_when_one_format_fails(tmp_path, monkeypatch):
             raise OSError("disk full")
         return write(path, text, **options)
 
-    grid = Grid(("a",), (("1",),))
+    part = shown(("a",), [("1",)])
     monkeypatch.setattr(Path, "write_text", fail_at_markdown)
     with pytest.raises(OSError, match="disk full"):
-        write_table(Table("T", grid, (grid,)), "footer", tmp_path, "t")
+        write_table(Table("T", part.frame, (part,)), "footer", tmp_path, "t")
     assert not list(tmp_path.iterdir())

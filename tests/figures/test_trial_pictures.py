@@ -200,12 +200,12 @@ def test_shares_are_drawn_where_they_are_with_what_is_allowed(full):
 def test_the_table_has_a_row_a_bar_with_its_figure(full):
     scores = read(TrialScoresRecord, full)
     table = trials_summary.tabulate(scores)
-    assert len(table.data.rows) == len(scores.bars)
-    first = table.data.rows[0]
-    assert first[1] == "≤ 2.0 %"
-    assert first[2] == f"{100 * scores.bars[0].reached:.1f} %"
-    assert first[4] == str(COUNTS["null"])
-    assert {row[5] for row in table.data.rows} == {"yes", "no"}
+    assert len(table.data) == len(scores.bars)
+    first = table.data.iloc[0]
+    assert first["to reach"] == "≤ 2.0 %"
+    assert first["reached"] == f"{100 * scores.bars[0].reached:.1f} %"
+    assert first["trials"] == COUNTS["null"]
+    assert set(table.data["met"]) == {"yes", "no"}
 
 
 def test_the_stage_writes_pictures_and_tables(full, tmp_path):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import html
-import io
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
+import pandas as pd
 
 from pa10cal.files.output import whole_file
 
@@ -21,22 +23,16 @@ _STYLE = (
 
 
 @dataclass(frozen=True)
-class Grid:
-    """Rows of text under a header.
+class Shown:
+    """A part of a table as readers see it.
 
     Attributes:
-        header: one entry a column.
-        rows: each as long as the header.
+        frame: texts.
         caption: what the rows are; empty where the table's title says it.
     """
 
-    header: Row
-    rows: tuple[Row, ...]
+    frame: pd.DataFrame
     caption: str = ""
-
-    def __post_init__(self) -> None:
-        if any(len(row) != len(self.header) for row in self.rows):
-            raise ValueError(f"rows of {self.caption or self.header[0]} differ from the header")
 
 
 @dataclass(frozen=True)
@@ -45,15 +41,33 @@ class Table:
 
     Attributes:
         title: what it shows.
-        data: the CSV.
+        data: the CSV; what is not known is missing.
         shown: what Markdown and HTML show.
         notes: said below it.
     """
 
     title: str
-    data: Grid
-    shown: tuple[Grid, ...]
+    data: pd.DataFrame
+    shown: tuple[Shown, ...]
     notes: tuple[str, ...] = ()
+
+
+def frame_of(header: Sequence[str], rows: Iterable[Sequence[object]]) -> pd.DataFrame:
+    """Return rows under a header, each as long as it."""
+    return pd.DataFrame([list(row) for row in rows], columns=list(header))
+
+
+def shown(header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> Shown:
+    """Return rows of text under a header, or one that says there are none."""
+    frame = frame_of(header, rows)
+    if frame.empty:
+        frame = frame_of(header, [("none", *["–"] * (len(header) - 1))])
+    return Shown(frame, caption)
+
+
+def figures(value: float | None, count: int) -> float:
+    """Return a number with so many significant figures, nan for None."""
+    return np.nan if value is None else float(f"{value:.{count}g}")
 
 
 def write_table(table: Table, footer: str, folder: Path, name: str) -> None:
@@ -69,25 +83,26 @@ def write_table(table: Table, footer: str, folder: Path, name: str) -> None:
             path.write_text(text, encoding="utf-8", newline="\n")
 
 
-def _csv(grid: Grid) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([grid.header, *grid.rows])
-    return text.getvalue()
+def _csv(data: pd.DataFrame) -> str:
+    data = data.copy()
+    for name in data.select_dtypes("bool"):
+        data[name] = data[name].map({True: "true", False: "false"})
+    return data.to_csv(index=False, float_format="%.10g", lineterminator="\n")
 
 
 def _markdown(table: Table, footer: str) -> str:
     parts = [f"# {table.title}", footer]
-    for grid in table.shown:
-        if grid.caption:
-            parts.append(f"## {grid.caption}")
-        lines = [grid.header, tuple("---" for _ in grid.header), *grid.rows]
-        parts.append("\n".join(_markdown_row(line) for line in lines))
+    for part in table.shown:
+        if part.caption:
+            parts.append(f"## {part.caption}")
+        rows = [part.frame.columns, ["---"] * part.frame.shape[1], *part.frame.to_numpy()]
+        parts.append("\n".join(_markdown_row(row) for row in rows))
     if table.notes:
         parts.append("\n".join(f"- {note}" for note in table.notes))
     return "\n\n".join(parts) + "\n"
 
 
-def _markdown_row(row: Row) -> str:
+def _markdown_row(row: Iterable[str]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
 
 
@@ -98,14 +113,16 @@ def _html(table: Table, footer: str) -> str:
         f"<style>{_STYLE}</style></head><body><h1>{title}</h1>",
         f'<p class="footer">{html.escape(footer)}</p>',
     ]
-    for grid in table.shown:
-        caption = f"<caption>{html.escape(grid.caption)}</caption>" if grid.caption else ""
-        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in grid.header)
-        parts.append(f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>")
-        for row in grid.rows:
-            cells = "".join(f"<td>{html.escape(cell)}</td>" for cell in row)
-            parts.append(f"<tr>{cells}</tr>")
+    for part in table.shown:
+        caption = f"<caption>{html.escape(part.caption)}</caption>" if part.caption else ""
+        head = _html_row(part.frame.columns, "th")
+        parts.append(f"<table>{caption}<thead>{head}</thead><tbody>")
+        parts += [_html_row(row, "td") for row in part.frame.to_numpy()]
         parts.append("</tbody></table>")
     if table.notes:
         parts.append("<ul>" + "".join(f"<li>{html.escape(n)}</li>" for n in table.notes) + "</ul>")
     return "\n".join([*parts, "</body></html>"]) + "\n"
+
+
+def _html_row(row: Iterable[str], tag: str) -> str:
+    return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row) + "</tr>"

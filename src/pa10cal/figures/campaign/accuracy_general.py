@@ -1,16 +1,16 @@
-"""Errors of every model on the poses fitted and on those held out."""
+"""Errors of every model at the poses fitted and at those held out."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
 from pa10cal.figures.held_out_models import title
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.table import Grid, Row, Table
+from pa10cal.figures.table import Row, Table, figures, frame_of, shown
 from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.calibration import GeneralCalibrationRecord
 from pa10cal.results.evaluation import HoldoutRecord
@@ -28,64 +28,55 @@ them, where it extrapolates and its accuracy is not assured.
 )
 
 _ALL = "all"
-_DATA_HEADER: Row = (
-    "poses",
-    "model",
-    "load",
-    "part",
-    "mean_mm",
-    "rms_mm",
-    "peak_mm",
-    "orientation_deg",
-    "configurations",
-)
-_SHOWN_HEADER: Row = (
-    "model",
-    "load",
-    "mean [mm]",
-    "rms [mm]",
-    "peak [mm]",
-    "orientation [deg]",
-    "poses",
-)
-#: Models as the errors of the poses fitted name them.
+_ERRORS = ("mean_mm", "rms_mm", "peak_mm", "orientation_deg")
+_SHOWN = ("model", "load", "mean [mm]", "rms [mm]", "peak [mm]", "orientation [deg]", "poses")
+#: Models as the errors of the fitted poses name them.
 _FITTED = {"before": "uncalibrated", "geometry": "geometry", "after": "linear"}
-_PARTS = {_ALL: "", "inside": ", angles seen in training", "extrapolated": ", extrapolated"}
+_PARTS = {_ALL: "", "inside": ", angles seen in the fit", "extrapolated": ", extrapolated"}
 
-
-@dataclass(frozen=True)
-class _Entry:
-    """Errors of one model: over which poses, at which load, and over which part of them."""
-
-    poses: str
-    model: str
-    load: str
-    part: str
-    mean_mm: float
-    rms_mm: float
-    peak_mm: float
-    orientation_deg: float | None
-    configurations: int | None
+#: Errors of one model: over which poses, at which load, and over which part of them.
+_Entry = tuple[str, str, str, str, Accuracy]
 
 
 def tabulate(results: Results) -> Table:
     """Return mean, rms and peak error and attitude, of the poses fitted and held out."""
     case, held_out = results.general(), results.held_out()
     entries = [*_fitted(case), *_extended(results, held_out), *_held_out(held_out)]
-    grids = []
-    for poses, caption in (("fitted", "Poses fitted"), ("held out", "Poses held out")):
-        rows = tuple(_shown(entry, held_out) for entry in entries if entry.poses == poses)
-        grids.append(Grid(_SHOWN_HEADER, rows or (("none", *["–"] * 6),), caption))
     return Table(
         title="Accuracy of the general model",
-        data=Grid(_DATA_HEADER, tuple(_data(entry) for entry in entries)),
-        shown=tuple(grids),
+        data=frame_of(
+            ("poses", "model", "load", "part", *_ERRORS, "configurations"),
+            [
+                (
+                    *of,
+                    *(figures(number, 6) for number in attrgetter(*_ERRORS)(errors)),
+                    errors.configurations,
+                )
+                for *of, errors in entries
+            ],
+        ),
+        shown=tuple(
+            shown(_SHOWN, [_row(e, held_out) for e in entries if e[0] == poses], caption)
+            for poses, caption in (("fitted", "Poses fitted"), ("held out", "Poses held out"))
+        ),
         notes=(
             results.words.of,
             "The nominal arm has its base and its tool or targets fitted to the same poses.",
-            "Extrapolated: poses with a joint at an angle that hardly any of the poses fitted come "
-            "near, so that an error learnt by angle is guessed there.",
+            "Extrapolated: poses with a joint at an angle far from those of the fitted poses, so "
+            "that an error learnt by angle is not known there.",
         ),
+    )
+
+
+def _row(entry: _Entry, held_out: HoldoutRecord) -> Row:
+    _, model, load, part, errors = entry
+    angle = errors.orientation_deg
+    return (
+        f"{title(model, held_out)}{_PARTS[part]}",
+        load,
+        *(f"{value:.4f}" for value in (errors.mean_mm, errors.rms_mm, errors.peak_mm)),
+        "–" if angle is None else f"{angle:.4f}",
+        str(errors.configurations),
     )
 
 
@@ -94,10 +85,10 @@ def _fitted(case: GeneralCalibrationRecord) -> Iterator[_Entry]:
         if model == "geometry" and not case.springs:
             continue  # the same as the calibrated model
         by_load = {load: getattr(errors, key) for load, errors in case.errors.items()}
-        yield _entry("fitted", model, _ALL, _ALL, _together(list(by_load.values())))
+        yield "fitted", model, _ALL, _ALL, _together(list(by_load.values()))
         if len(by_load) > 1:
             for load, accuracy in by_load.items():
-                yield _entry("fitted", model, load, _ALL, accuracy)
+                yield "fitted", model, load, _ALL, accuracy
 
 
 def _extended(results: Results, held_out: HoldoutRecord) -> Iterator[_Entry]:
@@ -105,32 +96,18 @@ def _extended(results: Results, held_out: HoldoutRecord) -> Iterator[_Entry]:
     if "extended" not in held_out.models:
         return
     train = results.verdict().gap.train
-    yield _entry("fitted", "extended", _ALL, _ALL, train.after)
+    yield "fitted", "extended", _ALL, _ALL, train.after
     for part, gap in (("inside", train.inside), ("extrapolated", train.extrapolated)):
         if gap is not None:
-            yield _entry("fitted", "extended", _ALL, part, gap.after)
+            yield "fitted", "extended", _ALL, part, gap.after
 
 
 def _held_out(held_out: HoldoutRecord) -> Iterator[_Entry]:
     for name, model in held_out.models.items():
-        yield _entry("held out", name, _ALL, _ALL, model)
+        yield "held out", name, _ALL, _ALL, model
         for part, accuracy in (("inside", model.inside), ("extrapolated", model.extrapolated)):
             if accuracy is not None:
-                yield _entry("held out", name, _ALL, part, accuracy)
-
-
-def _entry(poses: str, model: str, load: str, part: str, accuracy: Accuracy) -> _Entry:
-    return _Entry(
-        poses,
-        model,
-        load,
-        part,
-        accuracy.mean_mm,
-        accuracy.rms_mm,
-        accuracy.peak_mm,
-        accuracy.orientation_deg,
-        accuracy.configurations,
-    )
+                yield "held out", name, _ALL, part, accuracy
 
 
 def _together(parts: list[Accuracy]) -> Accuracy:
@@ -144,32 +121,4 @@ def _together(parts: list[Accuracy]) -> Accuracy:
         peak_mm=max(part.peak_mm for part in parts),
         orientation_deg=float(share @ angles) if len(angles) == len(parts) else None,
         configurations=int(count.sum()),
-    )
-
-
-def _shown(entry: _Entry, held_out: HoldoutRecord) -> Row:
-    angle = entry.orientation_deg
-    return (
-        f"{title(entry.model, held_out)}{_PARTS[entry.part]}",
-        entry.load,
-        f"{entry.mean_mm:.4f}",
-        f"{entry.rms_mm:.4f}",
-        f"{entry.peak_mm:.4f}",
-        "–" if angle is None else f"{angle:.4f}",
-        "–" if entry.configurations is None else str(entry.configurations),
-    )
-
-
-def _data(entry: _Entry) -> Row:
-    angle, count = entry.orientation_deg, entry.configurations
-    return (
-        entry.poses,
-        entry.model,
-        entry.load,
-        entry.part,
-        f"{entry.mean_mm:.6g}",
-        f"{entry.rms_mm:.6g}",
-        f"{entry.peak_mm:.6g}",
-        "" if angle is None else f"{angle:.6g}",
-        "" if count is None else str(count),
     )

@@ -1,4 +1,4 @@
-"""The health of the calibrations of all loads: what to look at before trusting one."""
+"""The health of the calibrations of all loads: what to look at before one is trusted."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from pa10cal.figures.parameter_names import written
 from pa10cal.figures.registry import Picture
-from pa10cal.figures.results import Results
-from pa10cal.figures.table import Grid, Row, Table
+from pa10cal.figures.results import MODELS, Results
+from pa10cal.figures.table import Row, Shown, Table, frame_of, shown
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.health import Health
 
@@ -24,40 +24,38 @@ good check.
 """,
 )
 
-_DATA_HEADER: Row = ("model", "quantity", "of", "value", "unit")
+_HEADER = ("model", "quantity", "of", "value", "unit")
 _UNKNOWN = "–"
-#: So many poses in the order of what they tell are shown; the CSV has all that were ordered.
+#: So many poses in D-optimal order are shown; the CSV has all that were ordered.
 _MOST_SHOWN = 30
 
 
 def tabulate(results: Results) -> Table:
-    """Return how the fits ended, what they rest on and leave open, and how many poses they want."""
+    """Return how the fits ended, what they rest on and leave open, and how many poses they need."""
     cases = results.calibrations()
-    models = [_MODELS[case.model] for case in cases]
+    models = [MODELS[case.model] for case in cases]
     columns = [_said(case) for case in cases]
-    rows = tuple(
+    rows = [
         (quantity, *(column.get(quantity, _UNKNOWN) for column in columns))
         for quantity in dict.fromkeys(name for column in columns for name in column)
-    )
+    ]
     return Table(
         title="Health of the calibration",
-        data=Grid(_DATA_HEADER, tuple(row for case in cases for row in _data_rows(case))),
+        data=frame_of(_HEADER, [row for case in cases for row in _data_rows(case)]),
         shown=(
-            Grid(("all loads together", *models), rows),
+            shown(("all loads together", *models), rows),
             _pairs([case.health for case in cases], models),
             *(_order(case.health, model) for case, model in zip(cases, models, strict=True)),
         ),
         notes=(
-            "Expected uncertainty: of a predicted position, root mean square over the poses; with "
-            "the paper's model from the noise of the readings, with the general one from the "
-            "scatter of the poses about it. Neither covers what the model lacks.",
-            "Wanted: the uncertainty that adds hardly anything to the error left. Poses in "
-            "D-optimal order: each makes the determinant of the information grow most.",
+            "Expected uncertainty: standard uncertainty of a predicted position, root mean square "
+            "over the poses; with the paper's model from the noise of the readings, with the "
+            "general model from the scatter of the poses about it. Neither covers an effect that "
+            "the model lacks.",
+            "Wanted: the uncertainty that adds hardly anything to the remaining error. D-optimal "
+            "order: each pose increases the determinant of the information matrix most.",
         ),
     )
-
-
-_MODELS = {"paper": "paper's model", "general": "general model"}
 
 
 def _said(case: CalibrationRecord) -> dict[str, str]:
@@ -67,40 +65,40 @@ def _said(case: CalibrationRecord) -> dict[str, str]:
     wanted = f"more than {len(poses.d_optimal_order)}" if poses.wanted is None else poses.wanted
     found = {
         "verdict": f"{health.verdict}: {health.line}",
-        "ended": f"after {health.iterations} steps: {health.reason}",
+        "termination": f"after {health.iterations} steps: {health.reason}",
         "rank": f"{health.rank} of {health.unknowns} unknowns",
         "condition number": f"{health.condition:.4g}",
-        "at the end of their range": _names(health.at_bounds),
-        "left open by these poses": _names(health.not_identifiable),
-        "error of the poses fitted, rms [mm]": _number(health.train_rms_mm),
-        "error of the poses held out, rms [mm]": _number(health.held_out_rms_mm),
-        "what the noise of the readings explains, rms [mm]": _number(health.noise_mm),
+        "at a bound": _names(health.at_bounds),
+        "not identifiable from these poses": _names(health.not_identifiable),
+        "error of the fitted poses, rms [mm]": _number(health.train_rms_mm),
+        "error of the held-out poses, rms [mm]": _number(health.held_out_rms_mm),
+        "error that the noise of the readings explains, rms [mm]": _number(health.noise_mm),
         "expected uncertainty of a prediction [mm]": _number(poses.u_model_mm),
-        "wanted [mm]": _number(poses.u_wanted_mm),
+        "wanted uncertainty [mm]": _number(poses.u_wanted_mm),
         "poses measured": str(poses.measured),
-        "well-chosen poses that would do": str(wanted),
+        "well-chosen poses that suffice": str(wanted),
     }
     if isinstance(case, GeneralCalibrationRecord):
         for of, scatter in case.scatter.items():
             unit = "mrad" if of == "attitude" else "mm"
-            found[f"scatter beyond what is stated, {of} [{unit}]"] = _number(1e3 * scatter)
+            found[f"scatter beyond the stated uncertainty, {of} [{unit}]"] = _number(1e3 * scatter)
     return found
 
 
-def _pairs(healths: list[Health], models: list[str]) -> Grid:
-    rows = tuple(
+def _pairs(healths: list[Health], models: list[str]) -> Shown:
+    rows = [
         (model, *map(written, pair.parameters), f"{pair.correlation:+.4f}")
         for health, model in zip(healths, models, strict=True)
         for pair in health.correlated_pairs
-    )
+    ]
     header = ("model", "parameter", "and", "correlation")
-    return Grid(header, rows or (("none", "–", "–", "–"),), "Parameters hardly told apart")
+    return shown(header, rows, "Strongly correlated parameters")
 
 
-def _order(health: Health, model: str) -> Grid:
+def _order(health: Health, model: str) -> Shown:
     """Return the uncertainty by number of poses, and which pose comes next."""
     poses = health.poses
-    rows = tuple(
+    rows = [
         (
             str(expected.poses),
             _number(expected.u_optimal_mm),
@@ -108,9 +106,9 @@ def _order(health: Health, model: str) -> Grid:
             poses.d_optimal_order[expected.poses - 1],
         )
         for expected in poses.expected[:_MOST_SHOWN]
-    )
-    header = ("poses", "D-optimal order [mm]", "order measured [mm]", "the last of the former")
-    return Grid(header, rows, f"Expected uncertainty by number of poses, {model}")
+    ]
+    header = ("poses", "D-optimal order [mm]", "order measured [mm]", "last pose of the former")
+    return shown(header, rows, f"Expected uncertainty by number of poses, {model}")
 
 
 def _data_rows(case: CalibrationRecord) -> Iterator[Row]:

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from pa10cal.figures.compared import find
-from pa10cal.figures.compared_calibration import (
-    apparatus_rows,
-    error_rows,
-    parameter_rows,
-    repeat_rows,
-)
-from pa10cal.figures.compared_prediction import claim_rows, held_out_rows, monte_carlo_rows
+from operator import attrgetter
+
+from pa10cal.figures.paper_comparison import Found, compared
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.repeats import incompleteness
 from pa10cal.figures.results import Results
-from pa10cal.figures.table import Grid, Table
+from pa10cal.figures.table import Shown, Table, frame_of
 
 PICTURE = Picture(
     title="Paper against ours",
@@ -30,25 +25,16 @@ says nothing about the robot of the authors.
 
 _COLUMNS = ("quantity", "condition", "unit", "paper", "recomputed", "ours", "source", "remark")
 _NOTES = (
-    "recomputed: what the paper's own figures give, where it draws a conclusion from them.",
+    "recomputed: what the paper's own values give, where it draws a conclusion from them.",
     "ours: from this campaign alone; the arm of a synthetic campaign is not the one that the "
     "authors measured.",
 )
 
 
 def tabulate(results: Results) -> Table:
-    """Return the paper's figures with ours."""
-    found = find(results)
-    rows = [
-        *error_rows(found),
-        *repeat_rows(found),
-        *held_out_rows(found),
-        *monte_carlo_rows(found),
-        *parameter_rows(found),
-        *apparatus_rows(found),
-        *claim_rows(found),
-    ]
-    grid = Grid(_COLUMNS, tuple(tuple(getattr(row, name) for name in _COLUMNS) for row in rows))
+    """Return the paper's values with ours."""
+    found = Found.of(results)
+    data = frame_of(_COLUMNS, map(attrgetter(*_COLUMNS), compared(found)))
     lacking = incompleteness(found.combined, found.scatter)
     notes = _NOTES if lacking is None else (*_NOTES, lacking)
-    return Table("The paper's figures beside ours", data=grid, shown=(grid,), notes=notes)
+    return Table("The paper's values beside ours", data, (Shown(data),), notes)

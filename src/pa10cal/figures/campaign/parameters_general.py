@@ -1,4 +1,4 @@
-"""Every parameter of the general model, and those left out because others say the same."""
+"""Every parameter of the general model, and those omitted because they are redundant."""
 
 from __future__ import annotations
 
@@ -7,8 +7,12 @@ from collections.abc import Iterator
 from pa10cal.figures.parameter_names import written
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.table import Grid, Row, Table
-from pa10cal.results.calibration import CalibratedParameter, GeneralCalibrationRecord, Redundant
+from pa10cal.figures.table import Row, Shown, Table, figures, frame_of, shown
+from pa10cal.results.calibration import (
+    CalibratedParameter,
+    GeneralCalibrationRecord,
+    Redundant,
+)
 
 PICTURE = Picture(
     title="Parameters of the general model",
@@ -24,7 +28,7 @@ holds SI units.
 """,
 )
 
-_DATA_HEADER: Row = (
+_HEADER = (
     "parameter",
     "unit",
     "value",
@@ -32,12 +36,12 @@ _DATA_HEADER: Row = (
     "tolerance",
     "identifiable",
     "at_bound",
-    "left_out",
-    "said_by",
+    "redundant",
+    "replaced_by",
 )
-_SHOWN_HEADER: Row = ("parameter", "value", "std", "unit", "tolerance", "remark")
+_SHOWN_HEADER = ("parameter", "value", "std", "unit", "tolerance", "remark")
 #: Units to show: their name, by how much a value is multiplied, and how it is written.
-_SHOWN = {
+_UNITS = {
     "m": ("mm", 1e3, ".4f"),
     "rad": ("mrad", 1e3, ".4f"),
     "N m/rad": ("kN m/rad", 1e-3, ".2f"),
@@ -46,81 +50,66 @@ _GROUPS = (
     ("Links: departures from the description", "delta_"),
     ("Springs of the joints", "K_"),
     ("Target or tool, in the end-effector frame", "t"),
-    ("Base frame: the instrument's origin p in it, and turns γ to the instrument's axes", ""),
+    ("Base frame: the instrument's origin p in it, and rotations γ to the instrument's axes", ""),
 )
 _TORQUES = {
-    "logged": "Springs are under the torques logged.",
-    "masses": "No torques were logged: springs are under those of the masses described.",
+    "logged": "Joint springs use the logged torques.",
+    "masses": "No torques were logged: joint springs use the torques of the described masses.",
     "none": "No torques are known, so there are no springs.",
 }
 
 
 def tabulate(results: Results) -> Table:
-    """Return every parameter with its uncertainty, and what each one left out repeats."""
+    """Return every parameter with its uncertainty, and the replacement of each redundant one."""
     case = results.general()
     return Table(
         title="Parameters of the general model",
-        data=Grid(_DATA_HEADER, tuple(_data_rows(case))),
-        shown=tuple(_grids(case)),
-        notes=tuple(_notes(case)),
+        data=frame_of(_HEADER, _data_rows(case)),
+        shown=tuple(_shown(case)),
+        notes=(
+            f"Rank {case.health.rank} of {case.health.unknowns} unknowns. std is one standard "
+            "uncertainty, from the scatter of the poses about the model; the CSV is in SI units.",
+            "A redundant parameter has exactly the effect of others, for this arm and instrument "
+            "in any pose, and is omitted. One unit of it equals the combination beside it.",
+            _TORQUES[case.torques_from],
+        ),
     )
 
 
-def _grids(case: GeneralCalibrationRecord) -> Iterator[Grid]:
-    left = dict(case.parameters)
+def _shown(case: GeneralCalibrationRecord) -> Iterator[Shown]:
+    remaining = dict(case.parameters)
     for title, begin in _GROUPS:
-        group = {name: left.pop(name) for name in list(left) if name.startswith(begin)}
+        group = {name: remaining.pop(name) for name in list(remaining) if name.startswith(begin)}
         if group:
-            rows = tuple(_row(name, parameter) for name, parameter in group.items())
-            yield Grid(_SHOWN_HEADER, rows, title)
+            rows = [_row(name, parameter) for name, parameter in group.items()]
+            yield shown(_SHOWN_HEADER, rows, title)
     if case.redundant:
-        rows = tuple((written(entry.name), _said(entry)) for entry in case.redundant)
-        yield Grid(("left out", "the same as"), rows, "Left out: others say the same")
+        rows = [(written(entry.name), _combination(entry)) for entry in case.redundant]
+        yield shown(("omitted", "the same as"), rows, "Omitted: redundant parameters")
 
 
 def _row(name: str, parameter: CalibratedParameter) -> Row:
-    unit, scale, digits = _SHOWN.get(parameter.unit, (parameter.unit, 1.0, ".4g"))
+    unit, scale, digits = _UNITS.get(parameter.unit, (parameter.unit, 1.0, ".4g"))
     tolerance = "–" if parameter.tolerance is None else f"{scale * parameter.tolerance:g}"
     if parameter.at_bound:
-        return (written(name), "rigid", "–", unit, tolerance, "at the end of its range")
+        return (written(name), "rigid", "–", unit, tolerance, "at a bound")
     value = f"{scale * parameter.value + 0.0:{digits}}"
     if not parameter.identifiable:
-        return (written(name), value, "–", unit, tolerance, "left open")
+        return (written(name), value, "–", unit, tolerance, "not identifiable")
     std = "–" if parameter.std is None else f"{scale * parameter.std:{digits}}"
     return (written(name), value, std, unit, tolerance, "")
 
 
-def _said(entry: Redundant) -> str:
+def _combination(entry: Redundant) -> str:
     parts = [f"{part:.4g} × {written(name)}" for name, part in entry.said_by.items()]
-    return " + ".join(parts).replace("+ -", "− ") or "nothing: it does not show"
+    return " + ".join(parts).replace("+ -", "− ") or "nothing: it has no effect"
 
 
-def _data_rows(case: GeneralCalibrationRecord) -> Iterator[Row]:
-    for name, parameter in case.parameters.items():
-        yield (
-            name,
-            parameter.unit,
-            f"{parameter.value:.8g}",
-            "" if parameter.std is None else f"{parameter.std:.4g}",
-            "" if parameter.tolerance is None else f"{parameter.tolerance:g}",
-            str(parameter.identifiable).lower(),
-            str(parameter.at_bound).lower(),
-            "false",
-            "",
-        )
+def _data_rows(case: GeneralCalibrationRecord) -> Iterator[tuple[object, ...]]:
+    for name, found in case.parameters.items():
+        numbers = (figures(found.value, 8), figures(found.std, 4), figures(found.tolerance, 6))
+        said = (str(found.identifiable).lower(), str(found.at_bound).lower(), "false", "")
+        yield (name, found.unit, *numbers, *said)
     for entry in case.redundant:
-        said_by = "; ".join(f"{part:.6g} {name}" for name, part in entry.said_by.items())
-        yield (entry.name, "", "", "", "", "", "", "true", said_by)
-
-
-def _notes(case: GeneralCalibrationRecord) -> Iterator[str]:
-    health = case.health
-    yield (
-        f"Rank {health.rank} of {health.unknowns} unknowns. std is one standard uncertainty, from "
-        "the scatter of the poses about the model; the CSV is in SI units."
-    )
-    yield (
-        "A parameter that always does the same as others is left out: arm and instrument decide "
-        "that, not the poses. For one unit of it the others change by what stands beside it."
-    )
-    yield _TORQUES[case.torques_from]
+        by = "; ".join(f"{part:.6g} {name}" for name, part in entry.said_by.items())
+        yield (entry.name, "", None, None, None, "", "", "true", by)

@@ -1,10 +1,10 @@
-"""The poses that a calibration doubts, each with why."""
+"""Poses far outside the scatter of the others, each with why."""
 
 from __future__ import annotations
 
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.table import Grid, Row, Table
+from pa10cal.figures.table import Table, frame_of, shown
 
 PICTURE = Picture(
     title="Suspected outliers",
@@ -18,34 +18,31 @@ effect that the model lacks.
 """,
 )
 
-_HEADER: Row = ("pose", "load_N", "distance", "weight", "why")
-_SHOWN: Row = ("pose", "load [N]", "distance", "weight", "why")
+_HEADER = ("pose", "load_N", "distance", "weight", "why")
+_SHOWN = ("pose", "load [N]", "distance", "weight", "why")
 
 
 def tabulate(results: Results) -> Table:
     """Return every suspected outlier, the worst first."""
     case = results.general()
-    rows = tuple(
-        (
-            outlier.pose,
-            f"{outlier.load_N:g}",
-            f"{outlier.distance:.2f}",
-            f"{outlier.weight:.3f}",
-            outlier.why,
-        )
-        for outlier in case.suspected_outliers
-    )
+    rows = [
+        (each.pose, each.load_N, round(each.distance, 2), round(each.weight, 3), each.why)
+        for each in case.suspected_outliers
+    ]
+    said = [
+        (pose, f"{load_N:g}", f"{distance:.2f}", f"{weight:.3f}", why)
+        for pose, load_N, distance, weight, why in rows
+    ]
     return Table(
         title="Suspected outliers",
-        data=Grid(_HEADER, rows),
-        shown=(Grid(_SHOWN, rows or (("none", "–", "–", "–", "–"),)),),
+        data=frame_of(_HEADER, rows),
+        shown=(shown(_SHOWN, said),),
         notes=(
-            f"{len(rows)} of {case.health.poses.measured} poses. None was dropped: each stayed in "
+            f"{len(rows)} of {case.health.poses.measured} poses. None was removed: each stayed in "
             "the fit with the weight given, 1 being that of the others.",
-            "Distance: of what is left, in standard deviations of the scatter, over all that was "
-            "read in the pose. In a campaign without a wrong pose, one is suspected once in a "
-            "hundred campaigns.",
-            "A suspected outlier may be a wrong reading, or the place where the model lacks an "
+            "Distance: residual over all readings of the pose, in standard deviations of the "
+            "scatter. Without a wrong pose, one campaign in a hundred has a suspected outlier.",
+            "A suspected outlier may be a wrong reading, or a place where the model lacks an "
             "effect.",
         ),
     )

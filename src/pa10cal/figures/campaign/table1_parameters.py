@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from pa10cal.figures.parameter_names import (
     K_CUB,
     K_LIN,
@@ -14,8 +16,8 @@ from pa10cal.figures.parameter_names import (
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.repeats import incompleteness, scatter_by_load
 from pa10cal.figures.results import COMBINED, Results
-from pa10cal.figures.table import Grid, Row, Table
-from pa10cal.results.calibration import CalibratedParameter, PaperCalibrationRecord
+from pa10cal.figures.table import Shown, Table, figures, frame_of, shown
+from pa10cal.results.calibration import PaperCalibrationRecord
 
 PICTURE = Picture(
     title="Table I: parameters",
@@ -34,10 +36,9 @@ lightcap2008 is simulated with Table I, so a difference there is an estimation e
 
 _NOT_IDENTIFIABLE = "†"
 _AT_BOUND = "‡"
-_TOGETHER = "All loads together"
 _RIGID = "∞"
 _NONE = "n/a"
-_DATA_HEADER: Row = (
+_HEADER = (
     "calibration",
     "parameter",
     "joint",
@@ -55,73 +56,49 @@ def tabulate(results: Results) -> Table:
     """Return every link and spring parameter of every calibration, the paper's beside the first."""
     combined = results.calibration()
     cases = {COMBINED: combined} | results.load_cases()
-    grids = [
-        _grid(
-            case,
-            results,
-            _TOGETHER if load == COMBINED else f"{written_load(load)} alone",
-        )
-        for load, case in cases.items()
-    ]
     return Table(
         title="Parameters beside Table I of the paper",
-        data=Grid(
-            header=_DATA_HEADER,
-            rows=tuple(
-                row for load, case in cases.items() for row in _data_rows(load, case, results)
-            ),
+        data=frame_of(
+            _HEADER, [row for load, case in cases.items() for row in _rows(load, case, results)]
         ),
-        shown=tuple(grids),
+        shown=tuple(_layout(load, case, results) for load, case in cases.items()),
         notes=_notes(combined, results),
     )
 
 
-def _data_rows(load: str, case: PaperCalibrationRecord, results: Results) -> list[Row]:
-    names = list(case.parameters)
-    return [
-        _data_row(load, kind.name(joint), joint, case.parameters[kind.name(joint)], results)
-        for kind in KINDS
-        for joint in joints_of(kind, names)
-    ]
+def _rows(
+    load: str, case: PaperCalibrationRecord, results: Results
+) -> Iterator[tuple[object, ...]]:
+    for kind in KINDS:
+        for joint in joints_of(kind, list(case.parameters)):
+            name = kind.name(joint)
+            found = case.parameters[name]
+            numbers = (found.value, found.std, results.published(name), found.tolerance)
+            yield (
+                load,
+                name,
+                joint,
+                found.unit,
+                *(figures(number, 6) for number in numbers),
+                found.identifiable,
+                found.at_bound,
+            )
 
 
-def _data_row(
-    load: str, name: str, joint: int, parameter: CalibratedParameter, results: Results
-) -> Row:
-    published = results.published(name)
-    return (
-        load,
-        name,
-        str(joint),
-        parameter.unit,
-        f"{parameter.value:.6g}",
-        f"{parameter.std:.6g}",
-        "" if published is None else f"{published:.6g}",
-        "" if parameter.tolerance is None else f"{parameter.tolerance:g}",
-        str(parameter.identifiable).lower(),
-        str(parameter.at_bound).lower(),
-    )
-
-
-def _grid(case: PaperCalibrationRecord, results: Results, caption: str) -> Grid:
+def _layout(load: str, case: PaperCalibrationRecord, results: Results) -> Shown:
     """Lay the parameters out as Table I does: a row a joint, ours and the paper's beside it."""
-    with_paper = results.is_paper_arm and case.load == COMBINED
+    with_paper = results.is_paper_arm and load == COMBINED
     names = list(case.parameters)
     joints = sorted({joint for kind in KINDS for joint in joints_of(kind, names)})
-    header: list[str] = ["joint"]
+    header, columns = ["joint"], [[str(joint) for joint in joints]]
     for kind in KINDS:
         header.append(f"{kind.symbol.rstrip(',')} [{kind.unit}]")
+        columns.append([_cell(kind, joint, case) for joint in joints])
         if with_paper:
             header.append("paper")
-    rows = []
-    for joint in joints:
-        row = [str(joint)]
-        for kind in KINDS:
-            row.append(_cell(kind, joint, case))
-            if with_paper:
-                row.append(_paper_cell(kind, joint, results))
-        rows.append(tuple(row))
-    return Grid(tuple(header), tuple(rows), caption)
+            columns.append([_paper_cell(kind, joint, results) for joint in joints])
+    caption = "All loads together" if load == COMBINED else f"{written_load(load)} alone"
+    return shown(header, zip(*columns, strict=True), caption)
 
 
 def _cell(kind: Kind, joint: int, case: PaperCalibrationRecord) -> str:
@@ -153,12 +130,10 @@ def _notes(case: PaperCalibrationRecord, results: Results) -> tuple[str, ...]:
     unidentified_directions = "; ".join(" with ".join(names) for names in case.null_directions)
     notes = [
         "± is one standard uncertainty.",
-        f"{_NOT_IDENTIFIABLE} the poses cannot tell this parameter from others; the tolerance "
-        f"terms alone settle it. Directions left open, all loads together: "
-        f"{unidentified_directions or 'none'}.",
-        f"{_AT_BOUND} at the end of the physical range: the data ask for a stiffness that is not "
-        "positive.",
-        f"{_RIGID} joints held rigid; {_NONE} the row has no such parameter.",
+        f"{_NOT_IDENTIFIABLE} not identifiable from the poses: the tolerance terms alone determine "
+        f"it. Null directions, all loads together: {unidentified_directions or 'none'}.",
+        f"{_AT_BOUND} at its bound: the stiffness that fits the data best is not positive.",
+        f"{_RIGID} rigid joint; {_NONE} the row has no such parameter.",
     ]
     if results.is_paper_arm:
         place = {"text_e7": "its Section III.B (1e7)", "table_e8": "its Table I (1e8)"}

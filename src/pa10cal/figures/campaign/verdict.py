@@ -8,11 +8,12 @@ from typing import Any
 
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.table import Grid, Row, Table
+from pa10cal.figures.table import Row, Shown, Table, frame_of, shown
 from pa10cal.results.accuracy import BeforeAfter
 from pa10cal.results.discovery import (
     EffectName,
     EvidenceByBlocks,
+    EvidenceByRepeats,
     FoundEffect,
     LoadGap,
     SetGap,
@@ -35,8 +36,8 @@ arm. The CSV holds the same, one number a row.
 )
 
 _HALF_WIDTH_95 = 1.96
-_DATA_HEADER: Row = ("kind", "effect", "of", "quantity", "value", "std", "unit", "remark")
-_GAP_HEADER: Row = (
+_HEADER = ("kind", "effect", "of", "quantity", "value", "std", "unit", "remark")
+_GAP_HEADER = (
     "poses",
     "load",
     "mean before",
@@ -45,23 +46,24 @@ _GAP_HEADER: Row = (
     "after",
     "peak before",
     "after",
-    "mean less by, 95 % interval",
+    "reduction of the mean, 95 % interval",
 )
 _PARTS = {"inside": "angles seen in the fit", "extrapolated": "extrapolated"}
 _BY_REPEATS = (
-    "Evidence: what the data would be less likely by without the effect (natural logarithm, "
-    "nats); the chance that sign flips over poses give any candidate as much (max T); and what "
-    "it explains of the error of poses and loads left out."
+    "Evidence: log evidence lost without the effect (nats); the probability that sign flips over "
+    "poses give any candidate as much (max T); and the share of the error of poses and loads held "
+    "out of the fit that it explains (cross-validation)."
 )
 _BY_BLOCKS = (
-    "Evidence: how blocks of poses that were left out are predicted without the effect and with "
-    "it, in how many of them better, and the gain over its standard error (z). A map's knots are "
-    "all in the CSV. Extrapolated: poses with a joint at an angle not seen in the fit."
+    "Evidence: prediction of blocks of poses held out of the fit (cross-validation) without and "
+    "with the effect, the number of blocks that it improves, and the gain over its standard error "
+    "(z). The CSV holds all knots of a map. Extrapolated: poses with a joint at an angle that the "
+    "fit has not seen."
 )
 _MEANINGS = {
     "none": "None: model and measurement agree within the measured repeatability.",
     "named": "Named: every effect found stands alone.",
-    "ambiguous": "Ambiguous: at least one effect cannot be told from its alternatives.",
+    "ambiguous": "Ambiguous: at least one effect cannot be distinguished from its alternatives.",
     "unexplained": "Unexplained: a gap remains that no effect of the vocabulary closes.",
 }
 
@@ -70,36 +72,33 @@ def tabulate(results: Results) -> Table:
     """Return effects with intervals, alternatives and evidence, what is not testable, the gap."""
     found = results.verdict()
     return Table(
-        title="What is missing from the model",
-        data=Grid(_DATA_HEADER, tuple(_data_rows(found))),
-        shown=tuple(_grids(found)),
+        title="Effects missing from the model",
+        data=frame_of(_HEADER, _data_rows(found)),
+        shown=tuple(_shown(found)),
         notes=_notes(found),
     )
 
 
-def _grids(found: VerdictRecord) -> Iterator[Grid]:
-    yield Grid(
+def _shown(found: VerdictRecord) -> Iterator[Shown]:
+    yield shown(
         ("effect", "of", "parameters, with 95 % intervals", "alternatives", "evidence"),
-        tuple(_effect_row(effect) for effect in found.effects) or (("none named", "", "", "", ""),),
+        map(_effect_row, found.effects),
         "Effects found",
     )
     if found.unexplained is not None:
-        places = tuple((place.of or "not known", place.why) for place in found.unexplained.all)
-        yield Grid(("of", "why"), places, "Without a name")
-    yield Grid(
+        places = [(place.of or "not known", place.why) for place in found.unexplained.all]
+        yield shown(("of", "why"), places, "Unexplained: a gap without a name")
+    yield shown(
         _GAP_HEADER,
-        tuple(_gap_rows(found)),
+        _gap_rows(found),
         f"Position error [mm]; repeatability alone leaves {found.gap.noise_floor_mm:.4f} mm",
     )
     if found.indistinguishable:
-        groups = tuple((_together(group),) for group in found.indistinguishable)
-        yield Grid(("group",), groups, "Effects that these poses could not tell apart")
+        groups = [(_together(group),) for group in found.indistinguishable]
+        yield shown(("group",), groups, "Effects that these poses cannot distinguish")
     if found.not_testable:
-        yield Grid(
-            ("effect", "of", "why"),
-            tuple((entry.id, entry.of, entry.why) for entry in found.not_testable),
-            "Effects that these data cannot show",
-        )
+        entries = [(entry.id, entry.of, entry.why) for entry in found.not_testable]
+        yield shown(("effect", "of", "why"), entries, "Effects that these data cannot show")
 
 
 def _effect_row(effect: FoundEffect) -> Row:
@@ -107,21 +106,27 @@ def _effect_row(effect: FoundEffect) -> Row:
         f"{name} = {parameter.value:.5g} ± {_HALF_WIDTH_95 * parameter.std:.2g} {parameter.unit}"
         for name, parameter in effect.parameters.items()
     )
-    evidence = _blocks(effect) or "; ".join(
-        f"{name} {value:.3g}" for name, value in _statistics(effect.evidence.model_dump())
-    )
-    return (effect.id, effect.of, parameters, _together(effect.alternatives) or "none", evidence)
+    alternatives = _together(effect.alternatives) or "none"
+    return (effect.id, effect.of, parameters, alternatives, _evidence(effect.evidence))
 
 
-def _blocks(effect: FoundEffect) -> str:
-    """Say how blocks held out are predicted; empty where effects were judged by repeats."""
-    if not isinstance(effect.evidence, EvidenceByBlocks):
-        return ""
-    found = effect.evidence.cross_validation_over_blocks
+def _evidence(found: EvidenceByRepeats | EvidenceByBlocks) -> str:
+    """Say what decided about an effect, in words."""
+    if isinstance(found, EvidenceByBlocks):
+        blocks = found.cross_validation_over_blocks
+        return (
+            f"cross-validation over blocks: rms {blocks.rms_without_mm:.3f} mm without, "
+            f"{blocks.rms_with_mm:.3f} mm with it; better in {blocks.improved} of "
+            f"{blocks.blocks} blocks, z {blocks.z:.1f}"
+        )
+    shares = [("poses", found.cross_validation_over_poses)]
+    if found.cross_validation_over_loads is not None:
+        shares.append(("loads", found.cross_validation_over_loads))
+    held_out = ", ".join(f"{100.0 * of.explained:.0f} % over {name}" for name, of in shares)
     return (
-        f"rms of blocks left out {found.rms_without_mm:.3f} mm without, "
-        f"{found.rms_with_mm:.3f} mm with it; better in {found.improved} of "
-        f"{found.blocks} blocks, z {found.z:.1f}"
+        f"{found.lost_without_it_nats:.3g} nats lost without it, {found.needed_nats:.3g} needed; "
+        f"sign flips p {found.p_sign_flips_max_t:.2g}, at most {found.p_needed:.2g}; "
+        f"cross-validation explains {held_out}"
     )
 
 
@@ -213,10 +218,10 @@ def _data_rows(found: VerdictRecord) -> Iterator[Row]:
 def _notes(found: VerdictRecord) -> tuple[str, ...]:
     return (
         _MEANINGS.get(found.verdict, found.verdict),
-        "Before is the calibrated model, after the same with the effects found, recalibrated, and "
-        "with the places of the targets on the apparatus as that fit leaves them; with no effect "
-        "the whole difference is theirs. Held-out poses are used for nothing else.",
+        "Before: the calibrated model. After: the same with the effects found, recalibrated, and "
+        "with the positions of the targets on the apparatus from that fit; without an effect the "
+        "whole difference is due to them. Held-out poses are used for nothing else.",
         _BY_REPEATS if found.angles_seen is None else _BY_BLOCKS,
-        "The interval of the reduction is over poses: the loads and repeats of a pose share its "
+        "The unit of the reduction's interval is the pose: loads and repeats of a pose share its "
         "errors and count once.",
     )

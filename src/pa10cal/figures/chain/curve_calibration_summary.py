@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pa10cal.figures.chain_words import DEPARTS, MODELS
 from pa10cal.figures.parameter_names import written
 from pa10cal.figures.registry import Picture
-from pa10cal.figures.table import Grid, Row, Table
+from pa10cal.figures.table import Row, Shown, Table, frame_of, shown
 from pa10cal.results.studies import CurveCalibrationRecord, CurveStudySummary, Individual, OverFloor
 
 PICTURE = Picture(
@@ -41,26 +41,23 @@ _ERRORS_HEADER = ("arm departs", "model", "fitted", "peak", "held out", "peak", 
 def tabulate(study: CurveCalibrationRecord) -> Table:
     """Return a row for each way to depart and each model."""
     first = [each for each in study.individuals if each.number == 1]
-    left_out = first[0].models["general"].left_out
+    redundant = first[0].models["general"].left_out
+    data = frame_of(_HEADER, map(_row, study.summaries))
     return Table(
         title=f"A chain of {study.joints} joints, calibrated (synthetic)",
-        data=Grid(_HEADER, tuple(map(_row, study.summaries))),
+        data=data,
         shown=(
-            Grid(_HEADER, tuple(map(_row, study.summaries))),
-            Grid(
+            Shown(data),
+            shown(
                 _ERRORS_HEADER,
-                tuple(row for each in first for row in _error_rows(each)),
+                [row for each in first for row in _error_rows(each)],
                 "The first arm of each, position errors [mm]",
             ),
-            Grid(
-                ("model", "direction"),
-                _directions(study) or (("none", "–"),),
-                "Directions that no pose tells",
-            ),
-            Grid(
-                ("parameter", "said by"),
-                tuple((written(name), _said(said)) for name, said in left_out.items()),
-                "Parameters that the general model leaves out",
+            shown(("model", "direction"), _directions(study), "Null directions"),
+            shown(
+                ("parameter", "the same as"),
+                [(written(name), _said(said)) for name, said in redundant.items()],
+                "Omitted: redundant parameters of the general model",
             ),
         ),
         notes=(
@@ -68,9 +65,9 @@ def tabulate(study: CurveCalibrationRecord) -> Table:
             f"a position alone leaves. Bar: {study.bar:g} times the floor.",
             "Over the floor: mean over the arms, in brackets the largest. True: against the pose "
             "itself, without the noise of its reading.",
-            "The two-level model has no motions of the tool: where the flange departs in any way, "
-            "two directions are beyond it. All poses inside: M = N.",
-            "Score: (value − truth) / standard uncertainty, of parameters that are told.",
+            "The two-level model has no tool parameters: where the flange departs in any way, "
+            "it cannot represent two directions. All poses inside: M = N.",
+            "Score: (value − truth) / standard uncertainty, of identifiable parameters.",
         ),
     )
 

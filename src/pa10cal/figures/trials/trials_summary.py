@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pa10cal.figures.registry import Picture
-from pa10cal.figures.table import Grid, Row, Table
+from pa10cal.figures.table import Shown, Table, frame_of
 from pa10cal.results.trials import Bar, TrialScoresRecord
 
 PICTURE = Picture(
@@ -20,22 +20,22 @@ does on errors that the simulation can produce.
 
 _HEADER = ("quantity", "to reach", "reached", "95 % interval", "trials", "met")
 _NOTES = (
-    "Ratios are the position error that the calibrated baseline leaves over what noise alone "
-    "leaves, from the difference to the same campaign without the effect. A turn about the last "
-    "axis, a gain of the logged torque and friction at a rigid joint do not show in it.",
-    "Separable: not in one group with another name, by the geometry of the poses alone. A map of a "
-    "joint's error can do what any named form of the joint does and is no rival of one.",
-    "A trial that failed counts against every figure it belongs to.",
+    "Ratio: remaining position error of the calibrated model over that of noise alone, from the "
+    "difference to the same campaign without the effect. A rotation about the last axis, a gain of "
+    "the logged torque and friction at a rigid joint do not change it.",
+    "Separable: distinguishable from every other name by the geometry of the poses alone. A map of "
+    "a joint's error can represent any named error of that joint and is no alternative to one.",
+    "A trial that failed counts against every target it belongs to.",
 )
 
 
 def tabulate(scores: TrialScoresRecord) -> Table:
     """Return a row a figure."""
-    grid = Grid(_HEADER, tuple(map(_row, scores.bars)))
-    return Table("Blind trials: figures to reach", data=grid, shown=(grid,), notes=_notes(scores))
+    data = frame_of(_HEADER, map(_row, scores.bars))
+    return Table("Blind trials: targets", data, (Shown(data.astype(str)),), _notes(scores))
 
 
-def _row(bar: Bar) -> Row:
+def _row(bar: Bar) -> tuple[object, ...]:
     return (
         bar.what,
         f"{'≥' if bar.at_least else '≤'} {_figure(bar.limit, bar)}",
@@ -43,8 +43,8 @@ def _row(bar: Bar) -> Row:
         ""
         if bar.low is None or bar.high is None or not bar.trials
         else f"{_figure(bar.low, bar)} to {_figure(bar.high, bar)}",
-        str(bar.trials),
-        {None: "no trial tells", True: "yes", False: "no"}[bar.met],
+        bar.trials,
+        {None: "no trial", True: "yes", False: "no"}[bar.met],
     )
 
 
