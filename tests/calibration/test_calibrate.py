@@ -14,7 +14,6 @@ from pa10cal.calibration.calibrate import (
     tolerance_rows,
     weak_directions,
 )
-from pa10cal.calibration.identifiability import identify, observability, unidentified_directions
 from pa10cal.calibration.inner_dependence import inner_dependence
 from pa10cal.calibration.l_curve import l_curve
 from pa10cal.calibration.levels import TwoLevel
@@ -23,6 +22,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.errors import CalibrationError
+from pa10cal.fit.identifiability import identify, observability, unidentified_directions
 from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
 from pa10cal.observe.averages import average_repeats
 from pa10cal.terms.baseline import baseline

@@ -10,7 +10,7 @@ import pytest
 from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.calibration.design import pose_design, poses_wanted
 from pa10cal.calibration.health import Errors, FitSummary, health
-from pa10cal.calibration.identifiability import identify, not_identifiable
+from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.terms.term import Parameter
 
 NOISE_M = 1e-5

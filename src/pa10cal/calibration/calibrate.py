@@ -7,13 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.calibration.identifiability import (
-    Direction,
-    Identifiability,
-    identify,
-    not_identifiable,
-    unidentified_directions,
-)
 from pa10cal.calibration.inner_poses import rows_of, spread_poses
 from pa10cal.calibration.levels import Level, OneLevel, TwoLevel
 from pa10cal.calibration.options import CalibrationOptions
@@ -26,6 +19,13 @@ from pa10cal.calibration.uncertainty import (
     with_own_scatter,
 )
 from pa10cal.errors import CalibrationError
+from pa10cal.fit.identifiability import (
+    Direction,
+    Identifiability,
+    identify,
+    not_identifiable,
+    unidentified_directions,
+)
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.joint_spring import JointSpring

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.calibration.design import PoseDesign, pose_design, poses_wanted
-from pa10cal.calibration.identifiability import Identifiability
+from pa10cal.fit.identifiability import Identifiability
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]

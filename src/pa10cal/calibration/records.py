@@ -13,11 +13,11 @@ from pa10cal.calibration.accuracy import Accuracy, summarise_by_load
 from pa10cal.calibration.base_parameters import report_base
 from pa10cal.calibration.calibrate import Calibration, pull_beyond_bounds, weak_directions
 from pa10cal.calibration.health import Health
-from pa10cal.calibration.identifiability import observability
 from pa10cal.calibration.load_case import LoadCase, model_deviations
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.fit.angles_seen import span_seen
 from pa10cal.fit.fitted_model import FittedModel, FittedTo
+from pa10cal.fit.identifiability import observability
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.calibration.identifiability import Identifiability
+from pa10cal.fit.identifiability import Identifiability
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]

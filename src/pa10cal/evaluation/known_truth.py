@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.calibration.general.calibrate import GeneralCalibration
-from pa10cal.calibration.identifiability import not_identifiable
+from pa10cal.fit.identifiability import not_identifiable
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.joint_spring import JointSpring
 

@@ -26,7 +26,6 @@ from pa10cal.calibration.general.calibrate import (
 )
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.start import find_start
-from pa10cal.calibration.identifiability import Identifiability, unidentified_directions
 from pa10cal.calibration.load_case import model_deviations
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import ErrorSources
@@ -36,6 +35,7 @@ from pa10cal.cell.robot import Robot
 from pa10cal.curve.chain_arm import chain_arm
 from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.curve.postures import Postures, draw_postures
+from pa10cal.fit.identifiability import Identifiability, unidentified_directions
 from pa10cal.observe.averages import measured_as_poses
 from pa10cal.results import studies as results
 from pa10cal.results.accuracy import Distances

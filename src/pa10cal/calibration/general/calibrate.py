@@ -13,12 +13,12 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.fit import Fit, fit
-from pa10cal.calibration.general.problem import Problem
 from pa10cal.calibration.general.tilts import Settled, tilts_not_shown
 from pa10cal.calibration.general.unknowns import Unknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.loads import TorqueSource, with_torques
+from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.terms.joint_spring import JointSpring

@@ -18,11 +18,11 @@ from pa10cal.calibration.general.calibrate import (
 )
 from pa10cal.calibration.general.suspected_outliers import SuspectedOutlier, suspected_outliers
 from pa10cal.calibration.health import Errors, FitSummary, Health, health
-from pa10cal.calibration.identifiability import Direction, not_identifiable, unidentified_directions
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import span_seen
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.identifiability import Direction, not_identifiable, unidentified_directions
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations, Start

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.calibration.general.problem import Problem, Rows
-from pa10cal.calibration.general.weighing import Weighed, first_scatter, refreshed, weigh
-from pa10cal.calibration.identifiability import NULL_RATIO, Identifiability, identify
+from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, identify
+from pa10cal.fit.problem import Problem, Rows
+from pa10cal.fit.robust_weights import Weighed, first_scatter, refreshed, weigh
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from pa10cal.calibration.general.fit import Fit
-from pa10cal.calibration.general.problem import Problem
+from pa10cal.fit.problem import Problem
 from pa10cal.results.calibration import SuspectedOutlier as SuspectedOutlier
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.general.fit import Fit
-from pa10cal.calibration.general.problem import Problem
+from pa10cal.fit.problem import Problem
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]

@@ -9,11 +9,11 @@ import numpy as np
 from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.general.case import base_motion
 from pa10cal.calibration.general.fit import fit
-from pa10cal.calibration.general.problem import Problem
 from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.fixed import Fixed
 from pa10cal.terms.model import Model

@@ -1,4 +1,4 @@
-"""The general model of a campaign as a least-squares problem on one level."""
+"""A model and what was measured as a least-squares problem: residual rows and their derivative."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri, stdtrit
 
-from pa10cal.calibration.general.problem import Problem, Rows
+from pa10cal.fit.problem import Problem, Rows
 
 Array = NDArray[np.float64]
 
