@@ -16,7 +16,7 @@ from typing_extensions import override
 
 from pa10cal.frame.length_scale import scale_of_distances
 from pa10cal.frame.ranging import range_from_distances
-from pa10cal.observe.instrument import MM, Instrument, group_means
+from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import Array, Comparison, Deviations, Index, Located, Stated, Words
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 from pa10cal.observe.targets import by_end_and_targets, carried_targets
@@ -47,6 +47,7 @@ class Distance(Instrument):
     least_rows: ClassVar[int] = 24
     _of_all: ClassVar[tuple[str, ...]] = ("name", "p_ee_stated_m")
     kind: ClassVar[str] = "distance"
+    locates_by: ClassVar[LocatingMethod] = "ranging"
     words: ClassVar[Words] = Words(
         "distance error",
         "Errors are of the distance measured: what is across the line of sight does not show.",
@@ -129,7 +130,6 @@ class Distance(Instrument):
         T_instr_base = np.eye(4)
         T_instr_base[:3, 3] = -found.p_base_point_m
         return Located(
-            method="ranging",
             T_instr_base=T_instr_base,
             scatter_m=found.rms_m,
             poses=len(self),

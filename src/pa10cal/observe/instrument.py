@@ -12,7 +12,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,11 @@ from pa10cal.observe.quantities import (
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 from pa10cal.terms.term import Parameter
 
+#: How the base is found before any calibration, as `seed/base_frame.json` has it.
+LocatingMethod = Literal[
+    "rigid_fit_nominal", "hand_eye_poses", "hand_eye_points", "ranging", "nominal_arm"
+]
+
 MM = 1e-3
 
 
@@ -40,6 +45,7 @@ class Instrument(ABC):
 
     Attributes:
         kind: the word of `instrument.kind` in campaign.yaml.
+        locates_by: how `locate` finds the base, a word of `seed/base_frame.json`.
         words: how captions speak of its errors.
         measures_pose: whether it measures position and attitude, as the paper's model needs.
         from_touches: whether its raw data are touches and a resolver log, as in the paper.
@@ -52,6 +58,7 @@ class Instrument(ABC):
     """
 
     kind: ClassVar[str]
+    locates_by: ClassVar[LocatingMethod] = "nominal_arm"
     words: ClassVar[Words]
     measures_pose: ClassVar[bool] = False
     from_touches: ClassVar[bool] = False

@@ -1,4 +1,4 @@
-"""The words of the instruments as a type of settings, checked by the registry."""
+"""Words of the instruments as a type of settings, checked by the registry."""
 
 from __future__ import annotations
 
@@ -12,25 +12,16 @@ from pydantic_core import CoreSchema, core_schema
 
 
 @dataclass(frozen=True)
-class _Registered:
-    """A word of the registry, which is read when a value is checked and not before.
+class _OneOf:
+    """A word of a list that is made when a value is checked, and not before.
 
     Attributes:
-        trackers: whether instruments whose raw data are touches are excluded.
+        words: makes the list.
     """
 
-    trackers: bool
+    words: Callable[[], list[str]]
 
-    def words(self) -> list[str]:
-        from pa10cal.observe.registry import instruments  # late: it brings numpy and scipy
-
-        return [
-            word
-            for word, found in instruments().items()
-            if not (self.trackers and found.from_touches)
-        ]
-
-    def check(self, word: str) -> str:
+    def _check(self, word: str) -> str:
         words = self.words()
         if word not in words:
             raise ValueError(f"should be one of {', '.join(words)}")
@@ -39,8 +30,7 @@ class _Registered:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        check: Callable[[str], str] = self.check
-        return core_schema.no_info_after_validator_function(check, handler(source))
+        return core_schema.no_info_after_validator_function(self._check, handler(source))
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
@@ -48,6 +38,18 @@ class _Registered:
         return handler(schema) | {"enum": self.words()}
 
 
+def _kinds() -> list[str]:
+    from pa10cal.observe.registry import instruments  # late: it brings numpy and scipy
+
+    return list(instruments())
+
+
+def _trackers() -> list[str]:
+    from pa10cal.observe.registry import instruments
+
+    return [kind for kind, found in instruments().items() if not found.from_touches]
+
+
 #: A kind of instrument, and one that gives its measurements in `files.poses`.
-InstrumentKind = Annotated[str, _Registered(trackers=False)]
-TrackerKind = Annotated[str, _Registered(trackers=True)]
+InstrumentKind = Annotated[str, _OneOf(_kinds)]
+TrackerKind = Annotated[str, _OneOf(_trackers)]

@@ -13,7 +13,7 @@ from typing_extensions import override
 
 from pa10cal.frame.hand_eye import hand_eye_from_points
 from pa10cal.frame.length_scale import scale_of_points
-from pa10cal.observe.instrument import MM, Instrument, group_means
+from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import Array, Comparison, Deviations, Index, Located, Stated, Words
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 from pa10cal.observe.targets import (
@@ -47,6 +47,7 @@ class Points(Instrument):
     p_ee_stated_m: Array | None
 
     kind: ClassVar[str] = "points"
+    locates_by: ClassVar[LocatingMethod] = "hand_eye_points"
     words: ClassVar[Words] = Words(
         "position error",
         "The error of a pose is the root mean square over the targets seen in it.",
@@ -145,7 +146,6 @@ class Points(Instrument):
             T_base_ee, self.p_instr_m, self.p_ee_stated_m, names=self.names
         )
         return Located(
-            method="hand_eye_points",
             T_instr_base=found.T_instr_base,
             scatter_m=found.rms_m,
             poses=len(self),

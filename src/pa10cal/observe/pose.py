@@ -14,7 +14,7 @@ from typing_extensions import override
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
 from pa10cal.frame.length_scale import scale_of_points
 from pa10cal.frame.pose_error import pose_error
-from pa10cal.observe.instrument import MM, Instrument, group_means
+from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import Array, Comparison, Deviations, Index, Located, Stated, Words
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 
@@ -51,6 +51,7 @@ class Pose(Instrument):
     by_apparatus: Array
 
     kind: ClassVar[str] = "pose"
+    locates_by: ClassVar[LocatingMethod] = "hand_eye_poses"
     words: ClassVar[Words] = Words(
         "position error",
         "Errors are distances of the target seen, predicted from measured.",
@@ -133,7 +134,6 @@ class Pose(Instrument):
         """Find base and target by hand-eye calibration."""
         found = hand_eye_from_poses(T_base_ee, self.T_instr_target)
         return Located(
-            method="hand_eye_poses",
             T_instr_base=found.T_instr_base,
             scatter_m=found.rms_m,
             poses=len(self),

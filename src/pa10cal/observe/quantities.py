@@ -69,7 +69,6 @@ class Located:
     """Base frame and targets, found with the nominal arm.
 
     Attributes:
-        method: how, as `seed/base_frame.json` has it.
         T_instr_base: (4, 4) base in the instrument's frame [m].
         scatter_m: root mean square of the residuals, positions or distances.
         poses: how many it rests on.
@@ -84,7 +83,6 @@ class Located:
         stated: whether the places of the targets are stated; None where it does not matter.
     """
 
-    method: str
     T_instr_base: Array
     scatter_m: float
     poses: int

@@ -125,7 +125,7 @@ def _located_record(
     return BaseFrameRecord(
         campaign=campaign,
         provenance=provenance,
-        method=found.method,
+        method=measured.locates_by,
         **_frame(found.T_instr_base),
         x_direction_u_rad=None if u_rad is None else float(u_rad[0]),
         y_direction_u_rad=None if u_rad is None else float(u_rad[1]),

@@ -12,7 +12,7 @@ from typing_extensions import override
 
 from pa10cal.frame.nominal_fit import seed_from_nominal
 from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
-from pa10cal.observe.instrument import MM, group_means
+from pa10cal.observe.instrument import MM, LocatingMethod, group_means
 from pa10cal.observe.pose import POSE_SCALE, Pose, pose_of_columns
 from pa10cal.observe.quantities import Array, Index, Located, Stated, Words
 from pa10cal.observe.targets import columns_of_places, names_of_columns, places_of_columns
@@ -35,6 +35,7 @@ class Touched(Pose):
     touches: NDArray[np.int64]
 
     kind: ClassVar[str] = "touch_trigger_cmm"
+    locates_by: ClassVar[LocatingMethod] = "rigid_fit_nominal"
     words: ClassVar[Words] = Words(
         "position error",
         "Errors are distances of the end-effector, predicted from measured.",
@@ -92,7 +93,6 @@ class Touched(Pose):
         """Find the base by a rigid fit of positions: the end-effector itself is measured."""
         found = seed_from_nominal(self.T_instr_target[:, :3, 3], T_base_ee[:, :3, 3])
         return Located(
-            method="rigid_fit_nominal",
             T_instr_base=found.T_instr_base,
             scatter_m=found.residual_rms_m,
             poses=found.poses,

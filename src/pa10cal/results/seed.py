@@ -36,7 +36,12 @@ class BaseFrameRecord(MeasuredRecord):
     COMMAND: ClassVar[str] = "seed"
 
     method: Literal[
-        "straight_lines", "rigid_fit_nominal", "hand_eye_poses", "hand_eye_points", "ranging"
+        "straight_lines",
+        "rigid_fit_nominal",
+        "hand_eye_poses",
+        "hand_eye_points",
+        "ranging",
+        "nominal_arm",
     ] = Field(description="how the frame was found")
     R_instr_base: Matrix3 = Field(description="attitude of the base in the instrument's frame")
     origin_instr_m: Vector3 = Field(description="origin of the base in the instrument's frame [m]")
