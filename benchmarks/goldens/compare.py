@@ -69,7 +69,7 @@ def read_intended(path: Path) -> list[Intended]:
     inside = False
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         cells = [c.strip() for c in re.split(r"(?<!\\)\|", line.strip())[1:-1]]
-        cells = [c.replace("\\|", "|").strip("`") for c in cells]
+        cells = [_plain(cell.replace("\\|", "|")) for cell in cells]
         if not cells or not any(c.strip("-: ") for c in cells):
             inside = inside and bool(cells)
         elif tuple(cells) == COLUMNS:
@@ -77,6 +77,12 @@ def read_intended(path: Path) -> list[Intended]:
         elif inside:
             rows.append(_intended(cells, f"{path.name}, line {number}"))
     return rows
+
+
+def _plain(cell: str) -> str:
+    """Return a cell without the marks of code around it."""
+    inner = cell.strip("`")
+    return inner if "`" not in inner and cell == f"`{inner}`" else cell.replace("``", "")
 
 
 def _intended(cells: list[str], where: str) -> Intended:
