@@ -259,46 +259,39 @@ def _walk(chain: Chain, coordinates: Array, note: _Note | None) -> tuple[list[Ar
     values = np.ascontiguousarray(coordinates.T)
     moves = values.any(axis=1)
     # Most coordinates are the same in every pose: one sine serves all.
-    same = (values == values[:, :1]).all(axis=1) & moves
-    amounts, cosines, sines = (
-        {k: row for at in parts for k, row in at.items()}
-        for parts in zip(
-            _by_motion(np.flatnonzero(same), values[same, :1]),
-            _by_motion(np.flatnonzero(moves & ~same), values[moves & ~same]),
-            strict=True,
-        )
-    )
+    same = moves & (values == values[:, :1]).all(axis=1)
+    varies = np.flatnonzero(moves & ~same)
+    first = values[:, 0] if count else np.zeros(len(values))
+    amounts: list[float | Array] = list(first.tolist())
+    cosines: list[float | Array] = list(np.cos(first).tolist())
+    sines: list[float | Array] = list(np.sin(first).tolist())
+    varying = values[varies]
+    for k, *of_k in zip(varies.tolist(), varying, np.cos(varying), np.sin(varying), strict=True):
+        amounts[k], cosines[k], sines[k] = of_k
+    moving = np.asarray(moves).tolist()
     for k, motion in enumerate(chain.motions):
         if k in chain.constants:
             frame, origin = _placed(frame, origin, chain.constants[k])
         if note is not None:
             note(k, frame, origin)
-        if k not in amounts:
+        if not moving[k]:
             continue
         if motion.turns:
-            first, second = (motion.axis + 1) % 3, (motion.axis + 2) % 3
+            one, other = (motion.axis + 1) % 3, (motion.axis + 2) % 3
             cos, sin = cosines[k], sines[k]
-            frame[first], frame[second] = (
-                cos * frame[first] + sin * frame[second],
-                cos * frame[second] - sin * frame[first],
+            frame[one], frame[other] = (
+                cos * frame[one] + sin * frame[other],
+                cos * frame[other] - sin * frame[one],
             )
         else:
             origin = origin + amounts[k] * frame[motion.axis]
     return frame, origin
 
 
-def _by_motion(motions: NDArray[np.intp], values: Array) -> list[dict[int, Array]]:
-    """Return values of motions, their cosines and their sines, by the motion's number."""
-    numbers = motions.tolist()
-    return [
-        dict(zip(numbers, rows, strict=True)) for rows in (values, np.cos(values), np.sin(values))
-    ]
-
-
 def _placed(frame: list[Array], origin: Array, T: Array) -> tuple[list[Array], Array]:
     """Carry a frame, given by its axes and origin, over a constant one."""
-    axes = np.stack(frame)
-    moved = np.tensordot(T[:3].T, axes, axes=1)
+    axes = np.concatenate(frame).reshape(3, -1)
+    moved = (T[:3].T @ axes).reshape(4, 3, -1)
     return [*moved[:3]], origin + moved[3]
 
 

@@ -56,7 +56,10 @@ class Freedom:
 
 
 def descend(
-    start: S, linearise: Callable[[S], Linearised], moved: Callable[[S, Array], S]
+    start: S,
+    linearise: Callable[[S], Linearised],
+    moved: Callable[[S, Array], S],
+    cost_tolerance: float = COST_TOLERANCE,
 ) -> tuple[S, Linearised]:
     """Go down from a start by Gauss-Newton steps, damped where they would go up.
 
@@ -64,6 +67,7 @@ def descend(
         start: where to begin.
         linearise: the problem at a point.
         moved: a point and a step (k,) to the next point.
+        cost_tolerance: a step that lowers the cost by a smaller part of it is not taken.
 
     Returns:
         The lowest point reached, and the problem there.
@@ -75,7 +79,7 @@ def descend(
         slope = here.by_step.T @ here.residual
         step = np.asarray(np.linalg.lstsq(normal, slope, rcond=1e-14)[0], dtype=np.float64)
         still = np.abs(step).max(initial=0.0) <= STEP_TOLERANCE
-        if still or step @ slope <= COST_TOLERANCE * here.cost or damping > LARGEST_DAMPING:
+        if still or step @ slope <= cost_tolerance * here.cost or damping > LARGEST_DAMPING:
             break
         tried = moved(at, step)
         there = linearise(tried)

@@ -169,7 +169,7 @@ def _best(
     Which is best some of the poses tell.
     """
     few = problem.thinned(MOST_POSES)
-    found = [refined(few, first_guess(few, *start), passes=1) for start in starts]
+    found = [refined(few, first_guess(few, *start), roughly=True) for start in starts]
     best, _, told = min(found, key=lambda each: each[1].cost)
     if told.open.size:
         best = replace(best, p_ee_m=problem.p_ee_stated_m)

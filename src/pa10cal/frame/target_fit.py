@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.descent import Freedom, Linearised, descend, freedom
+from pa10cal.frame.descent import COST_TOLERANCE, Freedom, Linearised, descend, freedom
 
 Array = NDArray[np.float64]
 
@@ -20,6 +20,8 @@ LEVER_M = 0.5
 LEAST_POSES = 3
 #: What is open depends a little on the solution, so it is found again there.
 PASSES = 2
+#: Part of the cost that makes no difference between two starts.
+_ROUGHLY = 1e-6
 
 
 @dataclass(frozen=True)
@@ -157,23 +159,28 @@ def first_guess(problem: TargetProblem, R_instr_base: Array, R_ee_target: Array)
 
 
 def refined(
-    problem: TargetProblem, guess: Guess, passes: int = PASSES
+    problem: TargetProblem, guess: Guess, *, roughly: bool = False
 ) -> tuple[Guess, Linearised, Freedom]:
     """Refine a guess, holding what of the targets the base can mimic.
 
     Args:
         problem: what was seen.
         guess: where to set out.
-        passes: how often what can be mimicked is found.
+        roughly: whether to stop where one can tell which of several guesses leads lowest.
 
     Returns:
         The solution, the problem there, and which steps of the targets (places of all, then the
         attitude where one was seen) the poses tell.
     """
-    for _ in range(passes):
+    for _ in range(1 if roughly else PASSES):
         whole = _linearise(problem, guess, None).by_step
         split = freedom(whole[:, 6:], whole[:, :6])
-        guess, at = descend(guess, _linearising(problem, split.free), _moving(split.free))
+        guess, at = descend(
+            guess,
+            _linearising(problem, split.free),
+            _moving(split.free),
+            _ROUGHLY if roughly else COST_TOLERANCE,
+        )
     return guess, at, split
 
 

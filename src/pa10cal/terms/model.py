@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain, EndPose, end_pose, end_pose_with_screws
 from pa10cal.arm.state import PoseStates
+from pa10cal.terms.offsets import identity
 from pa10cal.terms.term import Parameter, Report, Term, TorqueTerm, Yielding, shows_torque, yields
 
 Array = NDArray[np.float64]
@@ -198,4 +199,4 @@ class Model:
 
 
 def _is_identity(matrix: Array) -> bool:
-    return matrix.shape[0] == matrix.shape[1] and bool((matrix == np.eye(len(matrix))).all())
+    return matrix.shape[0] == matrix.shape[1] and np.array_equal(matrix, identity(len(matrix)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
@@ -55,11 +56,19 @@ class Offsets:
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the identity, (1, k, k)."""
         del states
-        return np.eye(len(x))[None]
+        return identity(len(x))[None]
 
     def report(self, x: Array) -> Report:
         """Return the parameters as they are."""
         return report_as_solved(self.parameters, x)
+
+
+@cache
+def identity(size: int) -> Array:
+    """Return the identity (size, size), read only."""
+    matrix = np.eye(size)
+    matrix.setflags(write=False)
+    return matrix
 
 
 def link_departures(arm: Arm, tolerances: Tolerances) -> Offsets:
