@@ -15,10 +15,10 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
 from pa10cal.montecarlo.displacement import joint_motion, plan_displacement
+from pa10cal.montecarlo.options import MonteCarloOptions
 from pa10cal.montecarlo.places import draw_places, reference_in_plane
 from pa10cal.montecarlo.sampling import BLOCK_CYCLES, sample_errors, stream
 from pa10cal.montecarlo.statistics import counts_of
-from pa10cal.settings import MonteCarloSettings
 
 PLANE_MM = 500
 ROUNDS = 9
@@ -54,7 +54,7 @@ class Timing:
 
 def measure(rounds: int = ROUNDS) -> Timing:
     """Time one full-size plane."""
-    settings = MonteCarloSettings()
+    settings = MonteCarloOptions()
     arm = load_arm("pa10_6ce")
     chain = Chain.of(arm)
     reference = reference_in_plane(chain, 1e-3 * PLANE_MM, settings.reach_m)

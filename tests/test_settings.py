@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import yaml
@@ -11,10 +12,14 @@ from hypothesis import strategies as st
 
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.curve.options import CurveOptions
 from pa10cal.errors import SettingsError
+from pa10cal.evaluation.options import JudgingOptions
+from pa10cal.figures.options import PictureOptions
 from pa10cal.montecarlo.options import MonteCarloOptions
 from pa10cal.settings import Settings, parse_settings
 from pa10cal.settings_reading import read_settings_argument
+from pa10cal.settings_section import Section
 
 ROOT = Path(__file__).parents[1]
 CHOSEN = {"campaigns", "simulate"}
@@ -199,3 +204,26 @@ def test_effects_to_calibrate_with(effects):
     assert (
         parse_settings(raw, where="x").model_dump(mode="json")["calibration"]["effects"] == effects
     )
+
+
+def sections_below(section):
+    """Yield a section and every one it holds."""
+    yield section
+    for field in section.model_fields.values():
+        kinds = [field.annotation]
+        while kinds:
+            kind = kinds.pop()
+            kinds.extend(get_args(kind))
+            if isinstance(kind, type) and issubclass(kind, Section):
+                yield from sections_below(kind)
+
+
+@pytest.mark.parametrize("section", [Settings, CurveOptions, PictureOptions, JudgingOptions])
+def test_every_field_says_what_it_means(section):
+    silent = [
+        f"{each.__name__}.{name}"
+        for each in sections_below(section)
+        for name, field in each.model_fields.items()
+        if not field.description
+    ]
+    assert not silent

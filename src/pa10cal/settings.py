@@ -7,43 +7,17 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
-from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.options import IngestOptions
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.discovery.options import DiscoveryOptions
-from pa10cal.evaluation.options import (
-    BlindTrialsOptions,
-    CoverageCase,
-    CoverageOptions,
-    EvaluationOptions,
-    JudgingOptions,
-)
-from pa10cal.figures.options import FigureOptions, PictureOptions
+from pa10cal.evaluation.options import BlindTrialsOptions, CoverageOptions, EvaluationOptions
+from pa10cal.figures.options import FigureOptions
 from pa10cal.frame.options import BaseFrameOptions
 from pa10cal.montecarlo.options import MonteCarloOptions
-from pa10cal.settings_reading import parse_section as parse_section
-from pa10cal.settings_reading import read_settings_argument as read_settings_argument
-from pa10cal.settings_section import NonNegative as NonNegative
-from pa10cal.settings_section import Positive as Positive
-from pa10cal.settings_section import Section as Section
-
-# The names that sections had when they all stood here.
-IngestSettings = IngestOptions
-BaseFrameSettings = BaseFrameOptions
-CalibrationSettings = CalibrationOptions
-ToleranceSettings = Tolerances
-MonteCarloSettings = MonteCarloOptions
-EvaluationSettings = EvaluationOptions
-DiscoverySettings = DiscoveryOptions
-BlindTrialsSettings = BlindTrialsOptions
-CoverageSettings = CoverageOptions
-CoverageCaseSettings = CoverageCase
-CurveStudySettings = CurveStudyOptions
-FigureSettings = FigureOptions
-PictureSettings = PictureOptions
-JudgingSettings = JudgingOptions
+from pa10cal.settings_reading import parse_section
+from pa10cal.settings_section import Section
 
 #: Folders of `results_dir` that are no campaign's.
 RESERVED = (

@@ -26,7 +26,7 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import average_repeats
-from pa10cal.settings import parse_section
+from pa10cal.settings_reading import parse_section
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates

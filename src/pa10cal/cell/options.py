@@ -23,9 +23,11 @@ _OF_ANY_INSTRUMENT = (
 class HiddenEffectOptions(Section):
     """One effect for the virtual cell to hide, in the vocabulary of effects."""
 
-    id: str
+    id: str = Field(description="of the vocabulary of effects, such as transmission_error")
     of: str = Field(description="where it sits: `joint 2`, `forearm`, `base`, ...")
-    parameters: dict[str, Any] = Field(default_factory=dict)
+    parameters: dict[str, Any] = Field(
+        default_factory=dict, description="values of its parameters, by name"
+    )
 
 
 class CellPosesOptions(Section):
@@ -162,7 +164,9 @@ class TrackerOptions(Section):
 class SimulateOptions(Section):
     """The virtual cell: what campaign `pa10cal simulate` writes."""
 
-    random_seed: Annotated[int, Field(ge=0)] = 2008
+    random_seed: Annotated[int, Field(ge=0)] = Field(
+        2008, description="draws the individual, the poses and the noise"
+    )
     hidden_effects: tuple[HiddenEffectOptions, ...] = Field(
         (),
         description="entries {id, of, parameters} in the vocabulary of effects, or outside of it",
@@ -176,11 +180,19 @@ class SimulateOptions(Section):
     flexible_joints: tuple[Annotated[int, Field(ge=1)], ...] = Field(
         (2, 3, 5), description="joints with a cubic spring"
     )
-    loads_N: Annotated[tuple[NonNegative, ...], Field(min_length=1)] = (0.0, 22.0, 44.0)
-    repeats: Annotated[int, Field(ge=1)] = 10
-    holdout_points: Annotated[int, Field(ge=0)] = 10
-    holdout_loads_N: tuple[NonNegative, ...] = (22.0, 44.0, 66.0, 90.0)
-    holdout_repeats: Annotated[int, Field(ge=1)] = 3
+    loads_N: Annotated[tuple[NonNegative, ...], Field(min_length=1)] = Field(
+        (0.0, 22.0, 44.0), description="external loads at the calibration poses"
+    )
+    repeats: Annotated[int, Field(ge=1)] = Field(
+        10, description="how often each calibration pose is measured at each load"
+    )
+    holdout_points: Annotated[int, Field(ge=0)] = Field(10, description="held-out poses")
+    holdout_loads_N: tuple[NonNegative, ...] = Field(
+        (22.0, 44.0, 66.0, 90.0), description="external loads at the held-out poses"
+    )
+    holdout_repeats: Annotated[int, Field(ge=1)] = Field(
+        3, description="how often each held-out pose is measured at each load"
+    )
     path: Literal["same", "alternating"] = Field(
         "same",
         description="same: every repeat runs along one path, so a joint always arrives in a pose "
@@ -197,8 +209,10 @@ class SimulateOptions(Section):
         description="what the campaign states of its instrument, right or wrong; the touches "
         "scatter by `noise` whatever it says; none: the paper's figure",
     )
-    poses: CellPosesOptions = CellPosesOptions()
-    noise: CellNoiseOptions = CellNoiseOptions()
+    poses: CellPosesOptions = Field(CellPosesOptions(), description="where it measures")
+    noise: CellNoiseOptions = Field(
+        CellNoiseOptions(), description="what differs from reading to reading"
+    )
     without_touches: TrackerOptions | None = Field(
         None,
         description="a campaign of any arm under another instrument; of the other keys only "

@@ -42,36 +42,36 @@ class CurveStudyOptions(Section):
 class LineShape(Section):
     """A straight line."""
 
-    shape: Literal["line"]
-    length_m: Positive
+    shape: Literal["line"] = Field(description="a straight line")
+    length_m: Positive = Field(description="its length")
 
 
 class CircleShape(Section):
     """An arc of a circle."""
 
-    shape: Literal["circle"]
-    radius_m: Positive
-    angle_deg: Positive = 360.0
+    shape: Literal["circle"] = Field(description="an arc of a circle")
+    radius_m: Positive = Field(description="its radius")
+    angle_deg: Positive = Field(360.0, description="how far it goes round")
 
 
 class HelixShape(Section):
     """A helix; rolling, its links turn about themselves (`gait.moves: roll`)."""
 
-    shape: Literal["helix"]
-    radius_m: Positive
-    pitch_m: FiniteFloat
-    turns: Positive
-    phase_deg: FiniteFloat = 0.0
+    shape: Literal["helix"] = Field(description="a helix")
+    radius_m: Positive = Field(description="its radius")
+    pitch_m: FiniteFloat = Field(description="what it rises in one turn")
+    turns: Positive = Field(description="how many turns it has")
+    phase_deg: FiniteFloat = Field(0.0, description="angle at which it begins")
 
 
 class SerpenoidShape(Section):
     """A serpenoid curve."""
 
-    shape: Literal["serpenoid"]
-    length_m: Positive
-    waves: Positive
-    amplitude_deg: Positive
-    phase_deg: FiniteFloat = 0.0
+    shape: Literal["serpenoid"] = Field(description="a serpenoid curve")
+    length_m: Positive = Field(description="its length along the curve")
+    waves: Positive = Field(description="how many waves it has")
+    amplitude_deg: Positive = Field(description="largest angle of its tangent")
+    phase_deg: FiniteFloat = Field(0.0, description="phase at which it begins")
 
 
 Shape = Annotated[
@@ -83,8 +83,8 @@ _Range = tuple[FiniteFloat, FiniteFloat]
 class LimitOptions(Section):
     """Limits of every joint [deg]."""
 
-    a_deg: _Range = (-180.0, 180.0)
-    b_deg: _Range = (-180.0, 180.0)
+    a_deg: _Range = Field((-180.0, 180.0), description="of the first angle of a joint")
+    b_deg: _Range = Field((-180.0, 180.0), description="of the second")
 
 
 class GaitOptions(Section):
@@ -93,8 +93,8 @@ class GaitOptions(Section):
     moves: Literal["wave", "roll"] = Field(
         description="wave: the shape's phase travels; roll: the shape stays, the links turn"
     )
-    period_s: Annotated[FiniteFloat, Field(description="of a wave or a turn; negative: backwards")]
-    seconds: Positive
+    period_s: FiniteFloat = Field(description="of a wave or a turn; negative: backwards")
+    seconds: Positive = Field(description="how long it moves")
     shapes: Annotated[int, Field(ge=2, le=2000)] = Field(50, description="moments worked out")
     move_deg: Annotated[FiniteFloat, Field(ge=0)] = Field(
         0.0, description="move of a joint from one moment to the next, for smaller angles"
@@ -111,13 +111,17 @@ class CurveOptions(Section):
     link_m: Positive | None = Field(None, description="length of a link; else equal links are laid")
     links: Annotated[int, Field(ge=1)] | None = Field(None, description="how many, at most")
     order: Literal["zy", "yz"] = Field("zy", description="which turn of a joint comes first")
-    roll: Literal["smallest_angle", "most_room", "given", "of_last"] = "smallest_angle"
+    roll: Literal["smallest_angle", "most_room", "given", "of_last"] = Field(
+        "smallest_angle",
+        description="how the links are turned about the curve: for the smallest angles, the most "
+        "room within limits, by roll_deg, or by z_of_last",
+    )
     roll_deg: FiniteFloat = Field(0.0, description="with roll: given; at the start where it rolls")
     z_of_last: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = Field(
         (0.0, 0.0, 1.0), description="with roll: of_last, where z of the last link is to point"
     )
-    limits: LimitOptions | None = None
-    gait: GaitOptions | None = None
+    limits: LimitOptions | None = Field(None, description="limits of every joint")
+    gait: GaitOptions | None = Field(None, description="how the shape moves, where it does")
 
     @model_validator(mode="after")
     def _whole(self) -> CurveOptions:

@@ -23,7 +23,13 @@ class FigureOptions(Section):
 class PictureOptions(Section):
     """The settings that pictures of a campaign read."""
 
-    figures: FigureOptions = FigureOptions()
-    kcub_reading: Literal["text_e7", "table_e8"] = "text_e7"
-    montecarlo: MonteCarloOptions = MonteCarloOptions()
-    evaluation: EvaluationOptions = EvaluationOptions()
+    figures: FigureOptions = Field(FigureOptions(), description="looks shared by all figures")
+    kcub_reading: Literal["text_e7", "table_e8"] = Field(
+        "text_e7", description="exponent of the paper's cubic stiffness"
+    )
+    montecarlo: MonteCarloOptions = Field(
+        MonteCarloOptions(), description="position error from resolver uncertainty"
+    )
+    evaluation: EvaluationOptions = Field(
+        EvaluationOptions(), description="held-out points and loads"
+    )

@@ -8,25 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.errors import CalibrationError
+from pa10cal.frame.options import BaseFrameOptions
 
 Array = NDArray[np.float64]
 #: Positions of the same poses as measured and as the nominal model has them.
 Positions = tuple[Array, Array]
-
-
-@dataclass(frozen=True)
-class LineLimits:
-    """What a pair of straight moves must satisfy to give a base frame.
-
-    Attributes:
-        min_length_m: shortest move.
-        max_bend_m: largest rms distance of its points from the fitted line.
-        min_angle_rad: smallest angle between the two moves.
-    """
-
-    min_length_m: float
-    max_bend_m: float
-    min_angle_rad: float
 
 
 @dataclass(frozen=True)
@@ -124,7 +110,7 @@ def axes_from_lines(x_instr: Array, y_instr: Array) -> Array:
 
 
 def seed_from_lines(
-    x_move: Positions, y_move: Positions, origin_poses: Positions, limits: LineLimits
+    x_move: Positions, y_move: Positions, origin_poses: Positions, options: BaseFrameOptions
 ) -> LineSeed:
     """Find the base frame: axes from the straight moves, origin from the nominal model.
 
@@ -135,17 +121,17 @@ def seed_from_lines(
             instrument's frame, and the nominal model's in the base frame for the same poses.
         y_move: the same for the move along y.
         origin_poses: the same for the poses that fix the origin.
-        limits: what the moves must satisfy.
+        options: what the moves must satisfy.
 
     Raises:
         CalibrationError: when a move has fewer than three points, is too short or bent, or the
             two are parallel.
     """
-    line_x = _checked_line(x_move[0], x_move[1][:, 0], "line_x", limits)
-    line_y = _checked_line(y_move[0], y_move[1][:, 1], "line_y", limits)
+    line_x = _checked_line(x_move[0], x_move[1][:, 0], "line_x", options)
+    line_y = _checked_line(y_move[0], y_move[1][:, 1], "line_y", options)
     angle = _angle(line_x.direction_instr, line_y.direction_instr)
-    if not limits.min_angle_rad <= angle <= np.pi - limits.min_angle_rad:
-        least = np.degrees(limits.min_angle_rad)
+    least = options.min_angle_deg
+    if not np.radians(least) <= angle <= np.pi - np.radians(least):
         raise CalibrationError(
             "the straight moves are too nearly parallel",
             where="line_x and line_y",
@@ -163,23 +149,23 @@ def seed_from_lines(
 
 
 def _checked_line(
-    p_instr_m: Array, travel_m: Array, where: str, limits: LineLimits
+    p_instr_m: Array, travel_m: Array, where: str, options: BaseFrameOptions
 ) -> StraightLine:
     line = fit_line(p_instr_m, travel_m, where)
-    if line.length_m < limits.min_length_m:
+    if line.length_m < 1e-3 * options.min_length_mm:
         raise CalibrationError(
             "the straight move is too short",
             where=where,
             value=f"{1e3 * line.length_m:.3f} mm",
-            allowed=f"at least {1e3 * limits.min_length_m:g} mm (base_frame.min_length_mm)",
+            allowed=f"at least {options.min_length_mm:g} mm (base_frame.min_length_mm)",
             remedy="measure a longer move",
         )
-    if line.bend_rms_m > limits.max_bend_m:
+    if line.bend_rms_m > 1e-3 * options.max_bend_mm:
         raise CalibrationError(
             "the straight move is bent",
             where=where,
             value=f"{1e3 * line.bend_rms_m:.3f} mm rms from the line",
-            allowed=f"at most {1e3 * limits.max_bend_m:g} mm (base_frame.max_bend_mm)",
+            allowed=f"at most {options.max_bend_mm:g} mm (base_frame.max_bend_mm)",
             remedy="check for a point of another move, or measure the move again",
         )
     return line

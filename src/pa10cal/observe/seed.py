@@ -16,7 +16,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.options import BaseFrameOptions
-from pa10cal.frame.straight_lines import LineLimits, LineSeed, StraightLine, seed_from_lines
+from pa10cal.frame.straight_lines import LineSeed, StraightLine, seed_from_lines
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Located
@@ -59,11 +59,6 @@ def locate_base(
     T_base_ee = chain.forward(unloaded.states.q_rad)
     if not (every.measured.uses_lines and len(line_x)):
         return _located_record(unloaded, T_base_ee, campaign, provenance)
-    limits = LineLimits(
-        min_length_m=1e-3 * options.min_length_mm,
-        max_bend_m=1e-3 * options.max_bend_mm,
-        min_angle_rad=np.radians(options.min_angle_deg),
-    )
 
     def positions(*kinds: Observations) -> tuple[Array, Array]:
         """Measured and nominal positions of the end-effector."""
@@ -72,7 +67,7 @@ def locate_base(
         return measured, nominal
 
     seed = seed_from_lines(
-        positions(line_x), positions(line_y), positions(line_x, line_y, unloaded), limits
+        positions(line_x), positions(line_y), positions(line_x, line_y, unloaded), options
     )
     T_ee_target = unloaded.measured.target_on(seed.T_instr_base, T_base_ee)
     return _line_record(seed, T_ee_target, campaign, provenance)
