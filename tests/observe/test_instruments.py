@@ -1,0 +1,142 @@
+"""Laws that every kind of instrument keeps: derivatives, columns, averages, starts."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from pa10cal.observe.distance import Distance
+from pa10cal.observe.points import Points
+from pa10cal.observe.pose import Pose
+from pa10cal.observe.quantities import Stated
+from pa10cal.observe.registry import instruments
+from pa10cal.observe.touched import Touched
+
+KINDS = ("touch_trigger_cmm", "pose", "points", "distance")
+TARGETS_M = np.array([[0.04, -0.03, 0.11], [-0.06, 0.02, 0.09], [0.01, 0.07, 0.05]])
+seeds = st.integers(0, 2**32 - 1)
+
+
+def frames(rng, count, spread_m=0.8):
+    T = np.tile(np.eye(4), (count, 1, 1))
+    T[:, :3, :3] = Rotation.random(count, random_state=rng).as_matrix()
+    T[:, :3, 3] = rng.uniform(-spread_m, spread_m, (count, 3))
+    return T
+
+
+def about(T, turns_rad, shifts_m):
+    """Move frames by a small rotation on the left and a shift."""
+    moved = T.copy()
+    moved[:, :3, :3] = Rotation.from_rotvec(turns_rad).as_matrix() @ T[:, :3, :3]
+    moved[:, :3, 3] += shifts_m
+    return moved
+
+
+def measured(kind, T_instr_ee, rng, off=1e-3):
+    """Return what an instrument measured about some poses, and the targets (t,) of its model."""
+    count = len(T_instr_ee)
+    seen = about(T_instr_ee, off * rng.normal(size=(count, 3)), off * rng.normal(size=(count, 3)))
+    cov = 1e-10 * np.array([np.diag(rng.uniform(1, 2, 6)) for _ in range(count)])
+    p_m = seen[:, None, :3, 3] + np.einsum("pij,bj->pbi", seen[:, :3, :3], TARGETS_M)
+    cov_m2 = 1e-10 * rng.uniform(1, 2, (count, 3))[..., None, None] * np.eye(3)
+    if kind == "pose":
+        return Pose.of(seen, cov), np.zeros(0)
+    if kind == "touch_trigger_cmm":
+        touches = rng.integers(4, 7, (count, 3))
+        found = Touched.of_balls(("A", "B", "C"), 1e3 * TARGETS_M, 1e3 * p_m, 1e6 * cov_m2, touches)
+        return found, np.zeros(0)
+    if kind == "points":
+        hidden = rng.random((count, 3)) < 0.2
+        hidden[:, 0] = False
+        p_m[hidden], cov_m2[hidden] = np.nan, np.nan
+        return Points(("T1", "T2", "T3"), p_m, cov_m2, None), TARGETS_M.ravel()
+    u_m = 1e-5 * rng.uniform(1, 2, count)
+    return Distance(np.linalg.norm(p_m[:, 0], axis=1), u_m), TARGETS_M[0]
+
+
+def test_every_kind_is_registered_by_its_word():
+    assert set(instruments()) == set(KINDS)
+    assert all(found.kind == kind for kind, found in instruments().items())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(seed=seeds)
+@settings(deadline=None, max_examples=15)
+def test_derivatives_are_those_of_the_residual(kind, seed):
+    rng = np.random.default_rng(seed)
+    T = frames(rng, 6)
+    found, targets_m = measured(kind, T, rng)
+    at = found.compare(T, targets_m)
+    twist, shift = 1e-6 * rng.normal(size=(2, 6, 3))
+    ahead = found.compare(about(T, twist, shift), targets_m).residual
+    behind = found.compare(about(T, -twist, -shift), targets_m).residual
+    expected = np.einsum("pbi,pi->pb", at.by_end, np.hstack([shift, twist]))
+    np.testing.assert_allclose(0.5 * (ahead - behind), expected, atol=2e-11)
+    if len(targets_m):
+        step = 1e-6 * rng.normal(size=len(targets_m))
+        ahead = found.compare(T, targets_m + step).residual
+        behind = found.compare(T, targets_m - step).residual
+        np.testing.assert_allclose(0.5 * (ahead - behind), at.by_targets @ step, atol=2e-11)
+    assert at.residual.shape == found.components_seen.shape
+    assert not at.residual[~found.components_seen].any()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_ideal_measurements_leave_no_residual_and_no_deviation(kind):
+    rng = np.random.default_rng(3)
+    T, T_instr_base = frames(rng, 5), frames(rng, 1)[0]
+    found, targets_m = measured(kind, T_instr_base @ T, rng)
+    ideal = found.ideal(T_instr_base @ T, targets_m)
+    np.testing.assert_allclose(ideal.compare(T_instr_base @ T, targets_m).residual, 0.0, atol=1e-12)
+    off = ideal.deviations(T, T_instr_base, targets_m)
+    np.testing.assert_allclose(off.distance_mm, 0.0, atol=1e-9)
+    assert (off.rotation_deg is None) != found.measures_pose
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(seed=seeds)
+@settings(deadline=None, max_examples=10)
+def test_columns_of_the_table_bring_everything_back(kind, seed):
+    rng = np.random.default_rng(seed)
+    found, _ = measured(kind, frames(rng, 5), rng)
+    columns = found.to_columns() | {"time_s": np.arange(5.0)}
+    back = type(found).from_columns(columns, Stated(1e-5, {}))
+    for field in fields(found):
+        ours, theirs = getattr(found, field.name), getattr(back, field.name)
+        if isinstance(ours, np.ndarray):
+            np.testing.assert_allclose(theirs, ours, rtol=1e-7, atol=1e-15)
+        else:
+            assert ours == theirs
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_readings_alike_average_to_themselves_with_less_variance(kind):
+    rng = np.random.default_rng(5)
+    found, _ = measured(kind, frames(rng, 4), rng)
+    mean = found.take(np.repeat(np.arange(4), 3)).averaged(np.repeat(np.arange(4), 3))
+    np.testing.assert_allclose(mean.places_m, found.places_m, rtol=1e-12)
+    seen = found.components_seen
+    variances = np.diagonal(found.stated_covariance, axis1=1, axis2=2)[seen]
+    np.testing.assert_allclose(
+        3.0 * np.diagonal(mean.stated_covariance, axis1=1, axis2=2)[seen], variances
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_base_and_targets_are_found_from_poses(kind):
+    rng = np.random.default_rng(7)
+    T_base_ee, T_instr_base = frames(rng, 60), frames(rng, 1, 2.0)[0]
+    found, targets_m = measured(kind, T_instr_base @ T_base_ee, rng, off=0.0)
+    start = found.find_start(T_base_ee)
+    off = found.turned(start.R_ee_target).deviations(T_base_ee, start.T_instr_base, start.targets_m)
+    np.testing.assert_allclose(off.distance_mm, 0.0, atol=1e-3)
+    np.testing.assert_allclose(start.targets_m, targets_m, atol=1e-6)
+    if found.directional:
+        np.testing.assert_allclose(start.T_instr_base, T_instr_base, atol=1e-6)
+    assert found.misfit(T_base_ee, np.arange(60), np.ones(60)).size_m[0] < 1e-6
+    assert found.scale(T_base_ee) == pytest.approx(1.0, rel=0.01)
