@@ -12,12 +12,13 @@ from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.arm.tolerances import Tolerances
-from pa10cal.discovery.discover import Discovery, discover
 from pa10cal.discovery.evidence.candidates import testable
+from pa10cal.discovery.evidence.discover import VerdictByRepeats, discover_by_repeats
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.problem import Problem, prepare
-from pa10cal.discovery.evidence.search import Found, evidence_about, less
-from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.discovery.evidence.search import EndOfSearch, evidence_about, less
+from pa10cal.discovery.preparation import MeasurementSetup, Prepared
+from pa10cal.discovery.with_effects import moved_base
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import fit_rigid, pose_by_source
@@ -81,14 +82,6 @@ def bare_model() -> Model:
     return Model(Chain.of(ARM, bends=long_links(ARM)), model.terms)
 
 
-def base_frame_of(T_instr_base, small):
-    """Return a frame moved by what the fit's own last six parameters say."""
-    moved = np.eye(4)
-    moved[:3, 3] = small[:3]
-    moved[:3, :3] = Rotation.from_euler("XYZ", small[3:]).as_matrix()
-    return T_instr_base @ moved
-
-
 @dataclass
 class Measured:
     """A campaign and the baseline calibrated on it."""
@@ -115,31 +108,31 @@ class Measured:
         return testable(self.problem, self.start, self.every)[0]
 
     @cached_property
-    def found(self) -> Found:
+    def found(self) -> EndOfSearch:
         """What the search came to, of that of the discovery."""
         return self.discovery.judgement.found
 
     @cached_property
-    def discovery(self) -> Discovery:
+    def discovery(self) -> VerdictByRepeats:
         return self.discovered()
 
-    def discovered(self, **changes) -> Discovery:
-        given = {"readings": self.readings, "held_out": self.held_out} | changes
-        return discover(given["readings"], given["held_out"], self.baseline, self.setup, ERROR_RATE)
+    def discovered(self, **changes) -> VerdictByRepeats:
+        given = Prepared(self.readings, self.held_out, self.baseline, self.setup, "logged", False)
+        return discover_by_repeats(replace(given, **changes), ERROR_RATE)
 
     def effect(self, id_, of) -> Effect:
         (found,) = (effect for effect in self.every if (effect.id, effect.of) == (id_, of))
         return found
 
 
-def forced(measured, effects, sizes, problem=None, family=None) -> Found:
+def forced(measured, effects, sizes, problem=None, family=None) -> EndOfSearch:
     """Return the search as if it had ended with these effects, in its own or another problem."""
     problem = measured.problem if problem is None else problem
     family = measured.family if family is None else family
     there = fit(problem, effects, sizes, (0.0, 0.0))
     evidence = evidence_about(problem, there, family)
     members = tuple(family.index(effect) for effect in effects)
-    return Found(
+    return EndOfSearch(
         problem=problem,
         fit=there,
         score=evidence.score(members, sizes),
@@ -175,12 +168,12 @@ def measure(missing=Missing(), seed=20080427, poses=POSES, apparatus_m=5e-6, pos
     T_instr_base = np.eye(4)
     T_instr_base[:3, :3] = Rotation.from_rotvec([0.01, -0.02, 1.6]).as_matrix()
     T_instr_base[:3, 3] = [0.3, 0.2, -0.15]
-    setup = MeasurementSetup(BURDEN, TARGETS_M, 21.0, FLEXIBLE, apparatus_m)
+    setup = MeasurementSetup(BURDEN, TARGETS_M, 21.0, apparatus_m)
     single = _readings(missing, model, x, T_instr_base, (poses, (0.0, 44.0)), rng, pose_m)
     held_out = _readings(missing, model, x, T_instr_base, (10, (0.0, 22.0, 66.0)), rng, pose_m)
     nominal = FittedModel(model, np.where(x == 3e-3, 2e-3, 0.0), T_instr_base)
     found = fit(prepare(single, nominal, setup), (), (), (0.0, 0.0))
-    calibrated = FittedModel(model, found.x[:-6], base_frame_of(T_instr_base, found.x[-6:]))
+    calibrated = FittedModel(model, found.x[:-6], moved_base(T_instr_base, found.x[-6:]))
     return Measured(single, average_repeats(held_out), setup, calibrated)
 
 

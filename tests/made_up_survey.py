@@ -13,9 +13,9 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.general.unknowns import tool_frame
-from pa10cal.discovery.blocked_cv.discover import BlockedDiscovery, discover_by_blocks
+from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks, discover_by_blocks
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
-from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.discovery.preparation import MeasurementSetup, Prepared
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -26,7 +26,7 @@ from pa10cal.terms.offsets import link_departures
 
 ARM = load_arm("ur10")
 BURDEN = Payload(1.0, np.array([0.0, 0.0, 0.05]), np.zeros(3), np.array([0.0, 0.0, -9.81]))
-SETUP = MeasurementSetup(BURDEN, np.zeros((0, 3)), 22.0, (2, 3))
+SETUP = MeasurementSetup(BURDEN, np.zeros((0, 3)), 22.0)
 POSITION_M, ATTITUDE_RAD = 2e-5, 1e-4
 POSES, HELD_OUT = 700, 100
 ERROR_RATE = 0.01
@@ -83,8 +83,10 @@ class Surveyed:
         return survey(self.readings, self.baseline, SETUP, torques_logged=False)
 
     @cached_property
-    def discovery(self) -> BlockedDiscovery:
-        return discover_by_blocks(self.readings, self.held_out, self.baseline, SETUP, ERROR_RATE)
+    def discovery(self) -> VerdictByBlocks:
+        held_out = self.held_out if len(self.held_out) else None
+        given = Prepared(self.readings, held_out, self.baseline, SETUP, "masses", False)
+        return discover_by_blocks(given, ERROR_RATE)
 
 
 def observe(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT) -> Surveyed:

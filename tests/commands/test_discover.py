@@ -10,8 +10,7 @@ import yaml
 
 from made_up_arm import Missing, at_joint, harmonic, measure
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.discovery.evidence.records import outcome_by_repeats
-from pa10cal.fit.model_file import model_from_plain
+from pa10cal.fit.model_file import model_from_plain, model_to_plain
 
 NAME = "small"
 SETTINGS = {
@@ -215,12 +214,11 @@ def test_the_extended_model_is_restored_as_it_was_fitted(tmp_path):
     found = made.discovery
     extended = found.extended
     assert {effect.id for effect in extended.effects} == {"transmission_error", "friction_torque"}
-    record = outcome_by_repeats(found, 0.01).extended
-    restored = model_from_plain(record.fitted_model, where="extended.json")
+    restored = model_from_plain(model_to_plain(found.model), where="extended.json")
     assert restored.model.terms[-2:] == extended.effects
     poses = found.problem.cells
     T = restored.T_instr_base @ restored.model.predict(poses.states, restored.x)
-    expected = extended.level.T_instr_base @ extended.model.predict(poses.states, extended.x)
+    expected = extended.at.T_instr_base @ extended.model.predict(poses.states, extended.at.x)
     np.testing.assert_allclose(T, expected, atol=1e-12)
     off = restored.T_instr_base @ restored.as_read(poses) - T
     assert 0.0 < np.abs(off).max() < 1e-4

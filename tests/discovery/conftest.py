@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import made_up_survey
 from made_up_arm import Measured, Missing, at_joint, harmonic, measure
 
 
@@ -39,3 +40,35 @@ def bowed() -> Measured:
 def soft_wrist() -> Measured:
     """Joint 4 yields to its torque, with 3000 N m/rad; no spring is in the model."""
     return measure(Missing(turn=lambda states: at_joint(4, -states.tau_Nm[:, 3] / 3000.0)))
+
+
+@pytest.fixture(scope="session")
+def nothing_hidden() -> made_up_survey.Surveyed:
+    """A survey that lacks nothing."""
+    return made_up_survey.observe()
+
+
+@pytest.fixture(scope="session")
+def mapped() -> made_up_survey.Surveyed:
+    """An error of joint 3 that only a map can follow."""
+    return made_up_survey.observe(made_up_survey.Hidden(turn=made_up_survey.rough(3)))
+
+
+@pytest.fixture(scope="session")
+def eccentric() -> made_up_survey.Surveyed:
+    """An encoder disk off its centre at joint 2, 1e-4 sin(q + 0.7) rad."""
+    return made_up_survey.observe(
+        made_up_survey.Hidden(
+            turn=lambda states: at_joint(2, 1e-4 * np.sin(states.q_rad[:, 1] + 0.7))
+        )
+    )
+
+
+@pytest.fixture(scope="session")
+def twisted() -> made_up_survey.Surveyed:
+    """The attitude alone turns about joint 5, by the side from which that came."""
+
+    def twist(states, axes):
+        return 1.5e-4 * states.arrival[:, 4:5] * axes[:, :, 4]
+
+    return made_up_survey.observe(made_up_survey.Hidden(twist=twist))

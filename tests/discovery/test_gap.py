@@ -1,12 +1,14 @@
 """The gap is paired over poses, and each load has its own."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
 from made_up_poses import measured_poses
 from pa10cal.arm.state import PoseStates
-from pa10cal.discovery.gap import gap
+from pa10cal.discovery.gap import Gap, gap
 
 POSES, LOADS_N = 12, (0.0, 44.0)
 
@@ -30,13 +32,25 @@ def made(poses=POSES, loads_N=LOADS_N):
     for each in off_mm:
         T = np.tile(np.eye(4), (count, 1, 1))
         T[:, 0, 3] = 1e-3 * each
-        models.append((T, np.eye(4)))
+        models.append(T)
     return measured, models, off_mm
+
+
+def compared(measured, before, after) -> Gap:
+    """Return the gap of two models that say where the end is."""
+
+    class Says:
+        def predict(self, states, x):
+            return before
+
+    model = SimpleNamespace(model=Says(), x=None, T_instr_base=np.eye(4), targets_m=np.zeros(0))
+    left = measured.measured.deviations(after, np.eye(4), np.zeros(0))
+    return gap(measured, model, left, FLOOR_MM)
 
 
 def test_the_reduction_has_the_interval_of_a_paired_t_test():
     measured, models, (before, after) = made()
-    found = gap(measured, *models, FLOOR_MM)
+    found = compared(measured, *models)
     by_pose = [each.reshape(POSES, -1).mean(axis=1) for each in (before, after)]
     expected = ttest_rel(*by_pose).confidence_interval(0.95)
     assert found.reduction.poses == POSES
@@ -47,7 +61,7 @@ def test_the_reduction_has_the_interval_of_a_paired_t_test():
 
 def test_errors_are_those_of_each_model_over_all_and_by_load():
     measured, models, (before, after) = made()
-    found = gap(measured, *models, FLOOR_MM)
+    found = compared(measured, *models)
     for accuracy, off_mm in ((found.before, before), (found.after, after)):
         assert accuracy.mean_mm == pytest.approx(off_mm.mean())
         assert accuracy.peak_mm == pytest.approx(off_mm.max())
@@ -65,13 +79,13 @@ def test_errors_are_those_of_each_model_over_all_and_by_load():
 def test_loads_of_a_pose_are_no_further_poses():
     measured, models, _ = made()
     twice = np.repeat(np.arange(len(measured)), 2)
-    again = gap(measured.take(twice), *((T[twice], base) for T, base in models), FLOOR_MM)
-    once = gap(measured, *models, FLOOR_MM)
+    again = compared(measured.take(twice), *(T[twice] for T in models))
+    once = compared(measured, *models)
     assert again.reduction.low_mm == pytest.approx(once.reduction.low_mm)
 
 
 def test_one_pose_has_no_interval():
     measured, models, (before, after) = made(poses=1)
-    found = gap(measured, *models, FLOOR_MM).reduction
+    found = compared(measured, *models).reduction
     assert found.low_mm == found.high_mm == found.mean_mm == pytest.approx((before - after).mean())
     assert found.poses == 1

@@ -11,14 +11,13 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.accuracy import Accuracy
+from pa10cal.discovery.analysis_record import lack_of_fit_part
 from pa10cal.discovery.clustered import mean, slope
-from pa10cal.discovery.discover import compare
+from pa10cal.discovery.evidence.discover import compare, errors_by_name
 from pa10cal.discovery.evidence.fit import fit
+from pa10cal.discovery.evidence.lack_of_fit import evidence_lack_of_fit
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.joint_space import periodogram
-from pa10cal.discovery.lack_of_fit import lack_of_fit
-from pa10cal.discovery.lack_of_fit_record import lack_of_fit_part, naming_steps
-from pa10cal.discovery.naming import errors_by_name
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
@@ -31,7 +30,7 @@ from pa10cal.terms.model import Model
 ARM = load_arm("pa10_6ce")
 FLEXIBLE = (2, 3)
 BURDEN = Payload(2.4, np.array([0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))
-SETUP = MeasurementSetup(BURDEN, np.zeros((0, 3)), 21.0, FLEXIBLE)
+SETUP = MeasurementSetup(BURDEN, np.zeros((0, 3)), 21.0)
 POSES, LOADS_N, REPEATS = 40, (0.0, 22.0, 44.0), 4
 POSITION_M, ROTATION_RAD, TORQUE_NM = 5e-6, 2e-5, 0.05
 HARMONIC = TransmissionError("joint 2", 100.0)
@@ -98,7 +97,7 @@ def without_effects(readings):
 @pytest.fixture(scope="module")
 def nothing():
     """What is left where nothing is missing."""
-    return lack_of_fit(*without_effects(measured()))
+    return evidence_lack_of_fit(*without_effects(measured()))
 
 
 @pytest.fixture(scope="module")
@@ -109,13 +108,13 @@ def harmonic():
 
 @pytest.fixture(scope="module")
 def left(harmonic):
-    return lack_of_fit(*harmonic)
+    return evidence_lack_of_fit(*harmonic)
 
 
 @pytest.fixture(scope="module")
 def friction():
     """What is left where joint 3 holds part of its load by friction."""
-    return lack_of_fit(*without_effects(measured(FRICTION, x=[np.array([FRICTION_NM])])))
+    return evidence_lack_of_fit(*without_effects(measured(FRICTION, x=[np.array([FRICTION_NM])])))
 
 
 def test_pure_error_is_all_there_is_where_nothing_is_missing(nothing):
@@ -185,7 +184,7 @@ def test_friction_winds_the_spring_by_direction(friction):
 
 def test_what_the_effect_explains_is_gone_with_it(harmonic):
     problem, start = harmonic
-    after = lack_of_fit(problem, fit(problem, (HARMONIC,), (1,), (0.0, 0.0), start))
+    after = evidence_lack_of_fit(problem, fit(problem, (HARMONIC,), (1,), (0.0, 0.0), start))
     assert after.pose.shared.ratio == pytest.approx(1.0, abs=0.25)
     assert after.by_joint[1].rms_rad == pytest.approx(after.by_joint[1].floor_rad, rel=0.2)
 
@@ -198,8 +197,8 @@ def test_unlogged_torques_and_temperatures_are_not_made_up():
     rigid = baseline(ARM, (), Tolerances())
     model = Model(Chain.of(ARM, bends=long_links(ARM)), rigid.terms)
     start = FittedModel(model, np.zeros(len(model.parameters)), np.eye(4))
-    problem = prepare(readings, start, replace(SETUP, flexible_joints=()))
-    part = lack_of_fit_part(lack_of_fit(problem, fit(problem, (), (), (0.0, 0.0))))
+    problem = prepare(readings, start, SETUP)
+    part = lack_of_fit_part(evidence_lack_of_fit(problem, fit(problem, (), (), (0.0, 0.0))))
     assert part.torque is None
     assert part.by_torque == ()
     assert all(joint.torque_residual_Nm is None for joint in part.cells.joints)
@@ -237,9 +236,7 @@ def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(harmon
     assert steps[0].train == train.before
     assert steps[2].train == train.after
     assert steps[2].train.rms_mm < 0.3 * steps[1].train.rms_mm
-    part = naming_steps(steps)
-    assert [effect.words for effect in part[1].effects] == ["friction torque, joint 3"]
-    assert part[0].holdout is None
+    assert steps[0].holdout is None
 
 
 def test_without_effects_there_is_the_baseline_alone(harmonic):

@@ -278,7 +278,7 @@ def _check_enough(model: Model, observations: Observations[Pose]) -> None:
         )
 
 
-def check_torques(model: Model, observations: Observations[Pose]) -> None:
+def check_torques(model: Model, observations: Observations) -> None:
     """Refuse springs whose torques were not logged.
 
     Raises:

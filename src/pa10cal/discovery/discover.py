@@ -1,179 +1,54 @@
-"""The whole search on one campaign: from single readings to a verdict and an extended model."""
+"""The search for missing effects: which scorer judges a campaign, and its verdict."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
+from pa10cal.discovery.blocked_cv.survey import enough
+from pa10cal.discovery.noise import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
+from pa10cal.discovery.preparation import MeasurementSetup, prepared
 
-from pa10cal.calibration.calibrate import check_torques
-from pa10cal.discovery.contest import Pair
-from pa10cal.discovery.evidence.candidates import testable
-from pa10cal.discovery.evidence.fit import Fit, apparatus_m, as_read, fit
-from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge
-from pa10cal.discovery.evidence.problem import Problem, prepare
-from pa10cal.discovery.evidence.search import Found, search
-from pa10cal.discovery.gap import Gap, gap
-from pa10cal.discovery.preparation import MeasurementSetup, complete_about
-from pa10cal.discovery.verdict import NotTestable
-from pa10cal.errors import DiscoveryError
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.averages import average_repeats
-from pa10cal.observe.observations import Observations
-from pa10cal.observe.pose import Pose
-from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.family import candidates
-
-Array = NDArray[np.float64]
-
-#: Components of different poses that there must be for every unknown of the model.
-_ROWS_AN_UNKNOWN = 1.25
-#: Pairs for which configurations are chosen, the found ones first.
-_MOST_PAIRS = 8
-
-
-@dataclass(frozen=True)
-class Discovery:
-    """What became of a campaign.
-
-    Attributes:
-        problem: the campaign as it was weighed.
-        start: the baseline, fitted as everything else is.
-        family: candidates that these data can show.
-        not_testable: those that they cannot.
-        alike: groups of named candidates that these poses cannot tell apart.
-        judgement: the verdict and what it rests on.
-        extended: the model with the effects found, and nothing generic in it.
-        noise_floor_mm: mean position error that repeatability alone would leave.
-        train, holdout: the gap before and after; None without held-out poses.
-    """
-
-    problem: Problem
-    start: Fit
-    family: tuple[Effect, ...]
-    not_testable: tuple[NotTestable, ...]
-    alike: tuple[tuple[Effect, ...], ...]
-    judgement: Judgement
-    extended: Fit
-    noise_floor_mm: float
-    train: Gap
-    holdout: Gap | None
+if TYPE_CHECKING:
+    from pa10cal.discovery.verdict import Verdict
+    from pa10cal.fit.fitted_model import FittedModel
+    from pa10cal.observe.observations import Observations
 
 
 def discover(
-    readings: Observations[Pose],
-    held_out: Observations[Pose] | None,
-    baseline: FittedModel,
+    every: Observations,
+    model: FittedModel,
     setup: MeasurementSetup,
-    error_rate: float,
-) -> Discovery:
-    """Search a campaign for missing effects.
+) -> Verdict[object]:
+    """Find which effects are missing from a calibrated model.
+
+    Held-out poses serve nothing but the gap.
 
     Args:
-        readings: single readings of the grid poses, with the instrument's covariance.
-        held_out: averaged held-out poses, used for nothing but the gap; None where there are none.
-        baseline: the calibrated model; its chain has the bends of the long links.
-        setup: what is known besides the poses.
-        error_rate: probability allowed of naming anything where nothing is missing.
+        every: single readings of a campaign, of all kinds, with the instrument's covariance.
+        model: the calibrated model.
+        setup: what is known of the campaign besides its readings, and the options of the search.
 
     Raises:
         DiscoveryError: when there are too few poses, or too little is repeated.
         CalibrationError: when a joint with a spring has no torque.
     """
-    _check_enough(readings, baseline)
-    check_torques(baseline.model, readings)
-    problem = prepare(readings, baseline, setup)
-    start = fit(problem, (), (), (0.0, 0.0))
-    family, refused = testable(problem, start, candidates(problem.context))
-    judgement = judge(search(problem, family, error_rate, start))
-    problem = judgement.found.problem
-    extended = _extended(problem, judgement)
-    grid = average_repeats(readings)
-    return Discovery(
-        problem=problem,
-        start=start,
-        family=family,
-        not_testable=refused,
-        alike=_groups(judgement.found),
-        judgement=judgement,
-        extended=extended,
-        noise_floor_mm=floor_mm(problem),
-        train=compare(problem, extended, grid),
-        holdout=None
-        if held_out is None or not len(held_out)
-        else compare(problem, extended, held_out),
-    )
+    campaign = prepared(every, model, setup)
+    if judged_by_blocks(campaign.readings):
+        from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
+
+        return discover_by_blocks(campaign, setup.options.error_rate)
+    from pa10cal.discovery.evidence.discover import discover_by_repeats
+
+    return discover_by_repeats(campaign, setup.options.error_rate)
 
 
-def _check_enough(readings: Observations[Pose], baseline: FittedModel) -> None:
-    """Refuse poses that the model's own parameters could follow wherever they are."""
-    poses = len(np.unique(readings.pose))
-    unknowns = len(baseline.model.parameters) + 6
-    needed = int(np.ceil(_ROWS_AN_UNKNOWN * unknowns / 6))
-    if poses < needed:
-        raise DiscoveryError(
-            "too few poses to tell an effect from the model's own parameters",
-            where="grid poses",
-            value=poses,
-            allowed=f"at least {needed} poses for {unknowns} unknowns",
-            remedy="measure more poses, well spread over the joints' ranges",
-        )
+def judged_by_blocks(readings: Observations) -> bool:
+    """Tell whether effects are judged by blocks of poses held out, and not by repeats.
 
-
-def unresolved(found: Discovery) -> tuple[Pair, ...]:
-    """Return what other poses might tell: each finding against its alternatives, the not testable.
-
-    An effect that is not testable has no rival but the model's own parameters.
+    Args:
+        readings: single readings of the poses fitted.
     """
-    rivals = [
-        (finding.effect, other)
-        for finding in found.judgement.findings
-        for other in finding.alternatives
-    ]
-    alone: list[Pair] = [
-        (entry.effect, None)
-        for entry in found.not_testable
-        if entry.by_these_poses and not entry.effect.generic
-    ]
-    return (*rivals, *alone)[:_MOST_PAIRS]
-
-
-def compare(problem: Problem, extended: Fit, poses: Observations[Pose]) -> Gap:
-    """Return the gap of baseline and extended model on averaged poses."""
-    baseline = problem.baseline
-    about = FittedModel(extended.model, extended.x, extended.level.T_instr_base)
-    poses = complete_about(poses, baseline, about, problem.setup)
-    return gap(
-        poses,
-        (baseline.model.predict(poses.states, baseline.x), baseline.T_instr_base),
-        (
-            as_read(
-                extended.model.predict(poses.states, extended.x),
-                extended.level.T_instr_base,
-                poses,
-                apparatus_m(problem, extended),
-            ),
-            extended.level.T_instr_base,
-        ),
-        floor_mm(problem, poses.readings),
-    )
-
-
-def _extended(problem: Problem, judgement: Judgement) -> Fit:
-    """Return the model with the named effects alone, recalibrated where that changes it."""
-    found = judgement.found
-    named = tuple(finding.effect for finding in judgement.findings)
-    if named == found.fit.effects:
-        return found.fit
-    sizes = dict(zip(found.fit.effects, found.fit.sizes, strict=True))
-    variances = (found.score.pose_variance, found.score.torque_variance)
-    return fit(problem, named, tuple(sizes[effect] for effect in named), variances, found.fit)
-
-
-def _groups(found: Found) -> tuple[tuple[Effect, ...], ...]:
-    """Return groups of effects that look the same in these poses, whatever was measured."""
-    groups = {tuple(np.flatnonzero(row).tolist()) for row in found.same}
-    return tuple(
-        tuple(found.family[k] for k in group) for group in sorted(groups) if len(group) > 1
+    repeats = repeated(readings)
+    return enough(len(readings)) and repeats < max(
+        LEAST_DIFFERENCES, LEAST_REPEATED * len(readings)
     )

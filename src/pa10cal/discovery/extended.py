@@ -1,22 +1,15 @@
-"""The calibrated model with the effects that were found missing, and its record."""
+"""The calibrated model with the effects that were found missing, read from its record."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from pa10cal.discovery.blocked_cv.discover import BlockedDiscovery
-from pa10cal.discovery.discover import Discovery
-from pa10cal.discovery.evidence.fit import apparatus_m, covariance_of
-from pa10cal.discovery.operating_point import moved_base
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import covariance_beside, model_from_plain
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import ExtendedRecord
-from pa10cal.terms.model import Model
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,34 +26,6 @@ class Extended:
     model: FittedModel
     seen: AnglesSeen | None = None
     arrival_from_order: bool = False
-
-
-def extended_by_repeats(found: Discovery) -> FittedModel:
-    """Return the extended model of a search by repeats."""
-    fit, baseline = found.extended, found.problem.baseline
-    terms = (*baseline.model.terms, *fit.effects)
-    return replace(
-        baseline,
-        model=Model(baseline.model.chain, terms),
-        x=fit.x[:-6],
-        T_instr_base=moved_base(fit.level.T_instr_base, fit.x[-6:]),
-        targets_off_m=apparatus_m(found.problem, fit),
-        covariance=covariance_of(found.problem, fit)[:-6, :-6],
-    )
-
-
-def extended_by_blocks(found: BlockedDiscovery) -> FittedModel:
-    """Return the extended model of a search by blocks of poses."""
-    fit = found.extended
-    return replace(
-        found.survey.baseline,
-        model=fit.model,
-        x=fit.x,
-        T_instr_base=fit.T_instr_base,
-        targets_off_m=np.zeros(found.survey.poses.measured.by_apparatus.shape[2]),
-        covariance=fit.covariance[:-6, :-6],
-        seen=found.seen,
-    )
 
 
 def read_extended(path: Path, campaign: str) -> Extended:

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from pa10cal.calibration.accuracy import Accuracy, deviations, summarise
+from pa10cal.calibration.accuracy import Accuracy, summarise
+from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
+from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
 
@@ -35,6 +37,23 @@ class Paired:
 
 
 @dataclass(frozen=True)
+class Parts:
+    """The gap inside the joint positions that the fit has seen, and beyond them.
+
+    Attributes:
+        inside: (P,) configurations that keep to the positions seen; the others are extrapolated.
+        before_inside, after_inside: accuracies over these; None where there is none.
+        before_beyond, after_beyond: over the others.
+    """
+
+    inside: NDArray[np.bool_]
+    before_inside: Accuracy | None
+    after_inside: Accuracy | None
+    before_beyond: Accuracy | None
+    after_beyond: Accuracy | None
+
+
+@dataclass(frozen=True)
 class Gap:
     """The gap between model and measurement on some configurations.
 
@@ -45,7 +64,8 @@ class Gap:
         reduction_by_load: the same for every load.
         found_before, found_after: deviations, configuration by configuration.
         poses: the configurations.
-        noise_floor_mm: mean error that their repeatability alone would leave.
+        noise_floor_mm: mean error that their noise alone would leave.
+        parts: inside and beyond what the fit has seen; None where that is not asked.
     """
 
     before: Accuracy
@@ -55,24 +75,43 @@ class Gap:
     reduction_by_load: dict[float, Paired]
     found_before: Deviations
     found_after: Deviations
-    poses: Observations[Pose]
+    poses: Observations
     noise_floor_mm: float
+    parts: Parts | None = None
+
+
+@dataclass(frozen=True)
+class Named:
+    """The model with the first few of the effects.
+
+    Attributes:
+        effects: those that are in it, in the order found.
+        train, holdout: its errors; None without held-out poses.
+    """
+
+    effects: tuple[Effect, ...]
+    train: Accuracy
+    holdout: Accuracy | None
 
 
 def gap(
-    poses: Observations[Pose],
-    before: tuple[Array, Array],
-    after: tuple[Array, Array],
+    poses: Observations,
+    before: FittedModel,
+    after: Deviations,
     noise_floor_mm: float,
+    seen: AnglesSeen | None = None,
 ) -> Gap:
     """Compare two models on averaged poses.
 
     Args:
-        poses: P measured configurations.
-        before, after: predicted T_base_ee (P, 4, 4) and T_instr_base (4, 4) of each model.
-        noise_floor_mm: mean error that the repeatability of these configurations would leave.
+        poses: P measured configurations, complete.
+        before: the calibrated model.
+        after: what the extended model leaves of them.
+        noise_floor_mm: mean error that the noise of these configurations would leave.
+        seen: joint positions that the fit of the extended model has seen; None where it has seen
+            all that it may predict.
     """
-    found = [deviations(*model, poses) for model in (before, after)]
+    found = [left_by(before, poses), after]
     saved = found[0].distance_mm - found[1].distance_mm
     load_N = poses.states.load_N
     loads = [float(load) for load in np.unique(load_N)]
@@ -91,7 +130,23 @@ def gap(
         found_after=found[1],
         poses=poses,
         noise_floor_mm=noise_floor_mm,
+        parts=None if seen is None else _parts(seen.inside(poses.states.q_rad), found),
     )
+
+
+def left_by(model: FittedModel, poses: Observations) -> Deviations:
+    """Return what a model leaves of complete poses."""
+    T_base_ee = model.model.predict(poses.states, model.x)
+    return poses.measured.deviations(T_base_ee, model.T_instr_base, model.targets_m)
+
+
+def _parts(inside: NDArray[np.bool_], found: list[Deviations]) -> Parts:
+    accuracies = [
+        summarise(deviations, rows) if rows.any() else None
+        for rows in (inside, ~inside)
+        for deviations in found
+    ]
+    return Parts(inside, *accuracies)
 
 
 def _paired(saved_mm: Array, pose: NDArray[np.str_]) -> Paired:

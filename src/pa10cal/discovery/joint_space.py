@@ -11,10 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import end_pose_with_screws
-from pa10cal.discovery.evidence.fit import Fit
-from pa10cal.discovery.evidence.problem import Problem
-
 Array = NDArray[np.float64]
 
 #: Joint error thought possible, a standard deviation: where a pose cannot tell joints apart (at a
@@ -67,24 +63,17 @@ class Periodogram:
     marked_rad: Array
 
 
-def joint_errors(problem: Problem, found: Fit, left: Array) -> JointErrors:
+def joint_errors(screws: Array, left: Array) -> JointErrors:
     """Turn what the model leaves at every cell into errors of the joints, by least squares.
 
     Args:
-        problem: the campaign.
-        found: the fit that left it.
-        left: (C, 6) measured less predicted pose, whitened by the noise of each cell.
+        screws: (C, b, n) how whitened components follow the joints.
+        left: (C, b, 1) components measured less predicted, whitened by the noise of each cell.
     """
-    cells, chain = problem.cells, found.model.chain
-    at = chain.joint_columns
-    end = end_pose_with_screws(chain, found.model.chain_coordinates(cells.states, found.x))
-    R = found.level.T_instr_base[:3, :3]
-    screws = np.concatenate([R @ end.screws[:, :3, at], R @ end.screws[:, 3:, at]], axis=1)
-    rows = problem.pose.whitener @ screws
-    across = rows.transpose(0, 2, 1)
-    covariance = np.linalg.inv(across @ rows + np.eye(len(at)) / POSSIBLE_RAD**2)
+    across = screws.transpose(0, 2, 1)
+    covariance = np.linalg.inv(across @ screws + np.eye(screws.shape[2]) / POSSIBLE_RAD**2)
     return JointErrors(
-        error_rad=(covariance @ (across @ left[:, :, None]))[:, :, 0],
+        error_rad=(covariance @ (across @ left))[:, :, 0],
         std_rad=np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
     )
 

@@ -1,8 +1,6 @@
-"""Where model and data disagree: what is left against what repeats scatter, and where it sits.
+"""Where model and data disagree: the remaining error against noise, and where it sits.
 
-Two channels: poses, measured against predicted, and torques, logged against the weights. Errors
-alike in all poses take their part first: places of targets on the apparatus, masses, loads, zeros.
-Everything is stated of cells (`cells.gather`).
+Everything is stated of cells: readings of a pose that have been averaged, or single poses.
 """
 
 from __future__ import annotations
@@ -11,19 +9,63 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtrc
 
+from pa10cal.arm.description import Arm
 from pa10cal.discovery.clustered import Estimate, mean, slope
-from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
-from pa10cal.discovery.evidence.problem import Problem
-from pa10cal.discovery.evidence.pure_error import ChannelTest, channel_tests, left_over
 from pa10cal.discovery.joint_space import JointErrors, Periodogram, joint_errors, periodogram
+from pa10cal.discovery.linear import error_mm, position_m, position_noise
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.pose import Pose
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 AXES = ("x", "y", "z")
+#: Of more cells only so many, spread evenly over time, stand for all where each is looked at.
+MOST_CELLS = 1200
 _HOUR_S = 3600.0
+
+
+@dataclass(frozen=True)
+class PureErrorTest:
+    """Remaining error against pure error: Fisher's F.
+
+    Attributes:
+        chi_square: sum of squares in units of the pure error's variance.
+        dof: rows less what the parameters took of them.
+        pure_dof: behind the pure error, from repeats.
+    """
+
+    chi_square: float
+    dof: float
+    pure_dof: int
+
+    @property
+    def ratio(self) -> float:
+        """Return F, near one where the model lacks nothing."""
+        return self.chi_square / self.dof
+
+    @property
+    def p_value(self) -> float:
+        """Return the probability of so large an F where the model lacks nothing."""
+        return float(fdtrc(self.dof, self.pure_dof, self.ratio))
+
+
+@dataclass(frozen=True)
+class ChannelTest:
+    """Lack of fit of one channel, row by row; the verdict rests on poses, not on this.
+
+    Attributes:
+        shared: what the cells of a pose share, by load, direction and time; None without such rows.
+        unshared: what differs among them beyond that; None without such rows.
+        shared_variance: of an error that the cells of a pose share and that would make up for what
+            is left, in variances of one reading.
+    """
+
+    shared: PureErrorTest | None
+    unshared: PureErrorTest | None
+    shared_variance: float
 
 
 @dataclass(frozen=True)
@@ -114,20 +156,20 @@ class LackOfFit:
     """Where a fit and the data disagree.
 
     Attributes:
-        pose: lack of fit of the poses.
-        torque: of the torques, None where they or the weights are not known.
+        pose: lack of fit of the poses against pure error; None without repeats.
+        torque: of the torques; None where they or the weights are not known, or without repeats.
         rms_mm, floor_mm: position error over all cells, and what noise alone would leave.
-        by_load, by_pose, by_axis: the same by part.
+        by_load, by_pose, by_axis: the same by part; no poses where each is measured once.
         by_joint: in joint space.
         by_torque: torques left, none where they are not known.
         drifts: along the instrument's axes.
-        cells: the C cells.
+        cells: C cells; of many poses so many as a picture shows, spread evenly over time.
         position_mm: (C, 3) measured less predicted, along the instrument's axes.
         joints: in joint space, cell by cell.
         torque_left_Nm: (C, n) logged less predicted, None where it is not known.
     """
 
-    pose: ChannelTest
+    pose: ChannelTest | None
     torque: ChannelTest | None
     rms_mm: float
     floor_mm: float
@@ -137,89 +179,117 @@ class LackOfFit:
     by_joint: tuple[JointPart, ...]
     by_torque: tuple[TorquePart, ...]
     drifts: tuple[Drift, ...]
-    cells: Observations[Pose]
+    cells: Observations
     position_mm: Array
     joints: JointErrors
     torque_left_Nm: Array | None
 
 
-def lack_of_fit(problem: Problem, found: Fit) -> LackOfFit:
-    """Work out where a fit and the data disagree.
+@dataclass(frozen=True)
+class Left:
+    """What a model leaves of C cells.
+
+    Attributes:
+        at: the model.
+        cells: the cells, complete.
+        components: (C, b) measured minus predicted [m, rad].
+        cov: (C, b, b) covariance of the cells' noise.
+        screws: (C, b, n) how the components follow the joints.
+    """
+
+    at: FittedModel
+    cells: Observations
+    components: Array
+    cov: Array
+    screws: Array
+
+
+@dataclass(frozen=True)
+class LeftTorques:
+    """What weights and model leave of logged torques.
+
+    Attributes:
+        torque_Nm: (C, n) logged minus predicted.
+        noise_Nm: (n,) standard deviation of one reading.
+    """
+
+    torque_Nm: Array
+    noise_Nm: Array
+
+
+def lack_of_fit(
+    left: Left,
+    tests: tuple[ChannelTest | None, ChannelTest | None] = (None, None),
+    torques: LeftTorques | None = None,
+) -> LackOfFit:
+    """Work out where a model and the data disagree.
 
     Args:
-        problem: the campaign.
-        found: the fit, with or without effects.
+        left: what the model leaves.
+        tests: of poses and of torques against pure error; None without repeats.
+        torques: what it leaves of the torques; None where that is not known.
     """
-    cells = problem.cells
-    pose, torque = channel_tests(problem, found)
-    white = left_over(problem.pose, pose_rows(found.level.linearise(found.x)), pose.shared_variance)
-    pose_left = np.linalg.solve(problem.pose.whitener, white[..., None])[:, :, 0]
-    position_mm = np.asarray(1e3 * pose_left[:, :3], dtype=np.float64)
-    noise_mm2 = 1e6 * np.diagonal(cells.measured.cov, axis1=1, axis2=2)[:, :3]
-    squares, noise = (position_mm**2).sum(axis=1), noise_mm2.sum(axis=1)
-    joints = joint_errors(problem, found, white)
-    torque_left_Nm = _torque_left_Nm(problem, found, torque)
+    cells, n = left.cells, left.cells.states.n
+    squares = error_mm(cells.measured, left.components) ** 2
+    noise = 1e6 * np.trace(position_noise(cells.measured, left.cov), axis1=1, axis2=2)
+    found_m, found_m2 = position_m(left.at, cells, left.components, left.cov)
+    position_mm, noise_mm2 = 1e3 * found_m, 1e6 * found_m2
+    last, most = len(cells) - 1, min(len(cells), MOST_CELLS)
+    shown = np.unique(np.linspace(0, last, most).round().astype(int))
+    some = cells.take(shown)
+    white = np.linalg.inv(np.linalg.cholesky(left.cov[shown]))
+    joints = joint_errors(white @ left.screws[shown], white @ left.components[shown, :, None])
+    arm = left.at.model.chain.arm
     return LackOfFit(
-        pose=pose,
-        torque=torque,
+        pose=tests[0],
+        torque=tests[1],
         rms_mm=_root_mean(squares),
         floor_mm=_root_mean(noise),
         by_load=_parts([f"{load:g} N" for load in cells.states.load_N], squares, noise),
-        by_pose=_parts(cells.pose.tolist(), squares, noise),
+        by_pose=() if tests[0] is None else _parts(cells.pose.tolist(), squares, noise),
         by_axis=tuple(
             Part(axis, len(cells), _root_mean(position_mm[:, k] ** 2), _root_mean(noise_mm2[:, k]))
             for k, axis in enumerate(AXES)
         ),
-        by_joint=tuple(_joint_part(problem, joints, j) for j in range(cells.states.n)),
+        by_joint=tuple(_joint_part(arm, some, joints, j) for j in range(n)),
         by_torque=()
-        if torque_left_Nm is None
-        else tuple(_torque_part(problem, torque_left_Nm[:, j], j) for j in range(cells.states.n)),
-        drifts=tuple(_drift(problem, axis, position_mm[:, k]) for k, axis in enumerate(AXES)),
-        cells=cells,
-        position_mm=position_mm,
+        if torques is None
+        else tuple(_torque_part(cells, torques, j) for j in range(n)),
+        drifts=tuple(_drift(cells, axis, position_mm[:, k]) for k, axis in enumerate(AXES)),
+        cells=some,
+        position_mm=position_mm[shown],
         joints=joints,
-        torque_left_Nm=torque_left_Nm,
+        torque_left_Nm=None if torques is None else torques.torque_Nm[shown],
     )
 
 
-def _torque_left_Nm(problem: Problem, found: Fit, test: ChannelTest | None) -> Array | None:
-    """Return logged less predicted torques (C, n)."""
-    if problem.torque is None or test is None:
-        return None
-    rows = torque_rows(problem, found.model, found.x)
-    white = left_over(problem.torque, rows, test.shared_variance)
-    return np.asarray(np.linalg.solve(problem.torque.whitener, white[..., None])[:, :, 0])
-
-
-def _joint_part(problem: Problem, joints: JointErrors, j: int) -> JointPart:
-    states, arm = problem.cells.states, problem.context.arm
+def _joint_part(arm: Arm, cells: Observations, joints: JointErrors, j: int) -> JointPart:
     error, weight = joints.error_rad[:, j], joints.weight[:, j]
     share = weight / weight.sum()
     return JointPart(
         joint=j + 1,
         rms_rad=float(np.sqrt(share @ error**2)),
         floor_rad=float(np.sqrt(share @ joints.std_rad[:, j] ** 2)),
-        arrivals=_arrivals(problem, error, weight, j),
+        arrivals=_arrivals(cells, error, weight, j),
         periodogram=None
         if arm.prismatic[j]
-        else periodogram(states.q_rad[:, j], error, weight, float(arm.gear_ratio[j])),
+        else periodogram(cells.states.q_rad[:, j], error, weight, float(arm.gear_ratio[j])),
     )
 
 
-def _torque_part(problem: Problem, left_Nm: Array, j: int) -> TorquePart:
-    cells = problem.cells
-    noise = problem.noise.torque_Nm[j] ** 2 / cells.readings
+def _torque_part(cells: Observations, torques: LeftTorques, j: int) -> TorquePart:
+    left_Nm = torques.torque_Nm[:, j]
     return TorquePart(
         joint=j + 1,
         rms_Nm=_root_mean(left_Nm**2),
-        noise_Nm=_root_mean(noise),
-        arrivals=_arrivals(problem, left_Nm, cells.readings.astype(float), j),
+        noise_Nm=_root_mean(torques.noise_Nm[j] ** 2 / cells.readings),
+        arrivals=_arrivals(cells, left_Nm, cells.readings.astype(float), j),
     )
 
 
-def _arrivals(problem: Problem, values: Array, weight: Array, j: int) -> tuple[Arrival, ...]:
+def _arrivals(cells: Observations, values: Array, weight: Array, j: int) -> tuple[Arrival, ...]:
     """Return the mean of values over the cells at which joint j (from 0) came from each side."""
-    arrival, pose = problem.cells.states.arrival[:, j], problem.cells.pose
+    arrival, pose = cells.states.arrival[:, j], cells.pose
     return tuple(
         Arrival(sign, int(rows.sum()), mean(values[rows], weight[rows], pose[rows]))
         for sign in (-1, 1)
@@ -227,8 +297,7 @@ def _arrivals(problem: Problem, values: Array, weight: Array, j: int) -> tuple[A
     )
 
 
-def _drift(problem: Problem, axis: str, position_mm: Array) -> Drift:
-    cells = problem.cells
+def _drift(cells: Observations, axis: str, position_mm: Array) -> Drift:
     weight = cells.readings.astype(float)
     hours, kelvin = cells.states.time_s / _HOUR_S, cells.states.temperature_C
     logged = bool(np.isfinite(kelvin).all()) and float(np.ptp(kelvin)) > 0.0

@@ -7,14 +7,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.state import PoseStates, Seen
+from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, Statics
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.loads import statics_of
+from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
+from pa10cal.observe.arrivals import with_arrivals
+from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.pose import Pose
-from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.effects.effect import CandidateContext, Effect
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
 
@@ -25,80 +28,119 @@ class MeasurementSetup:
 
     Attributes:
         payload: apparatus, load point, gravity; None where the arm's masses are not known.
-        p_ee_targets_m: (B, 3) the instrument's targets on the apparatus, in the end-effector frame;
-            none for an instrument that gives poses.
+        p_ee_targets_m: (B, 3) stated places of the balls of an apparatus, in the end-effector
+            frame; none for an instrument that measures poses, and where they are unknowns of the
+            calibration.
         reference_temperature_C: temperature at which lengths are nominal.
-        flexible_joints: joints that the model gives a spring.
         apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
-        options: standard uncertainties of what else repeats cannot show.
+        options: standard uncertainties of what else repeats cannot show, and how to search.
     """
 
     payload: Payload | None
     p_ee_targets_m: Array
     reference_temperature_C: float
-    flexible_joints: tuple[int, ...]
     apparatus_m: float = 5e-6
     options: DiscoveryOptions = field(default_factory=DiscoveryOptions)
 
 
-def complete(
-    poses: Observations[Pose], baseline: FittedModel, setup: MeasurementSetup
-) -> Observations[Pose]:
-    """Add to the states of poses what they carry and how they were seen."""
-    states = replace(poses.states, seen=_seen(poses, setup.p_ee_targets_m))
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A campaign made ready for the search.
+
+    Attributes:
+        readings: single readings of the poses fitted, attitudes and torques as the model has them.
+        held_out: averaged held-out poses; None where there are none.
+        baseline: the calibrated model; its chain has the bends of the long links.
+        setup: what is known besides the poses.
+        torques: where the torques come from: `logged`, `masses`, or `none`.
+        arrivals_from_order: whether directions of arrival are those of the order of poses.
+    """
+
+    readings: Observations
+    held_out: Observations | None
+    baseline: FittedModel
+    setup: MeasurementSetup
+    torques: TorqueSource
+    arrivals_from_order: bool
+
+
+def prepared(every: Observations, model: FittedModel, setup: MeasurementSetup) -> Prepared:
+    """Make a campaign ready: directions of arrival, attitudes and torques as the model has them.
+
+    Args:
+        every: single readings of all kinds, with the instrument's covariance.
+        model: the calibrated model.
+        setup: what is known besides the poses.
+    """
+    every, from_order = with_arrivals(every)
+    readings = every.of_kind("grid").turned(model.R_ee_target)
+    held_out = average_repeats(every.of_kind("holdout")).turned(model.R_ee_target)
+    arm = model.model.chain.arm
+    states, torques = with_torques(arm, readings.states, setup.payload)
+    held_out_states, _ = with_torques(arm, held_out.states, setup.payload)
+    return Prepared(
+        readings=readings.with_states(states),
+        held_out=held_out.with_states(held_out_states) if len(held_out) else None,
+        baseline=model.with_bends(),
+        setup=setup,
+        torques=torques,
+        arrivals_from_order=from_order,
+    )
+
+
+def complete(poses: Observations, baseline: FittedModel, setup: MeasurementSetup) -> Observations:
+    """Add to the states of poses what they carry and how they were read."""
+    states = poses.states
     if setup.payload is not None:
-        states = replace(
-            states, static_loads=static_loads(states, baseline, setup.payload).static_loads
-        )
-    return replace(poses, states=states)
+        if any(isinstance(term, Effect) for term in baseline.model.terms):
+            # Its effects need what the arm carries as it stands nominally first.
+            rigid = Model(baseline.model.chain, ())
+            nominal = statics_of(rigid, np.zeros(0), states, setup.payload)
+            states = replace(states, static_loads=states.static_loads or nominal.static_loads)
+        loads = static_loads(states, baseline, setup.payload)
+        states = replace(states, static_loads=loads.static_loads)
+    T_instr_ee = baseline.T_instr_base @ baseline.model.predict(states, baseline.x)
+    states = replace(states, seen=poses.measured.readout(T_instr_ee, targets_m(baseline, setup)))
+    return poses.with_states(states)
 
 
 def complete_about(
-    poses: Observations[Pose],
+    poses: Observations,
     baseline: FittedModel,
     about: FittedModel,
     setup: MeasurementSetup,
-) -> Observations[Pose]:
+) -> Observations:
     """Add what poses carry by a better model, whose effects may need what the baseline says."""
     poses = complete(poses, baseline, setup)
     return poses if about is baseline else complete(poses, about, setup)
 
 
-def static_loads(states: PoseStates, baseline: FittedModel, payload: Payload) -> Statics:
+def static_loads(states: PoseStates, model: FittedModel, payload: Payload) -> Statics:
     """Return torques and moments that weights put on the arm, the base standing as it is."""
-    return statics_of(baseline.model, baseline.x, states, payload)
+    return statics_of(model.model, model.x, states, payload)
 
 
-def _seen(poses: Observations[Pose], p_ee_targets_m: Array) -> Seen:
-    """Return where targets were and how the pose was made of them, along end-effector axes."""
-    R, origin = poses.measured.T_instr_target[:, :3, :3], poses.measured.T_instr_target[:, :3, 3]
-    count = len(poses)
-    if not poses.measured.by_apparatus.shape[2]:
-        direct = np.zeros((count, 6, 3))
-        direct[:, :3] = R.transpose(0, 2, 1)
-        return Seen(origin[:, None, :], direct)
-    targets = origin[:, None, :] + np.einsum("pij,bj->pbi", R, p_ee_targets_m)
-    # A target read too far by v is one whose stated place on the apparatus is short by R^T v.
-    by_place = poses.measured.by_apparatus.reshape(count, 2, 3, -1, 3)
-    by_reading = -np.einsum("pki,pakbl,pjl->paibj", R, by_place, R, optimize=True)
-    return Seen(targets, by_reading.reshape(count, 6, -1))
+def targets_m(model: FittedModel, setup: MeasurementSetup) -> Array:
+    """Return the places of the targets in the end-effector frame, (t,): fitted, or as stated."""
+    return model.targets_m if len(model.targets_m) else setup.p_ee_targets_m.ravel()
 
 
 def context_of(
-    cells: Observations[Pose], baseline: FittedModel, setup: MeasurementSetup
+    cells: Observations, baseline: FittedModel, setup: MeasurementSetup
 ) -> CandidateContext:
     """Return what decides where effects may sit; the poses are complete."""
     states = cells.states
     assert states.seen is not None
+    springs = [term.joint for term in baseline.model.terms if isinstance(term, JointSpring)]
     return CandidateContext(
         arm=baseline.model.chain.arm,
-        flexible_joints=setup.flexible_joints,
+        flexible_joints=tuple(springs),
         reference_temperature_C=setup.reference_temperature_C,
         tau_span_Nm=np.abs(
             states.tau_Nm if states.static_loads is None else states.static_loads.joint_Nm
         ).max(axis=0),
         T_instr_base=baseline.T_instr_base,
-        p_instr_middle_m=states.seen.p_instr_targets_m.reshape(-1, 3).mean(axis=0),
+        p_instr_middle_m=np.mean(states.seen.p_instr_targets_m.reshape(-1, 3), axis=0),
         q_span_rad=np.stack([states.q_rad.min(axis=0), states.q_rad.max(axis=0)], axis=1),
         time_span_s=(float(states.time_s.min()), float(states.time_s.max())),
     )

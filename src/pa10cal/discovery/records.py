@@ -1,24 +1,40 @@
-"""`verdict.json`, `extended.json`, `analysis.json`: what both scorers' records have in common."""
+"""A verdict as the records of discovery: `verdict.json`, `extended.json`, `analysis.json`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.calibration.base_parameters import report_base
-from pa10cal.calibration.records import reported_keys
+from pa10cal.discovery.analysis_record import analysis_keys, model_parameters, name_of
+from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
+from pa10cal.discovery.blocked_cv.judge import Prediction
+from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
+from pa10cal.discovery.blocked_cv.survey import BLOCKS
+from pa10cal.discovery.evidence.confirm import Confirmation
+from pa10cal.discovery.evidence.discover import VerdictByRepeats
+from pa10cal.discovery.evidence.judge import FLIP_RATE, shared_error_mm
+from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.gap import Gap, Paired
-from pa10cal.discovery.operating_point import possible_sizes
-from pa10cal.discovery.verdict import Finding, NotTestable, Unexplained, without_a_cause
-from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.discovery.next_poses.room import NextPose
+from pa10cal.discovery.verdict import (
+    Finding,
+    NotTestable,
+    Plan,
+    Unexplained,
+    Verdict,
+    without_a_cause,
+)
+from pa10cal.fit import angles_seen
+from pa10cal.fit.model_file import model_to_plain
 from pa10cal.results import discovery as parts
-from pa10cal.results.accuracy import BeforeAfter, EffectParameter, Parameter
-from pa10cal.results.analysis import AnalysisKeys, AnalysisRecord, GapRows, ParameterShift
+from pa10cal.results.accuracy import Accuracy, BeforeAfter, EffectParameter
+from pa10cal.results.analysis import (
+    AnalysisRecord,
+)
 from pa10cal.results.discovery import (
-    EffectName,
     ExtendedKeys,
     ExtendedRecord,
     FoundEffect,
@@ -30,27 +46,8 @@ from pa10cal.results.discovery import (
 from pa10cal.results.record import Campaign
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
-
-#: A parameter known no better than this part of what is possible is not identified by the data.
-_IDENTIFIED = 1.0 / 3.0
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a search comes to, whichever scorer judged.
-
-    Attributes:
-        verdict, extended, analysis: what the records hold besides whose they are.
-        model: the extended model.
-    """
-
-    verdict: VerdictKeys
-    extended: ExtendedKeys
-    analysis: AnalysisKeys
-    model: FittedModel
 
 
 @dataclass(frozen=True)
@@ -63,40 +60,35 @@ class DiscoveryRecords:
 
 
 def discovery_records(
-    outcome: Outcome,
-    campaign: Campaign,
-    calibration: str,
-    seconds: float,
-    *,
-    arrival_from_order: bool,
+    found: Verdict[object], ahead: Plan, campaign: Campaign, calibration: str, seconds: float
 ) -> DiscoveryRecords:
     """Return the records of a campaign.
 
     Args:
-        outcome: what its search came to.
+        found: the verdict.
+        ahead: what to measure next.
         campaign: the campaign.
         calibration: load case of the calibration it began with.
         seconds: time taken.
-        arrival_from_order: whether directions of arrival come from the order of the poses.
     """
     name, provenance = campaign.name, campaign.provenance
-    found = outcome.verdict
+    said, from_order = verdict_keys(found, ahead), found.prepared.arrivals_from_order
     return DiscoveryRecords(
         VerdictRecord(
-            **dict(found),
+            **dict(said),
             campaign=name,
             provenance=provenance,
-            arrival_from_order=arrival_from_order,
+            arrival_from_order=from_order,
             seconds=seconds,
         ),
         ExtendedRecord(
-            **dict(outcome.extended),
+            **dict(_extended(found)),
             campaign=name,
             provenance=provenance,
             robot=campaign.robot,
             calibration=calibration,
-            verdict=found.verdict,
-            arrival_from_order=arrival_from_order,
+            verdict=said.verdict,
+            arrival_from_order=from_order,
             named=tuple(
                 NamedEffect(
                     id=effect.id,
@@ -104,11 +96,144 @@ def discovery_records(
                     parameters=effect.parameters,
                     alternatives=effect.alternatives,
                 )
-                for effect in found.effects
+                for effect in said.effects
             ),
-            warnings=warnings_of(found),
+            warnings=warnings_of(said),
         ),
-        AnalysisRecord(**dict(outcome.analysis), campaign=name, provenance=provenance),
+        AnalysisRecord(**dict(analysis_keys(found)), campaign=name, provenance=provenance),
+    )
+
+
+def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKeys:
+    """Return what is said of a campaign, and what to measure next."""
+    by_blocks = found if isinstance(found, VerdictByBlocks) else None
+    return VerdictKeys(
+        verdict=found.verdict,
+        method=found.method,
+        effects=tuple(found_effect(finding, found) for finding in found.effects),
+        unexplained=all_unexplained(found.effects, found.unexplained),
+        not_testable=not_testable(found.not_testable),
+        indistinguishable=tuple(
+            tuple(name_of(effect) for effect in group) for group in found.indistinguishable
+        ),
+        gap=parts.Gap(
+            noise_floor_mm=found.noise_floor_mm,
+            noise_floor_from=found.noise_floor_from,
+            train=set_gap(found.train),
+            holdout=None if found.holdout is None else set_gap(found.holdout),
+        ),
+        remaining=None if by_blocks is None else _remaining(by_blocks),
+        search=_search(found),
+        angles_seen=None if found.seen is None else angles_part(found.seen),
+        suggested_poses=() if ahead is None else tuple(map(_suggested, ahead.poses)),
+        separations=None
+        if ahead is None or ahead.separations is None
+        else tuple(
+            parts.Separation(
+                pair=separation.label,
+                before_nats=separation.before_nats,
+                after_nats=separation.after_nats,
+                possible_nats=separation.possible_nats,
+                can_be_split=separation.can_be_split,
+            )
+            for separation in ahead.separations
+        ),
+    )
+
+
+def angles_part(seen: angles_seen.AnglesSeen) -> tuple[parts.AnglesSeen, ...]:
+    """Return the stretches that each joint's poses have seen."""
+    return tuple(
+        parts.AnglesSeen(turns=turns, stretches=stretches)
+        for stretches, turns in zip(seen.intervals, seen.turns, strict=True)
+    )
+
+
+def _suggested(pose: NextPose) -> parts.SuggestedPose:
+    return parts.SuggestedPose(
+        q_deg=np.degrees(pose.q_rad),
+        q_rad=pose.q_rad,
+        load_N=pose.load_N,
+        arrive_from=None if pose.arrival is None else -pose.arrival,
+        separation_nats=pose.separation_nats,
+        for_=pose.purposes,
+    )
+
+
+def _search(found: Verdict[object]) -> parts.SearchByRepeats | parts.SearchByBlocks:
+    """Return how effects were sought."""
+    if isinstance(found, VerdictByBlocks):
+        return parts.SearchByBlocks(
+            candidates=found.candidates,
+            error_rate=found.error_rate,
+            blocks=BLOCKS,
+            needed=parts.Needed(
+                standard_errors=STANDARD_ERRORS,
+                sum_of_squares=found.least_gain,
+                part_of_remaining_error_over_noise=LEAST_SHARE,
+            ),
+            poses_down_weighted=int(np.sum(found.extended.weighing.weight < 1.0)),
+            refit_converged=bool(found.extended.converged),
+        )
+    assert isinstance(found, VerdictByRepeats)
+    search = found.judgement.found
+    return parts.SearchByRepeats(
+        candidates=found.candidates,
+        error_rate=found.error_rate,
+        needed_nats=threshold(found.candidates, found.error_rate),
+        shared_error_mm=parts.SharedError(
+            before=shared_error_mm(found.problem, search.nothing.pose_variance),
+            after=shared_error_mm(found.problem, search.score.pose_variance),
+        ),
+    )
+
+
+def _remaining(found: VerdictByBlocks) -> parts.Remaining:
+    return parts.Remaining(
+        **asdict(found.remaining),
+        over_floor=found.remaining.over_floor,
+        tried=tuple(
+            parts.Tried(
+                id=entry.effect.id,
+                of=entry.effect.of,
+                gain=entry.gain,
+                gain_std=entry.gain_std,
+                helps=entry.helps,
+                positions_and_attitudes_agree=entry.kinds_agree,
+            )
+            for entry in found.tried
+        ),
+    )
+
+
+def _evidence(
+    proof: object, found: Verdict[object]
+) -> parts.EvidenceByRepeats | parts.EvidenceByBlocks:
+    if isinstance(proof, Prediction):
+        return parts.EvidenceByBlocks(
+            cross_validation_over_blocks=parts.BlockedCrossValidation(**asdict(proof), z=proof.z)
+        )
+    assert isinstance(proof, Confirmation)
+    over_loads = proof.loads
+    return parts.EvidenceByRepeats(
+        lost_without_it_nats=proof.loss,
+        needed_nats=threshold(found.candidates, found.error_rate),
+        p_sign_flips_max_t=proof.p_flips,
+        p_needed=FLIP_RATE,
+        cross_validation_over_poses=parts.CrossValidation(**asdict(proof.poses)),
+        cross_validation_over_loads=None
+        if over_loads is None
+        else parts.CrossValidation(**asdict(over_loads)),
+    )
+
+
+def _extended(found: Verdict[object]) -> ExtendedKeys:
+    """Return the extended model, and its parameters with uncertainties."""
+    return ExtendedKeys(
+        parameters=model_parameters(found),
+        T_instr_base=found.model.T_instr_base,
+        fitted_model=model_to_plain(found.model),
+        angles_seen=None if found.seen is None else angles_part(found.seen),
     )
 
 
@@ -173,30 +298,18 @@ def _gap_lines(kind: str, gap: parts.SetGap) -> list[str]:
     ]
 
 
-def name_of(effect: Effect) -> EffectName:
-    """Return an effect's name and place."""
-    return EffectName(id=effect.id, of=effect.of)
-
-
-def found_effect(
-    finding: Finding[object], evidence: parts.EvidenceByRepeats | parts.EvidenceByBlocks
-) -> FoundEffect:
+def found_effect(finding: Finding[object], found: Verdict[object]) -> FoundEffect:
     """Return a finding with the statistics that decided."""
-    effect = finding.effect
-    known = effect.report(np.zeros(len(effect.parameters))).parameters
-    std = np.sqrt(np.diag(finding.covariance))
     return FoundEffect(
-        id=effect.id,
-        of=effect.of,
-        form=form_of(effect),
+        id=finding.id,
+        of=finding.of,
+        form=form_of(finding.effect),
         parameters={
-            parameter.name: EffectParameter(
-                value=float(value), std=float(sigma), unit=parameter.unit
-            )
-            for parameter, value, sigma in zip(known, finding.x, std, strict=True)
+            name: EffectParameter(value=each.value, std=each.std, unit=each.unit)
+            for name, each in finding.parameters.items()
         },
         alternatives=tuple(name_of(other) for other in finding.alternatives),
-        evidence=evidence,
+        evidence=_evidence(finding.proof, found),
     )
 
 
@@ -230,18 +343,9 @@ def all_unexplained(
     return parts.AllUnexplained(**dict(places[0]), all=places) if places else None
 
 
-def set_gap(
-    found: Gap,
-    inside: BeforeAfter | None = None,
-    extrapolated: BeforeAfter | None = None,
-) -> parts.SetGap:
-    """Return the gap before and after, over all loads and load by load.
-
-    Args:
-        found: the gap.
-        inside, extrapolated: over poses inside the angles that the fit has seen, and beyond them;
-            None where that is not known, or there are none.
-    """
+def set_gap(found: Gap) -> parts.SetGap:
+    """Return the gap before and after: over all loads, load by load, and by what the fit saw."""
+    seen = found.parts
     return parts.SetGap(
         before=found.before,
         after=found.after,
@@ -255,9 +359,15 @@ def set_gap(
             )
             for load, (before, after) in found.by_load.items()
         },
-        inside=inside,
-        extrapolated=extrapolated,
+        inside=None if seen is None else _pair(seen.before_inside, seen.after_inside),
+        extrapolated=None if seen is None else _pair(seen.before_beyond, seen.after_beyond),
     )
+
+
+def _pair(before: Accuracy | None, after: Accuracy | None) -> BeforeAfter | None:
+    if before is None or after is None:
+        return None
+    return BeforeAfter(before=before, after=after)
 
 
 def _reduction(paired: Paired) -> parts.Reduction:
@@ -265,72 +375,4 @@ def _reduction(paired: Paired) -> parts.Reduction:
         mean_mm=paired.mean_mm,
         interval95_mm=(paired.low_mm, paired.high_mm),
         poses=paired.poses,
-    )
-
-
-def model_parameters(
-    model: Model, x: Array, covariance: Array, T_instr_base: Array, base_covariance: Array
-) -> dict[str, Parameter]:
-    """Return every parameter of the calibrated model as it is with the effects, and the base.
-
-    Args:
-        model: the calibrated model, without the effects.
-        x, covariance: (k,) and (k, k) its parameters in the extended model.
-        T_instr_base: (4, 4) base frame.
-        base_covariance: (6, 6) of its origin along the instrument's axes and its small turns.
-    """
-    report = model.report(x)
-    identified = np.sqrt(np.diag(covariance)) < _IDENTIFIED * possible_sizes(model)
-    own = reported_keys(report, covariance)
-    base = reported_keys(report_base(T_instr_base), base_covariance)
-    return {
-        name: Parameter(**keys, identifiable=bool(np.all(identified[row])))
-        for (name, keys), row in zip(own.items(), report.jacobian != 0.0, strict=True)
-    } | {name: Parameter(**keys, identifiable=True) for name, keys in base.items()}
-
-
-def parameter_shifts(
-    baseline: FittedModel, after: dict[str, Parameter]
-) -> tuple[ParameterShift, ...]:
-    """Return every parameter of the calibrated model, and once the effects joined it."""
-    reports = (baseline.model.report(baseline.x), report_base(baseline.T_instr_base))
-    before = {
-        parameter.name: float(value)
-        for report in reports
-        for parameter, value in zip(report.parameters, report.values, strict=True)
-    }
-    return tuple(
-        ParameterShift(
-            name=name,
-            unit=parameter.unit,
-            before=before[name],
-            after=parameter.value,
-            std=parameter.std or 0.0,
-            tolerance=parameter.tolerance,
-            identifiable=parameter.identifiable,
-        )
-        for name, parameter in after.items()
-    )
-
-
-def gap_rows(
-    gap: Gap, T_instr_base: Array, extrapolated: NDArray[np.bool_] | None = None
-) -> GapRows:
-    """Return every configuration with its residuals before and after, along base axes.
-
-    Args:
-        gap: P configurations.
-        T_instr_base: (4, 4) base frame that their places are given in.
-        extrapolated: (P,) which of them leave the angles that the fit has seen; None where that is
-            not known.
-    """
-    poses = gap.poses
-    p_instr_m = poses.measured.T_instr_target[:, :3, 3]
-    return GapRows(
-        pose=poses.pose,
-        load_N=poses.states.load_N,
-        place_mm=1e3 * (p_instr_m - T_instr_base[:3, 3]) @ T_instr_base[:3, :3],
-        before_mm=gap.found_before.position_mm,
-        after_mm=gap.found_after.position_mm,
-        extrapolated=extrapolated,
     )

@@ -1,21 +1,39 @@
-"""What a search comes to: effects found, what has no name, and the word for it."""
+"""The verdict: effects found, what has no name, the word for it, and the model with the effects."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Generic, Literal, TypeVar
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.terms.effects.effect import Effect
+from pa10cal.discovery.gap import Gap, Named
+from pa10cal.discovery.lack_of_fit import LackOfFit
+from pa10cal.discovery.next_poses.room import NextPose
+from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.with_effects import ModelWithEffects
+from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.terms.effects.effect import CandidateContext, Effect
 
 Array = NDArray[np.float64]
 Word = Literal["none", "named", "ambiguous", "unexplained"]
 P_co = TypeVar("P_co", covariant=True)
 
 MAP = "joint_error_map"
+
+
+@dataclass(frozen=True)
+class ReportedValue:
+    """A reported parameter: value and standard uncertainty."""
+
+    value: float
+    std: float
+    unit: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +52,26 @@ class Finding(Generic[P_co]):
     covariance: Array
     alternatives: tuple[Effect, ...]
     proof: P_co
+
+    @property
+    def id(self) -> str:
+        """Return the id of the effect."""
+        return self.effect.id
+
+    @property
+    def of(self) -> str:
+        """Return where it sits."""
+        return self.effect.of
+
+    @property
+    def parameters(self) -> Mapping[str, ReportedValue]:
+        """Return its reported parameters by name."""
+        known = self.effect.report(np.zeros(len(self.effect.parameters))).parameters
+        std = np.sqrt(np.diag(self.covariance))
+        return {
+            parameter.name: ReportedValue(float(value), float(sigma), parameter.unit)
+            for parameter, value, sigma in zip(known, self.x, std, strict=True)
+        }
 
 
 @dataclass(frozen=True)
@@ -66,6 +104,158 @@ class NotTestable:
     effect: Effect
     why: str
     by_these_poses: bool = True
+
+
+@dataclass(frozen=True)
+class Separation:
+    """How far apart an effect and its rival are expected to be, in log evidence.
+
+    Attributes:
+        effect: found, or not testable so far.
+        rival: what explains the data as well; None for the model's own parameters.
+        before_nats: with the data so far.
+        after_nats: with all configurations suggested.
+        possible_nats: with as many configurations, were they chosen for this pair alone.
+        can_be_split: whether so many configurations bring the two apart at all.
+    """
+
+    effect: Effect
+    rival: Effect | None
+    before_nats: float
+    after_nats: float
+    possible_nats: float
+    can_be_split: bool
+
+    @property
+    def label(self) -> str:
+        """Name of the pair."""
+        return label_of(self.effect, self.rival)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to measure next, and what it is expected to bring.
+
+    Attributes:
+        poses: the configurations, in the order of choice; none where poses cannot help.
+        separations: one for each pair of effects that the data cannot separate; None where effects
+            are judged by blocks.
+    """
+
+    poses: tuple[NextPose, ...]
+    separations: tuple[Separation, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the search.
+
+    Attributes:
+        effects: the set then held.
+        gain_nats: log evidence over the model without effects; None where judged by blocks.
+        rms_mm: position error that remains at the cells; None likewise.
+        squared_error_of_a_row: mean square of a whitened row of blocks held out; None where
+            judged by repeats.
+    """
+
+    effects: tuple[Effect, ...]
+    gain_nats: float | None = None
+    rms_mm: float | None = None
+    squared_error_of_a_row: float | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Verdict(ABC, Generic[P_co]):
+    """What became of a campaign.
+
+    Attributes:
+        prepared: the campaign.
+        context: where effects may sit in it.
+        error_rate: probability allowed of naming anything where nothing is missing.
+        candidates: how many effects were tried.
+        effects: effects of the vocabulary that were found, in the order found.
+        unexplained: what remains without a name.
+        not_testable: effects that these data cannot show.
+        indistinguishable: groups of named candidates that these poses cannot separate.
+        extended: the calibrated model with the effects found, and nothing generic in it.
+        noise_floor_mm: mean position error that noise alone would leave.
+        train, holdout: the gap before and after; None without held-out poses.
+        steps: of the search.
+    """
+
+    prepared: Prepared
+    context: CandidateContext
+    error_rate: float
+    candidates: int
+    effects: tuple[Finding[P_co], ...]
+    unexplained: tuple[Unexplained, ...]
+    not_testable: tuple[NotTestable, ...]
+    indistinguishable: tuple[tuple[Effect, ...], ...] = ()
+    extended: ModelWithEffects
+    noise_floor_mm: float
+    train: Gap
+    holdout: Gap | None
+    steps: tuple[Step, ...]
+
+    #: How effects are judged.
+    method: ClassVar[str]
+
+    @property
+    def verdict(self) -> Word:
+        """Return the verdict in a word."""
+        return word_of(self.effects, self.unexplained)
+
+    @property
+    def baseline(self) -> FittedModel:
+        """Return the calibrated model from which the search set out."""
+        return self.prepared.baseline
+
+    @property
+    @abstractmethod
+    def covariance(self) -> Array:
+        """Return the covariance (k, k) of all unknowns of the extended model."""
+
+    @property
+    def seen(self) -> AnglesSeen | None:
+        """Return the joint positions seen by the fit; None where that is not asked."""
+        return None
+
+    @property
+    def noise_floor_from(self) -> str | None:
+        """Return what the noise floor was found from, where not from repeats."""
+        return None
+
+    @property
+    def targets_off_m(self) -> Array:
+        """Return by how much the stated targets of an apparatus are off their places, (a,)."""
+        return np.zeros(self.prepared.readings.measured.by_stated_targets.shape[2])
+
+    @cached_property
+    def model(self) -> FittedModel:
+        """Return the calibrated model with the effects found."""
+        return replace(
+            self.extended.fitted(self.covariance),
+            targets_off_m=self.targets_off_m,
+            seen=self.baseline.seen if self.seen is None else self.seen,
+        )
+
+    @abstractmethod
+    def next_poses(self, count: int, random_seed: int = 0) -> Plan:
+        """Return configurations to measure next, at most so many, drawn with a seed."""
+
+    @abstractmethod
+    def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
+        """Return where data and model disagree, before and after."""
+
+    @abstractmethod
+    def errors_by_name(self) -> tuple[Named, ...]:
+        """Return the errors that remain as the effects join the model one by one."""
+
+
+def label_of(effect: Effect, rival: Effect | None) -> str:
+    """Return the name of an effect and its rival."""
+    name = f"{effect.id} of {effect.of}"
+    return name if rival is None else f"{name} or {rival.id} of {rival.of}"
 
 
 def is_named(effect: Effect) -> bool:

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.state import Seen
 from pa10cal.observe.quantities import (
     Array,
     Comparison,
@@ -29,6 +30,7 @@ from pa10cal.observe.quantities import (
     Words,
 )
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
+from pa10cal.observe.targets import by_end_and_targets, carried_targets
 from pa10cal.terms.term import Parameter
 
 #: How the base is found before any calibration, as `seed/base_frame.json` has it.
@@ -139,6 +141,49 @@ class Instrument(ABC):
             T_instr_ee: (P, 4, 4) end of the chain in the instrument's frame [m].
             targets_m: (t,) places of the targets, as `target_parameters`.
         """
+
+    def end_poses(self, T_instr_ee: Array) -> Array:
+        """Return poses of the end of the chain (P, 4, 4): as measured where they are, else these.
+
+        Args:
+            T_instr_ee: (P, 4, 4) predicted.
+        """
+        return T_instr_ee
+
+    def readout(self, T_instr_ee: Array, targets_m: Array) -> Seen:
+        """Return where the targets were, and what a false reading of them makes of the pose.
+
+        The pose that follows false readings is the one whose targets are nearest to them.
+
+        Args:
+            T_instr_ee: (P, 4, 4) predicted end of the chain.
+            targets_m: (t,) places of the targets in the end-effector frame.
+        """
+        p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
+        by_end, _ = by_end_and_targets(T_instr_ee, arms)
+        by_reading = np.linalg.pinv(by_end.reshape(len(T_instr_ee), -1, 6))
+        R = T_instr_ee[:, :3, :3].transpose(0, 2, 1)
+        return Seen(
+            p_instr_m, np.concatenate([R @ by_reading[:, :3], R @ by_reading[:, 3:]], axis=1)
+        )
+
+    def axes_of_end(self, T_instr_ee: Array) -> Array:
+        """Return what turns components from the end's own axes to those measured, (P, b, b)."""
+        count, components = self.components_seen.shape
+        if components % 3:
+            return np.broadcast_to(np.eye(components), (count, components, components))
+        turn = np.zeros((count, components, components))
+        for first in range(0, components, 3):
+            turn[:, first : first + 3, first : first + 3] = T_instr_ee[:, :3, :3]
+        return turn
+
+    @property
+    def by_stated_targets(self) -> Array:
+        """Return the derivative (P, b, a) of the components by coordinates of an apparatus [m].
+
+        Their error is the same in every pose; a = 0 where targets are unknowns of the fit.
+        """
+        return np.zeros((*self.components_seen.shape, 0))
 
     @property
     @abstractmethod

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
+from pa10cal.arm.state import Seen
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
 from pa10cal.frame.length_scale import scale_of_points
 from pa10cal.frame.pose_error import pose_error
@@ -98,6 +99,42 @@ class Pose(Instrument):
         by_end[:, 3:, 3:] = error.by_rotation
         residual = np.concatenate([error.position_m, error.chord], axis=1)
         return Comparison(residual, by_end, np.zeros((count, 6, 0)))
+
+    @override
+    def end_poses(self, T_instr_ee: Array) -> Array:
+        """Return the measured poses."""
+        return self.T_instr_target
+
+    @override
+    def readout(self, T_instr_ee: Array, targets_m: Array) -> Seen:
+        """Return where the targets were, and how the pose was made of them.
+
+        Args:
+            T_instr_ee: not needed: the poses are measured.
+            targets_m: (t,) stated places of the balls of an apparatus; not needed without one.
+        """
+        R, origin = self.T_instr_target[:, :3, :3], self.T_instr_target[:, :3, 3]
+        count = len(self)
+        if not self.by_apparatus.shape[2]:
+            direct = np.zeros((count, 6, 3))
+            direct[:, :3] = R.transpose(0, 2, 1)
+            return Seen(origin[:, None, :], direct)
+        targets = origin[:, None, :] + np.einsum("pij,bj->pbi", R, targets_m.reshape(-1, 3))
+        # A target read too far by v is one whose stated place on the apparatus is short by R^T v.
+        by_place = self.by_apparatus.reshape(count, 2, 3, -1, 3)
+        by_reading = -np.einsum("pki,pakbl,pjl->paibj", R, by_place, R, optimize=True)
+        return Seen(targets, by_reading.reshape(count, 6, -1))
+
+    @override
+    def axes_of_end(self, T_instr_ee: Array) -> Array:
+        """Return what turns position and rotation from the end's axes to the instrument's."""
+        return super().axes_of_end(self.T_instr_target)
+
+    @property
+    @override
+    def by_stated_targets(self) -> Array:
+        """Return the derivative of the pose by the balls' places on the apparatus."""
+        return self.by_apparatus
 
     @property
     @override

@@ -22,7 +22,6 @@ def setup_of(
         payload=campaign.payload(arm),
         p_ee_targets_m=MM * campaign.p_ee_balls_mm,
         reference_temperature_C=campaign.reference_temperature_C,
-        flexible_joints=calibration.flexible_joints,
         apparatus_m=MM * calibration.apparatus_uncertainty_mm,
         options=discovery,
     )

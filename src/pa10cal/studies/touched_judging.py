@@ -20,7 +20,7 @@ from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.discover import discover
-from pa10cal.discovery.evidence.records import verdict_by_repeats
+from pa10cal.discovery.records import verdict_keys
 from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.observe.averages import average_repeats, poses_of
 from pa10cal.observe.observations import Observations
@@ -39,8 +39,7 @@ class TouchedCampaign:
     Attributes:
         campaign: its description.
         arm: the nominal arm.
-        readings: single readings of the grid poses, with the instrument's covariance.
-        held_out: averaged held-out poses.
+        every: single readings of all kinds, with the instrument's covariance.
         calibration: cubic model on all loads.
         seconds: that this took.
         options: by which it is judged.
@@ -48,8 +47,7 @@ class TouchedCampaign:
 
     campaign: CampaignDescription
     arm: Arm
-    readings: Observations[Pose]
-    held_out: Observations[Pose]
+    every: Observations
     calibration: Calibration
     seconds: float
     options: JudgingOptions
@@ -57,7 +55,7 @@ class TouchedCampaign:
     @property
     def residual_mm(self) -> Array:
         """Return the baseline's residual at averaged grid poses, along the base axes, (C, 3)."""
-        poses = average_repeats(self.readings)
+        poses = poses_of(self.every, covariance="instrument")
         found = self.calibration
         T_base_ee = found.level.model.predict(poses.states, found.solution.x)
         return deviations(T_base_ee, found.T_instr_base, poses).position_mm
@@ -72,18 +70,11 @@ class TouchedCampaign:
             DiscoveryError: when the data do not allow a search.
         """
         began = time.perf_counter()
-        found, held_out, options = self.calibration, self.held_out, self.options
-        error_rate = options.discovery.error_rate
+        options = self.options
         setup = setup_of(self.campaign, self.arm, options.calibration, options.discovery)
-        discovery = discover(
-            self.readings,
-            held_out if len(held_out) else None,
-            fitted_model(found, setup.payload).with_bends(),
-            setup,
-            error_rate,
-        )
+        found = discover(self.every, fitted_model(self.calibration, setup.payload), setup)
         return JudgedTrialRecord(
-            **dict(verdict_by_repeats(discovery, error_rate)),
+            **dict(verdict_keys(found)),
             campaign=self.campaign.name,
             springs=options.calibration.flexible_joints,
             seconds=self.seconds + time.perf_counter() - began,
@@ -110,8 +101,7 @@ def touched_campaign(raw: Path, options: JudgingOptions) -> Iterator[TouchedCamp
     yield TouchedCampaign(
         campaign=campaign.description,
         arm=campaign.arm,
-        readings=poses_of(every, average=False, covariance="instrument"),
-        held_out=poses_of(every, "holdout"),
+        every=every,
         calibration=calibration,
         seconds=time.perf_counter() - began,
         options=options,

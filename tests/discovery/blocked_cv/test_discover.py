@@ -9,37 +9,37 @@ from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 
 def names(discovery):
-    return [(finding.effect.id, finding.effect.of) for finding in discovery.findings]
+    return [(finding.effect.id, finding.effect.of) for finding in discovery.effects]
 
 
 def test_where_nothing_is_hidden_nothing_is_named(nothing_hidden):
     found = nothing_hidden.discovery
     assert found.verdict == "none"
-    assert found.findings == found.nameless == ()
+    assert found.effects == found.nameless == ()
     assert found.remaining.mean_mm == pytest.approx(found.remaining.floor_mm, rel=0.1)
     assert not found.remaining.over_floor
-    before, after = found.holdout.whole.before, found.holdout.whole.after
+    before, after = found.holdout.before, found.holdout.after
     assert after.mean_mm == pytest.approx(before.mean_mm, rel=0.15)
-    assert [step.effects for step in found.named] == [()]
+    assert [step.effects for step in found.errors_by_name()] == [()]
 
 
 def test_an_error_of_one_joint_that_has_no_name_is_the_map_of_that_joint(mapped):
     found = mapped.discovery
     assert names(found) == [("joint_error_map", "joint 3")]
     assert found.verdict == "named"
-    (finding,) = found.findings
+    (finding,) = found.effects
     assert isinstance(finding.effect, JointErrorMap)
     assert finding.effect.knots > 12
     assert finding.proof.improved == finding.proof.blocks == 10
     assert finding.proof.z > 10.0
     assert finding.proof.rms_without_mm > 1.5 * finding.proof.rms_with_mm
-    inside = found.holdout.after_inside
+    inside = found.holdout.parts.after_inside
     assert inside.rms_mm < 1.3 * found.remaining.rms_mm
-    assert inside.mean_mm < 0.7 * found.holdout.before_inside.mean_mm
+    assert inside.mean_mm < 0.7 * found.holdout.parts.before_inside.mean_mm
 
 
 def test_the_map_is_the_error_hidden_within_its_uncertainty(mapped):
-    (finding,) = mapped.discovery.findings
+    (finding,) = mapped.discovery.effects
     knots_rad = 2.0 * np.pi * np.arange(finding.effect.knots) / finding.effect.knots
     knots_rad = np.where(knots_rad > np.pi, knots_rad - 2.0 * np.pi, knots_rad)
     waves = [(13, 8e-5, 0.3), (17, 6e-5, 1.0), (5, 5e-5, 2.0), (9, 5e-5, 0.0)]
@@ -56,17 +56,17 @@ def test_a_named_form_is_the_answer_where_it_does_as_well_as_the_map(eccentric):
     found = eccentric.discovery
     assert names(found) == [("encoder_eccentricity", "joint 2")]
     assert found.verdict == "named"
-    (finding,) = found.findings
+    (finding,) = found.effects
     std = np.sqrt(np.diag(finding.covariance))
     assert np.all(np.abs(finding.x - [1e-4, 0.7]) < 3.5 * std)
     assert std[0] < 1e-5
-    assert found.holdout.whole.after.mean_mm < 0.7 * found.holdout.whole.before.mean_mm
-    assert [len(step.effects) for step in found.named] == [0, 1]
+    assert found.holdout.after.mean_mm < 0.7 * found.holdout.before.mean_mm
+    assert [len(step.effects) for step in found.errors_by_name()] == [0, 1]
 
 
 def test_what_turns_the_end_and_does_not_move_it_is_no_effect_of_a_joint(twisted):
     found = twisted.discovery
-    assert found.findings == ()
+    assert found.effects == ()
     helping = [(entry.effect.of, entry.kinds_agree) for entry in found.tried if entry.helps]
     assert ("joint 5", False) in helping
 
@@ -74,7 +74,7 @@ def test_what_turns_the_end_and_does_not_move_it_is_no_effect_of_a_joint(twisted
 def test_noise_beyond_what_is_stated_is_unexplained_and_has_no_name():
     found = observe(Hidden(noise=3.0), poses=150, held_out=0).discovery
     assert found.verdict == "unexplained"
-    assert found.findings == found.nameless == ()
+    assert found.effects == found.nameless == ()
     assert found.remaining.over_floor
     assert found.holdout is None
 
@@ -92,10 +92,12 @@ def test_not_testable_are_effects_of_what_was_not_logged(nothing_hidden):
 def test_held_out_poses_beyond_the_angles_seen_are_told_apart(mapped):
     holdout = mapped.discovery.holdout
     counts = [
-        found.configurations for found in (holdout.after_inside, holdout.after_beyond) if found
+        found.configurations
+        for found in (holdout.parts.after_inside, holdout.parts.after_beyond)
+        if found
     ]
-    assert sum(counts) == len(mapped.held_out) == holdout.whole.after.configurations
-    assert counts[0] == holdout.inside.sum()
+    assert sum(counts) == len(mapped.held_out) == holdout.after.configurations
+    assert counts[0] == holdout.parts.inside.sum()
 
 
 def test_too_few_poses_are_refused():

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from made_up_survey import Hidden, at_joint, observe
-from pa10cal.discovery.blocked_cv.refit import moved_base, refit
+from pa10cal.discovery.blocked_cv.refit import refit
 from pa10cal.discovery.blocked_cv.weighing import unweighed
-from pa10cal.discovery.operating_point import left
-from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.discovery.linear import residual
+from pa10cal.discovery.with_effects import at_unknowns, moved_base
 from pa10cal.terms.effects.encoder import EncoderEccentricity
 from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
 from pa10cal.terms.effects.joint_windup import JointCompliance
@@ -27,7 +27,7 @@ def hidden():
 
 @pytest.fixture(scope="module")
 def found(hidden):
-    weighing = unweighed(hidden.readings.measured.cov)
+    weighing = unweighed(hidden.readings.measured)
     return refit(hidden.survey, (DISK, FINE), (np.zeros(2), np.zeros(24)), weighing)
 
 
@@ -40,9 +40,8 @@ def test_it_comes_to_rest_at_the_truth(hidden, found):
     off = found.x[found.columns_of(FINE)] - 2e-4 * np.sin(4.0 * knots_rad)
     inside = np.abs(np.mod(knots_rad + np.pi, 2.0 * np.pi) - np.pi) < 2.0
     assert np.std(off[inside]) < 2e-5
-    place = FittedModel(found.model, found.x, found.T_instr_base)
-    residual = left(place, hidden.survey.poses)
-    assert np.std(residual[:, :3]) == pytest.approx(2e-5, rel=0.1)
+    left = residual(found.at, hidden.survey.poses)
+    assert np.std(left[:, :3]) == pytest.approx(2e-5, rel=0.1)
 
 
 def test_nothing_near_fits_better(hidden, found):
@@ -50,19 +49,19 @@ def test_nothing_near_fits_better(hidden, found):
     whiten = found.weighing.whiteners(np.arange(len(survey.poses)))
 
     def cost(x):
-        place = FittedModel(found.model, x, found.T_instr_base)
-        return float(np.sum((whiten @ left(place, survey.poses)[:, :, None]) ** 2))
+        left = residual(at_unknowns(found.at, x), survey.poses)
+        return float(np.sum((whiten @ left[:, :, None]) ** 2))
 
     here = cost(found.x)
     rng = np.random.default_rng(8)
-    root = np.linalg.cholesky(found.covariance[:-6, :-6] + 1e-20 * np.eye(len(found.x)))
+    root = np.linalg.cholesky(found.covariance + 1e-20 * np.eye(len(found.x)))
     for _ in range(5):
         assert cost(found.x + root @ rng.standard_normal(len(found.x))) > here - 1.0
 
 
 def test_a_parameter_stays_within_its_physical_range(hidden):
     spring = JointCompliance("joint 4", 56.0)
-    weighing = unweighed(hidden.readings.measured.cov)
+    weighing = unweighed(hidden.readings.measured)
     found = refit(hidden.survey, (DISK, spring), (np.zeros(2), np.zeros(1)), weighing)
     assert found.x[found.columns_of(spring)][0] >= 0.0
 

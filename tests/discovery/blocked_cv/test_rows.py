@@ -12,7 +12,7 @@ from pa10cal.discovery.blocked_cv.family import askable, family
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.rows import Asked, Rows
 from pa10cal.discovery.blocked_cv.weighing import unweighed
-from pa10cal.discovery.operating_point import by_joints, by_terms, left
+from pa10cal.discovery.linear import by_joints, by_terms, residual
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.joint_error_map import (
     Fading,
@@ -32,7 +32,7 @@ def few():
 def rows(few):
     wanted = {("encoder_eccentricity", "joint 2"), ("cmm_squareness", "instrument")}
     asked = [each for each in askable(few)[0] if (each.effect.id, each.effect.of) in wanted]
-    return Rows(few, unweighed(few.poses.measured.cov), tuple(asked), 36)
+    return Rows(few, unweighed(few.poses.measured), tuple(asked), 36)
 
 
 def test_left_follows_parameters_as_differences_show(few):
@@ -47,7 +47,7 @@ def test_left_follows_parameters_as_differences_show(few):
     for k in range(0, len(x), 5):
         step = np.zeros(len(x))
         step[k] = 1e-2 * scale[k]
-        ends = [left(replace(at, x=x + sign * step), few.poses) for sign in (1, -1)]
+        ends = [residual(replace(at, x=x + sign * step), few.poses) for sign in (1, -1)]
         difference = (ends[0] - ends[1]) / (2.0 * step[k])
         np.testing.assert_allclose(exact[:, :, k], difference, atol=2e-6, rtol=2e-5)
 
@@ -122,7 +122,7 @@ def test_the_family_has_every_map_in_every_form_and_says_what_it_lacks(few):
     asked, unknown = askable(few)
     assert all(isinstance(each, Asked) for each in asked)
     assert {entry.why for entry in unknown} == {"the torques were not logged"}
-    rows = Rows(few, unweighed(few.poses.measured.cov), asked, 144)
+    rows = Rows(few, unweighed(few.poses.measured), asked, 144)
     found, hidden = family(rows, rows.products())
     maps = [each for each in found if each.is_map]
     assert len(maps) == 6 * 9

@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from made_up_survey import ATTITUDE_RAD, POSITION_M, observe
-from pa10cal.discovery.blocked_cv.noise import nearly_same, noise_of
 from pa10cal.discovery.blocked_cv.weighing import unweighed, weigh
-from pa10cal.discovery.evidence.repeatability import LEAST_DIFFERENCES
+from pa10cal.discovery.linear import mean_length
+from pa10cal.discovery.noise import LEAST_DIFFERENCES, nearly_same, noise_of_near_poses
+from pa10cal.observe.pose import Pose
 
 POSES = 2000
 
 
 def stated(position=1.0, attitude=1.0):
-    return np.tile(np.diag([position**2] * 3 + [attitude**2] * 3), (POSES, 1, 1))
+    cov = np.tile(np.diag([position**2] * 3 + [attitude**2] * 3), (POSES, 1, 1))
+    return Pose.of(np.tile(np.eye(4), (POSES, 1, 1)), cov)
 
 
 @pytest.mark.parametrize("said", [0.1, 10.0], ids=["too small", "too large"])
@@ -45,11 +47,11 @@ def test_parameters_that_the_data_determine_make_the_scatter_larger():
 
 def test_poses_that_a_more_certain_reading_shows_weigh_more():
     rng = np.random.default_rng(4)
-    covariances = stated()
-    covariances[:100] *= 9.0
+    measured = stated()
+    measured.cov[:100] *= 9.0
     residual = rng.standard_normal((POSES, 6))
     residual[:100] *= 3.0
-    found = weigh(residual, 0.0, covariances)
+    found = weigh(residual, 0.0, measured)
     assert found.whitener[200, 0, 0] > 2.0 * found.whitener[0, 0, 0]
 
 
@@ -85,17 +87,19 @@ def test_noise_is_what_pairs_differ_by_and_not_what_they_share(with_neighbours):
     rng = np.random.default_rng(6)
     shared = np.repeat(rng.standard_normal((100, 6)), 2, axis=0)
     own = rng.standard_normal((200, 6)) * np.array([3e-5] * 3 + [2e-4] * 3)
-    found = noise_of(with_neighbours, shared + own)
-    assert found.pairs == 100
-    sizes = np.sqrt(np.diagonal(found.cov_ee[0]))
+    found = noise_of_near_poses(with_neighbours, shared + own)
+    assert found.differences == 100
+    sizes = np.sqrt(np.diagonal(found.cov[0]))
     np.testing.assert_allclose(sizes, [3e-5] * 3 + [2e-4] * 3, rtol=0.2)
-    assert found.floor_mm == pytest.approx(1.596 * 1e3 * sizes[0], rel=0.05)
+    assert 1e3 * mean_length(found.cov[:1, :3, :3])[0] == pytest.approx(
+        1.596 * 1e3 * sizes[0], rel=0.05
+    )
 
 
 def test_without_pairs_noise_is_what_the_instrument_states():
     poses = observe(poses=200, held_out=0).readings
-    found = noise_of(poses, np.zeros((200, 6)))
-    assert found.pairs == 0 < LEAST_DIFFERENCES
+    found = noise_of_near_poses(poses, np.zeros((200, 6)))
+    assert found.differences == 0 < LEAST_DIFFERENCES
     np.testing.assert_allclose(
-        np.diagonal(found.cov_ee[0]), [POSITION_M**2] * 3 + [ATTITUDE_RAD**2] * 3
+        np.diagonal(found.cov[0]), [POSITION_M**2] * 3 + [ATTITUDE_RAD**2] * 3
     )

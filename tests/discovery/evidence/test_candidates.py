@@ -8,14 +8,13 @@ import pytest
 
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.state import PoseStates
-from pa10cal.calibration.levels import OneLevel
 from pa10cal.discovery.evidence import candidates
 from pa10cal.discovery.evidence.candidates import LEAST_SHARE, alike, linearise
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.problem import prepare
+from pa10cal.discovery.linear import residual
+from pa10cal.discovery.with_effects import at_unknowns, with_base_term
 from pa10cal.terms.effects.effect import JointEffect
-from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import base_frame
 from pa10cal.terms.term import Parameter
 
 
@@ -28,7 +27,7 @@ class MadeUp(JointEffect):
     formula = "made up"
 
     @property
-    def known(self):
+    def reported(self):
         return (Parameter("size", "rad", 1e-5, plausible=self.plausible),)
 
     def derivative(self, states: PoseStates, x):
@@ -66,10 +65,9 @@ class OfMotion(MadeUp):
 
 def without_effects(measured, found):
     """Return a fit as found, with its effects taken out and all else as it is."""
-    model = Model(found.model.chain, (*measured.baseline.model.terms, base_frame()))
-    level = OneLevel(model, found.level.observations, found.level.T_instr_base)
     x = found.x[found.own_columns()]
-    return replace(found, effects=(), sizes=(), level=level, x=x)
+    model = with_base_term(measured.baseline)
+    return replace(found, effects=(), sizes=(), at=replace(found.at, model=model, x=x))
 
 
 class TestLinearise:
@@ -82,7 +80,7 @@ class TestLinearise:
         first, last = found.effect_columns()[0][0], found.effect_columns()[-1][1]
         x = found.x.copy()
         x[first:last] = factor * np.array([2e-4, -1e-4, 1.5])
-        found = replace(found, x=x)
+        found = replace(found, at=at_unknowns(found.at, x))
         back = linearise(null.problem, found, effects)
         without = linearise(null.problem, without_effects(null, found), effects)
         # Exactly linear torques; poses to second order in the size of the effects.
@@ -105,7 +103,9 @@ class TestLinearise:
         there, absent = own.copy(), own
         there[first:last] = x
         rows = [
-            null.problem.pose.rows(with_it.level.residuals(at)[:, :, None])[:, 0]
+            null.problem.pose.rows(
+                residual(at_unknowns(with_it.at, at), null.problem.cells)[:, :, None]
+            )[:, 0]
             for at in (there, absent)
         ]
         np.testing.assert_allclose(

@@ -7,20 +7,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from made_up_arm import TARGETS_M, Missing, at_joint, measure
-from pa10cal.calibration.levels import OneLevel
-from pa10cal.discovery.discover import compare
+from pa10cal.discovery.evidence.discover import compare
 from pa10cal.discovery.evidence.fit import (
     Fit,
     apparatus_m,
-    as_read,
     covariance_of,
     fit,
     pose_rows,
     torque_rows,
 )
-from pa10cal.discovery.operating_point import possible_sizes
-from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import base_frame
+from pa10cal.discovery.linear import possible_sizes
+from pa10cal.discovery.with_effects import at_unknowns, with_base_term
 
 #: What moves poses, what shows in torques by way of a spring, what the joint carries, what bends
 #: with a shape of its own, what yields, what the instrument reads falsely.
@@ -46,10 +43,9 @@ def fit_at(measured, effects, amounts):
     """Return a fit as if it had ended with these amounts, its own parameters as in the start."""
     start = measured.start
     own = start.x[start.own_columns()]
-    model = Model(start.model.chain, (*measured.baseline.model.terms, *effects, base_frame()))
-    level = OneLevel(model, measured.problem.cells, measured.baseline.T_instr_base)
+    model = with_base_term(measured.baseline, effects)
     x = np.concatenate([own[:-6], *amounts, own[-6:]])
-    return Fit(effects, (1,) * len(effects), level, x, 0.0, 0.0, True)
+    return Fit(effects, replace(start.at, model=model, x=x), True, (1,) * len(effects), 0.0, 0.0)
 
 
 @pytest.mark.parametrize("names", [[name] for name in EFFECTS] + [EFFECTS], ids=str)
@@ -59,8 +55,9 @@ def test_rows_have_the_derivative_that_differences_show(null, names):
     model, x = there.model, there.x
 
     def rows(x):
-        pose = pose_rows(there.level.linearise(x))
-        return np.concatenate([pose, torque_rows(null.problem, model, x)], axis=1)
+        at = at_unknowns(there.at, x)
+        pose = pose_rows(null.problem, at)
+        return np.concatenate([pose, torque_rows(null.problem, at)], axis=1)
 
     exact = rows(x)[:, :, 1:]
     steps = 1e-2 * model.scale
@@ -98,7 +95,7 @@ def test_a_fit_comes_to_rest_where_nothing_leads_down(wave):
 
     def cost(x):
         rows = wave.problem.pose.whitening(0.0)(
-            wave.problem.pose.rows(pose_rows(found.level.linearise(x)))
+            wave.problem.pose.rows(pose_rows(wave.problem, at_unknowns(found.at, x)))
         )[:, 0]
         expected = x / possible_sizes(found.model)
         ((first, last),) = found.effect_columns()
@@ -162,8 +159,8 @@ def places_m(moved):
 class TestTargetsOffTheirPlaces:
     def test_poses_are_read_off_by_as_much_as_the_targets(self, moved, places_m):
         poses, start = moved.problem.cells, moved.start
-        T = start.model.predict(poses.states, start.x)
-        read = as_read(T, start.level.T_instr_base, poses, places_m)
+        T = start.model.predict(poses.states, start.at.x)
+        read = poses.measured.as_read(T, start.at.T_instr_base, places_m)
         change = np.linalg.inv(T) @ read
         turns = Rotation.from_matrix(change[:, :3, :3]).as_rotvec()
         np.testing.assert_allclose(turns[:, 1], TURN_RAD, rtol=0.05)
@@ -171,9 +168,9 @@ class TestTargetsOffTheirPlaces:
 
     def test_poses_read_from_them_are_as_measured(self, moved, places_m):
         poses, start = moved.problem.cells, moved.start
-        T = start.model.predict(poses.states, start.x)
-        read = as_read(T, start.level.T_instr_base, poses, places_m)
-        measured = np.linalg.inv(start.level.T_instr_base) @ poses.measured.T_instr_target
+        T = start.model.predict(poses.states, start.at.x)
+        read = poses.measured.as_read(T, start.at.T_instr_base, places_m)
+        measured = np.linalg.inv(start.at.T_instr_base) @ poses.measured.T_instr_target
         left = [np.linalg.norm((each - measured)[:, :3, 3], axis=1).mean() for each in (T, read)]
         assert left[1] < 0.5 * left[0]
 
@@ -187,5 +184,5 @@ class TestTargetsOffTheirPlaces:
     def test_nothing_off_changes_nothing(self, moved):
         T = moved.start.model.predict(moved.problem.cells.states, moved.start.x)
         zero = np.zeros(moved.problem.cells.measured.by_apparatus.shape[2])
-        same = as_read(T, moved.baseline.T_instr_base, moved.problem.cells, zero)
+        same = moved.problem.cells.measured.as_read(T, moved.baseline.T_instr_base, zero)
         np.testing.assert_allclose(same, T, atol=1e-15)

@@ -131,12 +131,12 @@ class TestFloor:
 
     def test_is_the_noise_of_poses_averaged_over_repeats_and_directions(self, null):
         # Four readings of a pose and load.
-        expected = 1e3 * mean_length(null.problem.noise.cov_ee[:, :3, :3] / 4.0).mean()
+        expected = 1e3 * mean_length(null.problem.noise.cov[:, :3, :3] / 4.0).mean()
         assert floor_mm(null.problem) == pytest.approx(expected, rel=1e-6)
 
     def test_a_shared_variance_is_told_in_millimetres(self, null):
         one = shared_error_mm(null.problem, 1.0)
-        position = null.problem.noise.cov_ee[:, :3, :3]
+        position = null.problem.noise.cov[:, :3, :3]
         expected = 1e3 * np.sqrt(np.trace(position, axis1=1, axis2=2).mean())
         assert one == pytest.approx(expected)
         assert shared_error_mm(null.problem, 9.0) == pytest.approx(3.0 * one)

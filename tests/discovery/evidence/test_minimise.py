@@ -1,7 +1,5 @@
 """The least squares solver against scipy's, inside the range of the parameters."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,30 +10,18 @@ from pa10cal.discovery.evidence.minimise import minimise
 from pa10cal.terms.term import Parameter
 
 
-@dataclass
-class Ranges:
-    """What the solver asks of a model."""
-
-    parameters: tuple[Parameter, ...]
-
-    @classmethod
-    def of(cls, lower, upper, scale):
-        return cls(
-            tuple(
-                Parameter(
-                    f"x{k}",
-                    "1",
-                    scale[k],
-                    lower=None if np.isinf(lower[k]) else lower[k],
-                    upper=None if np.isinf(upper[k]) else upper[k],
-                )
-                for k in range(len(lower))
-            )
+def ranges(lower, upper, scale):
+    """Return parameters of so wide a range."""
+    return [
+        Parameter(
+            f"x{k}",
+            "1",
+            scale[k],
+            lower=None if np.isinf(lower[k]) else lower[k],
+            upper=None if np.isinf(upper[k]) else upper[k],
         )
-
-    @property
-    def scale(self):
-        return np.array([parameter.scale for parameter in self.parameters])
+        for k in range(len(lower))
+    ]
 
 
 TIME = np.linspace(0.0, 4.0, 30)
@@ -51,8 +37,8 @@ def decay(x):
 @pytest.mark.parametrize("upper_rate", [np.inf, 0.5])
 def test_agrees_with_scipy_on_a_curved_problem(upper_rate):
     lower, upper = np.array([-np.inf, 0.0]), np.array([np.inf, upper_rate])
-    model = Ranges.of(lower, upper, [1.0, 0.1])
-    x, cost, converged = minimise(decay, np.array([1.0, 0.1]), model)
+    parameters = ranges(lower, upper, [1.0, 0.1])
+    x, cost, converged = minimise(decay, np.array([1.0, 0.1]), parameters)
     expected = least_squares(
         lambda x: decay(x)[0],
         [1.0, 0.1],
@@ -79,7 +65,7 @@ def test_finds_the_least_of_linear_problems_within_their_bounds(seed):
     lower = np.where(rng.random(k) < 0.5, -rng.random(k), -np.inf) * scale
     upper = np.where(rng.random(k) < 0.5, rng.random(k), np.inf) * scale
     x, cost, converged = minimise(
-        lambda x: (rows @ x - target, rows), np.zeros(k), Ranges.of(lower, upper, scale)
+        lambda x: (rows @ x - target, rows), np.zeros(k), ranges(lower, upper, scale)
     )
     expected = lsq_linear(rows * scale, target, (lower / scale, upper / scale), tol=1e-14)
     assert converged
@@ -89,16 +75,16 @@ def test_finds_the_least_of_linear_problems_within_their_bounds(seed):
 
 
 def test_sets_out_from_within_the_range():
-    model = Ranges.of(np.array([1.0]), np.array([2.0]), [1.0])
-    x, cost, converged = minimise(lambda x: (x - 1.5, np.ones((1, 1))), np.array([9.0]), model)
+    parameters = ranges(np.array([1.0]), np.array([2.0]), [1.0])
+    x, cost, converged = minimise(lambda x: (x - 1.5, np.ones((1, 1))), np.array([9.0]), parameters)
     assert converged
     assert x == pytest.approx([1.5])
     assert cost == pytest.approx(0.0, abs=1e-12)
 
 
 def test_stays_where_everything_is_held_at_its_bound():
-    model = Ranges.of(np.zeros(2), np.ones(2), [1.0, 1.0])
-    x, cost, converged = minimise(lambda x: (x + 1.0, np.eye(2)), np.zeros(2), model)
+    parameters = ranges(np.zeros(2), np.ones(2), [1.0, 1.0])
+    x, cost, converged = minimise(lambda x: (x + 1.0, np.eye(2)), np.zeros(2), parameters)
     assert converged
     np.testing.assert_array_equal(x, 0.0)
     assert cost == 2.0

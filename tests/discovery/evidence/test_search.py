@@ -9,6 +9,7 @@ import pytest
 from made_up_arm import ERROR_RATE, Missing, harmonic, measure
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.search import evidence_about, less, refit, search, threshold
+from pa10cal.discovery.linear import residual
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.term import Parameter
 
@@ -29,7 +30,7 @@ class Proxy(JointEffect):
         return ("theta_2", "theta_3")
 
     @property
-    def known(self):
+    def reported(self):
         return (Parameter("A", "rad", 1e-5, plausible=3e-4),)
 
     def derivative(self, states, x):
@@ -76,10 +77,10 @@ def test_steps_tell_how_the_search_came_there(two_waves):
     found = two_waves.found
     last = found.steps[-1]
     assert last.effects == found.fit.effects
-    assert last.gain > threshold(len(found.family), ERROR_RATE)
-    residuals = found.fit.level.residuals(found.fit.x)[:, :3]
+    assert last.gain_nats > threshold(len(found.family), ERROR_RATE)
+    residuals = residual(found.fit.at, found.problem.cells)[:, :3]
     assert last.rms_mm == pytest.approx(1e3 * np.sqrt((residuals**2).sum(axis=1).mean()))
-    start = two_waves.start.level.residuals(two_waves.start.x)[:, :3]
+    start = residual(two_waves.start.at, two_waves.problem.cells)[:, :3]
     assert last.rms_mm < 0.3e3 * np.sqrt((start**2).sum(axis=1).mean())
 
 

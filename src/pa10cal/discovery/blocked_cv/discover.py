@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
+from pa10cal.discovery import verdict
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate
+from pa10cal.discovery.blocked_cv.compare import compare, errors_by_name
 from pa10cal.discovery.blocked_cv.family import askable, family
-from pa10cal.discovery.blocked_cv.finest import finest
-from pa10cal.discovery.blocked_cv.gaps import PartedGap, compare, errors_by_name
+from pa10cal.discovery.blocked_cv.finest import Level, finest
 from pa10cal.discovery.blocked_cv.judge import (
     Prediction,
     Remaining,
@@ -22,130 +26,155 @@ from pa10cal.discovery.blocked_cv.judge import (
     unexplained,
     without_rivals,
 )
-from pa10cal.discovery.blocked_cv.noise import Noise, noise_of
 from pa10cal.discovery.blocked_cv.reference import noise_squares, weighed_rows
 from pa10cal.discovery.blocked_cv.refit import Refit, refit
 from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search, Step
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
-from pa10cal.discovery.naming import Named
-from pa10cal.discovery.operating_point import left
-from pa10cal.discovery.preparation import MeasurementSetup
-from pa10cal.discovery.verdict import Finding, NotTestable, Unexplained, Word, reported, word_of
+from pa10cal.discovery.gap import Named
+from pa10cal.discovery.lack_of_fit import LackOfFit, Left, lack_of_fit
+from pa10cal.discovery.linear import by_joints, mean_length, position_noise, residual
+from pa10cal.discovery.next_poses.fill import fill
+from pa10cal.discovery.noise import NEARLY_SAME, Noise, noise_of_near_poses
+from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.verdict import Finding, NotTestable, Plan, Verdict, reported
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.observations import Observations
-from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class BlockedDiscovery:
-    """What became of a campaign.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VerdictByBlocks(Verdict[Prediction]):
+    """What became of a campaign of many different poses.
 
     Attributes:
         survey: the campaign as it was judged.
-        verdict: in a word.
-        findings: effects of the vocabulary, in the order found.
-        unexplained: what remains without a name.
         nameless: smooth unknown functions that the search held.
         tried: what else was tried on the remaining error, the most helpful first.
         remaining: position error of the blocks left out, against noise.
-        candidates: how many effects and rivals were tried.
         least_gain: sum of squares by which one must help at least.
-        not_testable: effects that these data cannot show.
-        steps: of the search, each with what it left of the rows of blocks left out.
-        extended: the model with the findings.
+        extended: the model with the effects found.
         noise: of single readings.
-        seen: angles that the fit has seen.
-        train, holdout: the gap before and after; None without held-out poses.
-        named: errors as the findings join the model one by one.
+        finest: the effects, by linear least squares.
     """
 
     survey: Survey
-    verdict: Word
-    findings: tuple[Finding[Prediction], ...]
-    unexplained: tuple[Unexplained, ...]
     nameless: tuple[Effect, ...]
     tried: tuple[Tried, ...]
     remaining: Remaining
-    candidates: int
     least_gain: float
-    not_testable: tuple[NotTestable, ...]
-    steps: tuple[Step, ...]
     extended: Refit
     noise: Noise
-    seen: AnglesSeen
-    train: PartedGap
-    holdout: PartedGap | None
-    named: tuple[Named, ...]
+    finest: Level
+
+    method: ClassVar[str] = "cross-validation over blocks"
+
+    @property
+    @override
+    def covariance(self) -> Array:
+        """Return the covariance (k, k) of all unknowns of the extended model."""
+        return self.extended.covariance
+
+    @cached_property
+    @override
+    def seen(self) -> AnglesSeen:
+        """Return the joint positions that the fit has seen."""
+        return _seen(self.survey)
+
+    @property
+    @override
+    def noise_floor_from(self) -> str:
+        """Return what the noise floor was found from."""
+        if self.noise.differences:
+            return (
+                f"{self.noise.differences} pairs of poses closer than {1e3 * NEARLY_SAME:g} mrad "
+                "in every joint"
+            )
+        return "the instrument's stated uncertainty: hardly any pose is repeated"
+
+    @override
+    def next_poses(self, count: int, random_seed: int = 0) -> Plan:
+        """Return configurations that take joints to positions not seen."""
+        return Plan(fill(self.survey, self.seen, count, random_seed))
+
+    @override
+    def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
+        """Return where data and model disagree, before and after."""
+        before, after = (
+            _lack_of_fit(self.survey, at, self.noise)
+            for at in (self.baseline, self.extended.fitted())
+        )
+        return before, after
+
+    @override
+    def errors_by_name(self) -> tuple[Named, ...]:
+        """Return the errors of the calibrated model, and as each effect joins it."""
+        return errors_by_name(self.survey, self.finest, self.train, self.holdout)
 
 
-def discover_by_blocks(
-    readings: Observations[Pose],
-    held_out: Observations[Pose] | None,
-    baseline: FittedModel,
-    setup: MeasurementSetup,
-    error_rate: float,
-    *,
-    torques_logged: bool = False,
-) -> BlockedDiscovery:
+def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks:
     """Search a campaign of many different poses for missing effects.
 
     Args:
-        readings: the poses of the fit, attitudes and torques as the model has them.
-        held_out: held-out poses, used for nothing but the gap; None where there are none.
-        baseline: the calibrated model; its chain has the bends of the long links.
-        setup: what is known besides the poses.
+        campaign: made ready.
         error_rate: probability allowed of naming anything where nothing is missing.
-        torques_logged: whether the torques are those of a log.
 
     Raises:
         DiscoveryError: when there are too few poses.
     """
-    campaign = survey(readings, baseline, setup, torques_logged=torques_logged)
-    asked, unknown = askable(campaign)
-    rows = weighed_rows(campaign, asked, SPACINGS[-1][0])
+    judged = survey(
+        campaign.readings,
+        campaign.baseline,
+        campaign.setup,
+        torques_logged=campaign.torques == "logged",
+    )
+    asked, unknown = askable(judged)
+    rows = weighed_rows(judged, asked, SPACINGS[-1][0])
     searched = _search(rows, error_rate)
     fine, finer_steps = finest(rows, searched.members)
     effects = tuple(member.effect for member in fine.members)
     _, amounts = fine.fit(len(effects))
-    extended = refit(campaign, effects, amounts, rows.weighing)
-    place = FittedModel(extended.model, extended.x, extended.T_instr_base)
-    noise = noise_of(campaign.poses, left(place, campaign.poses))
-    remaining = remaining_error(rows, searched.errors_mm, noise.floor_mm)
-    nameless = unexplained(remaining, searched.nameless, searched.tried)
+    extended = refit(judged, effects, amounts, rows.weighing)
+    fitted, poses = extended.fitted(), judged.poses
+    noise = noise_of_near_poses(poses, residual(fitted, poses))
+    floor_mm = _floor_mm(judged, noise)
+    remaining = remaining_error(rows, searched.errors_mm, floor_mm)
     findings = tuple(
         Finding(effect, *_reported(extended, effect), others, proof)
         for effect, others, proof in zip(
             effects, searched.alternatives, searched.predictions, strict=True
         )
     )
-    seen = angles_seen(campaign.poses.states.q_rad, ~campaign.context.arm.prismatic)
-    train = compare(campaign, extended, seen, campaign.poses, noise.floor_mm)
-    holdout = None
-    if held_out is not None and len(held_out):
-        holdout = compare(campaign, extended, seen, held_out, noise.floor_mm)
-    return BlockedDiscovery(
-        survey=campaign,
-        verdict=word_of(findings, nameless),
-        findings=findings,
-        unexplained=nameless,
+    seen, held_out = _seen(judged), campaign.held_out
+    components = poses.measured.components_seen.size
+    return VerdictByBlocks(
+        prepared=campaign,
+        context=judged.context,
+        error_rate=error_rate,
+        candidates=searched.candidates,
+        effects=findings,
+        unexplained=unexplained(remaining, searched.nameless, searched.tried),
+        not_testable=(*unknown, *searched.hidden),
+        extended=extended,
+        noise_floor_mm=floor_mm,
+        train=compare(judged, fitted, seen, poses, floor_mm),
+        holdout=None if held_out is None else compare(judged, fitted, seen, held_out, floor_mm),
+        steps=tuple(
+            verdict.Step(
+                tuple(member.effect for member in step.members),
+                squared_error_of_a_row=float(step.squares.sum()) / components,
+            )
+            for step in (*searched.steps, *finer_steps)
+        ),
+        survey=judged,
         nameless=searched.nameless,
         tried=searched.tried,
         remaining=remaining,
-        candidates=searched.candidates,
         least_gain=searched.least_gain,
-        not_testable=(*unknown, *searched.hidden),
-        steps=(*searched.steps, *finer_steps),
-        extended=extended,
         noise=noise,
-        seen=seen,
-        train=train,
-        holdout=holdout,
-        named=errors_by_name(campaign, fine, train, holdout),
+        finest=fine,
     )
 
 
@@ -170,7 +199,7 @@ def _search(rows: Rows, error_rate: float) -> _Searched:
     products = rows.products()
     candidates, hidden = family(rows, products)
     poses = rows.survey.poses
-    noise = noise_squares(rows, noise_of(poses, left(rows.place, poses)))
+    noise = noise_squares(rows, noise_of_near_poses(poses, residual(rows.place, poses)))
     search = Search(products, rows.own, candidates, noise, error_rate)
     chosen = search.run()
     others = tried(search, chosen)
@@ -197,3 +226,20 @@ def _reported(extended: Refit, effect: Effect) -> tuple[Array, Array]:
     """Return the reported parameters of an effect, and their covariance."""
     columns = extended.columns_of(effect)
     return reported(effect, extended.x[columns], extended.covariance[columns, columns])
+
+
+def _seen(judged: Survey) -> AnglesSeen:
+    return angles_seen(judged.poses.states.q_rad, ~judged.context.arm.prismatic)
+
+
+def _floor_mm(judged: Survey, noise: Noise) -> float:
+    """Return the mean position error that noise alone leaves."""
+    mean = position_noise(judged.poses.measured, noise.cov).mean(axis=0, keepdims=True)
+    return float(1e3 * mean_length(mean)[0])
+
+
+def _lack_of_fit(judged: Survey, at: FittedModel, noise: Noise) -> LackOfFit:
+    poses = judged.poses
+    joints = range(1, poses.states.n + 1)
+    left = Left(at, poses, -residual(at, poses), noise.cov, by_joints(at, poses, joints))
+    return lack_of_fit(left)

@@ -12,6 +12,7 @@ from pa10cal.discovery.blocked_cv.candidate import Chosen, both_kinds_agree, sta
 from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import BLOCKS
+from pa10cal.discovery.linear import error_mm
 from pa10cal.discovery.verdict import Unexplained
 from pa10cal.terms.effects.effect import Effect
 
@@ -105,8 +106,9 @@ def predictions(rows: Rows, chosen: Chosen) -> tuple[tuple[Prediction, ...], Arr
     for b in range(BLOCKS):
         x = np.zeros((len(state.total.projection), len(solutions)))
         x[state.at] = solutions[:, b].T
-        left = rows.left_of(b, x)[:, :3]
-        errors_mm[rows.survey.block == b] = 1e3 * np.linalg.norm(left, axis=1)
+        here = rows.survey.block == b
+        measured, left = rows.survey.poses.measured.take(here), rows.left_of(b, x)
+        errors_mm[here] = np.stack([error_mm(measured, each) for each in left.T.swapaxes(1, 2)], 1)
     rms = np.sqrt(np.mean(errors_mm**2, axis=0))
     found = []
     for k, without in enumerate(state.without_each()):

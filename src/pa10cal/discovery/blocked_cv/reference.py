@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.blocked_cv.noise import Noise
 from pa10cal.discovery.blocked_cv.rows import Asked, Rows
 from pa10cal.discovery.blocked_cv.selection import solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
 from pa10cal.discovery.blocked_cv.weighing import unweighed, weigh
-from pa10cal.discovery.operating_point import left
+from pa10cal.discovery.linear import residual
+from pa10cal.discovery.noise import Noise
 from pa10cal.terms.effects.joint_error_map import Fading, harmonic_orders
 
 Array = NDArray[np.float64]
@@ -32,13 +32,13 @@ def weighed_rows(survey: Survey, asked: tuple[Asked, ...], knots: int) -> Rows:
         asked: effects.
         knots: of the maps.
     """
-    stated = survey.poses.measured.cov
+    measured = survey.poses.measured
     named = tuple(each for each in asked if not (each.effect.generic or each.shape))
-    rows = Rows(survey, unweighed(stated), named, _KNOTS)
-    weighing = weigh(left(rows.place, survey.poses), float(len(rows.own)), stated)
+    rows = Rows(survey, unweighed(measured), named, _KNOTS)
+    weighing = weigh(residual(rows.place, survey.poses), float(len(rows.own)), measured)
     for _ in range(_REWEIGHTED):
         rows = Rows(survey, weighing, named, _KNOTS)
-        weighing = weigh(*_left_by_everything(rows), stated)
+        weighing = weigh(*_left_by_everything(rows), measured)
     return Rows(survey, weighing, asked, knots)
 
 
@@ -48,20 +48,21 @@ def noise_squares(rows: Rows, noise: Noise) -> float:
     Of no row more than is left of it altogether: a stated uncertainty may be too large.
     """
     whitener = rows.weighing.whitener
-    noisy = np.einsum("pij,pjk,pik->pi", whitener, noise.cov_ee, whitener, optimize=True)
-    return float(np.sum(rows.weighing.weight[:, None] * np.minimum(noisy, 1.0)))
+    noisy = np.einsum("pij,pjk,pik->pi", whitener, noise.cov, whitener, optimize=True)
+    seen = rows.survey.poses.measured.components_seen
+    return float(np.sum(rows.weighing.weight[:, None] * seen * np.minimum(noisy, 1.0)))
 
 
 def _left_by_everything(rows: Rows) -> tuple[Array, float]:
-    """Return what all columns together leave, (P, 6), and how many parameters that takes."""
+    """Return what all columns together leave, (P, b), and how many parameters that takes."""
     total = rows.products().summed()
     harmonics = _FADING.sizes_rad(harmonic_orders(rows.knots)[1:])
     dense = len(total.projection) - len(rows.joints) * len(harmonics)
     sizes = np.concatenate([np.ones(dense), *[harmonics] * len(rows.joints)])
     prior = np.diag(sizes**-2.0)
     x = solve(total.gram, total.projection, prior)
-    residual = np.empty((len(rows.survey.poses), 6))
+    remaining = np.empty(rows.survey.poses.measured.components_seen.shape)
     for b in range(BLOCKS):
-        residual[rows.survey.block == b] = rows.left_of(b, x[:, None])[:, :, 0]
+        remaining[rows.survey.block == b] = rows.left_of(b, x[:, None])[:, :, 0]
     used = solve(total.gram, total.gram, prior)
-    return residual, float(np.trace(used))
+    return remaining, float(np.trace(used))

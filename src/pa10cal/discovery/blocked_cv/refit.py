@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,17 +12,11 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.blocked_cv.weighing import Weighing, weigh
-from pa10cal.discovery.operating_point import (
-    by_joints,
-    by_terms,
-    left,
-    moved_base,
-    possible_sizes,
-)
+from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes, residual
+from pa10cal.discovery.with_effects import ModelWithEffects
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines_by_knots
-from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term
 
 Array = NDArray[np.float64]
@@ -34,34 +28,16 @@ _MOST_HALVINGS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Refit:
+class Refit(ModelWithEffects):
     """The calibrated model with effects, fitted anew.
 
     Attributes:
-        effects: the effects in it.
-        model: chain and terms: those of the calibrated model, then the effects.
-        x: (k,) its parameters.
-        T_instr_base: (4, 4) base frame.
-        covariance: (k + 6, k + 6) of the parameters and of small motions of the base; those of the
-            calibrated model, effect by effect, base.
+        covariance: (k, k) of all unknowns.
         weighing: what each pose counted.
-        converged: whether the last step was small.
     """
 
-    effects: tuple[Effect, ...]
-    model: Model
-    x: Array
-    T_instr_base: Array
     covariance: Array
     weighing: Weighing
-    converged: bool
-
-    def columns_of(self, effect: Effect) -> slice:
-        """Return where the parameters of one of the effects stand."""
-        place = self.effects.index(effect)
-        after = sum(len(each.parameters) for each in self.effects[place:])
-        first = len(self.x) - after
-        return slice(first, first + len(effect.parameters))
 
 
 def refit(
@@ -76,7 +52,8 @@ def refit(
         weighing: what each pose counts at first.
     """
     fit = _Fit(survey, effects)
-    x = np.concatenate([survey.baseline.x, *starts, np.zeros(6)])
+    baseline = survey.baseline
+    x = np.concatenate([baseline.x, *starts, np.zeros(6), baseline.targets_m])
     lower, upper = fit.bounds
     x, converged = np.clip(x, lower, upper), False
     for _ in range(_MOST_STEPS):
@@ -86,23 +63,14 @@ def refit(
         step = -covariance @ gradient
         x, whole = fit.ahead(x, step, weighing, (lower, upper))
         std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-        residual = left(fit.place(x), survey.poses)
-        weighing = weigh(residual, fit.dof(covariance), survey.poses.measured.cov)
+        left = residual(fit.place(x), survey.poses)
+        weighing = weigh(left, fit.dof(covariance), survey.poses.measured)
         if whole and float(np.abs(step / std)[~held].max()) < _ARRIVED:
             converged = True
             break
     gradient, information = fit.normal(x, weighing)
     covariance = _inverse(information, ~held)
-    baseline = survey.baseline
-    return Refit(
-        effects=effects,
-        model=Model(baseline.model.chain, (*baseline.model.terms, *effects)),
-        x=x[:-6],
-        T_instr_base=moved_base(baseline.T_instr_base, x[-6:]),
-        covariance=covariance,
-        weighing=weighing,
-        converged=converged,
-    )
+    return Refit(effects, fit.place(x), converged, covariance, weighing)
 
 
 class _Fit:
@@ -123,41 +91,46 @@ class _Fit:
             else:
                 self._dense.append(term)
                 self._dense_at.append(place)
-        self._order = np.concatenate([*self._dense_at, *map_at])
-        own = survey.baseline
-        sizes = possible_sizes(self._model)
+        own, measured = survey.baseline, survey.poses.measured
+        targets = np.arange(stops[-1], stops[-1] + len(own.targets_m))
+        self._order = np.concatenate([*self._dense_at, targets, *map_at])
+        sizes = possible_sizes(self._model, measured)
+        tail = len(targets) + 6
         prior = [np.diag(sizes[: len(own.x)] ** -2.0)]
         for effect in effects:
             factor = np.linalg.inv(effect.prior_factor)
             shapes = np.zeros((len(effect.parameters) - effect.linear,) * 2)
             prior.append(block_diag(factor.T @ factor, shapes))
-        self._prior = block_diag(*prior, np.diag(sizes[-6:] ** -2.0))
+        self._prior = block_diag(*prior, np.diag(sizes[-tail:] ** -2.0))
         self._middle = np.zeros(len(sizes))
         self._middle[: len(own.x)] = own.x
+        self._middle[targets] = own.targets_m
+        self._parameters = (*self._model.parameters, *measured.target_parameters)
 
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Return the ends of the physical range of every parameter."""
-        parameters = self._model.parameters
         return (
-            np.array([-np.inf if p.lower is None else p.lower for p in parameters]),
-            np.array([np.inf if p.upper is None else p.upper for p in parameters]),
+            np.array([-np.inf if p.lower is None else p.lower for p in self._parameters]),
+            np.array([np.inf if p.upper is None else p.upper for p in self._parameters]),
         )
 
     def place(self, x: Array) -> FittedModel:
         """Return the model at a point."""
-        return FittedModel(self._model, x, self._survey.baseline.T_instr_base)
+        k = len(self._model.parameters)
+        return replace(self._survey.baseline, model=self._model, x=x[:k], targets_m=x[k:])
 
     def normal(self, x: Array, weighing: Weighing) -> tuple[Array, Array]:
         """Return half the gradient of the sum of squares, and the normal equations."""
         at, poses = self.place(x), self._survey.poses
         whiten = weighing.whiteners(np.arange(len(poses)))
         points = [x[place] for place in self._dense_at]
-        dense = whiten @ np.concatenate(by_terms(at, poses, self._dense, points), axis=2)
+        of_terms = by_terms(at, poses, self._dense, points)
+        dense = whiten @ np.concatenate([*of_terms, by_targets(at, poses)], axis=2)
         screws = whiten @ by_joints(at, poses, [each.joint for each in self._maps])
         q_rad = poses.states.q_rad[:, [each.joint - 1 for each in self._maps]]
         gram, projection, _ = products(
-            (whiten @ left(at, poses)[:, :, None]).ravel(),
+            (whiten @ residual(at, poses)[:, :, None]).ravel(),
             dense.reshape(-1, dense.shape[2]),
             map_columns(screws, q_rad, [each.knots for each in self._maps]),
         )
@@ -184,7 +157,7 @@ class _Fit:
 
     def _cost(self, x: Array, weighing: Weighing) -> float:
         every = np.arange(len(self._survey.poses))
-        white = weighing.whiteners(every) @ left(self.place(x), self._survey.poses)[:, :, None]
+        white = weighing.whiteners(every) @ residual(self.place(x), self._survey.poses)[:, :, None]
         off = x - self._middle
         return float(np.sum(white**2) + off @ self._prior @ off)
 

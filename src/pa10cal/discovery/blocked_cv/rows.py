@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -14,15 +14,10 @@ from scipy.sparse import csr_array
 from pa10cal.discovery.blocked_cv.products import Products, in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
 from pa10cal.discovery.blocked_cv.weighing import Weighing
-from pa10cal.discovery.operating_point import (
-    by_joints,
-    by_terms,
-    left,
-    possible_sizes,
-)
+from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes, residual
+from pa10cal.discovery.with_effects import unknowns
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import b_splines_by_knots, harmonics_at_knots
 
@@ -53,9 +48,9 @@ class BlockRows:
     """Weighed rows of one block of p poses.
 
     Attributes:
-        data: (6 p,) measured less predicted.
-        dense: (6 p, d) columns of own parameters and effects, each in its size.
-        screws: (p, 6, j) how the rows follow the angle of every turning joint.
+        data: (b p,) measured less predicted.
+        dense: (b p, d) columns of own parameters and effects, each in its size.
+        screws: (p, b, j) how the rows follow the angle of every turning joint.
         q_rad: (p, j) these angles.
     """
 
@@ -90,7 +85,7 @@ class Rows:
         """Return the calibrated model."""
         baseline = self.survey.baseline
         x = np.concatenate([baseline.x, np.zeros(6)])
-        return FittedModel(self.survey.model(), x, baseline.T_instr_base)
+        return replace(baseline, model=self.survey.model(), x=x)
 
     @cached_property
     def joints(self) -> tuple[int, ...]:
@@ -106,7 +101,7 @@ class Rows:
     @property
     def own(self) -> Index:
         """Return the columns of the model's own parameters."""
-        return np.arange(len(self.place.x))
+        return np.arange(len(unknowns(self.place)))
 
     def of_asked(self) -> list[Index]:
         """Return the columns of each effect."""
@@ -129,7 +124,7 @@ class Rows:
         for b in range(BLOCKS):
             rows = self.block(b)
             maps = rows.maps([self.knots] * len(self.joints))
-            for kind, at in enumerate(_kinds(len(rows.data))):
+            for kind, at in enumerate(self._kinds(len(rows.data))):
                 of_splines, with_data, squares[kind, b] = products(
                     rows.data[at], rows.dense[at], maps[at]
                 )
@@ -148,14 +143,14 @@ class Rows:
         dense = whiten @ np.concatenate([self._own(poses), *self._effects(poses)], axis=2)
         screws = whiten @ by_joints(self.place, poses, self.joints)
         q_rad = poses.states.q_rad[:, [joint - 1 for joint in self.joints]]
-        data = -whiten @ left(self.place, poses)[:, :, None]
+        data = -whiten @ residual(self.place, poses)[:, :, None]
         return BlockRows(data.ravel(), dense.reshape(-1, dense.shape[2]), screws, q_rad)
 
     def left_of(self, b: int, x: Array) -> Array:
         """Return what m sets of parameters (N, m) leave of a block, measured less predicted.
 
         Returns:
-            (p, 6, m) position [m] and attitude [rad], neither whitened nor weighed.
+            (p, b, m) components [m, rad], neither whitened nor weighed.
         """
         rows = self.block(b)
         first = rows.dense.shape[1]
@@ -165,18 +160,19 @@ class Rows:
         maps = columns @ splines.reshape(columns.shape[1], x.shape[1])
         left_over = rows.data[:, None] - rows.dense @ x[:first] - maps
         whiteners = self.weighing.whiteners(np.flatnonzero(self.survey.block == b))
-        found: Array = np.linalg.solve(whiteners, left_over.reshape(len(whiteners), 6, -1))
+        found: Array = np.linalg.solve(whiteners, left_over.reshape(*whiteners.shape[:2], -1))
         return found
 
-    def _own(self, poses: Observations[Pose]) -> Array:
+    def _own(self, poses: Observations) -> Array:
         model, x = self.place.model, self.place.x
         stops = np.cumsum([0, *(len(term.parameters) for term in model.terms)])
         points = [x[first:last] for first, last in pairwise(stops)]
-        columns = np.concatenate(by_terms(self.place, poses, model.terms, points), axis=2)
-        found: Array = columns * possible_sizes(model)
+        columns = by_terms(self.place, poses, model.terms, points)
+        columns.append(by_targets(self.place, poses))
+        found: Array = np.concatenate(columns, axis=2) * possible_sizes(model, poses.measured)
         return found
 
-    def _effects(self, poses: Observations[Pose]) -> Sequence[Array]:
+    def _effects(self, poses: Observations) -> Sequence[Array]:
         effects = [each.effect for each in self.asked]
         found = by_terms(self.place, poses, effects, [each.start for each in self.asked])
         return [
@@ -184,8 +180,10 @@ class Rows:
             for effect, columns in zip(effects, found, strict=True)
         ]
 
-
-def _kinds(count: int) -> tuple[Index, Index]:
-    """Return which of so many rows are of positions, and which of attitudes."""
-    place = np.arange(count) % 6
-    return np.flatnonzero(place < 3), np.flatnonzero(place >= 3)
+    def _kinds(self, count: int) -> tuple[Index, Index]:
+        """Return which of so many rows are of positions, and which of attitudes."""
+        measured = self.survey.poses.measured
+        _, positions = measured.component_kinds[0]
+        components = measured.components_seen.shape[1]
+        of_positions = np.isin(np.arange(count) % components, np.arange(components)[positions])
+        return np.flatnonzero(of_positions), np.flatnonzero(~of_positions)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
+from pa10cal.discovery.with_effects import with_base_term
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import CandidateContext, Effect
-from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import base_frame
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -39,7 +37,7 @@ class Survey:
         torques_logged: whether the torques are those of a log, and not of described masses.
     """
 
-    poses: Observations[Pose]
+    poses: Observations
     block: Index
     baseline: FittedModel
     setup: MeasurementSetup
@@ -47,18 +45,17 @@ class Survey:
     torques_logged: bool
 
     @property
-    def cells(self) -> Observations[Pose]:
+    def cells(self) -> Observations:
         """Return the poses, each a cell of its own."""
         return self.poses
 
     def model(self, effects: tuple[Effect, ...] = ()) -> Model:
         """Return the calibrated model with effects, and small motions of the base last."""
-        model = self.baseline.model
-        return Model(model.chain, (*model.terms, *effects, base_frame()))
+        return with_base_term(self.baseline, effects)
 
 
 def survey(
-    readings: Observations[Pose],
+    readings: Observations,
     baseline: FittedModel,
     setup: MeasurementSetup,
     *,
@@ -83,8 +80,6 @@ def survey(
             allowed=f"at least {BLOCKS * _LEAST_POSES} poses",
             remedy="measure more poses, or measure poses repeatedly",
         )
-    springs = [term.joint for term in baseline.model.terms if isinstance(term, JointSpring)]
-    setup = replace(setup, flexible_joints=tuple(springs))
     poses = readings.take(np.argsort(readings.states.time_s, kind="stable"))
     poses = complete(poses, baseline, setup)
     return Survey(

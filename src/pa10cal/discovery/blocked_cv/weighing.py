@@ -11,17 +11,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri, ndtri
+from scipy.special import chdtri
+
+from pa10cal.discovery.noise import MEDIAN_TO_SIGMA
+from pa10cal.observe.instrument import Instrument
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-_KINDS = (slice(0, 3), slice(3, 6))
 #: Share of undisturbed poses that weigh less than fully.
 _HUBER_TAIL = 1e-3
 #: Stated uncertainties are brought down by no more than this: data without noise have no scatter.
 _MOST_SHRINK = 1e-3
-_MEDIAN_TO_SIGMA = 1.0 / float(ndtri(0.75))
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Weighing:
     """Whitening and weights of P poses.
 
     Attributes:
-        whitener: (P, 6, 6) makes what is left of each pose independent and of unit size.
+        whitener: (P, b, b) makes what is left of each pose independent and of unit size.
         weight: (P,) 1, or less far outside the scatter.
     """
 
@@ -42,32 +43,37 @@ class Weighing:
         return found
 
 
-def unweighed(stated: Array) -> Weighing:
-    """Return the weighing by what the instrument states, (P, 6, 6), alone."""
+def unweighed(measured: Instrument) -> Weighing:
+    """Return the weighing by what the instrument states alone."""
+    stated = measured.stated_covariance
     return Weighing(np.linalg.inv(np.linalg.cholesky(stated)), np.ones(len(stated)))
 
 
-def weigh(residual: Array, dof: float, stated: Array) -> Weighing:
+def weigh(residual: Array, dof: float, measured: Instrument) -> Weighing:
     """Weigh poses by what a model leaves of them.
 
     Args:
-        residual: (P, 6) what is left: position [m], attitude [rad].
+        residual: (P, b) what remains of the components.
         dof: parameters that the data determine, which the residuals are smaller by.
-        stated: (P, 6, 6) covariance that the instrument states.
+        measured: states the covariance of the components, and which were seen.
     """
-    inflate = residual.size / max(residual.size - dof, 0.5 * residual.size)
+    stated, seen = measured.stated_covariance, measured.components_seen
+    rows = int(seen.sum())
+    inflate = rows / max(rows - dof, 0.5 * rows)
     covariance = stated.copy()
-    for kind in _KINDS:
-        found = inflate * (_MEDIAN_TO_SIGMA * np.median(np.abs(residual[:, kind]))) ** 2
-        said = float(np.median(np.diagonal(stated[:, kind, kind], axis1=1, axis2=2)))
+    for _, kind in measured.component_kinds:
+        here = seen[:, kind]
+        found = inflate * (MEDIAN_TO_SIGMA * np.median(np.abs(residual[:, kind][here]))) ** 2
+        variances = np.diagonal(stated[:, kind, kind], axis1=1, axis2=2)
+        said = float(np.median(variances[here]))
         if found < said:
             shrink = max(np.sqrt(found / said), _MOST_SHRINK)
             covariance[:, kind] *= shrink
             covariance[:, :, kind] *= shrink
         else:
-            rows = range(6)[kind]
-            covariance[:, rows, rows] += found - said
+            at = range(residual.shape[1])[kind]
+            covariance[:, at, at] += (found - said) * here
     whitener = np.linalg.inv(np.linalg.cholesky(covariance))
     distance = np.linalg.norm((whitener @ residual[:, :, None])[:, :, 0], axis=1)
-    limit = float(np.sqrt(chdtri(6, _HUBER_TAIL)))
+    limit = np.sqrt(chdtri(np.maximum(seen.sum(axis=1), 1), _HUBER_TAIL))
     return Weighing(whitener, np.minimum(1.0, limit / np.maximum(distance, limit)))

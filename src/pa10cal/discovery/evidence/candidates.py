@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import Block
 from pa10cal.discovery.evidence.problem import Problem
-from pa10cal.discovery.operating_point import possible_sizes
+from pa10cal.discovery.linear import by_end, possible_sizes
 from pa10cal.discovery.verdict import NotTestable
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects.effect import Effect
@@ -55,13 +55,13 @@ def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> L
         found: the fit; those of its effects that are among the candidates are put back.
         candidates: effects.
     """
-    pose = problem.pose.rows(pose_rows(found.level.linearise(found.x)))
+    pose = problem.pose.rows(pose_rows(problem, found.at))
     own_columns = found.own_columns()
-    possible = possible_sizes(found.model)[own_columns]
+    possible = possible_sizes(found.model, problem.cells.measured)[own_columns]
     pose_data, by_x = -pose[:, 0], pose[:, 1:]
     torque_data, torque_by_x = np.zeros(0), np.zeros((0, len(found.x)))
     if problem.torque is not None:
-        torque = problem.torque.rows(torque_rows(problem, found.model, found.x))
+        torque = problem.torque.rows(torque_rows(problem, found.at))
         torque_data, torque_by_x = -torque[:, 0], torque[:, 1:]
     blocks: dict[Effect, Block] = {}
     for effect, (first, last) in zip(found.effects, found.effect_columns(), strict=True):
@@ -87,15 +87,15 @@ def _blocks(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> list[B
     states = problem.cells.states
     asked = [(effect, start) for effect in effects for start in effect.starts]
     terms = [effect for effect, _ in asked]
-    in_base = found.model.by_terms(states, found.x, terms, [start for _, start in asked])
+    at = found.at
+    in_base = at.model.by_terms(states, at.x, terms, [start for _, start in asked])
     widths = np.cumsum([0, *(effect.linear for effect in terms)])
-    R = found.level.T_instr_base[:3, :3]
+    turn = by_end(at, problem.cells, at.model.predict(states, at.x))
     together = np.concatenate(
         [values[:, :, : effect.linear] for values, effect in zip(in_base, terms, strict=True)],
         axis=2,
     )
-    in_instr = np.concatenate([R @ together[:, :3], R @ together[:, 3:]], axis=1)
-    pose = problem.pose.rows(in_instr)
+    pose = problem.pose.rows(turn @ together)
     torque = np.zeros((0, widths[-1]))
     if problem.torque is not None:
         by_x = np.zeros((*states.tau_Nm.shape, widths[-1]))

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.evidence.repeatability import same_circumstances
+from pa10cal.discovery.noise import mean_covariance, same_circumstances
 from pa10cal.observe.averages import average_groups
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.pose import Pose
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -24,12 +23,15 @@ Index = NDArray[np.intp]
 READINGS_A_CELL = 4
 
 
-def gather(readings: Observations[Pose], cov_ee: Array) -> Observations[Pose]:
+def gather(readings: Observations, cov: Array) -> tuple[Observations, Array]:
     """Average readings into cells, ordered by pose, load, direction and time.
 
     Args:
         readings: P single readings.
-        cov_ee: (P, 6, 6) their covariances.
+        cov: (P, b, b) covariances of their components.
+
+    Returns:
+        The C cells, and the covariances (C, b, b) of their means.
     """
     circumstances = same_circumstances(readings)
     order = np.lexsort((readings.states.time_s, circumstances))
@@ -41,7 +43,8 @@ def gather(readings: Observations[Pose], cov_ee: Array) -> Observations[Pose]:
         start += size
     code = circumstances * (stretch.max() + 1) + stretch
     code = np.unique(code, return_inverse=True)[1]
-    return average_groups(readings.with_measured(cov=cov_ee), code)
+    seen = readings.measured.components_seen
+    return average_groups(readings, code), mean_covariance(cov, seen, code)
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ class SharedError:
     size: Array
 
 
-def shared_error(cells: Observations[Pose]) -> SharedError:
+def shared_error(cells: Observations) -> SharedError:
     """Lay out the errors that cells of a pose share.
 
     Args:
@@ -80,7 +83,7 @@ def shared_error(cells: Observations[Pose]) -> SharedError:
     return SharedError(turn, size)
 
 
-def _shapes(cells: Observations[Pose]) -> Array:
+def _shapes(cells: Observations) -> Array:
     """Return how an error of one pose may go with its cells, (c, s), each of unit size."""
     states = cells.states
     columns = [np.ones(len(cells))]

@@ -19,7 +19,7 @@ from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.likelihood import SIZES, Block
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.evidence.problem import Problem
-from pa10cal.discovery.evidence.search import Found
+from pa10cal.discovery.evidence.search import EndOfSearch
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -79,7 +79,7 @@ class _Rows:
     cell: Index
 
 
-def confirm(problem: Problem, found: Found) -> tuple[Confirmation, ...]:
+def confirm(problem: Problem, found: EndOfSearch) -> tuple[Confirmation, ...]:
     """Confirm every effect that the search found."""
     if not found.fit.effects:
         return ()
@@ -103,7 +103,7 @@ def confirm(problem: Problem, found: Found) -> tuple[Confirmation, ...]:
     return tuple(confirmed)
 
 
-def _weighed(problem: Problem, found: Found, *, turned: bool) -> _Rows:
+def _weighed(problem: Problem, found: EndOfSearch, *, turned: bool) -> _Rows:
     """Return all rows by independent errors of unit variance; by cell where not turned."""
     lin = linearise(problem, found.fit, found.family)
     score = found.score

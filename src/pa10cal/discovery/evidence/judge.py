@@ -11,7 +11,8 @@ from pa10cal.discovery.evidence.confirm import Confirmation, confirm
 from pa10cal.discovery.evidence.fit import Fit, covariance_of, fit
 from pa10cal.discovery.evidence.likelihood import Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem
-from pa10cal.discovery.evidence.search import Found, ended_at, evidence_about, less, threshold
+from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, evidence_about, less, threshold
+from pa10cal.discovery.linear import mean_length, position_noise
 from pa10cal.discovery.verdict import MAP, Finding, Unexplained, Word, is_named, reported, word_of
 from pa10cal.observe.averages import reading_groups
 from pa10cal.terms.effects.effect import Effect
@@ -44,10 +45,10 @@ class Judgement:
     verdict: Word
     findings: tuple[Finding[Confirmation], ...]
     unexplained: tuple[Unexplained, ...]
-    found: Found
+    found: EndOfSearch
 
 
-def judge(found: Found) -> Judgement:
+def judge(found: EndOfSearch) -> Judgement:
     """Judge what the search found."""
     problem = found.problem
     found = _prefer_named(problem, found)
@@ -66,7 +67,7 @@ def judge(found: Found) -> Judgement:
     return Judgement(word_of(findings, unexplained), tuple(findings), unexplained, found)
 
 
-def _prefer_named(problem: Problem, found: Found) -> Found:
+def _prefer_named(problem: Problem, found: EndOfSearch) -> EndOfSearch:
     """Put a named form in the place of a map or a generic effect that is no better."""
     for effect in found.fit.effects:
         if is_named(effect):
@@ -78,7 +79,7 @@ def _prefer_named(problem: Problem, found: Found) -> Found:
     return found
 
 
-def _rivals(problem: Problem, found: Found, effect: Effect) -> tuple[Effect, ...]:
+def _rivals(problem: Problem, found: EndOfSearch, effect: Effect) -> tuple[Effect, ...]:
     """Return the effects of the vocabulary that explain the data as well in one's place."""
     if effect.generic:
         return ()
@@ -97,7 +98,7 @@ def _rivals(problem: Problem, found: Found, effect: Effect) -> tuple[Effect, ...
 
 
 def _refitted(
-    problem: Problem, found: Found, effect: Effect, family: tuple[Effect, ...]
+    problem: Problem, found: EndOfSearch, effect: Effect, family: tuple[Effect, ...]
 ) -> list[tuple[Fit, Score]]:
     """Return full refits with another effect in one's place that are about as good, best first.
 
@@ -140,7 +141,7 @@ def _own_score(problem: Problem, found: Fit) -> Score:
 
 
 def _unexplained(
-    problem: Problem, found: Found, confirmations: dict[Effect, Confirmation]
+    problem: Problem, found: EndOfSearch, confirmations: dict[Effect, Confirmation]
 ) -> tuple[Unexplained, ...]:
     """Return what generic effects hold, or what poses still share, beyond the repeatability."""
     floor = floor_mm(problem)
@@ -161,7 +162,7 @@ def _unexplained(
     return tuple(places)
 
 
-def _bent(found: Found, effect: Effect, unexplained: tuple[Unexplained, ...]) -> bool:
+def _bent(found: EndOfSearch, effect: Effect, unexplained: tuple[Unexplained, ...]) -> bool:
     """Tell whether an effect may only stand in for something unexplained at its own place.
 
     It may where generic effects of its place, all together, could do without it.
@@ -182,7 +183,7 @@ def _bent(found: Found, effect: Effect, unexplained: tuple[Unexplained, ...]) ->
 
 def shared_error_mm(problem: Problem, variance: float) -> float:
     """Return the position error that a shared variance amounts to, root mean square over poses."""
-    position = np.trace(problem.noise.cov_ee[:, :3, :3], axis1=1, axis2=2).mean()
+    position = np.trace(_position_noise(problem), axis1=1, axis2=2).mean()
     return float(1e3 * np.sqrt(variance * position))
 
 
@@ -193,7 +194,7 @@ def floor_mm(problem: Problem, repeats: NDArray[np.int64] | None = None) -> floa
         problem: gives the noise of a reading.
         repeats: (P,) readings averaged into each pose; None for those of the poses fitted.
     """
-    variance = problem.noise.cov_ee[:, :3, :3]
+    variance = _position_noise(problem)
     if repeats is None:
         group = reading_groups(problem.readings)
         variance = variance / np.bincount(group)[group][:, None, None]
@@ -202,15 +203,11 @@ def floor_mm(problem: Problem, repeats: NDArray[np.int64] | None = None) -> floa
     return float(1e3 * np.mean(mean_length(variance)))
 
 
+def _position_noise(problem: Problem) -> Array:
+    return position_noise(problem.readings.measured, problem.noise.cov)
+
+
 def _of_averages(problem: Problem) -> float:
     """Return the variance of an averaged pose in those of one reading."""
     group = reading_groups(problem.readings)
     return float(np.mean(1.0 / np.bincount(group)[group]))
-
-
-def mean_length(covariance: Array) -> Array:
-    """Return the mean length of Gaussian vectors, (P,), for covariances (P, 3, 3)."""
-    sizes = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
-    draws = np.random.default_rng(0).standard_normal((2000, 3))
-    lengths: Array = np.sqrt((sizes[:, None, :] ** 2 * draws[None] ** 2).sum(axis=2)).mean(axis=1)
-    return lengths

@@ -7,13 +7,13 @@ time in scipy's trust-region solver.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from pa10cal.terms.model import Model
+from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
 
@@ -24,21 +24,21 @@ _LARGEST_DAMPING = 1e8
 
 
 def minimise(
-    rows: Callable[[Array], tuple[Array, Array]], x_start: Array, model: Model
+    rows: Callable[[Array], tuple[Array, Array]], x_start: Array, parameters: Sequence[Parameter]
 ) -> tuple[Array, float, bool]:
     """Minimise a sum of squares.
 
     Args:
         rows: gives residuals (R,) and their derivative (R, k) at x (k,).
         x_start: (k,) where to set out.
-        model: gives scale and range of the parameters.
+        parameters: scale and range of each.
 
     Returns:
         The parameters (k,), the sum of squares, and whether it came to rest.
     """
-    scale = model.scale
-    lower = np.array([-np.inf if p.lower is None else p.lower for p in model.parameters])
-    upper = np.array([np.inf if p.upper is None else p.upper for p in model.parameters])
+    scale = np.array([p.scale for p in parameters])
+    lower = np.array([-np.inf if p.lower is None else p.lower for p in parameters])
+    upper = np.array([np.inf if p.upper is None else p.upper for p in parameters])
     x = np.clip(x_start, lower, upper)
     damping = _FIRST_DAMPING
     residual, jacobian = rows(x)

@@ -11,7 +11,8 @@ from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.arm.statics import Payload, Statics
 from pa10cal.discovery.evidence.cells import gather, shared_error
 from pa10cal.discovery.evidence.noise_model import NoiseModel
-from pa10cal.discovery.evidence.repeatability import Repeatability, repeatability
+from pa10cal.discovery.linear import by_end
+from pa10cal.discovery.noise import Noise, noise_of_repeats
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import (
     MeasurementSetup,
@@ -20,9 +21,7 @@ from pa10cal.discovery.preparation import (
     static_loads,
 )
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.frame.pose_error import pose_error
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import CandidateContext
 
 Array = NDArray[np.float64]
@@ -38,29 +37,35 @@ class Problem:
         setup: what is known besides the poses.
         readings: single readings, with what they carry.
         cells: the same in cells.
+        cell_cov: (C, b, b) covariance of each cell's mean by the noise of readings.
         noise: of single readings.
         pose: rows of the poses.
         torque: rows of the torques, None where they or the masses are not known.
         torque_left_Nm: (C, n) logged torques less those of all weights (zero where not known).
         context: where effects may sit.
+        torques_logged: whether the torques are those of a log.
     """
 
     baseline: FittedModel
     setup: MeasurementSetup
-    readings: Observations[Pose]
-    cells: Observations[Pose]
-    noise: Repeatability
+    readings: Observations
+    cells: Observations
+    cell_cov: Array
+    noise: Noise
     pose: NoiseModel
     torque: NoiseModel | None
     torque_left_Nm: Array
     context: CandidateContext
+    torques_logged: bool
 
 
 def prepare(
-    readings: Observations[Pose],
+    readings: Observations,
     baseline: FittedModel,
     setup: MeasurementSetup,
     about: FittedModel | None = None,
+    *,
+    torques_logged: bool = True,
 ) -> Problem:
     """Make a campaign ready.
 
@@ -70,22 +75,25 @@ def prepare(
         setup: what is known besides the poses.
         about: a better model, about which noise and weights are worked out; its effects may need
             what the readings carry. None for the baseline.
+        torques_logged: whether the torques are those of a log, and not of described masses.
 
     Raises:
         DiscoveryError: when too little is repeated.
     """
     about = baseline if about is None else about
     readings = complete_about(readings, baseline, about, setup)
-    noise = repeatability(readings, *_deviation_and_screws(readings, about))
-    cells = complete_about(gather(readings, noise.cov_ee), baseline, about, setup)
+    noise = noise_of_repeats(readings, *_deviation_and_screws(readings, about))
+    cells, cell_cov = gather(readings, noise.cov)
+    cells = complete_about(cells, baseline, about, setup)
     shared = shared_error(cells)
     pose = NoiseModel.of(
-        np.linalg.inv(np.linalg.cholesky(cells.measured.cov)),
+        np.linalg.inv(np.linalg.cholesky(cell_cov)),
         shared,
-        setup.apparatus_m * cells.measured.by_apparatus,
+        setup.apparatus_m * cells.measured.by_stated_targets,
     )
     torque, left = None, np.zeros_like(cells.states.tau_Nm)
-    if setup.payload is not None and np.all(np.isfinite(cells.states.tau_Nm)):
+    logged = torques_logged and bool(np.all(np.isfinite(cells.states.tau_Nm)))
+    if setup.payload is not None and logged:
         weights = static_loads(cells.states, about, setup.payload)
         left = cells.states.tau_Nm - weights.torque_Nm
         scale = np.sqrt(cells.readings)[:, None] / noise.torque_Nm
@@ -101,27 +109,27 @@ def prepare(
         setup,
         readings,
         cells,
+        cell_cov,
         noise,
         pose,
         torque,
         left,
         context_of(cells, baseline, setup),
+        logged,
     )
 
 
-def _deviation_and_screws(poses: Observations[Pose], baseline: FittedModel) -> tuple[Array, Array]:
-    """Return measured minus predicted (P, 6) and joint screws (P, 6, n), instrument's axes."""
-    chain = baseline.model.chain
-    end = end_pose_with_screws(chain, baseline.model.chain_coordinates(poses.states, baseline.x))
-    error = pose_error(baseline.T_instr_base @ end.T, poses.measured.T_instr_target)
-    screws = end.screws[:, :, chain.joint_columns]
-    R = baseline.T_instr_base[:3, :3]
-    turned = np.concatenate([R @ screws[:, :3], R @ screws[:, 3:]], axis=1)
-    return -np.concatenate([error.position_m, error.chord], axis=1), turned
+def _deviation_and_screws(poses: Observations, at: FittedModel) -> tuple[Array, Array]:
+    """Return measured minus predicted (P, b), and how that follows the joints, (P, b, n)."""
+    chain = at.model.chain
+    end = end_pose_with_screws(chain, at.model.chain_coordinates(poses.states, at.x))
+    error = poses.measured.compare(at.T_instr_base @ end.T, at.targets_m).residual
+    screws = by_end(at, poses, end.T) @ end.screws[:, :, chain.joint_columns]
+    return -error, screws
 
 
 def common_torques(
-    cells: Observations[Pose],
+    cells: Observations,
     weights: Statics,
     baseline: FittedModel,
     payload: Payload,

@@ -11,7 +11,8 @@ from pa10cal.discovery.evidence.candidates import Linearised, alike, linearise
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.likelihood import SIZES, Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem, prepare
-from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.discovery.linear import error_mm, residual
+from pa10cal.discovery.verdict import Step
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -24,7 +25,7 @@ _MOST_ROUNDS = 6
 
 
 @dataclass(frozen=True)
-class Found:
+class EndOfSearch:
     """Where the search ended.
 
     Attributes:
@@ -50,21 +51,6 @@ class Found:
     steps: tuple[Step, ...]
 
 
-@dataclass(frozen=True)
-class Step:
-    """One refit of the search.
-
-    Attributes:
-        effects: the set.
-        gain: evidence over the model without effects, natural logarithm.
-        rms_mm: position error left at the cells.
-    """
-
-    effects: tuple[Effect, ...]
-    gain: float
-    rms_mm: float
-
-
 def threshold(family: int, error_rate: float) -> float:
     """Return the gain in evidence that a name needs: P(any of the family reaches it) <= rate."""
     return float(np.log(max(family, 1) / error_rate))
@@ -78,7 +64,9 @@ def evidence_about(problem: Problem, found: Fit, family: tuple[Effect, ...]) -> 
     )
 
 
-def search(problem: Problem, family: tuple[Effect, ...], error_rate: float, start: Fit) -> Found:
+def search(
+    problem: Problem, family: tuple[Effect, ...], error_rate: float, start: Fit
+) -> EndOfSearch:
     """Find the set of effects that the data ask for.
 
     Args:
@@ -112,8 +100,8 @@ def search(problem: Problem, family: tuple[Effect, ...], error_rate: float, star
         steps.append(
             Step(
                 tuple(family[k] for k in members),
-                score.log_evidence - nothing.log_evidence,
-                _rms_mm(current),
+                gain_nats=score.log_evidence - nothing.log_evidence,
+                rms_mm=_rms_mm(problem, current),
             )
         )
     return ended_at(problem, current, family, same, tuple(steps))
@@ -125,11 +113,11 @@ def ended_at(
     family: tuple[Effect, ...],
     same: NDArray[np.bool_],
     steps: tuple[Step, ...],
-) -> Found:
+) -> EndOfSearch:
     """Return what the search has found where it ends at a fit, with the evidence about it."""
     evidence = evidence_about(problem, current, family)
     members = tuple(family.index(effect) for effect in current.effects)
-    return Found(
+    return EndOfSearch(
         problem=problem,
         fit=current,
         score=evidence.score(members, current.sizes),
@@ -157,8 +145,13 @@ def refit(
     little wrong, and what the noise of a torque does through a joint thought rigid is missing.
     """
     first = fit(problem, effects, sizes, variances, start)
-    about = FittedModel(first.model, first.x, first.level.T_instr_base)
-    problem = prepare(problem.readings, problem.baseline, problem.setup, about)
+    problem = prepare(
+        problem.readings,
+        problem.baseline,
+        problem.setup,
+        first.at,
+        torques_logged=problem.torques_logged,
+    )
     return problem, fit(problem, effects, sizes, variances, first)
 
 
@@ -269,6 +262,7 @@ def less(values: tuple[int, ...], k: int) -> tuple[int, ...]:
     return values[:k] + values[k + 1 :]
 
 
-def _rms_mm(found: Fit) -> float:
-    residuals = found.level.residuals(found.x)[:, :3]
-    return float(1e3 * np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
+def _rms_mm(problem: Problem, found: Fit) -> float:
+    cells = problem.cells
+    errors_mm = error_mm(cells.measured, residual(found.at, cells))
+    return float(np.sqrt(np.mean(errors_mm**2)))

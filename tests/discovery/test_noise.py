@@ -7,9 +7,9 @@ import pytest
 
 from made_up_poses import measured_poses
 from pa10cal.arm.state import PoseStates
-from pa10cal.discovery.evidence.repeatability import (
+from pa10cal.discovery.noise import (
     LEAST_DIFFERENCES,
-    repeatability,
+    noise_of_repeats,
     same_circumstances,
 )
 from pa10cal.errors import DiscoveryError
@@ -56,7 +56,7 @@ def made():
 
 def test_scatter_is_laid_to_joints_and_instrument(made):
     readings, deviation, screws = made
-    found = repeatability(readings, deviation, screws)
+    found = noise_of_repeats(readings, deviation, screws)
     np.testing.assert_allclose(found.joint_rad, JOINT_RAD, rtol=0.1)
     assert found.instrument == pytest.approx(INSTRUMENT, rel=0.05)
     np.testing.assert_allclose(found.torque_Nm, TORQUE_NM, rtol=0.1)
@@ -64,7 +64,7 @@ def test_scatter_is_laid_to_joints_and_instrument(made):
     assert found.differences == POSES * len(LOADS_N) * 2 * 3
     expected = np.einsum("pik,k,pjk->pij", screws, JOINT_RAD**2, screws)
     expected += INSTRUMENT**2 * readings.measured.cov
-    traces = np.trace(found.cov_ee, axis1=1, axis2=2), np.trace(expected, axis1=1, axis2=2)
+    traces = np.trace(found.cov, axis1=1, axis2=2), np.trace(expected, axis1=1, axis2=2)
     np.testing.assert_allclose(*traces, rtol=0.1)
 
 
@@ -72,8 +72,8 @@ def test_what_poses_loads_and_directions_do_is_no_noise(made):
     readings, deviation, screws = made
     _, place = np.unique(same_circumstances(readings), return_inverse=True)
     offsets = np.random.default_rng(2).normal(0.0, 1e-3, (place.max() + 1, 6))[place]
-    there = repeatability(readings, deviation + offsets, screws)
-    alone = repeatability(readings, deviation, screws)
+    there = noise_of_repeats(readings, deviation + offsets, screws)
+    alone = noise_of_repeats(readings, deviation, screws)
     np.testing.assert_allclose(there.joint_rad, alone.joint_rad, rtol=1e-6)
     assert there.instrument == pytest.approx(alone.instrument, rel=1e-6)
 
@@ -82,7 +82,7 @@ def test_a_slow_drift_is_no_noise(made):
     readings, deviation, screws = made
     # A hundred times the noise over the whole campaign: as much as the noise within 6 readings.
     drift = 3e-4 * np.linspace(0.0, 1.0, len(readings))[:, None] * np.ones(6)
-    found = repeatability(readings, deviation + drift, screws)
+    found = noise_of_repeats(readings, deviation + drift, screws)
     np.testing.assert_allclose(found.joint_rad, JOINT_RAD, rtol=0.1)
     assert found.instrument == pytest.approx(INSTRUMENT, rel=0.05)
 
@@ -90,9 +90,9 @@ def test_a_slow_drift_is_no_noise(made):
 def test_the_order_of_the_rows_does_not_matter(made):
     readings, deviation, screws = made
     order = np.random.default_rng(3).permutation(len(readings))
-    mixed = repeatability(readings.take(order), deviation[order], screws[order])
-    ordered = repeatability(readings, deviation, screws)
-    np.testing.assert_allclose(mixed.cov_ee, ordered.cov_ee[order], rtol=1e-9)
+    mixed = noise_of_repeats(readings.take(order), deviation[order], screws[order])
+    ordered = noise_of_repeats(readings, deviation, screws)
+    np.testing.assert_allclose(mixed.cov, ordered.cov[order], rtol=1e-9)
     np.testing.assert_allclose(mixed.torque_Nm, ordered.torque_Nm)
 
 
@@ -109,18 +109,18 @@ def test_circumstances_are_pose_load_and_direction(made):
 def test_torques_that_were_not_logged_have_no_noise_to_tell(made):
     readings, deviation, screws = made
     states = replace(readings.states, tau_Nm=np.full_like(readings.states.tau_Nm, np.nan))
-    found = repeatability(replace(readings, states=states), deviation, screws)
+    found = noise_of_repeats(replace(readings, states=states), deviation, screws)
     assert np.isnan(found.torque_Nm).all()
-    assert np.isfinite(found.cov_ee).all()
+    assert np.isfinite(found.cov).all()
 
 
 def test_too_few_repeats_are_refused():
     readings, deviation, screws = readings_of(poses=LEAST_DIFFERENCES // 2, repeats=3)
-    enough = repeatability(readings, deviation, screws)
+    enough = noise_of_repeats(readings, deviation, screws)
     assert enough.differences == LEAST_DIFFERENCES
     fewer = slice(1, None)  # leaves one pair without its first reading
     with pytest.raises(DiscoveryError, match="too few repeats") as refused:
-        repeatability(readings.take(fewer), deviation[fewer], screws[fewer])
+        noise_of_repeats(readings.take(fewer), deviation[fewer], screws[fewer])
     assert refused.value.value.startswith(f"{LEAST_DIFFERENCES - 1} pairs")
     assert refused.value.allowed == f"at least {LEAST_DIFFERENCES}"
     assert refused.value.remedy == "measure poses repeatedly"

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.admissible import Room, draw_admissible
-from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.next_poses.room import (
+    Measured,
+    NextPose,
+    Room,
+    draw_admissible,
+    measured_ends_m,
+)
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import WITHIN_RAD, AnglesSeen
 
@@ -18,31 +21,16 @@ _POOL = 2000
 _TURN = 2.0 * np.pi
 
 
-@dataclass(frozen=True)
-class FillingPose:
-    """One configuration to measure.
-
-    Attributes:
-        q_rad: (n,) joint positions [rad, or m of a sliding joint].
-        load_N: external load.
-        joints: joints, from 1, that it takes to an angle not seen so far.
-    """
-
-    q_rad: Array
-    load_N: float
-    joints: tuple[int, ...]
-
-
 def fill(
-    survey: Survey, seen: AnglesSeen, count: int, random_seed: int = 0, room: Room | None = None
-) -> tuple[FillingPose, ...]:
+    measured: Measured, seen: AnglesSeen, count: int, random_seed: int = 0, room: Room | None = None
+) -> tuple[NextPose, ...]:
     """Choose configurations that take joints to angles not seen, the most of them first.
 
     Out of a pool drawn at random, within limits and near the measured places. An angle once chosen
     counts as seen, so that each configuration after the first goes elsewhere.
 
     Args:
-        survey: the campaign.
+        measured: the campaign.
         seen: angles that its poses have seen.
         count: configurations wanted at most.
         random_seed: draws the pool.
@@ -55,13 +43,13 @@ def fill(
         return ()
     rng = np.random.default_rng(random_seed)
     try:
-        q_rad = draw_admissible(survey, _POOL, room or _room(survey), rng)
+        q_rad = draw_admissible(measured, _POOL, room or _room(measured), rng)
     except DiscoveryError:
         return ()
     turns = np.array(seen.turns)
     new = ~seen.each(q_rad) & turns
     place = np.floor(np.mod(q_rad, _TURN) / (2.0 * WITHIN_RAD)).astype(np.intp)
-    load_N = float(survey.poses.states.load_N.min())
+    load_N = float(measured.cells.states.load_N.min())
     chosen = []
     for _ in range(count):
         gains = new.sum(axis=1)
@@ -69,17 +57,16 @@ def fill(
         if not gains[best]:
             break
         joints = np.flatnonzero(new[best])
-        chosen.append(FillingPose(q_rad[best], load_N, tuple(int(j) + 1 for j in joints)))
+        purposes = tuple(f"angle of joint {joint + 1} not seen" for joint in joints)
+        chosen.append(NextPose(q_rad[best], load_N, purposes))
         new[:, joints] &= place[:, joints] != place[best, joints]
     return tuple(chosen)
 
 
-def _room(survey: Survey) -> Room:
+def _room(measured: Measured) -> Room:
     """Return the usual room, and as low and as near to the column as poses were measured."""
-    T_instr_base, usual = survey.baseline.T_instr_base, Room()
-    p_base_m = (
-        survey.poses.measured.T_instr_target[:, :3, 3] - T_instr_base[:3, 3]
-    ) @ T_instr_base[:3, :3]
+    T_instr_base, usual = measured.baseline.T_instr_base, Room()
+    p_base_m = (measured_ends_m(measured) - T_instr_base[:3, 3]) @ T_instr_base[:3, :3]
     return Room(
         floor_m=min(usual.floor_m, float(p_base_m[:, 2].min())),
         column_m=min(usual.column_m, float(np.hypot(*p_base_m[:, :2].T).min())),

@@ -6,8 +6,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from made_up_arm import ERROR_RATE, Missing, harmonic, measure
-from pa10cal.discovery.discover import discover, unresolved
+from made_up_arm import Missing, harmonic, measure
 from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.terms.effects import family
 from pa10cal.terms.effects.encoder import JointHarmonic
@@ -32,7 +31,7 @@ def said(found):
 
 def test_where_nothing_is_missing_the_verdict_is_none(null):
     found = null.discovery
-    assert found.judgement.verdict == "none"
+    assert found.verdict == "none"
     assert found.extended.effects == ()
     # The extended model is the baseline; what is left is what noise leaves.
     assert found.train.after.mean_mm == pytest.approx(found.train.before.mean_mm, rel=0.1)
@@ -42,8 +41,8 @@ def test_where_nothing_is_missing_the_verdict_is_none(null):
 
 def test_a_transmission_error_is_named_and_the_gap_closed(wave, null):
     found = wave.discovery
-    assert found.judgement.verdict == "named"
-    (finding,) = found.judgement.findings
+    assert found.verdict == "named"
+    (finding,) = found.effects
     assert name(finding.effect) == ("transmission_error", "joint 2")
     std = np.sqrt(np.diag(finding.covariance))
     assert (np.abs(finding.x - [2e-4, 1.0]) < 4.0 * std).all()
@@ -62,8 +61,8 @@ def test_a_transmission_error_is_named_and_the_gap_closed(wave, null):
 
 def test_friction_is_seen_in_torque_and_pose(rubbing):
     found = rubbing.discovery
-    assert found.judgement.verdict == "named"
-    (finding,) = found.judgement.findings
+    assert found.verdict == "named"
+    (finding,) = found.effects
     assert name(finding.effect) == ("friction_torque", "joint 3")
     assert abs(finding.x[0] - 3.0) < 4.0 * np.sqrt(finding.covariance[0, 0])
     nothing, score = found.judgement.found.nothing, found.judgement.found.score
@@ -86,12 +85,12 @@ def test_a_bowed_axis_is_unexplained_at_the_instrument(bowed):
 
 def test_what_these_poses_cannot_tell_apart_is_ambiguous(soft_wrist):
     found = soft_wrist.discovery
-    assert found.judgement.verdict == "ambiguous"
-    (finding,) = found.judgement.findings
+    assert found.verdict == "ambiguous"
+    (finding,) = found.effects
     pair = {("joint_compliance", "joint 4"), ("link_torsion", "forearm")}
     assert {name(finding.effect), *map(name, finding.alternatives)} == pair
-    assert [set(map(name, group)) for group in found.alike] == [pair]
-    (first, *_) = unresolved(found)
+    assert [set(map(name, group)) for group in found.indistinguishable] == [pair]
+    (first, *_) = found.unresolved()
     assert {name(first[0]), name(first[1])} == pair
     # Either of them closes the gap.
     assert found.holdout.after.mean_mm < 1.3 * found.noise_floor_mm
@@ -102,7 +101,7 @@ def test_what_cannot_be_told_at_all_is_listed_with_the_reason(null):
     refused = {name(entry.effect): entry for entry in found.not_testable}
     assert refused["thermal_growth", "arm"].why == "what it depends on was not logged"
     assert not refused.keys() & set(map(name, found.family))
-    asked = unresolved(found)
+    asked = found.unresolved()
     assert all(rival is None for _, rival in asked)
     # Other poses do not log a temperature.
     assert ("thermal_growth", "arm") not in [name(effect) for effect, _ in asked]
@@ -154,8 +153,8 @@ class TestANewEffect:
         monkeypatch.setattr(family, "every_effect", lambda: known)
         found = campaign.discovered()
         assert sum(effect.id == "third_harmonic" for effect in found.family) == 6
-        assert found.judgement.verdict == "named"
-        (finding,) = found.judgement.findings
+        assert found.verdict == "named"
+        (finding,) = found.effects
         assert name(finding.effect) == ("third_harmonic", "joint 1")
         assert finding.alternatives == ()
         std = np.sqrt(np.diag(finding.covariance))
@@ -166,24 +165,18 @@ class TestANewEffect:
 def test_a_campaign_without_repeats_is_refused(null):
     _, first = np.unique(null.readings.pose, return_index=True)
     with pytest.raises(DiscoveryError, match="too few repeats"):
-        discover(null.readings.take(first), None, null.baseline, null.setup, ERROR_RATE)
+        null.discovered(readings=null.readings.take(first), held_out=None)
 
 
 def test_too_few_poses_are_refused(null):
     readings = null.problem.readings
     few = readings.take(np.isin(readings.pose, np.unique(readings.pose)[:5]))
     with pytest.raises(DiscoveryError, match="too few poses"):
-        discover(few, None, null.problem.baseline, null.problem.setup, ERROR_RATE)
+        null.discovered(readings=few, held_out=None)
 
 
 def test_a_spring_without_torque_is_refused(null):
     readings = null.problem.readings
     silent = replace(readings.states, tau_Nm=np.full_like(readings.states.tau_Nm, np.nan))
     with pytest.raises(CalibrationError, match="has a spring, but no torque"):
-        discover(
-            replace(readings, states=silent),
-            None,
-            null.problem.baseline,
-            null.problem.setup,
-            ERROR_RATE,
-        )
+        null.discovered(readings=replace(readings, states=silent), held_out=None)

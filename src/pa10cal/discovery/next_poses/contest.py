@@ -13,7 +13,7 @@ from pa10cal.discovery.evidence.fit import Fit
 from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.evidence.problem import Problem
-from pa10cal.discovery.outlook import Outlook
+from pa10cal.discovery.next_poses.outlook import Outlook
 from pa10cal.errors import DiscoveryError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
@@ -43,7 +43,7 @@ class _Rows:
 
 
 def outlooks(
-    problem: Problem, found: Fit, pairs: Sequence[Pair], ahead: Problem, found_ahead: Fit
+    problem: Problem, found: Fit, pairs: Sequence[Pair], ahead: Problem
 ) -> list[tuple[Outlook, ...]]:
     """Return, for every pair, the outlook with the effect for the truth, and with the rival.
 
@@ -51,7 +51,7 @@ def outlooks(
         problem: the campaign.
         found: a fit to it.
         pairs: effects and what may stand in their place.
-        ahead, found_ahead: the same for poses that could be measured.
+        ahead: the same for poses that could be measured.
 
     Raises:
         DiscoveryError: when an effect needs what is not known of these poses.
@@ -61,7 +61,7 @@ def outlooks(
     with_torque = any(shows_torque(effect) for effect in effects)
     poses = len(np.unique(problem.cells.pose))
     now = _rows(problem, found, effects, with_torque)
-    then = _rows(ahead, found_ahead, effects, with_torque)
+    then = _rows(ahead, found, effects, with_torque)
     both_ways = []
     for effect, rival in pairs:
         ways: list[Pair] = [(effect, rival)]

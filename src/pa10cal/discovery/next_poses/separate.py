@@ -13,12 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.admissible import Room, draw_admissible, foresee
-from pa10cal.discovery.contest import Pair, outlooks
 from pa10cal.discovery.evidence.fit import Fit
 from pa10cal.discovery.evidence.problem import Problem
-from pa10cal.discovery.outlook import Outlook
-from pa10cal.terms.effects.effect import Effect
+from pa10cal.discovery.next_poses.contest import Pair, outlooks
+from pa10cal.discovery.next_poses.foresee import foresee
+from pa10cal.discovery.next_poses.outlook import Outlook
+from pa10cal.discovery.next_poses.room import NextPose, Room, draw_admissible
+from pa10cal.discovery.verdict import Plan, Separation, label_of
 
 Array = NDArray[np.float64]
 
@@ -26,75 +27,6 @@ Array = NDArray[np.float64]
 #: poses cannot tell apart.
 LEAST_NATS = 3.0
 _POOL = 1000
-
-
-@dataclass(frozen=True)
-class Suggestion:
-    """One configuration to measure.
-
-    Attributes:
-        q_rad: (n,) joint angles [rad, or m of a sliding joint].
-        load_N: external load.
-        arrival: (n,) direction in which each joint should arrive: -1 or +1.
-        separation_nats: expected separation of the hardest pair once this one and those before it
-            are measured.
-        for_effects: the pairs to which this configuration gives at least its even share.
-    """
-
-    q_rad: Array
-    load_N: float
-    arrival: Array
-    separation_nats: float
-    for_effects: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Separation:
-    """How far apart the members of one pair are expected to be, in log evidence.
-
-    Attributes:
-        effect: found, or not testable so far.
-        rival: what explains the data as well; None for the model's own parameters.
-        before_nats: with the data so far.
-        after_nats: with all suggestions.
-        possible_nats: with as many configurations, were they chosen for this pair alone.
-    """
-
-    effect: Effect
-    rival: Effect | None
-    before_nats: float
-    after_nats: float
-    possible_nats: float
-
-    @property
-    def can_be_split(self) -> bool:
-        """Whether so many configurations bring the two apart at all."""
-        return self.possible_nats - self.before_nats >= LEAST_NATS
-
-    @property
-    def label(self) -> str:
-        """Name of the pair."""
-        return _label((self.effect, self.rival))
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What to measure next, and what it is expected to bring.
-
-    Attributes:
-        suggestions: the configurations, in the order of choice; none where poses cannot help.
-        separations: one a pair.
-    """
-
-    suggestions: tuple[Suggestion, ...]
-    separations: tuple[Separation, ...]
-
-
-def suggest(
-    problem: Problem, found: Fit, rivals: Sequence[Pair], count: int = 10, random_seed: int = 0
-) -> tuple[Suggestion, ...]:
-    """Return the configurations of `plan`, none where poses cannot help."""
-    return plan(problem, found, rivals, count, random_seed).suggestions
 
 
 def plan(
@@ -126,15 +58,21 @@ def plan(
         return Plan((), ())
     pool = _draw(problem, room or Room(), np.random.default_rng(random_seed))
     ahead = foresee(problem, found, pool.q_rad, pool.load_N, pool.arrival)
-    pairs = outlooks(problem, found, rivals, *ahead)
+    pairs = outlooks(problem, found, rivals, ahead)
     count = min(count, len(pool.q_rad))
     possible = [float(_choose([pair], count, [0])[1][-1, 0]) for pair in pairs]
     sought = [k for k, pair in enumerate(pairs) if possible[k] - _nats(pair) >= LEAST_NATS]
     chosen, nats = _choose(pairs, count if sought else 0, sought)
     return Plan(
-        _suggestions(pool, chosen, nats, rivals, sought),
+        _chosen_poses(pool, chosen, nats, rivals, sought),
         tuple(
-            Separation(*pair, float(nats[0, k]), float(nats[-1, k]), possible[k])
+            Separation(
+                *pair,
+                before_nats=float(nats[0, k]),
+                after_nats=float(nats[-1, k]),
+                possible_nats=possible[k],
+                can_be_split=possible[k] - float(nats[0, k]) >= LEAST_NATS,
+            )
             for k, pair in enumerate(rivals)
         ),
     )
@@ -185,9 +123,9 @@ def _nats(pair: tuple[Outlook, ...]) -> float:
     return min(outlook.nats for outlook in pair)
 
 
-def _suggestions(
+def _chosen_poses(
     pool: _Pool, chosen: list[int], nats: Array, rivals: Sequence[Pair], sought: list[int]
-) -> tuple[Suggestion, ...]:
+) -> tuple[NextPose, ...]:
     """Return what was chosen, with the pairs it is for."""
     suggestions = []
     for order, k in enumerate(chosen):
@@ -195,22 +133,16 @@ def _suggestions(
         even_share = (nats[-1] - nats[0]) / len(chosen)
         closest = min(sought, key=lambda pair: nats[order, pair])
         suggestions.append(
-            Suggestion(
+            NextPose(
                 q_rad=pool.q_rad[k],
                 load_N=float(pool.load_N[k]),
                 arrival=pool.arrival[k],
                 separation_nats=float(nats[order + 1, sought].min()),
-                for_effects=tuple(
-                    _label(rivals[pair])
+                purposes=tuple(
+                    label_of(*rivals[pair])
                     for pair in sought
                     if pair == closest or gained[pair] >= even_share[pair]
                 ),
             )
         )
     return tuple(suggestions)
-
-
-def _label(pair: Pair) -> str:
-    effect, rival = pair
-    name = f"{effect.id} of {effect.of}"
-    return name if rival is None else f"{name} or {rival.id} of {rival.of}"

@@ -1,4 +1,4 @@
-"""Where a fit and the data disagree, and errors name by name: parts of `analysis.json`."""
+"""All that the figures of discovery show: `analysis.json`."""
 
 from __future__ import annotations
 
@@ -7,25 +7,75 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.calibration.base_parameters import report_base
+from pa10cal.calibration.records import reported_keys
 from pa10cal.discovery import lack_of_fit as domain
 from pa10cal.discovery.clustered import Estimate
-from pa10cal.discovery.evidence.pure_error import ChannelTest, PureErrorTest
+from pa10cal.discovery.gap import Gap
 from pa10cal.discovery.joint_space import Periodogram
-from pa10cal.discovery.naming import Named
-from pa10cal.discovery.records import name_of
+from pa10cal.discovery.lack_of_fit import ChannelTest, PureErrorTest
+from pa10cal.discovery.linear import possible_sizes
+from pa10cal.discovery.verdict import Verdict
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.results import accuracy
 from pa10cal.results import analysis as parts
+from pa10cal.results.accuracy import Parameter
+from pa10cal.results.analysis import (
+    AnalysisKeys,
+    GapField,
+    GapRows,
+    NamingStep,
+    ParameterShift,
+    SearchStep,
+)
+from pa10cal.results.discovery import EffectName
+from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
 
+#: A parameter known no better than this part of what is possible is not identified by the data.
+_IDENTIFIED = 1.0 / 3.0
 #: Digits of what is there to be drawn.
 _DIGITS = 6
+
+
+def analysis_keys(found: Verdict[object]) -> AnalysisKeys:
+    """Return all that the figures of discovery show."""
+    before, after = found.lack_of_fit()
+    baseline = found.baseline
+    return AnalysisKeys(
+        before=lack_of_fit_part(before),
+        after=lack_of_fit_part(after),
+        steps=tuple(
+            SearchStep(
+                effects=tuple(name_of(effect) for effect in step.effects),
+                gain_nats=step.gain_nats,
+                rms_mm=step.rms_mm,
+                squared_error_of_a_row=step.squared_error_of_a_row,
+            )
+            for step in found.steps
+        ),
+        naming=tuple(
+            NamingStep(
+                effects=tuple(name_of(effect) for effect in step.effects),
+                train=step.train,
+                holdout=step.holdout,
+            )
+            for step in found.errors_by_name()
+        ),
+        parameter_shifts=parameter_shifts(baseline, model_parameters(found)),
+        gap=GapField(
+            train=gap_rows(found.train, baseline),
+            holdout=None if found.holdout is None else gap_rows(found.holdout, baseline),
+        ),
+        noise_floor_mm=found.noise_floor_mm,
+    )
 
 
 def lack_of_fit_part(found: domain.LackOfFit) -> parts.LackOfFit:
     """Return the numbers of a lack of fit."""
     return parts.LackOfFit(
-        pose=_channel(found.pose),
+        pose=_channel(found.pose or ChannelTest(None, None, 0.0)),
         torque=None if found.torque is None else _channel(found.torque),
         rms_mm=found.rms_mm,
         floor_mm=found.floor_mm,
@@ -78,18 +128,6 @@ def lack_of_fit_part(found: domain.LackOfFit) -> parts.LackOfFit:
             for drift in found.drifts
         ),
         cells=_cells(found),
-    )
-
-
-def naming_steps(steps: Iterable[Named]) -> tuple[parts.NamingStep, ...]:
-    """Return the errors of each step; the effects are all those in the model by then."""
-    return tuple(
-        parts.NamingStep(
-            effects=tuple(name_of(effect) for effect in step.effects),
-            train=step.train,
-            holdout=step.holdout,
-        )
-        for step in steps
     )
 
 
@@ -170,3 +208,65 @@ def _rounded(values: Array) -> Array:
     """Return numbers rounded to what a picture shows."""
     flat = [float(f"{value:.{_DIGITS}g}") for value in np.ravel(values).tolist()]
     return np.array(flat).reshape(np.shape(values))
+
+
+def model_parameters(found: Verdict[object]) -> dict[str, Parameter]:
+    """Return every parameter of the calibrated model as it is with the effects, and the base."""
+    baseline, covariance = found.baseline, found.covariance
+    own, base = np.arange(len(baseline.x)), len(found.extended.at.x) - np.arange(6, 0, -1)
+    report = baseline.model.report(found.model.x[own])
+    known = np.sqrt(np.diag(covariance))[own] < _IDENTIFIED * possible_sizes(baseline.model)
+    # Small motions of the base are along its own axes, its origin along the instrument's.
+    along = np.eye(6)
+    along[:3, :3] = baseline.T_instr_base[:3, :3]
+    of_base = along @ covariance[np.ix_(base, base)] @ along.T
+    of_own = reported_keys(report, covariance[np.ix_(own, own)])
+    of_frame = reported_keys(report_base(found.model.T_instr_base), of_base)
+    return {
+        name: Parameter(**keys, identifiable=bool(np.all(known[row])))
+        for (name, keys), row in zip(of_own.items(), report.jacobian != 0.0, strict=True)
+    } | {name: Parameter(**keys, identifiable=True) for name, keys in of_frame.items()}
+
+
+def parameter_shifts(
+    baseline: FittedModel, after: dict[str, Parameter]
+) -> tuple[ParameterShift, ...]:
+    """Return every parameter of the calibrated model, and once the effects joined it."""
+    reports = (baseline.model.report(baseline.x), report_base(baseline.T_instr_base))
+    before = {
+        parameter.name: float(value)
+        for report in reports
+        for parameter, value in zip(report.parameters, report.values, strict=True)
+    }
+    return tuple(
+        ParameterShift(
+            name=name,
+            unit=parameter.unit,
+            before=before[name],
+            after=parameter.value,
+            std=parameter.std or 0.0,
+            tolerance=parameter.tolerance,
+            identifiable=parameter.identifiable,
+        )
+        for name, parameter in after.items()
+    )
+
+
+def gap_rows(gap: Gap, baseline: FittedModel) -> GapRows:
+    """Return every configuration with its residuals before and after, along base axes."""
+    poses, T_instr_base = gap.poses, baseline.T_instr_base
+    T_instr_ee = T_instr_base @ baseline.model.predict(poses.states, baseline.x)
+    p_instr_m = poses.measured.end_poses(T_instr_ee)[:, :3, 3]
+    return GapRows(
+        pose=poses.pose,
+        load_N=poses.states.load_N,
+        place_mm=1e3 * (p_instr_m - T_instr_base[:3, 3]) @ T_instr_base[:3, :3],
+        before_mm=gap.found_before.position_mm,
+        after_mm=gap.found_after.position_mm,
+        extrapolated=None if gap.parts is None else ~gap.parts.inside,
+    )
+
+
+def name_of(effect: Effect) -> EffectName:
+    """Return an effect's name and place."""
+    return EffectName(id=effect.id, of=effect.of)

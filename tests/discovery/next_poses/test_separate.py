@@ -14,14 +14,16 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
-from pa10cal.discovery.admissible import Room, draw_admissible, foresee
 from pa10cal.discovery.evidence import candidates as family
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import evidence_about, search
+from pa10cal.discovery.linear import residual
+from pa10cal.discovery.next_poses.foresee import foresee
+from pa10cal.discovery.next_poses.room import Room, draw_admissible
+from pa10cal.discovery.next_poses.separate import LEAST_NATS, plan
 from pa10cal.discovery.preparation import MeasurementSetup
-from pa10cal.discovery.suggest import LEAST_NATS, plan, suggest
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
@@ -85,7 +87,7 @@ def measure(tmp_path_factory):
             np.array(campaign.gravity_m_s2),
         )
         setup = MeasurementSetup(
-            payload, 1e-3 * campaign.p_ee_balls_mm, campaign.reference_temperature_C, FLEXIBLE
+            payload, 1e-3 * campaign.p_ee_balls_mm, campaign.reference_temperature_C
         )
         problem = prepare(readings, calibrated(readings), setup)
         start = fit(problem, (), (), (0.0, 0.0))
@@ -146,8 +148,8 @@ def test_an_effect_and_its_double_come_apart_where_suggested(measure, ratio, sea
     (separation,) = found.separations
     assert separation.before_nats < 2.0
     assert separation.can_be_split
-    assert separation.after_nats == found.suggestions[-1].separation_nats > APART_NATS
-    again = measure(*RATIO, further=found.suggestions).search()
+    assert separation.after_nats == found.poses[-1].separation_nats > APART_NATS
+    again = measure(*RATIO, further=found.poses).search()
     assert names(again) == [RATIO[:2]]
     # Expected with one load a pose; the cell hangs all three.
     rival = next(e for e in again.family if (e.id, e.of) == ECCENTRIC[:2])
@@ -160,7 +162,7 @@ def test_a_wrong_name_among_doubles_is_put_right(measure):
     truth, double = (first.effect(id_, "joint 2") for id_ in (ECCENTRIC[0], "encoder_ellipticity"))
     assert found.fit.effects == (double,)  # with these poses, the likelier of the two
     assert behind(found, truth) < APART_NATS
-    further = suggest(first.problem, found.fit, [(double, truth)], 4)
+    further = plan(first.problem, found.fit, [(double, truth)], 4).poses
     again = measure(*ECCENTRIC, further=further).search()
     assert names(again) == [ECCENTRIC[:2]]
     assert behind(again, double) > APART_NATS
@@ -174,7 +176,7 @@ def test_what_was_not_testable_shows_where_suggested(measure):
     found = plan(first.problem, first.start, [(effect, None)], 4)
     assert found.separations[0].before_nats < LEAST_NATS
     assert found.separations[0].can_be_split
-    again = measure(*WINDUP, further=found.suggestions)
+    again = measure(*WINDUP, further=found.poses)
     effect = again.effect(*WINDUP[:2])
     assert effect in again.shown
     assert gain(again, effect) > APART_NATS
@@ -189,7 +191,7 @@ def test_poses_cannot_tell_a_twisting_forearm_from_a_yielding_joint_4(measure):
     for effect, rival in (pair, pair[::-1]):
         there = fit(first.problem, (effect,), (1,), (0.0, 0.0))
         found = plan(first.problem, there, [(effect, rival)])
-        assert found.suggestions == ()
+        assert found.poses == ()
         assert not found.separations[0].can_be_split
         assert found.separations[0].possible_nats < LEAST_NATS
 
@@ -200,14 +202,14 @@ def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, searched):
     alone = plan(ratio.problem, searched.fit, [pair], 3)
     both = plan(ratio.problem, searched.fit, [pair, hopeless], 3)
     assert [separation.can_be_split for separation in both.separations] == [True, False]
-    for one, other in zip(alone.suggestions, both.suggestions, strict=True):
+    for one, other in zip(alone.poses, both.poses, strict=True):
         assert np.array_equal(one.q_rad, other.q_rad)
-        assert other.for_effects == (both.separations[0].label,)
+        assert other.purposes == (both.separations[0].label,)
 
 
 def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, searched):
     pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
-    first, again = (suggest(ratio.problem, searched.fit, [pair], 5, 3) for _ in range(2))
+    first, again = (plan(ratio.problem, searched.fit, [pair], 5, 3).poses for _ in range(2))
     nats = [suggestion.separation_nats for suggestion in first]
     assert np.all(np.diff(nats) > 0)
     assert [s.q_rad.tolist() for s in first] == [s.q_rad.tolist() for s in again]
@@ -215,7 +217,7 @@ def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, searched):
     for suggestion in first:
         assert set(suggestion.arrival) <= {-1.0, 1.0}
         assert suggestion.load_N in (0.0, 44.0)
-    assert suggest(ratio.problem, searched.fit, [], 5) == ()
+    assert plan(ratio.problem, searched.fit, [], 5).poses == ()
 
 
 def test_drawn_configurations_keep_within_the_room(ratio):
@@ -250,7 +252,7 @@ def test_what_is_foreseen_is_what_was_measured(ratio):
     rows = np.arange(0, len(readings), 13)
     measured = readings.take(rows)
     states = measured.states
-    ahead, start = foresee(ratio.problem, ratio.start, states.q_rad, states.load_N, states.arrival)
+    ahead = foresee(ratio.problem, ratio.start, states.q_rad, states.load_N, states.arrival)
     poses = ahead.cells
     assert poses.measured.T_instr_target[:, :3, 3] == pytest.approx(
         measured.measured.T_instr_target[:, :3, 3], abs=5e-4
@@ -260,8 +262,8 @@ def test_what_is_foreseen_is_what_was_measured(ratio):
     # Touches see the balls from fixed sides, so the end's own axes are not quite all that matters.
     for foreseen, seen in (
         (poses.measured.by_apparatus, measured.measured.by_apparatus),
-        (4.0 * poses.measured.cov, noise.cov_ee[rows]),
+        (4.0 * ahead.cell_cov, noise.cov[rows]),
     ):
         for part in (np.s_[:, :3], np.s_[:, 3:]):
             assert np.linalg.norm((foreseen - seen)[part]) < 0.2 * np.linalg.norm(seen[part])
-    assert np.abs(start.level.residuals(start.x)).max() < 1e-12
+    assert np.abs(residual(ratio.start.at, poses)).max() < 1e-12

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.discovery.blocked_cv.fill import fill
+from pa10cal.discovery.next_poses.fill import fill
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 
 TURN = 2.0 * np.pi
@@ -17,8 +17,9 @@ class TestFill:
         assert len(found) == 5
         for pose in found:
             new = ~seen.each(pose.q_rad[None])[0]
-            assert pose.joints == tuple(np.flatnonzero(new) + 1)
-        joints = [len(pose.joints) for pose in found]
+            joints = np.flatnonzero(new) + 1
+            assert pose.purposes == tuple(f"angle of joint {j} not seen" for j in joints)
+        joints = [len(pose.purposes) for pose in found]
         assert joints == sorted(joints, reverse=True)
         limits = survey.context.arm.limits_rad
         q_rad = np.array([pose.q_rad for pose in found])

@@ -1,0 +1,224 @@
+"""The whole search judged by repeats: from single readings to a verdict and an extended model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import override
+
+from pa10cal.calibration.calibrate import check_torques
+from pa10cal.discovery.evidence.candidates import testable
+from pa10cal.discovery.evidence.confirm import Confirmation
+from pa10cal.discovery.evidence.fit import Fit, apparatus_m, covariance_of, fit
+from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge
+from pa10cal.discovery.evidence.lack_of_fit import evidence_lack_of_fit
+from pa10cal.discovery.evidence.problem import Problem, prepare
+from pa10cal.discovery.evidence.search import EndOfSearch, search
+from pa10cal.discovery.gap import Gap, Named, gap
+from pa10cal.discovery.lack_of_fit import LackOfFit
+from pa10cal.discovery.next_poses.contest import Pair
+from pa10cal.discovery.next_poses.separate import plan
+from pa10cal.discovery.preparation import Prepared, complete_about
+from pa10cal.discovery.verdict import Plan, Verdict
+from pa10cal.errors import DiscoveryError
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.observations import Observations
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.family import candidates
+
+Array = NDArray[np.float64]
+
+#: Components of different poses that there must be for every unknown of the model.
+_ROWS_AN_UNKNOWN = 1.25
+#: Pairs for which configurations are chosen, the found ones first.
+_MOST_PAIRS = 8
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VerdictByRepeats(Verdict[Confirmation]):
+    """What became of a campaign whose poses are repeated.
+
+    Attributes:
+        problem: the campaign as it was weighed.
+        start: the baseline, fitted as everything else is.
+        family: candidates that these data can show.
+        judgement: what the verdict rests on.
+        extended: the model with the effects found.
+    """
+
+    problem: Problem
+    start: Fit
+    family: tuple[Effect, ...]
+    judgement: Judgement
+    extended: Fit
+
+    method: ClassVar[str] = "evidence of repeats"
+
+    @cached_property
+    @override
+    def covariance(self) -> Array:
+        """Return the covariance (k, k) of all unknowns of the extended model."""
+        return covariance_of(self.problem, self.extended)
+
+    @property
+    @override
+    def targets_off_m(self) -> Array:
+        """Return what the fit says of the stated targets' places, (a,)."""
+        return apparatus_m(self.problem, self.extended)
+
+    @override
+    def next_poses(self, count: int, random_seed: int = 0) -> Plan:
+        """Return the configurations that best separate what the data cannot."""
+        found = self.judgement.found.fit
+        return plan(self.problem, found, self.unresolved(), count, random_seed)
+
+    @override
+    def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
+        """Return where data and model disagree, before and after."""
+        return (
+            evidence_lack_of_fit(self.problem, self.start),
+            evidence_lack_of_fit(self.problem, self.extended),
+        )
+
+    @override
+    def errors_by_name(self) -> tuple[Named, ...]:
+        """Return the errors of the baseline, and as each effect is added, all refitted."""
+        return errors_by_name(self.problem, self.extended, self.train, self.holdout)
+
+    def unresolved(self) -> tuple[Pair, ...]:
+        """Return what other poses might settle: each finding against its alternatives.
+
+        An effect that is not testable has no rival but the model's own parameters.
+        """
+        rivals = [
+            (finding.effect, other) for finding in self.effects for other in finding.alternatives
+        ]
+        alone: list[Pair] = [
+            (entry.effect, None)
+            for entry in self.not_testable
+            if entry.by_these_poses and not entry.effect.generic
+        ]
+        return (*rivals, *alone)[:_MOST_PAIRS]
+
+
+def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepeats:
+    """Search a campaign for missing effects.
+
+    Args:
+        campaign: made ready.
+        error_rate: probability allowed of naming anything where nothing is missing.
+
+    Raises:
+        DiscoveryError: when there are too few poses, or too little is repeated.
+        CalibrationError: when a joint with a spring has no torque.
+    """
+    readings, baseline = campaign.readings, campaign.baseline
+    _check_enough(readings, baseline)
+    check_torques(baseline.model, readings)
+    problem = prepare(
+        readings, baseline, campaign.setup, torques_logged=campaign.torques == "logged"
+    )
+    start = fit(problem, (), (), (0.0, 0.0))
+    family, refused = testable(problem, start, candidates(problem.context))
+    judgement = judge(search(problem, family, error_rate, start))
+    problem = judgement.found.problem
+    extended = _extended(problem, judgement)
+    held_out = campaign.held_out
+    return VerdictByRepeats(
+        prepared=campaign,
+        context=problem.context,
+        error_rate=error_rate,
+        candidates=len(family),
+        effects=judgement.findings,
+        unexplained=judgement.unexplained,
+        not_testable=refused,
+        indistinguishable=_groups(judgement.found),
+        extended=extended,
+        noise_floor_mm=floor_mm(problem),
+        train=compare(problem, extended, average_repeats(readings)),
+        holdout=None if held_out is None else compare(problem, extended, held_out),
+        steps=judgement.found.steps,
+        problem=problem,
+        start=start,
+        family=family,
+        judgement=judgement,
+    )
+
+
+def _check_enough(readings: Observations, baseline: FittedModel) -> None:
+    """Refuse poses that the model's own parameters could follow wherever they are."""
+    poses = len(np.unique(readings.pose))
+    unknowns = len(baseline.model.parameters) + 6 + len(baseline.targets_m)
+    a_pose = float(readings.measured.components_seen.sum(axis=1).mean())
+    needed = int(np.ceil(_ROWS_AN_UNKNOWN * unknowns / a_pose))
+    if poses < needed:
+        raise DiscoveryError(
+            "too few poses to tell an effect from the model's own parameters",
+            where="grid poses",
+            value=poses,
+            allowed=f"at least {needed} poses for {unknowns} unknowns",
+            remedy="measure more poses, well spread over the joints' ranges",
+        )
+
+
+def compare(problem: Problem, extended: Fit, poses: Observations) -> Gap:
+    """Return the gap of baseline and extended model on averaged poses."""
+    poses = complete_about(poses, problem.baseline, extended.at, problem.setup)
+    at = extended.at
+    T_base_ee = poses.measured.as_read(
+        at.model.predict(poses.states, at.x), at.T_instr_base, apparatus_m(problem, extended)
+    )
+    after = poses.measured.deviations(T_base_ee, at.T_instr_base, at.targets_m)
+    return gap(poses, problem.baseline, after, floor_mm(problem, poses.readings))
+
+
+def errors_by_name(
+    problem: Problem, extended: Fit, train: Gap, holdout: Gap | None
+) -> tuple[Named, ...]:
+    """Return the errors of the calibrated baseline, and as each effect is added, all refitted.
+
+    Args:
+        problem: the campaign.
+        extended: the model with all effects.
+        train, holdout: the gap on averaged poses, before and with all effects.
+    """
+    variances = (extended.pose_variance, extended.torque_variance)
+    steps = [Named((), train.before, None if holdout is None else holdout.before)]
+    for count in range(1, len(extended.effects)):
+        effects = extended.effects[:count]
+        partial = fit(problem, effects, extended.sizes[:count], variances, extended)
+        steps.append(
+            Named(
+                effects,
+                compare(problem, partial, train.poses).after,
+                None if holdout is None else compare(problem, partial, holdout.poses).after,
+            )
+        )
+    if extended.effects:
+        after = None if holdout is None else holdout.after
+        steps.append(Named(extended.effects, train.after, after))
+    return tuple(steps)
+
+
+def _extended(problem: Problem, judgement: Judgement) -> Fit:
+    """Return the model with the named effects alone, recalibrated where that changes it."""
+    found = judgement.found
+    named = tuple(finding.effect for finding in judgement.findings)
+    if named == found.fit.effects:
+        return found.fit
+    sizes = dict(zip(found.fit.effects, found.fit.sizes, strict=True))
+    variances = (found.score.pose_variance, found.score.torque_variance)
+    return fit(problem, named, tuple(sizes[effect] for effect in named), variances, found.fit)
+
+
+def _groups(found: EndOfSearch) -> tuple[tuple[Effect, ...], ...]:
+    """Return groups of effects that look the same in these poses, whatever was measured."""
+    groups = {tuple(np.flatnonzero(row).tolist()) for row in found.same}
+    return tuple(
+        tuple(found.family[k] for k in group) for group in sorted(groups) if len(group) > 1
+    )

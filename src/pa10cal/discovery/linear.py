@@ -1,0 +1,170 @@
+"""What a model leaves of measured poses, and how that follows each of its parameters.
+
+The model is one at an operating point: its own terms may move the base away from where its base
+frame says. Rows are those of the instrument: b components a pose, zero where nothing was seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Comparison
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.term import Parameter, Term
+
+Array = NDArray[np.float64]
+
+#: Standard deviation thought possible of the model's own parameters, in their scale: wide enough
+#: to leave every direction that the data determine alone, and to settle those that they do not.
+_POSSIBLE_SCALES = 30.0
+_POSSIBLE_UNITS = {"windup": 3e-2, "cubic_share": 3.0, "base": 1.0}
+
+
+def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
+    """Return the standard deviation thought possible for every parameter, (k + t,).
+
+    Args:
+        model: the k parameters of its terms.
+        measured: the instrument, whose t coordinates of targets follow; None for none.
+    """
+    targets = () if measured is None else measured.target_parameters
+    return np.array(
+        [
+            next(
+                (size for start, size in _POSSIBLE_UNITS.items() if p.name.startswith(start)),
+                _POSSIBLE_SCALES * p.scale,
+            )
+            for p in (*model.parameters, *targets)
+        ]
+    )
+
+
+def residual(at: FittedModel, poses: Observations) -> Array:
+    """Return predicted minus measured components, (P, b) [m, rad]."""
+    return _compared(at, poses).residual
+
+
+def residual_and_jacobian(at: FittedModel, poses: Observations) -> tuple[Array, Array]:
+    """Return `residual`, and its exact derivative (P, b, k + t) by parameters and targets."""
+    predicted = at.model.predict_with_jacobian(poses.states, at.x)
+    found = poses.measured.compare(at.T_instr_base @ predicted.T_base_ee, at.targets_m)
+    by_model = _along_base(found.by_end, at) @ predicted.jacobian
+    if not len(at.targets_m):
+        return found.residual, by_model
+    return found.residual, np.concatenate([by_model, found.by_targets], axis=2)
+
+
+def by_terms(
+    at: FittedModel, poses: Observations, terms: Sequence[Term], points: Sequence[Array]
+) -> list[Array]:
+    """Return how `residual` follows the parameters of terms, each (P, b, k')."""
+    by_base = _along_base(_compared(at, poses).by_end, at)
+    return [by_base @ columns for columns in at.model.by_terms(poses.states, at.x, terms, points)]
+
+
+def by_end(at: FittedModel, poses: Observations, T_base_ee: Array) -> Array:
+    """Return how components would follow velocities of the end, (P, b, 6), along base axes.
+
+    As if the model left nothing: not even the chord of an attitude differs from its angle.
+
+    Args:
+        at: the model.
+        poses: P poses.
+        T_base_ee: (P, 4, 4) where the model has the end.
+    """
+    T_instr_ee, measured = at.T_instr_base @ T_base_ee, poses.measured
+    found = measured.ideal(T_instr_ee, at.targets_m).compare(T_instr_ee, at.targets_m)
+    return _along_base(found.by_end * measured.components_seen[..., None], at)
+
+
+def by_targets(at: FittedModel, poses: Observations) -> Array:
+    """Return how `residual` follows the coordinates of the instrument's targets, (P, b, t)."""
+    return _compared(at, poses).by_targets
+
+
+def by_joints(at: FittedModel, poses: Observations, joints: Sequence[int]) -> Array:
+    """Return how `residual` follows the positions of joints, from 1: (P, b, j)."""
+    chain = at.model.chain
+    driven = [chain.motions[chain.joint_columns[joint - 1]].coordinate for joint in joints]
+    positions = Offsets(tuple(Parameter(name, "", 1.0) for name in driven), tuple(driven))
+    return by_terms(at, poses, [positions], [np.zeros(len(joints))])[0]
+
+
+def error_mm(measured: Instrument, residual: Array) -> Array:
+    """Return the position error of each pose, (P,): rms over its targets, or of the distance.
+
+    Args:
+        measured: what was measured.
+        residual: (P, b) components [m, rad].
+    """
+    at, times = _positions(measured)
+    return np.asarray(1e3 * np.sqrt(np.sum(residual[:, at] ** 2, axis=1) / times))
+
+
+def position_m(
+    at: FittedModel, poses: Observations, components: Array, cov: Array
+) -> tuple[Array, Array]:
+    """Return the position that components amount to, (P, 3) [m], along the instrument's axes.
+
+    The mean over the targets; of a distance, along the line of sight.
+
+    Args:
+        at: the model.
+        poses: P poses.
+        components: (P, b) measured minus predicted.
+        cov: (P, b, b) covariance of their noise.
+
+    Returns:
+        The position (P, 3), and the variance (P, 3) of its noise.
+    """
+    rows, times = _positions(poses.measured)
+    T_instr_ee = at.T_instr_base @ at.model.predict(poses.states, at.x)
+    ideal = poses.measured.ideal(T_instr_ee, at.targets_m).compare(T_instr_ee, at.targets_m)
+    seen = poses.measured.components_seen[:, rows, None]
+    to_axes = (seen * ideal.by_end[:, rows, :3] / times[:, None, None]).transpose(0, 2, 1)
+    position = (to_axes @ components[:, rows, None])[:, :, 0]
+    variance = np.einsum("pik,pkl,pil->pi", to_axes, cov[:, rows, rows], to_axes, optimize=True)
+    return position, variance
+
+
+def position_noise(measured: Instrument, cov: Array) -> Array:
+    """Return covariances (P, d, d) [m²] of vectors as long as the position error of each pose.
+
+    Args:
+        measured: what was measured.
+        cov: (P, b, b) covariance of the components.
+    """
+    at, times = _positions(measured)
+    return np.asarray(cov[:, at, at] / times[:, None, None])
+
+
+def mean_length(covariance: Array) -> Array:
+    """Return the mean length of Gaussian vectors, (P,), for covariances (P, d, d)."""
+    sizes = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
+    draws = np.random.default_rng(0).standard_normal((2000, covariance.shape[1]))
+    lengths: Array = np.sqrt((sizes[:, None, :] ** 2 * draws[None] ** 2).sum(axis=2)).mean(axis=1)
+    return lengths
+
+
+def _along_base(by_end: Array, at: FittedModel) -> Array:
+    """Return a derivative (P, b, 6) by the end along base axes from one along the instrument's."""
+    R = at.T_instr_base[:3, :3]
+    return np.concatenate([by_end[..., :3] @ R, by_end[..., 3:] @ R], axis=2)
+
+
+def _positions(measured: Instrument) -> tuple[slice, Array]:
+    """Return which components are of positions, and over how many targets each pose has them."""
+    _, at = measured.component_kinds[0]
+    return at, np.maximum(measured.components_seen[:, at].sum(axis=1) / 3.0, 1.0)
+
+
+def _compared(at: FittedModel, poses: Observations) -> Comparison:
+    T_instr_ee = at.T_instr_base @ at.model.predict(poses.states, at.x)
+    return poses.measured.compare(T_instr_ee, at.targets_m)

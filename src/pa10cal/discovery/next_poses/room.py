@@ -1,0 +1,162 @@
+"""Where arm and tool may go, and configurations drawn there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import frames
+from pa10cal.discovery.preparation import MeasurementSetup, targets_m
+from pa10cal.errors import DiscoveryError
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.observations import Observations
+
+Array = NDArray[np.float64]
+
+_DRAWN_AT_ONCE = 20_000
+_MOST_DRAWS = 15
+
+
+@dataclass(frozen=True)
+class NextPose:
+    """One configuration to measure.
+
+    Attributes:
+        q_rad: (n,) joint positions [rad, or m of a sliding joint].
+        load_N: external load.
+        purposes: what it serves, in words.
+        arrival: (n,) direction in which each joint should arrive: -1 or +1; None where any will do.
+        separation_nats: expected separation of the hardest pair of effects once this one and those
+            before it are measured; None where it serves something else.
+    """
+
+    q_rad: Array
+    load_N: float
+    purposes: tuple[str, ...]
+    arrival: Array | None = None
+    separation_nats: float | None = None
+
+
+class Measured(Protocol):
+    """What is known of a campaign whose context are asked for."""
+
+    @property
+    def baseline(self) -> FittedModel:
+        """Return the calibrated model."""
+
+    @property
+    def setup(self) -> MeasurementSetup:
+        """Return what is known besides the poses."""
+
+    @property
+    def cells(self) -> Observations:
+        """Return the measured poses."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """Where arm and tool may go.
+
+    Attributes:
+        limit_margin: part of each joint's range kept clear at either end.
+        volume_factor: the end stays in the box of the measured places, so many times as large ...
+        least_margin_m: ... and at least so much larger on every side.
+        floor_m: end and targets stay so far above the base's origin, along the base's z axis.
+        column_m: end and targets stay so far off the base's axis.
+        clearance_m: targets stay so far off the line from joint to joint.
+    """
+
+    limit_margin: float = 0.05
+    volume_factor: float = 2.0
+    least_margin_m: float = 0.3
+    floor_m: float = 0.15
+    column_m: float = 0.25
+    clearance_m: float = 0.15
+
+
+def draw_admissible(problem: Measured, count: int, room: Room, rng: np.random.Generator) -> Array:
+    """Draw configurations evenly in joint space, and keep those within the room.
+
+    Whether links, rods and instrument collide otherwise is not looked at.
+
+    Args:
+        problem: gives arm, tool and measured places.
+        count: N, how many are wanted.
+        room: where arm and tool may go.
+        rng: draws them.
+
+    Returns:
+        (N, n) joint angles [rad, or m of a sliding joint].
+
+    Raises:
+        DiscoveryError: when none is found.
+    """
+    low, high = problem.baseline.model.chain.arm.limits_rad.T
+    margin = room.limit_margin * (high - low)
+    found: list[Array] = []
+    for _ in range(_MOST_DRAWS):
+        q_rad = rng.uniform(low + margin, high - margin, (_DRAWN_AT_ONCE, len(low)))
+        found.append(q_rad[_is_admissible(problem, q_rad, room)])
+        if sum(map(len, found)) >= count:
+            break
+    if not sum(map(len, found)):
+        raise DiscoveryError(
+            "no configuration keeps clear of floor, column and limits near the measured places",
+            where="configurations to measure next",
+            value=f"none of {_MOST_DRAWS * _DRAWN_AT_ONCE}",
+            allowed="at least one",
+            remedy="allow more room",
+        )
+    return np.concatenate(found)[:count]
+
+
+def _is_admissible(problem: Measured, q_rad: Array, room: Room) -> NDArray[np.bool_]:
+    """Tell which configurations (P, n) keep within the room, (P,), by the nominal chain."""
+    chain = problem.baseline.model.chain
+    at = frames(chain, chain.coordinates(q_rad))
+    T_instr_base = problem.baseline.T_instr_base
+    p_base_end = at.T_base_ee[:, :3, 3]
+    p_instr_end = p_base_end @ T_instr_base[:3, :3].T + T_instr_base[:3, 3]
+    low, high = _box(problem, room)
+    within: NDArray[np.bool_] = np.all((p_instr_end > low) & (p_instr_end < high), axis=1)
+    p_base_targets = p_base_end[:, None] + np.einsum(
+        "pij,bj->pbi",
+        at.T_base_ee[:, :3, :3],
+        targets_m(problem.baseline, problem.setup).reshape(-1, 3),
+    )
+    tool = np.concatenate([p_base_end[:, None], p_base_targets], axis=1)
+    within &= tool[..., 2].min(axis=1) > room.floor_m
+    within &= np.hypot(tool[..., 0], tool[..., 1]).min(axis=1) > room.column_m
+    joints = at.T_base_joints[:, :, :3, 3]
+    for start, end in pairwise(joints):
+        distance = _distance(p_base_targets, start[:, None], end[:, None])
+        within &= distance.min(axis=1, initial=np.inf) > room.clearance_m
+    return within
+
+
+def _box(problem: Measured, room: Room) -> tuple[Array, Array]:
+    """Return the corners (3,), (3,) of where the end may be, in the instrument's frame."""
+    measured = measured_ends_m(problem)
+    low, high = measured.min(axis=0), measured.max(axis=0)
+    margin = np.maximum(0.5 * (room.volume_factor - 1.0) * (high - low), room.least_margin_m)
+    return low - margin, high + margin
+
+
+def _distance(points: Array, start: Array, end: Array) -> Array:
+    """Return the distances (P, B) of points (P, B, 3) from lines start to end (P, 1, 3)."""
+    along = end - start
+    length2 = np.maximum(np.sum(along**2, axis=-1), 1e-12)
+    share = np.clip(np.sum((points - start) * along, axis=-1) / length2, 0.0, 1.0)
+    distance: Array = np.linalg.norm(points - start - share[..., None] * along, axis=-1)
+    return distance
+
+
+def measured_ends_m(problem: Measured) -> Array:
+    """Return where the end was in the measured poses, (P, 3), in the instrument's frame."""
+    cells, at = problem.cells, problem.baseline
+    T_instr_ee = at.T_instr_base @ at.model.predict(cells.states, at.x)
+    return cells.measured.end_poses(T_instr_ee)[:, :3, 3]

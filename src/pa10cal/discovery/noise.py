@@ -1,0 +1,244 @@
+"""What the measurement itself scatters by.
+
+Pure error is how much one reading differs from the next of the same pose, load and direction.
+Successive readings are compared, not readings with their mean: what drifts slowly, or depends on
+the direction of arrival, is then no noise (von Neumann's mean square of successive differences).
+The scatter is attributed to its sources, joints that stop a little elsewhere and the instrument, so
+that it can be stated for any pose. Without repeats, poses that are nearly the same stand for them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+from scipy.spatial import cKDTree
+from scipy.special import ndtri
+
+from pa10cal.errors import DiscoveryError
+from pa10cal.observe.observations import Observations
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: Differences below which nothing can be said of the noise.
+LEAST_DIFFERENCES = 20
+#: Part of the readings that must be repeats, where there are so many poses that blocks of them can
+#: be left out instead.
+LEAST_REPEATED = 0.25
+#: Poses closer than this in every joint count as the same [rad; m of a sliding joint].
+NEARLY_SAME = 2e-3
+_REWEIGHTED = 2
+MEDIAN_TO_SIGMA = 1.0 / float(ndtri(0.75))
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of single readings.
+
+    Attributes:
+        cov: (P, b, b) covariance of each reading's components: of a pose position [m] and small
+            rotation [rad], along the instrument's axes.
+        differences: pairs of readings behind it; 0 where it is what the instrument states.
+        joint_rad: (n,) standard deviation of each joint that the scatter shows; none where the
+            scatter was not attributed to its sources.
+        instrument: factor on the instrument's stated standard uncertainty that the scatter shows.
+        torque_Nm: (n,) standard deviation of a reading's torques (nan where none is logged).
+    """
+
+    cov: Array
+    differences: int
+    joint_rad: Array = field(default_factory=lambda: np.zeros(0))
+    instrument: float = 1.0
+    torque_Nm: Array = field(default_factory=lambda: np.zeros(0))
+
+
+def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) -> Noise:
+    """Find the noise of single readings from repeats.
+
+    Args:
+        readings: P single readings.
+        deviation: (P, b) components measured less what a model says at the reading's own joint
+            positions and torques.
+        screws: (P, b, n) how the components follow each joint's position.
+
+    Raises:
+        DiscoveryError: when too little is repeated.
+    """
+    order, pairs = _successive(readings)
+    if len(pairs) < LEAST_DIFFERENCES:
+        raise DiscoveryError(
+            "too few repeats to determine the measurement's own scatter",
+            where="grid poses",
+            value=f"{len(pairs)} pairs of successive readings of one pose, load and direction",
+            allowed=f"at least {LEAST_DIFFERENCES}",
+            remedy="measure poses repeatedly",
+        )
+    first, second = order[pairs], order[pairs + 1]
+    difference = (deviation[second] - deviation[first]) / np.sqrt(2.0)
+    seen = readings.measured.components_seen
+    sources = np.concatenate(
+        [
+            np.einsum("pik,pjk->pkij", screws, screws),
+            readings.measured.stated_covariance[:, None],
+            *(_one_kind(seen, at) for _, at in readings.measured.component_kinds),
+        ],
+        axis=1,
+    )
+    both = seen[first] & seen[second]
+    compared = np.where(
+        (both[:, :, None] & both[:, None, :])[:, None],
+        0.5 * (sources[first] + sources[second]),
+        0.0,
+    )
+    variances = _variance_components(np.where(both, difference, 0.0), compared, both)
+    n = screws.shape[2]
+    torque = readings.states.tau_Nm
+    torque_difference = (torque[second] - torque[first]) / np.sqrt(2.0)
+    return Noise(
+        cov=_whole(np.einsum("k,pkij->pij", variances, sources), seen),
+        differences=len(pairs),
+        joint_rad=np.sqrt(variances[:n]),
+        instrument=float(np.sqrt(variances[n])),
+        torque_Nm=np.sqrt(np.mean(torque_difference**2, axis=0)),
+    )
+
+
+def noise_of_near_poses(poses: Observations, residual: Array) -> Noise:
+    """Find the noise of readings from poses that are nearly the same; else as stated.
+
+    What two nearly equal poses differ by, less what a model says of the difference, is noise; a
+    wrong model says nearly the same of both. Each pose is in one pair at most; the median decides.
+
+    Args:
+        poses: P poses.
+        residual: (P, b) what a model leaves of them.
+    """
+    first, second = nearly_same(poses)
+    measured = poses.measured
+    seen = measured.components_seen
+    both = seen[first] & seen[second]
+    if both.any(axis=1).sum() < LEAST_DIFFERENCES:
+        return Noise(measured.stated_covariance, 0)
+    difference = np.abs(residual[first] - residual[second]) / np.sqrt(2.0)
+    variance = np.zeros(residual.shape[1])
+    for _, at in measured.component_kinds:
+        variance[at] = np.square(MEDIAN_TO_SIGMA * np.median(difference[:, at][both[:, at]]))
+    return Noise(np.tile(np.diag(variance), (len(poses), 1, 1)), len(first))
+
+
+def nearly_same(poses: Observations) -> tuple[Index, Index]:
+    """Return the poses of pairs that are nearly the same, the nearest first, each pose once."""
+    states = poses.states
+    keys = np.column_stack([states.q_rad, states.load_N])
+    tree = cKDTree(keys)
+    pairs = tree.query_pairs(NEARLY_SAME, p=np.inf, output_type="ndarray")
+    apart = np.abs(keys[pairs[:, 0]] - keys[pairs[:, 1]]).max(axis=1, initial=0.0)
+    taken = np.zeros(len(poses), dtype=bool)
+    chosen = []
+    for k in np.argsort(apart, kind="stable"):
+        if not taken[pairs[k]].any():
+            taken[pairs[k]] = True
+            chosen.append(k)
+    found = pairs[np.array(chosen, dtype=np.intp)]
+    return found[:, 0], found[:, 1]
+
+
+def same_circumstances(readings: Observations) -> Index:
+    """Return (P,) a number for every pose, load and direction of arrival, from 0."""
+    states = readings.states
+    keys = np.column_stack(
+        [
+            np.unique(readings.pose, return_inverse=True)[1],
+            np.unique(states.load_N, return_inverse=True)[1],
+            np.unique(states.arrival, axis=0, return_inverse=True)[1].ravel(),
+        ]
+    )
+    return np.unique(keys, axis=0, return_inverse=True)[1].ravel()
+
+
+def repeated(readings: Observations) -> int:
+    """Return how many readings repeat one of the same pose, load and direction of arrival."""
+    return len(_successive(readings)[1])
+
+
+def _successive(readings: Observations) -> tuple[Index, Index]:
+    """Return an order of the readings, and where in it a reading and its next one stand."""
+    circumstances = same_circumstances(readings)
+    order = np.lexsort((readings.states.time_s, circumstances))
+    sorted_codes = circumstances[order]
+    return order, np.flatnonzero(sorted_codes[1:] == sorted_codes[:-1])
+
+
+def mean_covariance(cov: Array, seen: NDArray[np.bool_], code: Index) -> Array:
+    """Return the covariance (G, b, b) of the means of independent readings of each group.
+
+    Args:
+        cov: (P, b, b) of the readings.
+        seen: (P, b) components that each reading has.
+        code: (P,) number of each reading's group, from 0, none omitted.
+    """
+    count = np.bincount(code)
+    shape = (len(count), *cov.shape[1:])
+    if seen.all():
+        total = np.zeros(shape)
+        np.add.at(total, code, cov)
+        return np.asarray(total / count[:, None, None] / count[:, None, None])
+    times = np.zeros(shape[:2])
+    np.add.at(times, code, seen)
+    share = seen / np.maximum(times, 1.0)[code]
+    total = np.zeros(shape)
+    np.add.at(total, code, share[:, :, None] * cov * share[:, None, :])
+    return _whole(total, times > 0.0)
+
+
+def _whole(cov: Array, seen: NDArray[np.bool_]) -> Array:
+    """Return covariances (P, b, b) with one where nothing was seen: such rows are all zero."""
+    here = np.where(seen[:, :, None] & seen[:, None, :], cov, 0.0)
+    return here + np.eye(seen.shape[1]) * ~seen[:, :, None]
+
+
+def _one_kind(seen: NDArray[np.bool_], at: slice) -> Array:
+    """Return (P, 1, b, b) the same independent error of all components of a kind."""
+    count, components = seen.shape
+    one = np.zeros((count, 1, components, components))
+    rows = range(components)[at]
+    one[:, 0, rows, rows] = seen[:, at]
+    return one
+
+
+def _variance_components(difference: Array, sources: Array, seen: NDArray[np.bool_]) -> Array:
+    """Fit non-negative variances of sources (D, s, b, b) to the squares of differences (D, b).
+
+    Whitened by the covariance found before, all products of components weigh about alike.
+    """
+    count = sources.shape[1]
+    if seen.all():
+        about = np.atleast_2d(np.cov(difference.T, bias=True))
+    else:
+        about = np.diag(np.sum(difference**2, axis=0) / np.maximum(seen.sum(axis=0), 1))
+    expected = np.broadcast_to(about, (len(difference), *about.shape))
+    variances = np.zeros(count)
+    for _ in range(_REWEIGHTED):
+        whiten = np.linalg.inv(np.linalg.cholesky(_whole(expected, seen)))
+        white = np.einsum("pij,pj->pi", whiten, difference)
+        squares = np.einsum("pi,pj->pij", white, white)
+        whitened = np.einsum("pij,psjk,plk->psil", whiten, sources, whiten, optimize=True)
+        rows = whitened.transpose(0, 2, 3, 1).reshape(-1, count)
+        size = np.linalg.norm(rows, axis=0)
+        size[size == 0.0] = 1.0
+        triangle, target = _compressed(rows / size, squares.ravel())
+        variances = nnls(triangle, target)[0] / size
+        expected = np.einsum("s,psij->pij", variances, sources)
+    # What remains over all components is a common factor.
+    whiten = np.linalg.inv(np.linalg.cholesky(_whole(expected, seen)))
+    white = np.einsum("pij,pj->pi", whiten, difference)
+    return variances * float(np.sum(white**2) / seen.sum())
+
+
+def _compressed(rows: Array, target: Array) -> tuple[Array, Array]:
+    """Return a square system with the same least squares solution."""
+    q, triangle = np.linalg.qr(rows)
+    return triangle, q.T @ target
