@@ -1,33 +1,71 @@
 """Least squares by damped Gauss-Newton steps on normal equations, bounded and reweighted.
 
-The one solver of every fit but the paper's two levels, which stay with scipy. Normal equations are
-safe where it is used: every unknown has an expected size or a reach as a row of its own, or the
-problem is a small geometric one. Steps that lead uphill are damped as Levenberg and Marquardt do;
-unknowns that press on the end of their range are held there.
+The solver of every fit but the paper's two levels, which stay with scipy. Normal equations are safe
+where it is used: every unknown has an expected size or a reach as a row of its own, or the problem
+is a small geometric one. Steps that lead uphill are damped as Levenberg and Marquardt do; unknowns
+that press on the end of their range are held there.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
-
-from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
 S = TypeVar("S")
 
 #: Damping after a first step that led uphill, and beyond which no direction leads down.
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-4, 1e8
-#: Growth of a sum of squares that counts as rounding, relative.
-_NO_WORSE = 1e-12
 #: Eigenvalues of normal equations of unit diagonal below this part of the largest are rounding.
-_ROUNDING = 1e-13
+_ROUNDING = 1e-14
+
+
+class Ranged(Protocol):
+    """A parameter with a physical range."""
+
+    @property
+    def lower(self) -> float | None:
+        """Return its lower end, None where there is none."""
+
+    @property
+    def upper(self) -> float | None:
+        """Return its upper end, None where there is none."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Physical range of k unknowns.
+
+    Attributes:
+        lower, upper: (k,) its ends; infinite where there is none.
+    """
+
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def of(cls, parameters: Sequence[Ranged]) -> Bounds:
+        """Return the range of parameters."""
+        return cls(
+            np.array([-np.inf if p.lower is None else p.lower for p in parameters]),
+            np.array([np.inf if p.upper is None else p.upper for p in parameters]),
+        )
+
+    def clip(self, x: Array) -> Array:
+        """Return a point moved into the range."""
+        return np.clip(x, self.lower, self.upper)
+
+    def held(self, x: Array, gradient: Array) -> NDArray[np.bool_]:
+        """Return which unknowns press on an end of their range, (k,)."""
+        pressing: NDArray[np.bool_] = ((x <= self.lower) & (gradient > 0.0)) | (
+            (x >= self.upper) & (gradient < 0.0)
+        )
+        return pressing
 
 
 @dataclass(frozen=True)
@@ -51,68 +89,22 @@ class Equations:
 
 
 @dataclass(frozen=True)
-class Bounds:
-    """Physical range of k unknowns.
+class Step:
+    """An accepted step.
 
     Attributes:
-        lower, upper: (k,) its ends; infinite where there is none.
+        step: (k,) the step.
+        held: (k,) unknowns held at the end of their range.
+        before: the problem where it began.
+        gained: by how much the sum of squares fell.
+        damping: of the normal equations' unit diagonal that it took.
     """
 
-    lower: Array
-    upper: Array
-
-    @classmethod
-    def of(cls, parameters: Sequence[Parameter]) -> Bounds:
-        """Return the range of parameters."""
-        return cls(
-            np.array([-np.inf if p.lower is None else p.lower for p in parameters]),
-            np.array([np.inf if p.upper is None else p.upper for p in parameters]),
-        )
-
-    def clip(self, x: Array) -> Array:
-        """Return a point moved into the range."""
-        return np.clip(x, self.lower, self.upper)
-
-    def held(self, x: Array, gradient: Array) -> NDArray[np.bool_]:
-        """Return which unknowns press on an end of their range, (k,)."""
-        pressing: NDArray[np.bool_] = ((x <= self.lower) & (gradient > 0.0)) | (
-            (x >= self.upper) & (gradient < 0.0)
-        )
-        return pressing
-
-
-class LeastSquares(ABC, Generic[S]):
-    """A least-squares problem whose points are of type S, an array or something that moves."""
-
-    #: Damping of the first step.
-    first_damping: float = 0.0
-
-    @abstractmethod
-    def equations(self, at: S) -> Equations:
-        """Return the problem at a point, with the weights as they are."""
-
-    @abstractmethod
-    def moved(self, at: S, step: Array) -> S:
-        """Return the point after a step (k,), inside the range."""
-
-    def held(self, at: S, gradient: Array) -> NDArray[np.bool_]:  # noqa: ARG002
-        """Return which unknowns are held at a point, (k,): none where there is no range."""
-        return np.zeros(len(gradient), dtype=bool)
-
-    @abstractmethod
-    def arrived(self, at: S, step: Array, before: Equations, gained: float) -> bool:
-        """Tell whether an accepted step was the last.
-
-        Args:
-            at: where it led.
-            step: (k,) the step.
-            before: the problem where it began.
-            gained: by how much the sum of squares fell.
-        """
-
-    def reweigh(self, at: S) -> bool:  # noqa: ARG002
-        """Renew weights about an accepted point; tell whether they changed."""
-        return False
+    step: Array
+    held: NDArray[np.bool_]
+    before: Equations
+    gained: float
+    damping: float
 
 
 @dataclass(frozen=True)
@@ -122,7 +114,6 @@ class Minimum(Generic[S]):
     Attributes:
         at: the point.
         equations: the problem there.
-        held: (k,) unknowns held at the end of their range.
         iterations: steps accepted.
         converged: whether it stopped by itself.
         reason: why it stopped.
@@ -130,43 +121,66 @@ class Minimum(Generic[S]):
 
     at: S
     equations: Equations
-    held: NDArray[np.bool_]
     iterations: int
     converged: bool
     reason: str
 
 
-def minimise(problem: LeastSquares[S], start: S, most_steps: int) -> Minimum[S]:
+def minimise(
+    start: S,
+    equations: Callable[[S], Equations],
+    moved: Callable[[S, Array], S],
+    arrived: Callable[[S, Step], bool],
+    *,
+    most_steps: int,
+    held: Callable[[S, Array], NDArray[np.bool_]] | None = None,
+    cost: Callable[[S], float] | None = None,
+    reweighted: Callable[[S, Step], Equations] | None = None,
+    first_damping: float = 0.0,
+    no_worse: float = 1e-12,
+) -> Minimum[S]:
     """Minimise a sum of squares from a start.
 
     Args:
-        problem: gives equations, moves points, says when to stop.
         start: where to set out, inside the range.
+        equations: the problem at a point, with the weights as they are.
+        moved: the point after a step (k,), inside the range.
+        arrived: whether an accepted step, and where it led, was the last.
         most_steps: bound on the steps accepted.
+        held: unknowns held at a point, by half the gradient there; None where nothing bounds them.
+        cost: the sum of squares at a point, where that is cheaper than the equations.
+        reweighted: renews weights about an accepted point and returns the problem there; None where
+            weights stay.
+        first_damping: damping of the first step.
+        no_worse: growth of the sum of squares that counts as rounding, relative.
     """
-    at, here, damping = start, problem.equations(start), problem.first_damping
-    converged, reason, count = False, f"{most_steps} steps were not enough", 0
-    while count < most_steps and not converged:
-        free = ~problem.held(at, here.gradient)
+    at, here, damping = start, equations(start), first_damping
+    for count in range(most_steps):
+        pressing = np.zeros(len(here.gradient), bool) if held is None else held(at, here.gradient)
+        free = ~pressing
         normal, gradient = here.normal[np.ix_(free, free)], here.gradient[free]
         while True:
             step = np.zeros(len(free))
             step[free] = -solve_normal(normal, gradient, damping)
-            tried = problem.moved(at, step)
-            there = problem.equations(tried)
-            if there.cost <= here.cost * (1.0 + _NO_WORSE):
+            tried = moved(at, step)
+            if cost is None:
+                there = equations(tried)
+                ahead = there.cost
+            else:
+                there, ahead = None, cost(tried)
+            if ahead <= here.cost * (1.0 + no_worse):
                 break
             damping = max(10.0 * damping, _LEAST_DAMPING)
             if damping > _LARGEST_DAMPING:
-                return Minimum(at, here, ~free, count, True, "no step leads down: rounding")
-        count += 1
-        settled = not problem.reweigh(tried)
-        converged = problem.arrived(tried, step, here, here.cost - there.cost) and settled
-        at, here = tried, there if settled else problem.equations(tried)
+                return Minimum(at, here, count, True, "no step leads down: rounding")
+        taken = Step(step, pressing, here, here.cost - ahead, damping)
+        if reweighted is not None:
+            there = reweighted(tried, taken)
+        at, here = tried, there or equations(tried)
+        if arrived(at, taken):
+            return Minimum(at, here, count + 1, True, "the last step was small")
         damping *= 0.1
-    if converged:
-        reason = "the last step was a small part of the uncertainty"
-    return Minimum(at, here, problem.held(at, here.gradient), count, converged, reason)
+    return Minimum(at, here, most_steps, False, f"{most_steps} steps were not enough")
 
 
 def solve_normal(normal: Array, right: Array, damping: float = 0.0) -> Array:

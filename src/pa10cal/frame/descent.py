@@ -10,15 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from pa10cal.fit.least_squares import Equations, Step, minimise
+
 Array = NDArray[np.float64]
 S = TypeVar("S")
 
 MAX_ITERATIONS = 100
 #: The descent ends when no unknown moves further than this (metres and radians), when the cost
-#: would fall by less than this part of it, or when the damping that takes is out of bounds.
+#: fell by less than this part of it, or when no step leads down.
 STEP_TOLERANCE = 1e-13
 COST_TOLERANCE = 1e-15
-FIRST_DAMPING, LARGEST_DAMPING = 1e-6, 1e6
 #: Unknowns of which the others can mimic all but this part are open: with geometry that is wrong
 #: by millimetres the data would place them metres off.
 OPEN = 1e-3
@@ -72,23 +73,19 @@ def descend(
     Returns:
         The lowest point reached, and the problem there.
     """
-    at, here, damping = start, linearise(start), 0.0
-    for _ in range(MAX_ITERATIONS):
-        normal = here.by_step.T @ here.by_step
-        normal += damping * np.diag(np.diag(normal))
-        slope = here.by_step.T @ here.residual
-        step = np.asarray(np.linalg.lstsq(normal, slope, rcond=1e-14)[0], dtype=np.float64)
-        still = np.abs(step).max(initial=0.0) <= STEP_TOLERANCE
-        if still or step @ slope <= cost_tolerance * here.cost or damping > LARGEST_DAMPING:
-            break
-        tried = moved(at, step)
-        there = linearise(tried)
-        if there.cost < here.cost:
-            at, here = tried, there
-            damping = damping / 10.0 if damping > FIRST_DAMPING else 0.0
-        else:
-            damping = max(FIRST_DAMPING, 10.0 * damping)
-    return at, here
+
+    def equations(at: S) -> Equations:
+        here = linearise(at)
+        towards = here.by_step.T @ here.residual
+        return Equations(here.cost, -towards, here.by_step.T @ here.by_step)
+
+    def arrived(at: S, taken: Step) -> bool:
+        del at
+        still = np.abs(taken.step).max(initial=0.0) <= STEP_TOLERANCE
+        return bool(still or taken.gained <= cost_tolerance * taken.before.cost)
+
+    found = minimise(start, equations, moved, arrived, most_steps=MAX_ITERATIONS)
+    return found.at, linearise(found.at)
 
 
 def freedom(by_these: Array, by_others: Array) -> Freedom:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, identify
+from pa10cal.fit.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.fit.problem import Problem, Rows
 from pa10cal.fit.robust_weights import Weighed, first_scatter, refreshed, weigh
 
@@ -23,7 +24,8 @@ Array = NDArray[np.float64]
 _ARRIVED = 1e-4
 #: ... and so does one that leads nowhere if it is this small.
 _NEARLY = 1e-3
-_HALVINGS = 12
+#: Growth of the weighted squares that counts as rounding, relative.
+_NO_WORSE = 1e-9
 #: Reach of an unknown in its scale, where it has no physical range that bounds it.
 _REACH = 30.0
 #: Eigenvalues of normal equations of unit diagonal below this part of the largest are rounding.
@@ -82,30 +84,21 @@ def fit(problem: Problem, x_start: Array, *, robust: bool = True, max_iterations
         max_iterations: bound on the steps.
     """
     span = _Span.about(problem, x_start)
-    x = span.start
-    rows = problem.rows(x)
-    scatter = first_scatter(problem, rows)
-    converged, reason, iterations = False, f"{max_iterations} steps were not enough", 0
-    while iterations < max_iterations:
-        iterations += 1
-        weighed = weigh(problem, rows, scatter, robust)
-        step, length, held = _step(x, weighed, span)
-        ahead = _not_uphill(problem, x, step, weighed, span)
-        if ahead is None:
-            reason = "no step leads down"
-            converged = length < _NEARLY
-            break
-        x, rows = ahead
-        weighed = weigh(problem, rows, scatter, robust)
-        parts = span.reach[:, None] * _inverse_root(weighed.normal, span.reach)
-        found = refreshed(problem, rows, weighed, parts, scatter)
-        settled = found.is_about(scatter)
-        scatter = found
-        if length < _ARRIVED and settled:
-            converged, reason = True, "the last step was a small part of the uncertainty"
-            break
+    weighing = _Weighing(problem, span, robust)
+    found = minimise(
+        span.start,
+        weighing.equations,
+        lambda x, step: span.bounds.clip(x + step),
+        weighing.arrived,
+        most_steps=max_iterations,
+        held=span.bounds.held,
+        cost=weighing.cost,
+        reweighted=weighing.renewed,
+        no_worse=_NO_WORSE,
+    )
+    x, rows, scatter = found.at, weighing.rows(found.at), weighing.scatter
     weighed = weigh(problem, rows, scatter, robust)
-    held = span.held(x, _gradient(x, weighed, span))
+    held = span.bounds.held(x, _equations(x, weighed, span).gradient)
     triangle = np.asarray(np.linalg.qr(weighed.rows.reshape(-1, len(x)), mode="r"))
     directions = _directions(triangle, span.reach)
     identifiability = _identified(triangle, directions, problem.scale, span.reach)
@@ -125,9 +118,9 @@ def fit(problem: Problem, x_start: Array, *, robust: bool = True, max_iterations
         identifiability=identifiability,
         cost=float(np.sum(weighed.residual**2)),
         dof=problem.readings - identifiability.rank,
-        iterations=iterations,
-        converged=converged,
-        reason=reason,
+        iterations=found.iterations,
+        converged=found.converged and _length(found.equations, held) < _NEARLY,
+        reason=found.reason,
     )
 
 
@@ -137,55 +130,87 @@ class _Span:
 
     Attributes:
         start: where they are thought to be.
-        lower, upper: ends of their physical range; infinite where there is none.
+        bounds: ends of their physical range.
         reach: how far from the start they may well be.
     """
 
     start: Array
-    lower: Array
-    upper: Array
+    bounds: Bounds
     reach: Array
 
     @classmethod
     def about(cls, problem: Problem, x_start: Array) -> _Span:
-        parameters = problem.parameters
-        lower = np.array([-np.inf if p.lower is None else p.lower for p in parameters])
-        upper = np.array([np.inf if p.upper is None else p.upper for p in parameters])
-        reach = np.where(np.isfinite(upper - lower), upper - lower, _REACH * problem.scale)
-        return cls(np.clip(x_start, lower, upper), lower, upper, reach)
-
-    def clip(self, x: Array) -> Array:
-        return np.clip(x, self.lower, self.upper)
+        bounds = Bounds.of(problem.parameters)
+        width = bounds.upper - bounds.lower
+        reach = np.where(np.isfinite(width), width, _REACH * problem.scale)
+        return cls(bounds.clip(x_start), bounds, reach)
 
     def off(self, x: Array) -> Array:
         """Return how far the unknowns have gone, in reaches."""
         off: Array = (x - self.start) / self.reach
         return off
 
-    def held(self, x: Array, gradient: Array) -> NDArray[np.bool_]:
-        """Return which unknowns press on an end of their range."""
-        pressing: NDArray[np.bool_] = ((x <= self.lower) & (gradient > 0)) | (
-            (x >= self.upper) & (gradient < 0)
-        )
-        return pressing
+
+class _Weighing:
+    """The weighed problem: weights stay while a step is tried, and are renewed where it led."""
+
+    def __init__(self, problem: Problem, span: _Span, robust: bool) -> None:
+        self._problem, self._span, self._robust = problem, span, robust
+        self._last: tuple[Array, Rows] | None = None
+        self.scatter = first_scatter(problem, self.rows(span.start))
+        self._weighed = weigh(problem, self.rows(span.start), self.scatter, robust)
+        self._length = np.inf
+        self._settled = False
+
+    def rows(self, x: Array) -> Rows:
+        """Return the rows at a point, those of the last one looked at kept."""
+        if self._last is None or self._last[0] is not x:
+            self._last = (x, self._problem.rows(x))
+        return self._last[1]
+
+    def equations(self, x: Array) -> Equations:
+        """Return the problem where the weights were renewed last."""
+        return _equations(x, self._weighed, self._span)
+
+    def cost(self, x: Array) -> float:
+        """Return the sum of squares at a point, with the weights as they are."""
+        root, whitener = np.sqrt(self._weighed.weights)[:, None], self._weighed.whitener
+        white = root * np.einsum("pij,pj->pi", whitener, self.rows(x).residual)
+        return float(np.sum(white**2) + np.sum(self._span.off(x) ** 2))
+
+    def renewed(self, x: Array, taken: Step) -> Equations:
+        """Renew scatter and weights about a point."""
+        problem, span, rows = self._problem, self._span, self.rows(x)
+        weighed = weigh(problem, rows, self.scatter, self._robust)
+        parts = span.reach[:, None] * _inverse_root(weighed.normal, span.reach)
+        found = refreshed(problem, rows, weighed, parts, self.scatter)
+        self._settled, self.scatter = found.is_about(self.scatter), found
+        self._weighed = weigh(problem, rows, found, self._robust)
+        gained = max(0.0, -float(taken.before.gradient @ taken.step))
+        self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
+        return self.equations(x)
+
+    def arrived(self, x: Array, taken: Step) -> bool:
+        """Tell whether step and weights have come to rest."""
+        del x, taken
+        return bool(self._length < _ARRIVED and self._settled)
 
 
-def _gradient(x: Array, weighed: Weighed, span: _Span) -> Array:
-    """Return half the gradient of the sum of squares by the unknowns in reaches."""
-    gradient = weighed.rows.reshape(-1, len(x)).T @ weighed.residual.ravel() * span.reach
-    return np.asarray(gradient + span.off(x))
+def _length(at: Equations, held: NDArray[np.bool_]) -> float:
+    """Return the length of the step that a problem asks for, in standard uncertainties."""
+    gradient = at.gradient[~held]
+    step = solve_normal(at.normal[np.ix_(~held, ~held)], gradient)
+    return float(np.sqrt(max(0.0, float(gradient @ step)) / max(1, len(gradient))))
 
 
-def _step(x: Array, weighed: Weighed, span: _Span) -> tuple[Array, float, NDArray[np.bool_]]:
-    """Return the Gauss-Newton step, its length in standard uncertainties, and what is held."""
-    gradient = _gradient(x, weighed, span)
-    held = span.held(x, gradient)
-    free = ~held
-    step = np.zeros(len(x))
-    parts = _inverse_root(weighed.normal[np.ix_(free, free)], span.reach[free])
-    step[free] = -parts @ (parts.T @ gradient[free])
-    length = float(np.sqrt(max(0.0, -gradient @ step) / max(1, free.sum())))
-    return step * span.reach, length, held
+def _equations(x: Array, weighed: Weighed, span: _Span) -> Equations:
+    """Return the weighed problem at a point, each unknown within a reach of its start."""
+    off = span.off(x)
+    return Equations(
+        cost=float(np.sum(weighed.residual**2) + np.sum(off**2)),
+        gradient=weighed.rows.reshape(-1, len(x)).T @ weighed.residual.ravel() + off / span.reach,
+        normal=weighed.normal + np.diag(span.reach**-2.0),
+    )
 
 
 def _inverse_root(normal: Array, reach: Array) -> Array:
@@ -196,22 +221,6 @@ def _inverse_root(normal: Array, reach: Array) -> Array:
     known = values > _ROUNDING * values[-1]
     root: Array = vectors[:, known] / np.sqrt(values[known]) / size[:, None]
     return root
-
-
-def _not_uphill(
-    problem: Problem, x: Array, step: Array, weighed: Weighed, span: _Span
-) -> tuple[Array, Rows] | None:
-    """Return the point ahead and its rows, halving until the weighted squares do not grow."""
-    cost = float(np.sum(weighed.residual**2) + np.sum(span.off(x) ** 2))
-    root = np.sqrt(weighed.weights)[:, None]
-    for _ in range(_HALVINGS):
-        ahead = span.clip(x + step)
-        rows = problem.rows(ahead)
-        white = root * np.einsum("pij,pj->pi", weighed.whitener, rows.residual)
-        if np.sum(white**2) + np.sum(span.off(ahead) ** 2) <= cost * (1.0 + 1e-9) + 1e-12:
-            return ahead, rows
-        step = 0.5 * step
-    return None
 
 
 def _identified(

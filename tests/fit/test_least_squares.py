@@ -1,0 +1,94 @@
+"""The one solver: valleys, bounds, weights that change, and rounding."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pa10cal.fit.least_squares import Bounds, Equations, minimise, solve_normal
+
+
+def still(at, taken):
+    return bool(np.abs(taken.step).max() < 1e-12)
+
+
+def rosenbrock(x):
+    jacobian = np.array([[-1.0, 0.0], [-20.0 * x[0], 10.0]])
+    return Equations.of(np.array([1.0 - x[0], 10.0 * (x[1] - x[0] ** 2)]), jacobian)
+
+
+def test_a_curved_valley_is_followed_to_its_end():
+    found = minimise(np.array([-1.2, 1.0]), rosenbrock, np.add, still, most_steps=200)
+    np.testing.assert_allclose(found.at, 1.0, atol=1e-9)
+    assert found.converged
+
+
+def test_bounds_hold_what_presses_on_them_and_free_the_rest():
+    bounds = Bounds(np.array([-np.inf, -np.inf]), np.array([0.5, np.inf]))
+    found = minimise(
+        np.array([-1.2, 1.0]),
+        rosenbrock,
+        lambda x, step: bounds.clip(x + step),
+        still,
+        most_steps=300,
+        held=bounds.held,
+    )
+    np.testing.assert_allclose(found.at, [0.5, 0.25], atol=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 8))
+def test_a_linear_problem_takes_one_step(seed, count):
+    rng = np.random.default_rng(seed)
+    jacobian, values = rng.normal(size=(20, count)), rng.normal(size=20)
+    found = minimise(
+        np.zeros(count),
+        lambda x: Equations.of(jacobian @ x - values, jacobian),
+        np.add,
+        still,
+        most_steps=5,
+    )
+    expected = np.linalg.lstsq(jacobian, values, rcond=None)[0]
+    np.testing.assert_allclose(found.at, expected, atol=1e-8)
+    assert found.iterations <= 3
+
+
+def test_weights_that_follow_the_residual_find_the_median():
+    values = np.array([0.0, 1.0, 2.0, 3.0, 100.0])
+    weights = np.ones(5)
+
+    def equations(x):
+        root = np.sqrt(weights)
+        return Equations.of(root * (x[0] - values), root[:, None])
+
+    def reweighted(x, taken):
+        weights[:] = 1.0 / np.maximum(np.abs(x[0] - values), 1e-9)
+        return equations(x)
+
+    found = minimise(np.zeros(1), equations, np.add, still, most_steps=400, reweighted=reweighted)
+    assert found.at[0] == pytest.approx(2.0, abs=1e-6)
+
+
+def test_where_no_step_leads_down_it_ends_there():
+    found = minimise(
+        np.zeros(1),
+        lambda x: Equations(1.0 + abs(x[0]), np.ones(1), np.eye(1)),
+        np.add,
+        still,
+        most_steps=5,
+    )
+    assert found.at[0] == 0.0
+    assert "no step leads down" in found.reason
+
+
+def test_too_few_steps_are_said():
+    found = minimise(np.array([-1.2, 1.0]), rosenbrock, np.add, still, most_steps=2)
+    assert not found.converged
+    assert "2 steps were not enough" in found.reason
+
+
+def test_directions_left_open_stay_where_they_are():
+    normal = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    solved = solve_normal(normal, np.array([1.0, 1.0, 0.0]))
+    np.testing.assert_allclose(solved, [0.5, 0.5, 0.0], atol=1e-12)
