@@ -33,11 +33,9 @@ def accuracy(mean_mm=0.02, peak_mm=None, rms_mm=None, configurations=45):
     )
 
 
-def set_gap(before, after, inside=None, extrapolated=None):
+def set_gap(before, after, inside=None, outside=None):
     """A gap of accuracies before and after, and of such pairs inside and beyond the angles seen."""
-    pairs = [
-        None if p is None else BeforeAfter(before=p[0], after=p[1]) for p in (inside, extrapolated)
-    ]
+    pairs = [None if p is None else BeforeAfter(before=p[0], after=p[1]) for p in (inside, outside)]
     return SetGap(
         before=before,
         after=after,
@@ -45,7 +43,7 @@ def set_gap(before, after, inside=None, extrapolated=None):
         reduction=Reduction(mean_mm=0.04, interval95_mm=(0.03, 0.05), poses=45),
         per_load={},
         inside=pairs[0],
-        extrapolated=pairs[1],
+        outside=pairs[1],
     )
 
 

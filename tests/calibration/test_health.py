@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pa10cal.calibration.accuracy import Accuracy
-from pa10cal.calibration.design import pose_design, poses_wanted
+from pa10cal.calibration.design import pose_design, poses_needed
 from pa10cal.calibration.health import Errors, FitSummary, health
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.terms.term import Parameter
@@ -96,6 +96,6 @@ def test_the_first_poses_of_the_d_optimal_order_tell_more_than_any_others():
     assert design.u_optimal_m[-1] == pytest.approx(design.u_all_m)
     some = np.flatnonzero(design.numbers == 5)[0]
     assert design.u_optimal_m[some] < design.u_measured_m[some]
-    wanted = poses_wanted(design, float(design.u_optimal_m[some]))
+    wanted = poses_needed(design, float(design.u_optimal_m[some]))
     assert wanted == 5
-    assert poses_wanted(design, 0.0) is None
+    assert poses_needed(design, 0.0) is None

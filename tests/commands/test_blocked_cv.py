@@ -150,10 +150,10 @@ def test_it_says_what_was_assumed_and_what_cannot_be_told(verdict):
 def test_the_gap_is_parted_into_angles_seen_and_beyond(verdict):
     for kind, poses in (("train", 600), ("holdout", 200)):
         gap = verdict["gap"][kind]
-        counts = [gap[part]["after"]["configurations"] for part in ("inside", "extrapolated")]
+        counts = [gap[part]["after"]["configurations"] for part in ("inside", "outside")]
         assert sum(counts) == gap["after"]["configurations"] == poses
         assert gap["after"]["rms_mm"] < 0.7 * gap["before"]["rms_mm"]
-        assert gap["inside"]["after"]["rms_mm"] <= gap["extrapolated"]["after"]["rms_mm"] * 1.05
+        assert gap["inside"]["after"]["rms_mm"] <= gap["outside"]["after"]["rms_mm"] * 1.05
 
 
 def test_the_extended_model_evaluates_as_the_verdict_says(work, verdict):
@@ -162,7 +162,7 @@ def test_the_extended_model_evaluates_as_the_verdict_says(work, verdict):
         assert found[key] == pytest.approx(gap["after"][key], rel=1e-6)
         assert found["inside"][key] == pytest.approx(gap["inside"]["after"][key], rel=1e-6)
     marked = [row["extrapolated"] for row in found["rows"]]
-    assert sum(marked) == gap["extrapolated"]["after"]["configurations"]
+    assert sum(marked) == gap["outside"]["after"]["configurations"]
 
 
 def test_the_extended_model_is_exported(work, verdict):

@@ -52,7 +52,7 @@ def test_judges_by_load_and_by_point():
     assert found.per_load["90N"].mean_mm == pytest.approx(4.0)
     assert found.per_point["H01"].mean_mm == pytest.approx(1.5)
     assert found.orientation_deg == pytest.approx(0.0, abs=1e-9)
-    assert found.inside is found.extrapolated is None
+    assert found.inside is found.outside is None
     assert found.tool_twist.angle_deg == pytest.approx(0.0, abs=1e-6)
 
 
@@ -67,4 +67,4 @@ def test_poses_beyond_what_was_learnt_are_judged_apart():
     poses = measured_poses(np.array(["H1", "H2", "H3", "H4"]), states, T, np.zeros((4, 6, 6)))
     found = judged(model, poses, np.array([False, False, False, True]))
     assert found.inside.rms_mm == pytest.approx(1.0)
-    assert found.extrapolated.rms_mm == pytest.approx(5.0)
+    assert found.outside.rms_mm == pytest.approx(5.0)

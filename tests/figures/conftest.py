@@ -158,8 +158,8 @@ def learnt(sighted, tmp_path_factory) -> Results:
         part = 1.0 if row["extrapolated"] else 0.3
         row["error_mm"] *= part
         row["position_mm"] = [part * value for value in row["position_mm"]]
-    for name in ("inside", "extrapolated"):
-        chosen = [r for r in model["rows"] if r["extrapolated"] == (name == "extrapolated")]
+    for name in ("inside", "outside"):
+        chosen = [r for r in model["rows"] if r["extrapolated"] == (name == "outside")]
         errors = np.array([row["error_mm"] for row in chosen])
         model[name] = {
             "mean_mm": errors.mean(),

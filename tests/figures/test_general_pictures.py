@@ -50,7 +50,7 @@ class TestHealth:
         assert list(measured.get_ydata()) == known
         star = curve.lines[2]
         assert (star.get_xdata()[0], star.get_ydata()[0]) == (found.measured, found.u_model_mm)
-        assert curve.lines[3].get_ydata()[0] == found.u_wanted_mm
+        assert curve.lines[3].get_ydata()[0] == found.u_needed_mm
 
     def test_says_the_verdict_and_what_it_rests_on(self, sighted):
         found = sighted["distance"].general().health
@@ -75,7 +75,7 @@ class TestHealth:
     def test_copes_with_what_is_not_known(self, copied, sighted):
         def unknown(record):
             record["health"].update(noise_mm=None, held_out_rms_mm=None)
-            record["health"]["poses"].update(wanted=None, u_model_mm=None)
+            record["health"]["poses"].update(needed=None, u_model_mm=None)
             record["health"]["poses"]["expected"][0]["u_measured_mm"] = None
 
         figure = health.draw(copied(sighted["pose"], COMBINED, unknown))
@@ -88,7 +88,7 @@ class TestHealth:
         def between(record):
             low, high = ends
             record["health"].update(noise_mm=high, held_out_rms_mm=high, train_rms_mm=low)
-            record["health"]["poses"].update(u_model_mm=low, u_wanted_mm=0.00736)
+            record["health"]["poses"].update(u_model_mm=low, u_needed_mm=0.00736)
 
         figure = health.draw(copied(sighted["distance"], COMBINED, between))
         expected, errors = figure.axes
@@ -119,7 +119,7 @@ class TestHeldOutErrors:
         inside, beyond = legend_of(figure)[-2:]
         assert inside.startswith("with what was discovered, angles seen: rms ")
         assert f"rms {extended.inside.rms_mm:.3f}" in inside
-        assert f"({extended.extrapolated.configurations} poses)" in beyond
+        assert f"({extended.outside.configurations} poses)" in beyond
         assert "extrapolated" in beyond
         drawn = figure.axes[0].lines[-2]
         assert drawn.get_linestyle() == ":"

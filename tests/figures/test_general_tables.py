@@ -46,7 +46,7 @@ class TestParameters:
         assert f"| δa₂ | {1e3 * length.value:.4f} | {1e3 * length.std:.4f} | mm |" in text
         assert f"| δθ₃ | {1e3 * angle.value:.4f} | {1e3 * angle.std:.4f} | mrad |" in text
         (same,) = (entry for entry in case.redundant if entry.name == "delta_a_6")
-        assert same.said_by.keys() == {"tool_x"}
+        assert same.replaced_by.keys() == {"tool_x"}
         assert "| δa₆ | 1 × tool x |" in text
 
     def test_a_parameter_that_nothing_tells_has_no_uncertainty(self, sighted, tmp_path):
@@ -121,9 +121,9 @@ class TestAccuracy:
     def test_what_is_extrapolated_stands_apart(self, learnt, tmp_path):
         rows, text = rows_of(accuracy_general, learnt, tmp_path)
         extended = learnt.held_out().models["extended"]
-        for part in ("inside", "extrapolated"):
+        for part, errors in (("inside", extended.inside), ("extrapolated", extended.outside)):
             row = self.one(rows, "held out", "extended", part=part)
-            assert float(row["rms_mm"]) == pytest.approx(getattr(extended, part).rms_mm, rel=1e-5)
+            assert float(row["rms_mm"]) == pytest.approx(errors.rms_mm, rel=1e-5)
         fitted = self.one(rows, "fitted", "extended")
         assert float(fitted["rms_mm"]) == learnt.verdict().gap.train.after.rms_mm
         assert "with what was discovered, extrapolated" in text
@@ -156,7 +156,7 @@ class TestHealth:
         def change(record):
             pair = {"parameters": ["delta_a_2", "delta_d_4"], "correlation": -0.9876}
             record["health"].update(correlated_pairs=[pair], noise_mm=None)
-            record["health"]["poses"]["wanted"] = None
+            record["health"]["poses"]["needed"] = None
 
         source = copied(sighted["pose"], COMBINED, change)
         rows, text = rows_of(health_summary, source, tmp_path)

@@ -63,7 +63,7 @@ def transfer(rows: HeldOutRows) -> TransferRecord:
         per_point={},
         tool_twist=None,
         inside=None,
-        extrapolated=None,
+        outside=None,
         rows=rows,
     )
     return TransferRecord(

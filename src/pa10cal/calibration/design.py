@@ -77,9 +77,9 @@ def pose_design(white: Array, position: Array, scale: Array, unknowns: int) -> P
     )
 
 
-def poses_wanted(design: PoseDesign, u_wanted_m: float) -> int | None:
+def poses_needed(design: PoseDesign, u_needed_m: float) -> int | None:
     """Return the least number of well-chosen poses with that uncertainty; None where more."""
-    enough = np.flatnonzero(design.u_optimal_m <= u_wanted_m)
+    enough = np.flatnonzero(design.u_optimal_m <= u_needed_m)
     return int(design.numbers[enough[0]]) if len(enough) else None
 
 

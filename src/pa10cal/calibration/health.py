@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import Accuracy
-from pa10cal.calibration.design import PoseDesign, pose_design, poses_wanted
+from pa10cal.calibration.design import PoseDesign, pose_design, poses_needed
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.terms.term import Parameter
 
@@ -103,9 +103,9 @@ class Health:
         noise_mm: what the noise of the readings explains of the former, None where not known.
         design: how many poses it wants.
         poses: how many it had.
-        poses_wanted: how many well-chosen ones would do, None where more than were tried.
+        poses_needed: how many well-chosen ones would do, None where more than were tried.
         u_model_mm: expected standard uncertainty of a predicted position.
-        u_wanted_mm: the uncertainty that counts as small here.
+        u_needed_mm: the uncertainty that counts as small here.
     """
 
     ended: FitSummary
@@ -117,9 +117,9 @@ class Health:
     noise_mm: float | None
     design: PoseDesign
     poses: int
-    poses_wanted: int | None
+    poses_needed: int | None
     u_model_mm: float
-    u_wanted_mm: float
+    u_needed_mm: float
 
 
 def health(ended: FitSummary, errors: Errors) -> Health:
@@ -130,7 +130,7 @@ def health(ended: FitSummary, errors: Errors) -> Health:
         np.array([p.scale for p in ended.parameters]),
         ended.identifiability.rank,
     )
-    u_wanted_mm = _SMALL_SHARE * errors.train_rms_mm
+    u_needed_mm = _SMALL_SHARE * errors.train_rms_mm
     verdict, line = _verdict(ended, errors, design)
     return Health(
         ended=ended,
@@ -142,9 +142,9 @@ def health(ended: FitSummary, errors: Errors) -> Health:
         noise_mm=errors.noise_mm,
         design=design,
         poses=len(ended.white),
-        poses_wanted=poses_wanted(design, 1e-3 * u_wanted_mm),
+        poses_needed=poses_needed(design, 1e-3 * u_needed_mm),
         u_model_mm=1e3 * design.u_all_m,
-        u_wanted_mm=u_wanted_mm,
+        u_needed_mm=u_needed_mm,
     )
 
 

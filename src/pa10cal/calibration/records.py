@@ -260,8 +260,8 @@ def health_part(health: Health, pose: NDArray[np.str_]) -> health_parts.Health:
         noise_mm=health.noise_mm,
         poses=health_parts.PosesNeeded(
             measured=health.poses,
-            wanted=health.poses_wanted,
-            u_wanted_mm=health.u_wanted_mm,
+            needed=health.poses_needed,
+            u_needed_mm=health.u_needed_mm,
             u_model_mm=health.u_model_mm if np.isfinite(health.u_model_mm) else None,
             d_optimal_order=tuple(pose[design.order].tolist()),
             expected=tuple(

@@ -293,7 +293,7 @@ def _gap_lines(kind: str, gap: parts.SetGap) -> list[str]:
     return lines + [
         f"  {name}: {part.after.configurations} poses, rms {part.before.rms_mm:.4f} -> "
         f"{part.after.rms_mm:.4f} mm"
-        for name, part in (("inside", gap.inside), ("extrapolated", gap.extrapolated))
+        for name, part in (("inside", gap.inside), ("outside", gap.outside))
         if part is not None
     ]
 
@@ -360,7 +360,7 @@ def set_gap(found: Gap) -> parts.SetGap:
             for load, (before, after) in found.by_load.items()
         },
         inside=None if seen is None else _pair(seen.before_inside, seen.after_inside),
-        extrapolated=None if seen is None else _pair(seen.before_beyond, seen.after_beyond),
+        outside=None if seen is None else _pair(seen.before_beyond, seen.after_beyond),
     )
 
 

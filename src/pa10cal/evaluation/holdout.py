@@ -64,7 +64,7 @@ def judged(
         },
         tool_twist=_twist(model, held_out),
         inside=errors(None if extrapolated is None else ~extrapolated),
-        extrapolated=errors(extrapolated),
+        outside=errors(extrapolated),
         rows=HeldOutRows(
             pose=held_out.pose,
             load_N=held_out.states.load_N,

@@ -275,7 +275,7 @@ class Redundant(Part):
     """A parameter that others replace exactly, so it was not fitted."""
 
     name: str = Field(description="the parameter")
-    said_by: Mapping[ParameterKey, float] = Field(
+    replaced_by: Mapping[ParameterKey, float] = Field(
         description="parameters that do the same, with how much of each"
     )
 

@@ -159,7 +159,7 @@ class SetGap(LoadGap):
         description="inside the joint angles that the fit has seen; null where effects were judged "
         "by repeats, or no configuration is"
     )
-    extrapolated: BeforeAfter | None = Field(description="outside them; null likewise")
+    outside: BeforeAfter | None = Field(description="outside them; null likewise")
 
 
 class Gap(Part):

@@ -63,7 +63,7 @@ class HeldOutModel(Accuracy):
         description="errors inside the joint angles that the fit has seen; null where the model "
         "does not depend on that, or no configuration is"
     )
-    extrapolated: Accuracy | None = Field(description="errors outside them; null likewise")
+    outside: Accuracy | None = Field(description="errors outside them; null likewise")
     rows: HeldOutRows = Field(description="every held-out configuration")
 
 

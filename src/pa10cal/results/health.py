@@ -31,8 +31,8 @@ class PosesNeeded(Part):
     """How many poses there are, and how many the uncertainty needs."""
 
     measured: int = Field(description="number of poses fitted")
-    wanted: int | None = Field(description="number of poses needed; null where none suffices")
-    u_wanted_mm: float = Field(
+    needed: int | None = Field(description="number of poses needed; null where none suffices")
+    u_needed_mm: float = Field(
         description="standard uncertainty of a predicted position to reach [mm]"
     )
     u_model_mm: float | None = Field(

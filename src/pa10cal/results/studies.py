@@ -146,7 +146,7 @@ class IndividualFit(Part):
     null_directions: tuple[Mapping[ParameterKey, float], ...] = Field(
         description="directions that are not identifiable"
     )
-    left_out: Mapping[ParameterKey, Mapping[ParameterKey, float]] = Field(
+    redundant: Mapping[ParameterKey, Mapping[ParameterKey, float]] = Field(
         description="redundant parameters, and those that replace them"
     )
     scores: Mapping[ParameterKey, float] = Field(

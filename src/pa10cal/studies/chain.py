@@ -258,7 +258,7 @@ def _two_levels(found: Calibration, truth: Mapping[str, float]) -> results.Indiv
         starts_agreeing=found.starts_agreeing,
         **_rank(found.identifiability),
         null_directions=tuple(each.weights for each in found.unidentified_directions),
-        left_out={},
+        redundant={},
         scores={
             name: float((value - truth[name]) / sigma)
             for name, value, sigma in zip(names, found.solution.x, std, strict=True)
@@ -274,7 +274,7 @@ def _general(found: GeneralCalibration) -> results.IndividualFit:
         converged=found.fit.converged,
         **_rank(identifiability),
         null_directions=tuple(each.weights for each in unidentified),
-        left_out={each.name: each.said_by for each in found.unknowns.redundant},
+        redundant={each.name: each.replaced_by for each in found.unknowns.redundant},
         scores={},
     )
 

@@ -207,7 +207,7 @@ def _general_model(
         campaigns=len(own.converged),
         converged=float(own.converged.mean()),
         unknowns=len(own.names),
-        redundant={each.name: each.said_by for each in own.unknowns.redundant},
+        redundant={each.name: each.replaced_by for each in own.unknowns.redundant},
         parameters=results.ClassCoverage(
             **dict(_summary(found)),
             by_class={

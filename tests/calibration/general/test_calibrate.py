@@ -88,7 +88,7 @@ def test_what_is_left_out_says_what_others_say(calibrated):
         "delta_a_6", "delta_alpha_6", "delta_d_1", "delta_d_6", "delta_theta_1", "delta_theta_6",
     }  # fmt: skip
     (first,) = (each for each in found.unknowns.redundant if each.name == "delta_theta_1")
-    assert first.said_by == {"base_rz": pytest.approx(1.0)}
+    assert first.replaced_by == {"base_rz": pytest.approx(1.0)}
 
 
 def test_a_joint_that_never_moved_leaves_directions_open(see):

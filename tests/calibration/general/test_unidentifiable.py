@@ -32,7 +32,7 @@ def calibrated(robot, observations):
 
 
 def left_out(found):
-    return {each.name: each.said_by for each in found.unknowns.redundant}
+    return {each.name: each.replaced_by for each in found.unknowns.redundant}
 
 
 def std_of(found):
@@ -154,10 +154,10 @@ def test_what_is_left_out_moves_what_says_the_same(see, robot, kind):
     """Said in full, and by no more than a few times as much."""
     found = calibrated(robot, see(robot, kind, count=80))
     names = {p.name for p in found.problem.parameters} | {e.parameter.name for e in found.settled}
-    for name, said_by in left_out(found).items():
-        assert said_by, name
-        assert set(said_by) <= names
-        assert max(map(abs, said_by.values())) < 4.0
+    for name, replaced_by in left_out(found).items():
+        assert replaced_by, name
+        assert set(replaced_by) <= names
+        assert max(map(abs, replaced_by.values())) < 4.0
 
 
 def test_poses_in_one_plane_leave_no_length_astray(see):

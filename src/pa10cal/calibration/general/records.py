@@ -64,7 +64,8 @@ def general_record(
         singular_values=identifiability.singular_values,
         null_directions=tuple(each.weights for each in case.unidentified_directions),
         redundant=tuple(
-            Redundant(name=each.name, said_by=each.said_by) for each in full.unknowns.redundant
+            Redundant(name=each.name, replaced_by=each.replaced_by)
+            for each in full.unknowns.redundant
         ),
         observability=observability(identifiability, len(load_N)),
         springs=full.springs,

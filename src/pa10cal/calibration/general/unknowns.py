@@ -45,11 +45,11 @@ class Redundant:
 
     Attributes:
         name: the parameter.
-        said_by: name to part, in its own unit for one unit of the parameter.
+        replaced_by: name to part, in its own unit for one unit of the parameter.
     """
 
     name: str
-    said_by: dict[str, float]
+    replaced_by: dict[str, float]
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ def _extended(results: Results, held_out: HoldoutRecord) -> Iterator[_Entry]:
         return
     train = results.verdict().gap.train
     yield "fitted", "extended", _ALL, _ALL, train.after
-    for part, gap in (("inside", train.inside), ("extrapolated", train.extrapolated)):
+    for part, gap in (("inside", train.inside), ("extrapolated", train.outside)):
         if gap is not None:
             yield "fitted", "extended", _ALL, part, gap.after
 
@@ -105,7 +105,7 @@ def _extended(results: Results, held_out: HoldoutRecord) -> Iterator[_Entry]:
 def _held_out(held_out: HoldoutRecord) -> Iterator[_Entry]:
     for name, model in held_out.models.items():
         yield "held out", name, _ALL, _ALL, model
-        for part, accuracy in (("inside", model.inside), ("extrapolated", model.extrapolated)):
+        for part, accuracy in (("inside", model.inside), ("extrapolated", model.outside)):
             if accuracy is not None:
                 yield "held out", name, _ALL, part, accuracy
 

@@ -101,12 +101,12 @@ def _draw_poses(axes: Axes, health: Health) -> None:
     if poses.u_model_mm is not None:
         label = f"all {poses.measured} poses: {poses.u_model_mm:.3g} mm"
         axes.plot(poses.measured, poses.u_model_mm, label=label, **_ALL)
-    axes.axhline(poses.u_wanted_mm, label=_wanted(poses), **_WANTED)
+    axes.axhline(poses.u_needed_mm, label=_wanted(poses), **_WANTED)
     left = f"error left, rms: {health.train_rms_mm:.3g} mm"
     axes.axhline(health.train_rms_mm, label=left, **_LEFT)
-    if poses.wanted is not None:
-        axes.plot([poses.wanted] * 2, [1e-9, poses.u_wanted_mm], **_WANTED)
-    shown = [*optimal, *(u for _, u in measured), poses.u_wanted_mm, health.train_rms_mm]
+    if poses.needed is not None:
+        axes.plot([poses.needed] * 2, [1e-9, poses.u_needed_mm], **_WANTED)
+    shown = [*optimal, *(u for _, u in measured), poses.u_needed_mm, health.train_rms_mm]
     shown += [] if poses.u_model_mm is None else [poses.u_model_mm]
     plain_log(axes, "x", min(numbers) / 1.2, max(*numbers, poses.measured) * 1.3)
     plain_log(axes, "y", min(shown) / 1.5, max(shown) * 1.5)
@@ -115,10 +115,10 @@ def _draw_poses(axes: Axes, health: Health) -> None:
 
 
 def _wanted(poses: PosesNeeded) -> str:
-    said = f"wanted: {poses.u_wanted_mm:.3g} mm"
-    if poses.wanted is None:
+    said = f"needed: {poses.u_needed_mm:.3g} mm"
+    if poses.needed is None:
         return f"{said}, not with {len(poses.d_optimal_order)} chosen poses"
-    return f"{said}, with {poses.wanted} chosen poses"
+    return f"{said}, with {poses.needed} chosen poses"
 
 
 def _draw_errors(axes: Axes, health: Health) -> None:

@@ -62,7 +62,7 @@ def _said(case: CalibrationRecord) -> dict[str, str]:
     """Return quantities and how they are written."""
     health = case.health
     poses = health.poses
-    wanted = f"more than {len(poses.d_optimal_order)}" if poses.wanted is None else poses.wanted
+    needed = f"more than {len(poses.d_optimal_order)}" if poses.needed is None else poses.needed
     found = {
         "verdict": f"{health.verdict}: {health.line}",
         "termination": f"after {health.iterations} steps: {health.reason}",
@@ -74,9 +74,9 @@ def _said(case: CalibrationRecord) -> dict[str, str]:
         "error of the held-out poses, rms [mm]": _number(health.held_out_rms_mm),
         "error that the noise of the readings explains, rms [mm]": _number(health.noise_mm),
         "expected uncertainty of a prediction [mm]": _number(poses.u_model_mm),
-        "wanted uncertainty [mm]": _number(poses.u_wanted_mm),
+        "needed uncertainty [mm]": _number(poses.u_needed_mm),
         "poses measured": str(poses.measured),
-        "well-chosen poses that suffice": str(wanted),
+        "well-chosen poses that suffice": str(needed),
     }
     if isinstance(case, GeneralCalibrationRecord):
         for of, scatter in case.scatter.items():
@@ -120,9 +120,9 @@ def _data_rows(case: CalibrationRecord) -> Iterator[Row]:
         yield (model, quantity, "", " ".join(getattr(health, quantity)), "")
     for quantity in ("train_rms_mm", "held_out_rms_mm", "noise_mm"):
         yield (model, quantity, "", _plain(getattr(health, quantity)), "mm")
-    for quantity in ("u_model_mm", "u_wanted_mm"):
+    for quantity in ("u_model_mm", "u_needed_mm"):
         yield (model, quantity, "", _plain(getattr(poses, quantity)), "mm")
-    for quantity in ("measured", "wanted"):
+    for quantity in ("measured", "needed"):
         value = getattr(poses, quantity)
         yield (model, f"poses_{quantity}", "", "" if value is None else str(value), "")
     for pair in health.correlated_pairs:

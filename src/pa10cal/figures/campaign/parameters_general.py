@@ -101,7 +101,7 @@ def _row(name: str, parameter: CalibratedParameter) -> Row:
 
 
 def _combination(entry: Redundant) -> str:
-    parts = [f"{part:.4g} × {written(name)}" for name, part in entry.said_by.items()]
+    parts = [f"{part:.4g} × {written(name)}" for name, part in entry.replaced_by.items()]
     return " + ".join(parts).replace("+ -", "− ") or "nothing: it has no effect"
 
 
@@ -111,5 +111,5 @@ def _data_rows(case: GeneralCalibrationRecord) -> Iterator[tuple[object, ...]]:
         said = (str(found.identifiable).lower(), str(found.at_bound).lower(), "false", "")
         yield (name, found.unit, *numbers, *said)
     for entry in case.redundant:
-        by = "; ".join(f"{part:.6g} {name}" for name, part in entry.said_by.items())
+        by = "; ".join(f"{part:.6g} {name}" for name, part in entry.replaced_by.items())
         yield (entry.name, "", None, None, None, "", "", "true", by)

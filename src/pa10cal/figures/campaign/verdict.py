@@ -185,9 +185,9 @@ def _errors(gap: BeforeAfter) -> list[str]:
 
 def _parts(gap: SetGap) -> list[tuple[str, BeforeAfter]]:
     """Return the gap inside the angles seen in the fit, and beyond them, where they differ."""
-    if gap.inside is None or gap.extrapolated is None:
+    if gap.inside is None or gap.outside is None:
         return []
-    return [("inside", gap.inside), ("extrapolated", gap.extrapolated)]
+    return [("inside", gap.inside), ("extrapolated", gap.outside)]
 
 
 def _data_rows(found: VerdictRecord) -> Iterator[Row]:

@@ -41,7 +41,7 @@ _ERRORS_HEADER = ("arm departs", "model", "fitted", "peak", "held out", "peak", 
 def tabulate(study: CurveCalibrationRecord) -> Table:
     """Return a row for each way to depart and each model."""
     first = [each for each in study.individuals if each.number == 1]
-    redundant = first[0].models["general"].left_out
+    redundant = first[0].models["general"].redundant
     data = frame_of(_HEADER, map(_row, study.summaries))
     return Table(
         title=f"A chain of {study.joints} joints, calibrated (synthetic)",
