@@ -22,7 +22,7 @@ def test_a_leaf_is_itself_and_its_packages():
 def test_follows_imports_and_brings_the_data_of_a_package():
     files = files_of("pa10cal.files.arms")
     assert {"files/arms.py", "files/arms/pa10_6ce.yaml", "arm/description.py", "errors.py"} <= files
-    assert not [path for path in files if path.startswith(("calibration/", "commands/", "stages/"))]
+    assert not [path for path in files if path.startswith(("calibration/", "commands/"))]
 
 
 def test_follows_imports_inside_functions():

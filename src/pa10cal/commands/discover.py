@@ -37,13 +37,13 @@ def discover(
     from pa10cal.campaign.table import read_observations
     from pa10cal.discovery import discover as search
     from pa10cal.discovery.records import discovery_records, summary
+    from pa10cal.discovery.setup import setup_of
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.fit.model_file import covariance_path, write_covariance
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read, write
     from pa10cal.results.suggestions import suggestion_table
-    from pa10cal.stages.measurement_setup import setup_of
 
     began = time.perf_counter()
     campaign = read_description(campaign_dir)

@@ -27,13 +27,13 @@ def transfer(
     from pa10cal.campaign.table import read_observations
     from pa10cal.discovery.extended import read_extended
     from pa10cal.discovery.options import DiscoveryOptions
+    from pa10cal.discovery.setup import setup_of
     from pa10cal.errors import CalibrationError, RecordError
     from pa10cal.evaluation.compared import judged_models
     from pa10cal.files.arms import load_arm
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
     from pa10cal.results.evaluation import TransferRecord
-    from pa10cal.stages.measurement_setup import setup_of
 
     campaign = read_description(campaign_dir)
     arm = load_arm(campaign.robot, campaign_dir)

@@ -21,12 +21,12 @@ from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.records import verdict_keys
+from pa10cal.discovery.setup import setup_of
 from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.observe.averages import average_repeats, poses_of
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.results.trials import JudgedTrialRecord
-from pa10cal.stages.measurement_setup import setup_of
 from pa10cal.terms.baseline import baseline
 
 Array = NDArray[np.float64]

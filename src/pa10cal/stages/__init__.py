@@ -1,1 +1,0 @@
-"""One module per rule of the workflow: read, call, write; nothing else."""
