@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pa10cal.frame.descent import Linearised, axis_text, descend, freedom
+from pa10cal.frame.descent import Linearised, axis_text, descend, split_identified
 
 
 def test_a_valley_that_full_steps_leave_is_followed_to_its_end():
@@ -30,22 +30,22 @@ def test_what_others_mimic_is_open():
     others = rng.normal(size=(40, 2))
     mimicked = others @ [1.0, -2.0]
     these = np.column_stack([rng.normal(size=40), mimicked, rng.normal(size=40)])
-    split = freedom(these, others)
-    assert split.free.shape == (3, 2)
-    np.testing.assert_allclose(np.abs(split.open), [[0.0], [1.0], [0.0]], atol=1e-9)
-    assert np.linalg.matrix_rank(np.hstack([split.free, split.open])) == 3
+    split = split_identified(these, others)
+    assert split.identified.shape == (3, 2)
+    np.testing.assert_allclose(np.abs(split.unidentified), [[0.0], [1.0], [0.0]], atol=1e-9)
+    assert np.linalg.matrix_rank(np.hstack([split.identified, split.unidentified])) == 3
 
 
 def test_open_directions_are_said_along_single_unknowns_where_they_span_them():
-    split = freedom(np.tile(np.eye(3), (5, 1)), np.tile(np.eye(3), (5, 1)))
-    assert split.free.shape == (3, 0)
-    np.testing.assert_allclose(np.sort(np.abs(split.open), axis=0), np.eye(3)[:, [2, 2, 2]])
+    split = split_identified(np.tile(np.eye(3), (5, 1)), np.tile(np.eye(3), (5, 1)))
+    assert split.identified.shape == (3, 0)
+    np.testing.assert_allclose(np.sort(np.abs(split.unidentified), axis=0), np.eye(3)[:, [2, 2, 2]])
 
 
 def test_all_is_free_where_nothing_is_mimicked():
-    split = freedom(np.eye(4)[:, :2], np.eye(4)[:, 2:])
-    assert split.open.shape == (2, 0)
-    assert np.linalg.matrix_rank(split.free) == 2
+    split = split_identified(np.eye(4)[:, :2], np.eye(4)[:, 2:])
+    assert split.unidentified.shape == (2, 0)
+    assert np.linalg.matrix_rank(split.identified) == 2
 
 
 def test_a_direction_has_its_largest_component_positive():

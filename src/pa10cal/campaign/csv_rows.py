@@ -23,7 +23,7 @@ from pa10cal.errors import RawDataError
 
 Array = NDArray[np.float64]
 
-#: Part of the rows that must write their last field alike before a shorter one counts as cut.
+#: Share of rows that must write their last field in one format for a shorter one to count as cut.
 SAME_FORMAT = 0.99
 
 CUT = "the last line is cut short"

@@ -65,7 +65,7 @@ def read_touched(
         settings: the `ingest` section.
 
     Returns:
-        One entry a configuration, and every row that was left out.
+        One entry a configuration, and every row that is quarantined.
 
     Raises:
         RawDataError: when a file, or too much of it, cannot be used.

@@ -1,4 +1,4 @@
-"""Damped least squares for the small geometric fits of this package, and what they leave open."""
+"""Damped least squares for small geometric fits, and what they do not identify."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ MAX_ITERATIONS = 100
 #: fell by less than this part of it, or when no step leads down.
 STEP_TOLERANCE = 1e-13
 COST_TOLERANCE = 1e-15
-#: Unknowns of which the others can mimic all but this part are open: with geometry that is wrong
-#: by millimetres the data would place them metres off.
+#: Unknowns of which the others can mimic all but this part are not identified: with geometry that
+#: is wrong by millimetres the data would place them metres off.
 OPEN = 1e-3
 
 
@@ -44,16 +44,16 @@ class Linearised:
 
 
 @dataclass(frozen=True)
-class Freedom:
-    """Unknowns split into what data tell and what they leave open.
+class Split:
+    """Unknowns split into what the data identify and what they do not.
 
     Attributes:
-        free: (k, r) columns span what is to be solved for.
-        open: (k, k - r) columns of unit length span what cannot be told.
+        identified: (k, r) columns span what is to be solved for.
+        unidentified: (k, k - r) columns of unit length span what the data do not identify.
     """
 
-    free: Array
-    open: Array
+    identified: Array
+    unidentified: Array
 
 
 def descend(
@@ -88,8 +88,8 @@ def descend(
     return found.at, linearise(found.at)
 
 
-def freedom(by_these: Array, by_others: Array) -> Freedom:
-    """Split unknowns into what the data tell of them and what other unknowns can mimic.
+def split_identified(by_these: Array, by_others: Array) -> Split:
+    """Split unknowns into what the data identify and what other unknowns can mimic.
 
     Args:
         by_these: (m, k) derivative of the prediction by the unknowns to split.
@@ -98,11 +98,11 @@ def freedom(by_these: Array, by_others: Array) -> Freedom:
     size = np.maximum(np.sqrt((by_these**2).sum(axis=0)), np.finfo(float).tiny)
     unit = by_these / size
     basis = np.asarray(np.linalg.qr(by_others)[0], dtype=float)
-    left = unit - basis @ (basis.T @ unit)
-    told, directions = np.linalg.eigh(left.T @ left)
+    own = unit - basis @ (basis.T @ unit)
+    parts, directions = np.linalg.eigh(own.T @ own)
     steps = np.asarray(directions / size[:, None], dtype=float)
-    known = told > OPEN**2
-    return Freedom(steps[:, known], _plain(steps[:, ~known]))
+    known = parts > OPEN**2
+    return Split(steps[:, known], _plain(steps[:, ~known]))
 
 
 def axis_text(vector: Array) -> str:

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 #: Poses that choose between starts.
 MOST_POSES = 300
-#: Root mean square spread across a line that positions must have to tell a rotation.
+#: Root mean square spread across a line that positions must have to determine a rotation.
 LEAST_SPREAD_M = 1e-3
 
 
@@ -166,12 +166,12 @@ def _best(
 ) -> HandEye:
     """Refine every start, given as the rotations of base and target, and return the best.
 
-    Which is best some of the poses tell.
+    Some of the poses decide which is best.
     """
     few = problem.thinned(MOST_POSES)
     found = [refined(few, first_guess(few, *start), roughly=True) for start in starts]
-    best, _, told = min(found, key=lambda each: each[1].cost)
-    if told.open.size:
+    best, _, split = min(found, key=lambda each: each[1].cost)
+    if split.unidentified.size:
         best = replace(best, p_ee_m=problem.p_ee_stated_m)
     guess, at, split = refined(problem, best)
     poses, targets = problem.shape
@@ -193,7 +193,7 @@ def _best(
         residuals_rad=residuals_rad,
         rms_m=_rms(residuals_m[problem.pose, problem.target], problem.weights[problem.pose]),
         rms_rad=_rms(residuals_rad, problem.weights) if turning else 0.0,
-        held=tuple(_said(direction, names) for direction in split.open.T),
+        held=tuple(_said(direction, names) for direction in split.unidentified.T),
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.descent import OPEN, Freedom, Linearised, axis_text, descend, freedom
+from pa10cal.frame.descent import OPEN, Linearised, Split, axis_text, descend, split_identified
 
 Array = NDArray[np.float64]
 
@@ -96,7 +96,9 @@ def range_from_distances(
         p_ee_target_m=found.p_ee_m,
         residuals_m=residuals_m,
         rms_m=float(np.sqrt(np.average(residuals_m**2, weights=root**2))),
-        held=tuple(f"the target along {axis_text(direction)}" for direction in found.split.open.T),
+        held=tuple(
+            f"the target along {axis_text(direction)}" for direction in found.split.unidentified.T
+        ),
     )
 
 
@@ -133,7 +135,7 @@ class _Found:
     p_base_m: Array
     p_ee_m: Array
     cost: float
-    split: Freedom
+    split: Split
 
 
 def _starts(problem: _Problem) -> list[tuple[Array, Array]]:
@@ -171,10 +173,10 @@ def _refined(problem: _Problem, p_base_m: Array, p_ee_m: Array) -> _Found:
     at = (p_base_m, p_ee_m)
     for _ in range(PASSES):
         whole = _linearise(problem, at, np.eye(3)).by_step
-        split = freedom(whole[:, 3:], whole[:, :3])
-        told = split.free @ np.linalg.pinv(split.free)
-        at = (at[0], problem.p_ee_stated_m + told @ (at[1] - problem.p_ee_stated_m))
-        at, here = descend(at, _linearising(problem, split.free), _moving(split.free))
+        split = split_identified(whole[:, 3:], whole[:, :3])
+        onto = split.identified @ np.linalg.pinv(split.identified)
+        at = (at[0], problem.p_ee_stated_m + onto @ (at[1] - problem.p_ee_stated_m))
+        at, here = descend(at, _linearising(problem, split.identified), _moving(split.identified))
     return _Found(*at, here.cost, split)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.descent import COST_TOLERANCE, Freedom, Linearised, descend, freedom
+from pa10cal.frame.descent import COST_TOLERANCE, Linearised, Split, descend, split_identified
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ class TargetProblem:
         count = self.shape[0]
         if count <= most:
             return self
-        # Drawn, not every so-manieth: what was seen may alternate.
+        # Drawn, not every n-th: what was seen may alternate.
         chosen = np.sort(np.random.default_rng(0).permutation(count)[:most])
         place = np.full(count, -1)
         place[chosen] = np.arange(most)
@@ -160,25 +160,25 @@ def first_guess(problem: TargetProblem, R_instr_base: Array, R_ee_target: Array)
 
 def refined(
     problem: TargetProblem, guess: Guess, *, roughly: bool = False
-) -> tuple[Guess, Linearised, Freedom]:
+) -> tuple[Guess, Linearised, Split]:
     """Refine a guess, holding what of the targets the base can mimic.
 
     Args:
         problem: what was seen.
         guess: where to set out.
-        roughly: whether to stop where one can tell which of several guesses leads lowest.
+        roughly: whether to stop where it is clear which of several guesses leads lowest.
 
     Returns:
         The solution, the problem there, and which steps of the targets (places of all, then the
-        attitude where one was seen) the poses tell.
+        attitude where one was seen) the poses identify.
     """
     for _ in range(1 if roughly else PASSES):
         whole = _linearise(problem, guess, None).by_step
-        split = freedom(whole[:, 6:], whole[:, :6])
+        split = split_identified(whole[:, 6:], whole[:, :6])
         guess, at = descend(
             guess,
-            _linearising(problem, split.free),
-            _moving(split.free),
+            _linearising(problem, split.identified),
+            _moving(split.identified),
             _ROUGHLY if roughly else COST_TOLERANCE,
         )
     return guess, at, split

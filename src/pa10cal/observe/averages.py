@@ -139,7 +139,7 @@ def repeat_scatter(single: Observations[Pose]) -> RepeatScatter:
     """Pool the scatter of readings about the mean of their pose and load.
 
     Deviations are taken along the end-effector's axes, in which the noise of balls, tool and wrist
-    looks alike in every pose.
+    is the same in every pose.
     """
     code = reading_groups(single)
     T = single.measured.T_instr_target
