@@ -41,7 +41,7 @@ class Ours:
         """Return positions of the target."""
         model = fitted(self.found)
         T = model.T_instr_base @ model.model.predict(_states(q_rad), model.x)
-        predicted: Array = T[:, :3, :3] @ model.places_m + T[:, :3, 3]
+        predicted: Array = T[:, :3, :3] @ model.targets_m + T[:, :3, 3]
         return predicted
 
 
