@@ -1,14 +1,10 @@
 """Outputs are whole or not there."""
 
-import json
-import math
-
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pa10cal.errors import OutputError
-from pa10cal.files.output import whole_file, whole_files, write_json, write_text
+from pa10cal.files.output import whole_file, whole_files, write_text
 
 
 def write_half(path):
@@ -77,30 +73,3 @@ def test_one_place_that_is_unfit_keeps_all_outputs_back(tmp_path):
 
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
-contents = st.dictionaries(
-    st.text(max_size=5),
-    st.recursive(
-        numbers | st.integers() | st.text(max_size=5) | st.booleans() | st.none(),
-        lambda inner: (
-            st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
-        ),
-        max_leaves=6,
-    ),
-    max_size=4,
-)
-
-
-@given(content=contents)
-@settings(max_examples=50, deadline=None)
-def test_json_comes_back_as_it_was(tmp_path_factory, content):
-    path = tmp_path_factory.mktemp("json") / "result.json"
-    write_json(path, content)
-    assert json.loads(path.read_text(encoding="utf-8")) == content
-
-
-@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
-def test_refuses_numbers_that_are_not_finite_and_names_the_key(tmp_path, number):
-    path = tmp_path / "result.json"
-    with pytest.raises(ValueError, match=r"errors\.44N\[1\] is"):
-        write_json(path, {"errors": {"44N": [1.0, number]}})
-    assert list(tmp_path.iterdir()) == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +17,7 @@ from hypothesis.extra import numpy as arrays
 
 from pa10cal.errors import RecordError
 from pa10cal.results.codec import lines, read, read_lines, write
+from pa10cal.results.curve import CurveRecord
 from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, TransferRecord
 from pa10cal.results.montecarlo import Convergence
 from pa10cal.results.seed import BaseFrameRecord
@@ -155,6 +157,21 @@ def test_arrays_of_a_record_cannot_be_changed() -> None:
 def test_a_record_is_not_made_wrong(changes: dict[str, Any], key: str) -> None:
     with pytest.raises(ValueError, match=key):
         seed(**changes)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf])
+def test_plain_data_of_another_owner_is_finite_too(number: float) -> None:
+    with pytest.raises(ValueError, match=r"settings\.gait.*seconds"):
+        CurveRecord(
+            link_m=0.1,
+            links=2,
+            order="zy",
+            largest_angle_deg=1.0,
+            largest_move_deg=0.0,
+            feasible_rolls_deg=None,
+            shapes=(),
+            settings={"gait": {"seconds": [1.0, number]}},
+        )
 
 
 def test_columns_have_one_length() -> None:
