@@ -6,14 +6,14 @@ import json
 import numpy as np
 import pytest
 import yaml
-from scipy.spatial.transform import Rotation
 
-from made_up_survey import Hidden, observe, rough
+from made_up_survey import Hidden, measured, rough
+from pa10cal.cell.write import write_campaign
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.codec import read as read_record
 
-NAME = "tracked"
+NAME = "made-up"
 KINDS = ("verdict", "analysis", "extended", "suggested")
 OUTPUTS = ("verdict.json", "analysis.json", "extended.json", "suggested.csv")
 
@@ -25,39 +25,6 @@ def read(path):
         raise ValueError(f"{word} in {path}")
 
     return json.loads(path.read_text("utf-8"), parse_constant=refuse)
-
-
-def write_campaign(folder, seen):
-    """Write the raw files of a tracker's campaign."""
-    folder.mkdir()
-    order = np.argsort(seen.states.time_s)
-    poses = seen.take(order)
-    quaternions = Rotation.from_matrix(poses.measured.T_instr_target[:, :3, :3]).as_quat(
-        scalar_first=True
-    )
-    joints = ",".join(f"q{j}_deg" for j in range(1, 7))
-    lines = [f"time_s,pose,load_N,repeat,{joints},x_mm,y_mm,z_mm,qw,qx,qy,qz"]
-    for k, label in enumerate(poses.pose):
-        numbers = [
-            *(f"{x:.8f}" for x in np.degrees(poses.states.q_rad[k])),
-            *(f"{x:.6f}" for x in 1e3 * poses.measured.T_instr_target[k, :3, 3]),
-            *(f"{x:.10f}" for x in quaternions[k]),
-        ]
-        lines.append(f"{poses.states.time_s[k]:.1f},{label},0,1," + ",".join(numbers))
-    (folder / "poses.csv").write_text("\n".join(lines) + "\n")
-    description = {
-        "schema": "pa10cal-campaign/1",
-        "name": NAME,
-        "provenance": "synthetic, made up by the tests",
-        "robot": "ur10",
-        "instrument": {"kind": "pose", "uncertainty_mm": 0.02},
-        "tool": {"mass_kg": 1.0, "com_mm": [0, 0, 50], "load_point_mm": [0, 0, 0]},
-        "gravity_m_s2": [0, 0, -9.81],
-        "reference_temperature_C": 22,
-        "files": {"poses": "poses.csv"},
-        "holdout": {"last_fraction": 0.25},
-    }
-    (folder / "campaign.yaml").write_text(yaml.safe_dump(description))
 
 
 def calibrated(folder):
@@ -105,7 +72,7 @@ def _outputs(folder):
 def work(tmp_path_factory):
     """A campaign with an error of joint 3 that has no name, through discovery."""
     folder = tmp_path_factory.mktemp("work")
-    write_campaign(folder / "raw", observe(Hidden(turn=rough(3)), poses=800, held_out=0).readings)
+    write_campaign(measured(Hidden(turn=rough(3)), poses=600, held_out=200), folder / "raw")
     calibrated(folder)
     assert discovered(folder) == 0
     return folder
@@ -153,7 +120,8 @@ def test_the_gap_is_parted_into_angles_seen_and_beyond(verdict):
         counts = [gap[part]["after"]["configurations"] for part in ("inside", "outside")]
         assert sum(counts) == gap["after"]["configurations"] == poses
         assert gap["after"]["rms_mm"] < 0.7 * gap["before"]["rms_mm"]
-        assert gap["inside"]["after"]["rms_mm"] <= gap["outside"]["after"]["rms_mm"] * 1.05
+        scatter = 1.0 + 3.0 / np.sqrt(6.0 * counts[1])  # of three coordinates of so many poses
+        assert gap["inside"]["after"]["rms_mm"] <= gap["outside"]["after"]["rms_mm"] * scatter
 
 
 def test_the_extended_model_evaluates_as_the_verdict_says(work, verdict):
@@ -206,7 +174,7 @@ def test_the_model_holds_the_angles_seen(work):
 
 
 def test_few_poses_without_repeats_are_refused(tmp_path, capsys):
-    write_campaign(tmp_path / "raw", observe(poses=60, held_out=0).readings)
+    write_campaign(measured(poses=60, held_out=10), tmp_path / "raw")
     calibrated(tmp_path)
     assert discovered(tmp_path) == REFUSED
     assert "too few repeats" in capsys.readouterr().err
