@@ -47,7 +47,7 @@ MAY_IMPORT = {
     "results": {"files.output"},
     "arm": set(),
     "terms": {"arm"},
-    "frame": set(),
+    "frame": {"fit.least_squares"},
     "observe": {"arm", "terms", "frame"},
     "campaign": {"arm", "files.arms", "frame", "observe", "settings"},
     "calibration": {"arm", "campaign.description", "fit", "frame", "observe", "terms"},
