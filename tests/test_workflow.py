@@ -96,7 +96,7 @@ def test_plans_one_campaign_with_one_job_for_all_planes_and_one_for_all_loads(pl
     assert jobs["montecarlo"] == jobs["calibrate"] == 1
 
 
-def test_plans_a_single_stage_and_what_it_stands_on(plan, tmp_path):
+def test_plans_a_single_result_and_what_it_stands_on(plan, tmp_path):
     code, text = plan(tmp_path / "out/cell-a/calibration/44N.json")
     assert code == 0, text
     assert planned(text) == {"ingest": 1, "base_frame": 1, "calibrate_one": 1, "total": 3}
@@ -247,7 +247,7 @@ def test_curves_are_laid_drawn_and_the_chain_is_calibrated(checkout):
     assert set(jobs) == {"calibrate_chain", "draw_chain", "curve", "total"}
 
 
-def test_shows_and_keeps_the_message_of_a_stage_that_refuses(checkout):
+def test_shows_and_keeps_the_message_of_a_command_that_refuses(checkout):
     campaign = checkout.place / "data/raw/c1/campaign.yaml"
     campaign.write_text(campaign.read_text() + "refuse: true\n")
     code, text = checkout("results/c1/ingest/poses.parquet")

@@ -1,4 +1,4 @@
-"""Blind trials as stages: hidden, judged without the truth, scored apart."""
+"""Blind trials as commands: hidden, judged without the truth, scored apart."""
 
 import csv
 import json
@@ -173,7 +173,7 @@ def test_a_trial_that_fails_is_recorded_and_the_others_go_on(run, monkeypatch):
     assert len(lines(truths)) == 2
 
 
-def test_when_all_trials_fail_the_stage_does(run, monkeypatch, capsys):
+def test_when_all_trials_fail_the_command_does(run, monkeypatch, capsys):
     def fail(known, seconds):
         raise KeyError("a fault of the program")
 

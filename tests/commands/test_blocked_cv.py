@@ -1,4 +1,4 @@
-"""Discovery by blocks of poses left out as a stage, on a made-up tracker's campaign."""
+"""Discovery by blocks of poses left out as a command, on a made-up tracker's campaign."""
 
 import csv
 import json

@@ -16,7 +16,7 @@ FILES = {"curve.json", "angles.csv", "points.csv", "links.csv", "shape.csv"}
 
 @pytest.fixture
 def run(tmp_path):
-    """Run the stage with settings, and return its folder and record."""
+    """Run the command with settings, and return its folder and record."""
 
     def run(words=(), **settings):
         out = tmp_path / "out"

@@ -1,4 +1,4 @@
-"""The stages `curve_calibration` and `figures`, called in process."""
+"""The commands `curve_calibration` and `figures`, called in process."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""Discovery as a stage, on a small simulated campaign, and what is done with its model."""
+"""Discovery as a command, on a small simulated campaign, and what is done with its model."""
 
 import csv
 import json
@@ -56,7 +56,7 @@ def work(tmp_path_factory):
 
 
 def run_discover(work, out, settings=None, **given):
-    """Run the stage into a folder; `given` replaces paths."""
+    """Run the command into a folder; `given` replaces paths."""
     paths = {
         "campaign-dir": work / "raw",
         "poses": work / "poses.parquet",

@@ -1,4 +1,4 @@
-"""The stage: what it writes, what it refuses, and that it leaves nothing half done."""
+"""The command: what it writes, what it refuses, and that it leaves nothing half done."""
 
 import json
 import re
@@ -25,7 +25,7 @@ def results(tmp_path_factory):
 
 @pytest.fixture
 def run(results, tmp_path):
-    """Run the stage; return its exit code and what it wrote, empty where it wrote nothing."""
+    """Run the command; return its exit code and what it wrote, empty where it wrote nothing."""
 
     def stage(figure, settings=SETTINGS, campaign=CAMPAIGN, folder=results):
         words = ["--figure", figure] if figure else []

@@ -1,4 +1,4 @@
-"""The stage that writes an arm's description from a URDF, called in process."""
+"""The command that writes an arm's description from a URDF, called in process."""
 
 import numpy as np
 import pytest

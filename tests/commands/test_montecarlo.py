@@ -1,4 +1,4 @@
-"""The stage: what it writes, what it refuses, and that threads change nothing."""
+"""The command: what it writes, what it refuses, and that threads change nothing."""
 
 import json
 import os

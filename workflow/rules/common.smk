@@ -156,7 +156,7 @@ def extended_model(wildcards):
 
 
 def extended_option(wildcards, input):
-    """What a stage is told of that model."""
+    """The option that names that model."""
     return f"--extended {shlex.quote(str(input.extended))}" if input.extended else ""
 
 

@@ -1,6 +1,6 @@
 import json
 
-# Shapes that links are laid along, as the stage `curve` takes them.
+# Shapes that links are laid along, as the command `curve` takes them.
 CURVES = {
     "helix": {
         "curve": {"shape": "helix", "radius_m": 0.2, "pitch_m": 0.4, "turns": 1.5},

@@ -1,0 +1,56 @@
+"""What pictures are drawn from, and what the report says of them."""
+
+from pa10cal.figures.report import Captions, titles
+
+
+def found_of(*names):
+    """The function that names results of a campaign."""
+    return lambda campaign: expand(result("{name}"), campaign=campaign, name=names)
+
+
+def discovered(name):
+    """A result of discovery, where effects are sought."""
+    return lambda campaign: found_of("calibration", f"discovery/{name}.json")(campaign)[
+        : 2 * seeks_effects(campaign)
+    ]
+
+
+# The files behind what modules call their needs; what is left out is a property of the campaign.
+NEEDS = {
+    **dict.fromkeys(
+        ("calibration", "papers_calibration", "general_calibration", "general"),
+        found_of("calibration"),
+    ),
+    "poses": found_of("ingest/poses.parquet"),
+    "base_frame": found_of("seed/base_frame.json"),
+    "planes": planes_of,
+    **dict.fromkeys(("evaluation", "held_out"), found_of("calibration", "evaluation/holdout.json")),
+    "analysis": discovered("analysis"),
+    "verdict": discovered("verdict"),
+    "gap": lambda campaign: [*discovered("analysis")(campaign), *found_of("calibration")(campaign)],
+}
+
+
+def results_of_campaign(wildcards):
+    """All results of a campaign that pictures are drawn from."""
+    return sorted({path for need in NEEDS.values() for path in need(wildcards.campaign)})
+
+
+def results_needed(wildcards):
+    """Those that one picture is drawn from."""
+    from pa10cal.figures.registry import entries  # late: planning the others loads no picture
+
+    found = entries("campaign").get(wildcards.picture)
+    names = [name for name in found.picture.needs if name in NEEDS] if found else []
+    return sorted({path for name in names for path in NEEDS[name](wildcards.campaign)})
+
+
+def reported(path, folder, pattern, **where):
+    """Mark a folder of pictures for the report."""
+    return report(
+        directory(path),
+        patterns=[pattern],
+        caption="../report/picture.rst",
+        labels=titles(folder),
+        **where,
+    )
