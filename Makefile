@@ -74,3 +74,4 @@ lock:
 schema: setup
 	$(BIN)/python -m pa10cal.planning.schema
 	$(BIN)/python -m pa10cal.results.docs
+	$(BIN)/python -m pa10cal.planning.reference docs/python.md

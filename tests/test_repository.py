@@ -79,7 +79,6 @@ MAY_IMPORT = {
         "files",
         "fit",
         "observe",
-        "stages.measurement_setup",
         "terms",
     },
     "datasets": {"campaign", "files", "settings"},

@@ -75,7 +75,7 @@ def fitted(robot, seed, terms=None):
             )
         values.append(x)
     x = np.concatenate(values)
-    root = 1e-7 * rng.normal(size=(len(x), 3))
+    root = 1e-7 * rng.normal(size=(len(x) + 6, 3))
     return FittedModel(
         model=Model(Chain.of(arm, bends=long_links(arm)), terms),
         x=x,
@@ -186,6 +186,14 @@ def test_targets_hang_on_the_flange():
     np.testing.assert_array_equal(model.predict(q, frame="tool").T, first)
 
 
+def moved_place(model, drawn, q, frame):
+    """Return where a frame is with other parameters, and the base moved along its own axes."""
+    k = len(model.x)
+    moved = replace(model, x=model.x + drawn[:k], covariance=None)
+    place = moved.predict(q, frame=frame).T[:, :3, 3]
+    return place + drawn[k : k + 3] + np.cross(drawn[k + 3 :], place)
+
+
 @pytest.mark.parametrize("frame", ["flange", "tool", "target_A"])
 def test_uncertainty_is_that_of_predictions_with_drawn_parameters(frame):
     model = fitted("ur10", 7, links_and_tool if frame != "target_A" else links_only)
@@ -194,12 +202,7 @@ def test_uncertainty_is_that_of_predictions_with_drawn_parameters(frame):
     q, rng = postures(model.arm, 8, 4), np.random.default_rng(9)
     root = np.linalg.svd(model.covariance)
     draws = rng.normal(size=(3000, 3)) @ (np.sqrt(root[1][:3]) * root[0][:, :3]).T
-    places = np.array(
-        [
-            replace(model, x=model.x + d, covariance=None).predict(q, frame=frame).T[:, :3, 3]
-            for d in draws
-        ]
-    )
+    places = np.array([moved_place(model, d, q, frame) for d in draws])
     expected = 1e3 * np.sqrt(places.var(axis=0).sum(axis=1))
     np.testing.assert_allclose(model.predict(q, frame=frame).u_mm, expected, rtol=0.06)
 
@@ -297,4 +300,13 @@ def test_what_cannot_be_predicted_is_refused():
     with pytest.raises(ModelError, match=r"joint_spring of joint 2: the weights.*not known"):
         replace(model, payload=None).predict(np.zeros(6))
     with pytest.raises(ModelError, match=r"3 values for"):
-        replace(model, x=np.zeros(3))
+        replace(model, x=np.zeros(3), covariance=None)
+
+
+def test_a_covariance_of_another_model_is_refused(tmp_path):
+    save_model(fitted("ur10", 15, links_and_tool), tmp_path / "model.yaml")
+    other = replace(fitted("ur10", 15, links_only), covariance=np.eye(30))
+    save_model(other, tmp_path / "other.yaml")
+    (tmp_path / "other.covariance.npz").replace(tmp_path / "model.covariance.npz")
+    with pytest.raises(ModelError, match=r"covariance: a covariance of shape \(30, 30\)"):
+        load_model(tmp_path / "model.yaml")

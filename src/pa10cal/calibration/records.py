@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.accuracy import Accuracy, summarise_by_load
 from pa10cal.calibration.base_parameters import report_base
 from pa10cal.calibration.calibrate import Calibration, pull_beyond_bounds, weak_directions
 from pa10cal.calibration.health import Health
+from pa10cal.calibration.health_record import health_part
 from pa10cal.calibration.load_case import LoadCase, model_deviations
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.fit.angles_seen import span_seen
@@ -21,7 +23,6 @@ from pa10cal.fit.identifiability import observability
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.results import health as health_parts
 from pa10cal.results.accuracy import ResidualRows
 from pa10cal.results.calibration import (
     CalibratedParameter,
@@ -189,11 +190,16 @@ def _model_of(fit: Fit, where: str) -> FittedModel:
     names, matrix = fit.covariance.names, fit.covariance.matrix
     solved = tuple(parameter.name for parameter in model.model.parameters)
     report = model.model.report(model.x)
-    if names[: len(solved)] == solved:
-        covariance = matrix[: len(solved), : len(solved)]
+    k = len(solved)
+    covariance = np.zeros((k + 6, k + 6))
+    if names[:k] == solved:
+        base = [name.replace(".", "_") for name in BASE]
+        known = [names.index(name) for name in (*solved, *base) if name in names]
+        at = [*range(k), *(k + base.index(name) for name in names if name in base)]
+        covariance[np.ix_(at, at)] = matrix[np.ix_(known, known)]
     elif names == tuple(parameter.name for parameter in report.parameters):
         back = np.linalg.pinv(report.jacobian)
-        covariance = back @ matrix @ back.T
+        covariance[:k, :k] = back @ matrix @ back.T
     else:
         return model
     return replace(model, covariance=covariance)
@@ -228,55 +234,6 @@ def by_load(accuracies: dict[float, Accuracy]) -> dict[str, Accuracy]:
     return {f"{load:g}N": accuracy for load, accuracy in accuracies.items()}
 
 
-def health_part(health: Health, pose: NDArray[np.str_]) -> health_parts.Health:
-    """Return what to look at before a calibration is trusted.
-
-    Args:
-        health: of the calibration.
-        pose: (P,) labels of the poses it was fitted to.
-    """
-    ended, design = health.ended, health.design
-    finite = np.isfinite(design.u_optimal_m)
-    both = finite & np.isfinite(design.u_measured_m)
-    return health_parts.Health(
-        verdict=health.verdict,
-        line=health.line,
-        converged=ended.converged,
-        reason=ended.reason,
-        iterations=ended.iterations,
-        at_bounds=ended.at_bound,
-        rank=ended.identifiability.rank,
-        unknowns=len(ended.parameters),
-        condition=ended.identifiability.condition,
-        not_identifiable=tuple(sorted(ended.not_identifiable)),
-        correlated_pairs=tuple(
-            health_parts.CorrelatedPair(
-                parameters=(pair.first, pair.second), correlation=pair.correlation
-            )
-            for pair in health.pairs
-        ),
-        train_rms_mm=health.train_rms_mm,
-        held_out_rms_mm=health.held_out_rms_mm,
-        noise_mm=health.noise_mm,
-        poses=health_parts.PosesNeeded(
-            measured=health.poses,
-            needed=health.poses_needed,
-            u_needed_mm=health.u_needed_mm,
-            u_model_mm=health.u_model_mm if np.isfinite(health.u_model_mm) else None,
-            d_optimal_order=tuple(pose[design.order].tolist()),
-            expected=tuple(
-                health_parts.ExpectedUncertainty(
-                    poses=int(number),
-                    u_optimal_mm=1e3 * float(design.u_optimal_m[k]),
-                    u_measured_mm=1e3 * float(design.u_measured_m[k]) if both[k] else None,
-                )
-                for k, number in enumerate(design.numbers)
-                if finite[k]
-            ),
-        ),
-    )
-
-
 def fitted_model(calibration: Calibration, payload: Payload | None) -> FittedModel:
     """Return the fitted model of a calibration on two levels.
 
@@ -289,7 +246,7 @@ def fitted_model(calibration: Calibration, payload: Payload | None) -> FittedMod
         model=calibration.level.model,
         x=calibration.solution.x,
         T_instr_base=calibration.T_instr_base,
-        covariance=calibration.covariances.parameters,
+        covariance=calibration.covariances.together(calibration.T_instr_base),
         payload=payload,
         seen=span_seen(observations.states.q_rad),
     )

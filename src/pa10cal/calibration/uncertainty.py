@@ -34,12 +34,24 @@ class Covariances:
         parameters: (k, k) of the outer parameters.
         base: (6, 6) of the base frame: translation along the instrument's axes [m], small right
             rotation [rad].
+        cross: (k, 6) of the outer parameters with the base frame.
         from_apparatus: (k,) variance that the apparatus alone contributes.
     """
 
     parameters: Array
     base: Array
+    cross: Array
     from_apparatus: Array
+
+    def together(self, T_instr_base: Array) -> Array:
+        """Return the covariance (k + 6, k + 6) of parameters and small motions of the base.
+
+        The base's motions are along and about its own axes, as those of the chain are.
+        """
+        along = np.eye(6)
+        along[:3, :3] = T_instr_base[:3, :3].T
+        cross = self.cross @ along.T
+        return np.block([[self.parameters, cross], [cross.T, along @ self.base @ along.T]])
 
 
 @dataclass(frozen=True)
@@ -117,10 +129,12 @@ def propagate(
     unit = np.concatenate([np.full(3, 1.0 / r_max_m), np.ones(3)])
     noise = observations.measured.cov * np.outer(unit, unit)
     common = observations.measured.by_apparatus * unit[:, None]
+    both = np.concatenate([influence, base_influence], axis=1)
     from_apparatus = _common(influence, common, u_apparatus_m)
     return Covariances(
         parameters=_independent(influence, noise) + from_apparatus,
         base=_independent(base_influence, noise) + _common(base_influence, common, u_apparatus_m),
+        cross=(_independent(both, noise) + _common(both, common, u_apparatus_m))[:k, k:],
         from_apparatus=np.diag(from_apparatus).copy(),
     )
 

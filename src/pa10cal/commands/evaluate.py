@@ -25,7 +25,7 @@ def evaluate(
     from pa10cal.calibration.records import calibration_options, models_of
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
-    from pa10cal.discovery.extended import read_extended
+    from pa10cal.commands.extended import read_extended
     from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.discovery.setup import setup_of
     from pa10cal.evaluation.compared import judged_models

@@ -22,7 +22,7 @@ def export(
     """
     from pa10cal.arm.urdf import urdf_text
     from pa10cal.calibration.records import models_of
-    from pa10cal.discovery.extended import read_extended
+    from pa10cal.commands.extended import read_extended
     from pa10cal.errors import CalibrationError
     from pa10cal.files.output import write_text
     from pa10cal.fit.model_file import save_model

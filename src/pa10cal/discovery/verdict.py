@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from html import escape
 from typing import ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
@@ -229,6 +230,32 @@ class Verdict(ABC, Generic[P_co]):
     def targets_off_m(self) -> Array:
         """Return by how much the stated targets of an apparatus are off their places, (a,)."""
         return np.zeros(self.prepared.readings.measured.by_stated_targets.shape[2])
+
+    @property
+    def gap(self) -> Mapping[str, Gap | None]:
+        """Return the gap by set of poses: `train`, and `holdout` where poses were held out."""
+        return {"train": self.train, "holdout": self.holdout}
+
+    def _repr_html_(self) -> str:
+        """Return the verdict as a notebook shows it."""
+        found = "".join(
+            f"<li>{escape(label_of(finding.effect, None))}: "
+            + escape(
+                ", ".join(
+                    f"{name} = {value.value:.4g} ± {2.0 * value.std:.1g} {value.unit}"
+                    for name, value in finding.parameters.items()
+                    if not name.startswith("knot")
+                )
+            )
+            + "</li>"
+            for finding in self.effects
+        )
+        gaps = "".join(
+            f"<li>{name}: {gap.before.mean_mm:.4f} mm → {gap.after.mean_mm:.4f} mm in the mean</li>"
+            for name, gap in self.gap.items()
+            if gap is not None
+        )
+        return f"<p>verdict: {self.verdict}</p><ul>{found}{gaps}</ul>"
 
     @cached_property
     def model(self) -> FittedModel:

@@ -78,7 +78,7 @@ class ModelWithEffects:
             model=Model(self.model.chain, self.model.terms[:-1]),
             x=self.at.x[:k],
             T_instr_base=moved_base(self.at.T_instr_base, self.at.x[k:]),
-            covariance=None if covariance is None else covariance[:k, :k],
+            covariance=None if covariance is None else covariance[: k + 6, : k + 6],
         )
 
 

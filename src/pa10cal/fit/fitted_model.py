@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pa10cal.arm.chain import (
+    BASE,
     TOOL,
     Chain,
     EndPose,
@@ -24,6 +26,8 @@ from pa10cal.arm.statics import Payload
 from pa10cal.errors import ModelError
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.loads import statics_of, with_torques
+from pa10cal.fit.prediction import FittedTo as FittedTo
+from pa10cal.fit.prediction import Prediction as Prediction
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
@@ -40,50 +44,6 @@ M = TypeVar("M", bound=Instrument)
 FLANGE, TOOL_FRAME, TARGET = "flange", "tool", "target_"
 
 
-@dataclass(frozen=True)
-class FittedTo:
-    """What a model was fitted to.
-
-    Attributes:
-        campaign: name of the campaign, or of the group of campaigns.
-        provenance: where its data come from, in the campaign's own words.
-        calibration: load case: `combined`, `general`, or a load such as `44N`.
-        instrument: kind of the instrument.
-        poses: poses fitted.
-        temperature_C: their mean temperature; nan where it was not logged.
-        time_s: (2,) first and last of their times.
-        health: one line that says whether the calibration is good.
-    """
-
-    campaign: str
-    provenance: str
-    calibration: str
-    instrument: str
-    poses: int
-    temperature_C: float
-    time_s: tuple[float, float]
-    health: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """Where a fitted model puts a frame of the robot in N poses.
-
-    Attributes:
-        T: (N, 4, 4) the frame in the robot's base frame [m].
-        u_mm: (N,) standard uncertainty of its position, from the noise of the measurement; nan
-            where the model's covariance is not known.
-        inside: (N,) whether all joint angles were seen by the fit.
-    """
-
-    T: Array
-    u_mm: Array
-    inside: NDArray[np.bool_]
-
-    def __len__(self) -> int:
-        return len(self.T)
-
-
 @dataclass(frozen=True, eq=False)
 class FittedModel:
     """A chain with terms and the values of their parameters; enough by itself to predict.
@@ -98,7 +58,10 @@ class FittedModel:
         targets_off_m: (a,) by how much the places of an apparatus' targets are off those stated,
             which moves poses measured through them; empty where that is not known.
         target_names: (t / 3,) their names.
-        covariance: (k, k) of x, or None where it is not known.
+        covariance: (k + 6, k + 6) of x and of six small motions of the base (the chain's `BASE`),
+            or None where it is not known. Arm and base are kept together, since what they share,
+            such as the zero of joint 1 and the yaw of the base, is uncertain in each and not in
+            where the robot is.
         payload: what the arm carried, which springs and bending links need; None where not known.
         fitted_to: what it was fitted to, or None.
         seen: joint positions seen by the fit, or None.
@@ -130,6 +93,16 @@ class FittedModel:
     def arm(self) -> Arm:
         """Return the nominal arm."""
         return self.model.chain.arm
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as `model.yaml`, its covariance beside it, whole or not at all.
+
+        Raises:
+            OutputError: when it cannot be written there.
+        """
+        from pa10cal.fit.model_file import save_model  # late: it imports this module
+
+        save_model(self, Path(path))
 
     @property
     def parameters(self) -> pd.DataFrame:
@@ -384,8 +357,11 @@ class FittedModel:
         on_tool = self._on_tool(frame)
         arm_m = (end.T[:, :3, :3] @ self._T_end_frame(frame)[:3, 3])[:, :, None]
         by_x = physical.jacobian_at(states, x, end, without=() if on_tool else TOOL)
-        moved = by_x[:, :3] + np.cross(by_x[:, 3:], arm_m, axis=1)
-        covariance = self.covariance[np.ix_(columns, columns)]
+        by_base = end.screws[:, :, physical.chain.columns(BASE)]
+        by_all = np.concatenate([by_x, by_base], axis=2)
+        moved = by_all[:, :3] + np.cross(by_all[:, 3:], arm_m, axis=1)
+        chosen = np.concatenate([columns, len(self.x) + np.arange(6)])
+        covariance = self.covariance[np.ix_(chosen, chosen)]
         variance = np.einsum("pik,kl,pil->p", moved, covariance, moved, optimize=True)
         uncertainty: Array = 1e3 * np.sqrt(np.maximum(variance, 0.0))
         return uncertainty

@@ -95,7 +95,7 @@ def load_model(path: str | Path) -> FittedModel:
 
 def write_covariance(model: FittedModel, path: Path) -> None:
     """Write the covariance of a model's parameters, with their names (.npz)."""
-    names = [parameter.name for parameter in model.model.parameters]
+    names = [*(parameter.name for parameter in model.model.parameters), *BASE]
     covariance = np.zeros((0, 0)) if model.covariance is None else model.covariance
     with path.open("wb") as file:
         np.savez_compressed(file, names=np.array(names), covariance=covariance)
@@ -167,6 +167,7 @@ def model_from_plain(
             remedy="export the model again",
         )
     try:
+        covariance = _checked(covariance, content["terms"], where)
         pairs = [
             _term_from_plain(entry, f"{where}: terms[{k}]")
             for k, entry in enumerate(content["terms"])
@@ -236,6 +237,19 @@ def _term_to_plain(model: FittedModel, term: Term) -> dict[str, Any]:
         },
         "x": model.values_of(term).tolist(),
     }
+
+
+def _checked(covariance: Array | None, terms: Any, where: str) -> Array | None:
+    """Return a covariance of the parameters of terms and of the base's six motions."""
+    size = sum(len(term["x"]) for term in terms) + 6
+    if covariance is not None and covariance.shape != (size, size):
+        raise ModelError(
+            f"a covariance of shape {covariance.shape}",
+            where=f"{where}: covariance",
+            allowed=f"({size}, {size}): parameters, then the base",
+            remedy="write the model again",
+        )
+    return covariance
 
 
 def _term_from_plain(content: Mapping[str, Any], where: str) -> tuple[Term, Array]:

@@ -167,10 +167,21 @@ def fitted(general: GeneralCalibration) -> FittedModel:
         R_ee_target=general.start.R_ee_target,
         targets_m=problem.places_at(x),
         target_names=problem.measured.target_names,
-        covariance=general.fit.covariance[:count, :count],
+        covariance=_covariance(general, count),
         payload=general.payload,
         seen=span_seen(problem.observations.states.q_rad),
     )
+
+
+def _covariance(general: GeneralCalibration, count: int) -> Array:
+    """Return the covariance (k + 6, k + 6) of a model's k parameters and the base's motions."""
+    base = general.unknowns.base.coordinates
+    of_base = count + np.array([BASE.index(name) for name in base], dtype=np.intp)
+    rows = np.concatenate([np.arange(count), of_base])
+    covariance = np.zeros((count + 6, count + 6))
+    used = len(rows)
+    covariance[np.ix_(rows, rows)] = general.fit.covariance[:used, :used]
+    return covariance
 
 
 def base_motion(model: Model, x_base: Array) -> Array:

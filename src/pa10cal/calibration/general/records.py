@@ -10,7 +10,8 @@ import numpy as np
 from pa10cal.calibration.base_parameters import report_base
 from pa10cal.calibration.general.calibrate import GeneralCalibration
 from pa10cal.calibration.general.case import GeneralCase, fitted
-from pa10cal.calibration.records import by_load, fitted_to, health_part, reported_keys
+from pa10cal.calibration.health_record import health_part
+from pa10cal.calibration.records import by_load, fitted_to, reported_keys
 from pa10cal.fit.fitted_model import FittedModel, FittedTo
 from pa10cal.fit.identifiability import not_identifiable, observability
 from pa10cal.fit.model_file import model_to_plain

@@ -1,0 +1,54 @@
+"""What a fitted model predicts, and what it was fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FittedTo:
+    """What a model was fitted to.
+
+    Attributes:
+        campaign: name of the campaign, or of the group of campaigns.
+        provenance: where its data come from, in the campaign's own words.
+        calibration: load case: `combined`, `general`, or a load such as `44N`.
+        instrument: kind of the instrument.
+        poses: poses fitted.
+        temperature_C: their mean temperature; nan where it was not logged.
+        time_s: (2,) first and last of their times.
+        health: one line that says whether the calibration is good.
+    """
+
+    campaign: str
+    provenance: str
+    calibration: str
+    instrument: str
+    poses: int
+    temperature_C: float
+    time_s: tuple[float, float]
+    health: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Where a fitted model puts a frame of the robot in N poses.
+
+    Attributes:
+        T: (N, 4, 4) the frame in the robot's base frame [m].
+        u_mm: (N,) standard uncertainty of its position, from the noise of the measurement, the base
+            being where the fit puts it; nan where the model's covariance is not known.
+        inside: (N,) whether all joint angles were seen by the fit.
+    """
+
+    T: Array
+    u_mm: Array
+    inside: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.T)

@@ -1,0 +1,72 @@
+"""The package from Python: read a campaign, calibrate the arm, find what the model lacks.
+
+Each function takes what the one before returns, and works in memory; nothing is written but by
+`FittedModel.save`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.campaign.read import Campaign, read_campaign
+from pa10cal.discovery.options import DiscoveryOptions
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.model_file import load_model
+
+if TYPE_CHECKING:
+    from pa10cal.discovery.verdict import Verdict
+
+__all__ = ["calibrate", "discover", "load_arm", "load_model", "read_campaign"]
+
+
+def calibrate(
+    campaign: Campaign, options: CalibrationOptions | None = None, *, load: str = "combined"
+) -> FittedModel:
+    """Calibrate the arm of a campaign.
+
+    Touched balls are calibrated with the paper's model on two levels, other instruments with the
+    general model, unless `options.model` says otherwise.
+
+    Args:
+        campaign: from `read_campaign`.
+        options: how to calibrate; None for the defaults.
+        load: `combined` for all loads together, or a load such as `44N`.
+
+    Returns:
+        The calibrated model; `fitted_to.health` says in one sentence whether it is good.
+
+    Raises:
+        CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
+            described does not fit the readings at all.
+    """
+    from pa10cal.calibration.campaign import calibrated
+
+    return calibrated(campaign.description, campaign.arm, campaign.observations, load, options)
+
+
+def discover(
+    campaign: Campaign, model: FittedModel, options: DiscoveryOptions | None = None
+) -> Verdict[Any]:
+    """Find which effects a calibrated model lacks, and close the gap.
+
+    Args:
+        campaign: from `read_campaign`; its held-out poses serve nothing but the gap.
+        model: from `calibrate`.
+        options: how to search; None for the defaults.
+
+    Returns:
+        The verdict: `verdict.verdict` in a word, `verdict.effects`, `verdict.model` with the
+        effects in it, `verdict.holdout` and `verdict.train` for the gap.
+
+    Raises:
+        DiscoveryError: when there are too few poses, or too little is repeated.
+    """
+    from pa10cal.discovery.discover import discover as search
+    from pa10cal.discovery.setup import setup_of
+
+    setup = setup_of(
+        campaign.description, campaign.arm, CalibrationOptions(), options or DiscoveryOptions()
+    )
+    return search(campaign.observations, model, setup)

@@ -1,0 +1,81 @@
+"""Writes the reference page of the Python interface, from its docstrings."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from pathlib import Path
+from typing import Any
+
+import pa10cal
+
+_HEAD = """# From Python
+
+This page is generated from the docstrings (`make schema`).
+`examples/calibrate_and_discover.py` uses all of it.
+
+```python
+import pa10cal
+
+campaign = pa10cal.read_campaign("data/raw/cell-a")
+model = pa10cal.calibrate(campaign)  # base, tool, geometry, springs
+model.parameters  # a table: value, standard uncertainty, unit
+model.predict([0.1, 0.4, 0.9, 0.0, 0.5, 0.2]).T  # the flange in the robot's base frame
+
+verdict = pa10cal.discover(campaign, model)  # what the model lacks
+verdict.verdict, [(finding.id, finding.of) for finding in verdict.effects]
+verdict.model.save("model.yaml")
+pa10cal.load_model("model.yaml")
+```
+"""
+
+
+def reference() -> str:
+    """Return the page as Markdown."""
+    parts = [_HEAD]
+    for name in pa10cal.__all__:
+        thing = getattr(pa10cal, name)
+        if inspect.isclass(thing):
+            parts += [f"## `pa10cal.{name}`\n", _text(thing)]
+            parts += [
+                f"### `{name}.{member}{_signature(of)}`\n\n{_text(of)}"
+                for member, of in vars(thing).items()
+                if not member.startswith("_") and _documented(of)
+            ]
+        else:
+            parts += [f"## `pa10cal.{name}{_signature(thing)}`\n", _text(thing)]
+    return "\n".join(part.rstrip() + "\n" for part in parts)
+
+
+def _documented(member: Any) -> bool:
+    return bool(_docstring(member)) and not inspect.isclass(member)
+
+
+def _docstring(thing: Any) -> str:
+    if isinstance(thing, str | int | float | tuple):
+        return ""
+    return inspect.getdoc(getattr(thing, "__func__", thing)) or ""
+
+
+def _signature(thing: Any) -> str:
+    function = getattr(thing, "__func__", thing)
+    if not inspect.isfunction(function):
+        return ""
+    names = [
+        parameter.replace(annotation=inspect.Parameter.empty)
+        for parameter in inspect.signature(function).parameters.values()
+        if parameter.name not in ("self", "cls")
+    ]
+    return str(inspect.Signature(names))
+
+
+def _text(thing: Any) -> str:
+    """Return a docstring, its sections as they are typed."""
+    lines = _docstring(thing).splitlines()
+    summary, rest = lines[:1], lines[1:]
+    body = "\n".join(rest).strip()
+    return "\n".join([*summary, *([f"\n```text\n{body}\n```"] if body else [])]) + "\n"
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(reference(), encoding="utf-8")
