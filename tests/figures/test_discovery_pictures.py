@@ -71,9 +71,11 @@ class TestBreakdown:
         assert (after / floor).max() < 1.5
 
     def test_says_how_it_compares_with_repeats(self, named, results):
-        (said,) = (t for t in texts_of(where_breakdown.draw(named)) if t.startswith("Variance"))
+        (said,) = (t for t in texts_of(where_breakdown.draw(named)) if t.startswith("F, variance"))
         assert f"{named.analysis().before.pose.shared.F:.0f} before (p < 0.001)" in said
-        (said,) = (t for t in texts_of(where_breakdown.draw(results)) if t.startswith("Variance"))
+        (said,) = (
+            t for t in texts_of(where_breakdown.draw(results)) if t.startswith("F, variance")
+        )
         assert "< 0.001" not in said
 
     def test_a_temperature_that_was_not_logged_has_no_slope(self, changed, named):
@@ -197,7 +199,7 @@ class TestResidualField:
         np.testing.assert_allclose(-after.U, scale * rows.after_mm[:, 0])
         (key,) = figure.findobj(QuiverKey)
         assert key.text.get_text() == f"{key.U / scale:g} mm, enlarged {scale:g} times"
-        assert any("before and after are drawn at the same scale" in t for t in texts_of(figure))
+        assert any("before and after have the same scale" in t for t in texts_of(figure))
 
     def test_places_are_along_the_axes_of_the_base(self, named):
         T = named.base_frame()

@@ -176,7 +176,7 @@ def test_open_and_bound_parameters_are_named(changed):
         record["parameters"]["K_cub_3"]["at_bound"] = True
 
     texts = texts_of(parameter_uncertainty.draw(changed("calibration/combined.json", bound)))
-    assert texts.count("not identifiable: the tolerance decides") == 2
+    assert texts.count("not identifiable: set by the tolerance") == 2
     assert "joint 3\nat bound" in texts
     assert "joint 5" in texts
 
@@ -234,7 +234,7 @@ def test_both_readings_of_epsilon_are_marked_where_the_curve_reaches(changed):
         return put
 
     short = legend_of(l_curve.draw(changed("calibration/combined.json", curve(1e-2))))
-    assert any("weight 0.00016: leaves 4.000 mm" in text for text in short)
+    assert any("weight 0.00016: remaining error 4.000 mm" in text for text in short)
     assert any("weight 0.013: beyond the weights tried" in text for text in short)
 
 
@@ -244,11 +244,11 @@ def test_the_second_reading_is_marked_on_a_curve_that_reaches_it(changed):
         record["l_curve"] = [p.model_dump() for p in points(weights, [1, 2, 3, 4])]
 
     long = legend_of(l_curve.draw(changed("calibration/combined.json", put)))
-    assert any("weight 0.013: leaves 6.000 mm" in text for text in long)
+    assert any("weight 0.013: remaining error 6.000 mm" in text for text in long)
 
 
 def test_says_how_the_terms_act_in_the_calibration_itself(results, changed):
-    assert any("poses leave open" in text for text in texts_of(l_curve.draw(results)))
+    assert any("poses do not identify" in text for text in texts_of(l_curve.draw(results)))
 
     def as_printed(record):
         record["settings"].update(tolerance_terms="all", epsilon_acts_on="cost")

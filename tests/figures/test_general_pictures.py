@@ -81,7 +81,7 @@ class TestHealth:
         figure = health.draw(copied(sighted["pose"], COMBINED, unknown))
         assert texts_of(figure).count("not known") == 3
         ordered = len(sighted["pose"].general().health.poses.d_optimal_order)
-        assert any(f"not with {ordered} chosen poses" in text for text in legend_of(figure))
+        assert any(f"not reached with {ordered} chosen poses" in text for text in legend_of(figure))
 
     @pytest.mark.parametrize("ends", [(0.022, 0.034), (0.024, 0.48), (0.011, 0.0111)])
     def test_texts_are_whole_and_apart(self, copied, sighted, ends):
@@ -117,7 +117,7 @@ class TestHeldOutErrors:
         figure = held_out_errors.draw(learnt)
         extended = learnt.held_out().models["extended"]
         inside, beyond = legend_of(figure)[-2:]
-        assert inside.startswith("with what was discovered, angles seen: rms ")
+        assert inside.startswith("with discovered effects, angles seen: rms ")
         assert f"rms {extended.inside.rms_mm:.3f}" in inside
         assert f"({extended.outside.configurations} poses)" in beyond
         assert "extrapolated" in beyond
@@ -201,7 +201,7 @@ class TestErrorByJoint:
         q3_m = poses[poses["kind"] == "grid"]["q3_m"]
         np.testing.assert_allclose(np.sort(third), np.sort(1e3 * q3_m))
         assert "joint angle [deg]; of joint 3 mm" in texts_of(figure)
-        assert any("Positions alone were seen" in text for text in texts_of(figure))
+        assert any("Positions alone were measured" in text for text in texts_of(figure))
 
     def test_what_was_discovered_has_a_row(self, learnt):
         figure = error_by_joint.draw(learnt)
@@ -212,7 +212,9 @@ class TestErrorByJoint:
         grey = figure.axes[12].lines[1]
         beyond = learnt.held_out().models["extended"].rows.extrapolated.sum()
         assert len(grey.get_xdata()) == beyond
-        assert any(text.startswith(f"Grey: {beyond} poses") for text in texts_of(figure))
+        assert any(
+            text.startswith(f"Grey: {beyond} extrapolated poses") for text in texts_of(figure)
+        )
         # Position errors are smaller there, attitudes the same: joints err less, but not by 0.3.
         assert np.abs(after).sum() < np.abs(before).sum()
 
@@ -258,7 +260,7 @@ class TestJointErrorMaps:
         first, third = figure.axes[1], figure.axes[0]
         assert first.get_title(loc="left").startswith("joint 1: rms 0.212 mrad over the turn")
         assert third.get_title(loc="left").startswith("joint 3: ")
-        assert "over the angles seen, 95 % of the turn not seen" in third.get_title(loc="left")
+        assert "over the measured angles; 5 % of the turn measured" in third.get_title(loc="left")
         seen, unseen = (line.get_ydata() for line in third.lines[:2])
         angle = third.lines[0].get_xdata()
         line = np.where(np.isnan(seen), unseen, seen)
@@ -282,7 +284,7 @@ class TestJointErrorMaps:
         np.testing.assert_array_equal(np.isfinite(guessed.get_ydata()), ~inside)
         assert guessed.get_linestyle() == ":"
         assert np.isnan(figure.axes[1].lines[0].get_ydata()).all()
-        assert "100 % of the turn not seen" in figure.axes[1].get_title(loc="left")
+        assert "0 % of the turn measured" in figure.axes[1].get_title(loc="left")
 
     def test_a_map_judged_by_repeats_is_drawn_without_angles_seen(self, copied, learnt):
         source = copied(learnt, "discovery/verdict.json", lambda r: r.pop("angles_seen"))

@@ -126,7 +126,7 @@ class TestAccuracy:
             assert float(row["rms_mm"]) == pytest.approx(errors.rms_mm, rel=1e-5)
         fitted = self.one(rows, "fitted", "extended")
         assert float(fitted["rms_mm"]) == learnt.verdict().gap.train.after.rms_mm
-        assert "with what was discovered, extrapolated" in text
+        assert "with discovered effects, extrapolated" in text
 
     def test_an_attitude_not_seen_is_a_dash(self, sighted, tmp_path):
         rows, text = rows_of(accuracy_general, sighted["distance"], tmp_path)

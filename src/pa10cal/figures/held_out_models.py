@@ -23,7 +23,7 @@ _NAMES = {
     "uncalibrated": "nominal, frames fitted",
     "geometry": "geometry",
     "linear": "geometry and springs",
-    "extended": "with what was discovered",
+    "extended": "with discovered effects",
 }
 
 

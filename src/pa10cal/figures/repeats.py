@@ -76,6 +76,6 @@ def incompleteness(case: PaperCalibrationRecord, scatter: dict[str, Scatter]) ->
         return None
     times = f"{left_mm / repeats_mm:.0f}" if repeats_mm > 0.0 else "infinitely many"
     return (
-        f"The error left after calibration is {times} times the scatter of averaged repeats: the "
-        "model is incomplete, and ± does not cover what it lacks."
+        f"The remaining error is {times} times the scatter of averaged repeats: the model is "
+        "incomplete, and ± does not cover the missing effect."
     )

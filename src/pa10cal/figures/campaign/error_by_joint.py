@@ -1,4 +1,4 @@
-"""What the model leaves as errors of each joint's position, against that position."""
+"""Remaining error expressed as errors of the joint positions, against each position."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def draw(results: Results) -> Figure:
         rows.append(_Row(title, colour, left.q * to_shown, error, _beyond(found)))
     figure = new_figure(
         _BELOW_MM + len(rows) * (_ROW_MM + _BETWEEN_MM) - _BETWEEN_MM + _ABOVE_MM,
-        "What the model leaves, told as errors of the joints, against each joint's position",
+        "Remaining error expressed as joint errors, against the position of each joint",
     )
     everywhere = np.vstack([row.q for row in rows])
     limit = 1.05 * max(float(np.quantile(np.abs(row.error), _IN_SIGHT)) for row in rows)
@@ -110,7 +110,7 @@ def draw(results: Results) -> Figure:
 def _sets(
     results: Results, case: GeneralCalibrationRecord
 ) -> Iterator[tuple[str, str, ResidualRows | HeldOutRows]]:
-    """Yield the poses of each row: what they are, their colour, what is left of them."""
+    """Yield the poses of each row: what they are, their colour, their residuals."""
     models = results.held_out().models
     said = "{}, before" if "extended" in models else "calibrated model, {}"
     yield said.format("fitted"), ORANGE, case.residuals
@@ -166,8 +166,8 @@ def _notes(
     )
     extrapolated = int(rows[-1].beyond.sum())
     if extrapolated:
-        yield f"Grey: {extrapolated} poses that leave the angles learnt from, extrapolated."
+        yield f"Grey: {extrapolated} extrapolated poses, beyond the angles of the fit."
     if case.residuals.rotation_deg is None:
-        yield "Positions alone were seen: an error of one joint shows in several."
+        yield "Positions alone were measured: an error of one joint appears in several."
     elif rows[-1].colour != AFTER:
-        yield "There is no model with discovered effects that held-out poses were judged with."
+        yield "No model with discovered effects was evaluated at the held-out poses."

@@ -37,7 +37,7 @@ the cubic term.
 """,
 )
 
-_TITLE = "Error at held-out points and loads, which no fit has seen (compare Fig. 6)"
+_TITLE = "Error at held-out points and loads, which no fit uses (compare Fig. 6)"
 _MARKERS = {"uncalibrated": "^", "linear": "s", "cubic": "o", "extended": "v"}
 _NAMES = {
     "uncalibrated": "uncalibrated",

@@ -1,4 +1,4 @@
-"""The error left as the named effects join the model one by one, fitted and held out."""
+"""Remaining error as the named effects are added one by one, fitted and held out."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def draw(results: Results) -> Figure:
     steps = found.naming
     rows = _ROW_MM * len(steps)
     figure = new_figure(
-        _BELOW_MM + rows + _ABOVE_MM, "Gap between model and measurement, name by name"
+        _BELOW_MM + rows + _ABOVE_MM, "Gap between model and measurement, effect by effect"
     )
     axes = panel(figure, 46.0, _BELOW_MM, 84.0, rows)
     for k, step in enumerate(steps):
@@ -78,7 +78,7 @@ def draw(results: Results) -> Figure:
 
 
 def _beyond(found: AnalysisRecord) -> str:
-    """Say what becomes of held-out poses that leave the angles which the fit has seen."""
+    """State the errors of held-out poses inside the joint angles of the fit and beyond."""
     if len(found.naming) == 1:
         return "No effect was named: there is one step."
     held_out = found.gap.holdout
@@ -88,8 +88,8 @@ def _beyond(found: AnalysisRecord) -> str:
     error_mm = np.linalg.norm(held_out.after_mm, axis=1)
     inside, outside = (np.sqrt(np.mean(error_mm[rows] ** 2)) for rows in (~beyond, beyond))
     return (
-        f"Held out, at last: rms {inside:.3f} mm inside the angles seen, {outside:.3f} mm in "
-        f"{beyond.sum()} of {len(beyond)} poses that extrapolate."
+        f"Held out, last step: rms {inside:.3f} mm inside the angles of the fit, {outside:.3f} mm "
+        f"in {beyond.sum()} of {len(beyond)} poses, which are extrapolated."
     )
 
 
@@ -119,7 +119,7 @@ def _draw_legend(figure: Figure, steps: tuple[NamingStep, ...]) -> None:
     handles = [Line2D([], [], label="poses fitted", **_TRAIN)]
     if steps[0].holdout is not None:
         handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
-    handles.append(Line2D([], [], label="what repeatability alone leaves", **_FLOOR_LINE))
+    handles.append(Line2D([], [], label="repeatability alone", **_FLOOR_LINE))
     height = height_of(figure)
     figure.legend(
         handles=handles, loc="lower left", bbox_to_anchor=(10.0 / WIDTH_MM, 11.0 / height), ncols=3

@@ -1,4 +1,4 @@
-"""Whether a calibration is good: what poses tell of it, what it leaves, in one plain line."""
+"""Whether a calibration is good: expected uncertainty, remaining error, and the verdict."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def _draw_poses(axes: Axes, health: Health) -> None:
         label = f"all {poses.measured} poses: {poses.u_model_mm:.3g} mm"
         axes.plot(poses.measured, poses.u_model_mm, label=label, **_ALL)
     axes.axhline(poses.u_needed_mm, label=_wanted(poses), **_WANTED)
-    left = f"error left, rms: {health.train_rms_mm:.3g} mm"
+    left = f"remaining error, rms: {health.train_rms_mm:.3g} mm"
     axes.axhline(health.train_rms_mm, label=left, **_LEFT)
     if poses.needed is not None:
         axes.plot([poses.needed] * 2, [1e-9, poses.u_needed_mm], **_WANTED)
@@ -111,23 +111,23 @@ def _draw_poses(axes: Axes, health: Health) -> None:
     plain_log(axes, "x", min(numbers) / 1.2, max(*numbers, poses.measured) * 1.3)
     plain_log(axes, "y", min(shown) / 1.5, max(shown) * 1.5)
     axes.set_xlabel("number of poses")
-    axes.set_ylabel("uncertainty to be expected\nof a prediction [mm]")
+    axes.set_ylabel("expected standard uncertainty\nof a prediction [mm]")
 
 
 def _wanted(poses: PosesNeeded) -> str:
     said = f"needed: {poses.u_needed_mm:.3g} mm"
     if poses.needed is None:
-        return f"{said}, not with {len(poses.d_optimal_order)} chosen poses"
-    return f"{said}, with {poses.needed} chosen poses"
+        return f"{said}, not reached with {len(poses.d_optimal_order)} chosen poses"
+    return f"{said}, reached with {poses.needed} chosen poses"
 
 
 def _draw_errors(axes: Axes, health: Health) -> None:
-    """Draw what the error left is to be compared with, one below the other."""
+    """Draw the remaining error and the errors to compare it with, one below the other."""
     rows = [
-        ("expected of the model", health.poses.u_model_mm, ORANGE, "*"),
+        ("expected uncertainty", health.poses.u_model_mm, ORANGE, "*"),
         ("noise of the readings", health.noise_mm, GREEN, "s"),
-        ("poses fitted", health.train_rms_mm, VERMILLION, "o"),
-        ("poses held out", health.held_out_rms_mm, PURPLE, "v"),
+        ("fitted poses", health.train_rms_mm, VERMILLION, "o"),
+        ("held-out poses", health.held_out_rms_mm, PURPLE, "v"),
     ]
     known = [value for _, value, _, _ in rows if value]
     plain_log(axes, "x", min(known) / 2.5, max(known) * 2.5, few=True)
@@ -143,11 +143,12 @@ def _draw_errors(axes: Axes, health: Health) -> None:
 
 
 def _facts(health: Health) -> list[str]:
+    reason = health.reason.rstrip(".").replace("`", "")
     said = [
         f"Rank {health.rank} of {health.unknowns}; condition number {health.condition:.0f}.",
-        f"Ended after {health.iterations} steps: {health.reason.rstrip('.').replace('`', '')}.",
-        f"At the end of their range: {_names(health.at_bounds)}.",
-        f"Left open by these poses: {_names(health.not_identifiable)}.",
+        f"Terminated after {health.iterations} steps: {reason}.",
+        f"At a bound: {_names(health.at_bounds)}.",
+        f"Not identifiable: {_names(health.not_identifiable)}.",
     ]
     return [line for text in said for line in wrap(text, _HALF_LETTERS)]
 
@@ -156,7 +157,7 @@ def _pairs(health: Health) -> list[str]:
     pairs = health.correlated_pairs
     if not pairs:
         return ["No two parameters are strongly correlated."]
-    lines = ["Parameters hardly told apart, with their correlation:"]
+    lines = ["Strongly correlated parameters, with correlation:"]
     for pair in pairs[:_MOST_PAIRS]:
         first, second = map(written, pair.parameters)
         lines.append(f"{first} and {second}: {pair.correlation:+.3f}")

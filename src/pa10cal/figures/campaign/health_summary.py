@@ -31,7 +31,7 @@ _MOST_SHOWN = 30
 
 
 def tabulate(results: Results) -> Table:
-    """Return how the fits ended, what they rest on and leave open, and how many poses they need."""
+    """Return termination, rank, errors and expected uncertainty, and how many poses are needed."""
     cases = results.calibrations()
     models = [MODELS[case.model] for case in cases]
     columns = [_said(case) for case in cases]

@@ -1,4 +1,4 @@
-"""How large the errors of held-out poses are: the share of poses below every error."""
+"""Distribution of the errors of held-out poses."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ extrapolated and drawn apart, dotted.
 
 Array = NDArray[np.float64]
 
-_TITLE = "Error of held-out poses, which no fit has seen: share of the poses that err less"
+_TITLE = "Error of held-out poses, which no fit uses: share of poses with a smaller error"
 #: Of more poses only so many are drawn: more would not be seen.
 _MOST_STEPS = 400
 #: Wide lines lie under the others, and marks on all of them.

@@ -44,7 +44,7 @@ without a map showed no need of one.
 
 Array = NDArray[np.float64]
 
-_TITLE = "Errors that depend on a joint's angle, as found"
+_TITLE = "Errors that depend on a joint angle, as found"
 _MAP = "joint_error_map"
 _HALF_WIDTH_95 = 1.96
 _ROW_MM, _BETWEEN_MM, _BELOW_MM, _ABOVE_MM = 24.0, 7.0, 28.0, 14.0
@@ -136,10 +136,10 @@ def _draw_map(axes: Axes, each: _Map, stretches: Array | None) -> None:
     axes.plot(angle, np.where(unseen, line, np.nan), color=AFTER, linestyle=":")
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     spacing = 360.0 / len(each.error_mrad)
-    shown, over = (line, "the turn") if unseen.all() else (line[~unseen], "the angles seen")
+    shown, over = (line, "the turn") if unseen.all() else (line[~unseen], "the measured angles")
     axes.set_title(
-        f"joint {each.joint}: rms {np.sqrt(np.mean(shown**2)):.3f} mrad over {over}, "
-        f"{100.0 * np.mean(unseen):.0f} % of the turn not seen; knots {spacing:.3g}° apart"
+        f"joint {each.joint}: rms {np.sqrt(np.mean(shown**2)):.3f} mrad over {over}; "
+        f"{100.0 * np.mean(~unseen):.0f} % of the turn measured; knots {spacing:.3g}° apart"
     )
     axes.set_xlim(0.0, 360.0)
     axes.set_xticks(range(0, 361, 45))
@@ -167,7 +167,7 @@ def _draw_legend(figure: Figure) -> None:
         Line2D([], [], color=AFTER, label="map"),
         Patch(color=SKY, alpha=_STRONG, label="95 % band"),
         Line2D([], [], color=AFTER, linestyle=":", label="extrapolated"),
-        Patch(color=SEPARATOR, alpha=0.45, label="angles not seen by the poses fitted"),
+        Patch(color=SEPARATOR, alpha=0.45, label="angles without fitted poses"),
     ]
     figure.legend(
         handles=handles,
@@ -176,5 +176,5 @@ def _draw_legend(figure: Figure) -> None:
         ncols=4,
         columnspacing=1.4,
     )
-    said = "A map says at which joint and how an error goes with the angle, not what makes it."
+    said = "A map shows at which joint an error is and how it depends on the angle, not its cause."
     write_text_at(figure, 2.0, 6.5, said, color=GREY)

@@ -1,4 +1,4 @@
-"""What the weight of the tolerance terms costs: the L-curve, and the error each weight leaves."""
+"""Cost of the tolerance terms: the L-curve, and the remaining error at each weight."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def draw(results: Results) -> Figure:
         str(case.settings["epsilon_acts_on"])
     ].title
     acts = (
-        "only on directions that the poses leave open, so they cost no fit"
+        "only on directions that the poses do not identify, at no cost in fit"
         if case.settings["tolerance_terms"] == "null_space"
         else f"on every departure, with {chosen}"
     )
@@ -109,8 +109,8 @@ def _draw_curve(
             axes.plot(at.misfit, at.departure, **_mark(reading))
     plain_log(axes, "x", misfit.min() / 3.0, misfit.max() * 2.0)
     plain_log(axes, "y", departure.min() / 2.0, departure.max() * 2.0)
-    axes.set_xlabel("misfit: root of the sum of squares")
-    axes.set_ylabel("departures / tolerances, root\nof the sum of squares")
+    axes.set_xlabel("misfit: norm of the residuals")
+    axes.set_ylabel("norm of departures\nover tolerances")
     axes.set_title("misfit against departure; weights beside points")
 
 
@@ -126,7 +126,7 @@ def _draw_error(
     axes.xaxis.set_major_formatter(lambda value, _: power_of_ten(round(np.log10(value))))
     for reading in readings:
         at = _between(points, reading.weight)
-        left = "beyond the weights tried" if at is None else f"leaves {at.mean_mm:.3f} mm"
+        left = "beyond the weights tried" if at is None else f"remaining error {at.mean_mm:.3f} mm"
         label = f"{reading.title}, weight {reading.weight:.2g}: {left}"
         axes.axvline(reading.weight, color=reading.colour, linewidth=0.8, linestyle="--")
         axes.plot(
@@ -137,7 +137,7 @@ def _draw_error(
         )
     axes.set_xlabel("weight of the terms on the residuals")
     axes.set_ylabel("mean position error [mm]")
-    axes.set_title("what each weight leaves, all loads")
+    axes.set_title("remaining error at each weight, all loads")
 
 
 def _apart(points: tuple[LCurvePoint, ...]) -> list[LCurvePoint]:

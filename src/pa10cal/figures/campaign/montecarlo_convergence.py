@@ -67,7 +67,7 @@ def draw(results: Results) -> Figure:
         color=GREY,
         linewidth=1.2,
         linestyle=":",
-        label=f"{_AGREEMENT_PERCENT:g} %, the agreement asked for",
+        label=f"{_AGREEMENT_PERCENT:g} %, required agreement",
     )
     distance.set_ylabel("distance from the closed form [%]")
     handles, labels = running.get_legend_handles_labels()

@@ -69,13 +69,13 @@ def draw(results: Results) -> Figure:
         figure,
         2.0,
         6.0,
-        "Circles: the reach asked for. White between them: no posture within the joint limits.",
+        "Circles: requested reach. White between them: no posture within the joint limits.",
     )
     return figure
 
 
 def _draw_ring(axes: Axes, plane: PlaneRecord) -> None:
-    """Draw the circles of the reach asked for, and the base."""
+    """Draw the circles of the requested reach, and the base."""
     for reach_m in plane.reach_m:
         axes.add_patch(Circle((0.0, 0.0), 1e3 * reach_m, fill=False, linewidth=0.6))
     axes.plot(0.0, 0.0, color=BLACK, marker="s")

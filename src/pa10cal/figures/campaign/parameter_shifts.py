@@ -1,4 +1,4 @@
-"""Which parameters of the model had been bent to hide what was missing from it."""
+"""Parameters of the model that had absorbed part of the missing effects."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _FOUND: dict[str, Any] = {"color": AFTER, "marker": "o", "linestyle": "none"}
 
 
 def draw(results: Results) -> Figure:
-    """Draw how far each parameter moved when the effects joined: links left, springs right."""
+    """Draw the change of each parameter when the effects were added: links left, springs right."""
     found = results.analysis()
     shifts = {
         shift.name: shift
@@ -48,7 +48,7 @@ def draw(results: Results) -> Figure:
     springs = [(kind, joint) for kind in (K_LIN, K_CUB) for joint in joints_of(kind, list(shifts))]
     rows = _ROW_MM * max(len(links), 8)
     figure = new_figure(
-        _BELOW_MM + rows + _ABOVE_MM, "How far parameters moved when the named effects joined"
+        _BELOW_MM + rows + _ABOVE_MM, "Change of the parameters when the named effects were added"
     )
     left = panel(figure, 16.0, _BELOW_MM, 76.0, rows)
     _draw_links(left, links, shifts)
@@ -104,9 +104,9 @@ def _draw_shifts(axes: Axes, found: list[ParameterShift], unit: Array, names: li
 
 def _said(found: AnalysisRecord) -> str:
     if not found.effects:
-        return "No effect was named: what moves is the weighing of the fit."
+        return "No effect was named: any change comes from the weights of the fit."
     hidden = len(found.parameter_shifts) - sum(s.identifiable for s in found.parameter_shifts)
     return (
-        "Bars: what the model without the effects had wrong. Lines: 95 % intervals of the value "
-        f"after.\nNot shown: the base frame, and {hidden} parameters that the poses cannot tell."
+        "Bars: change of the value. Lines: 95 % intervals of the value after.\n"
+        f"Not shown: the base frame, and {hidden} parameters that are not identifiable."
     )

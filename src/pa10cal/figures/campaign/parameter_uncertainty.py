@@ -163,7 +163,7 @@ def _draw_widths(axes: Axes, rows: list[_Row], case: PaperCalibrationRecord) -> 
             axes.text(
                 0.03,
                 row.y,
-                "not identifiable: the tolerance decides",
+                "not identifiable: set by the tolerance",
                 transform=axes.get_yaxis_transform(),
                 va="center",
                 color=_OPEN,

@@ -56,7 +56,7 @@ _PANEL_MM, _APART_MM = 70.0, 78.0
 _ALONE_MM, _ALONE_APART_MM = 63.0, 83.0
 _BELOW_MM, _SAID_MM, _BETWEEN_MM, _ABOVE_MM = 22.5, 4.4, 10.0, 18.0
 _SAME_SCALE = (
-    "Arrows before and after are drawn at the same scale: one not seen is no longer than its mark."
+    "Arrows before and after have the same scale; an arrow shorter than its marker is hidden by it."
 )
 _VIEWS = (("seen from above", (0, 1)), ("seen from the side", (0, 2)))
 _TRAIN: dict[str, Any] = {"color": BLUE, "marker": "o"}
@@ -111,7 +111,7 @@ def draw(results: Results) -> Figure:
     top = below + (0.0 if alone else tall_mm[2] + _BETWEEN_MM)
     figure = new_figure(
         top + tall_mm[1] + _ABOVE_MM,
-        "Position error in space: from the predicted to the measured place",
+        "Position error in space: from the predicted to the measured position",
     )
     for k, when in enumerate(columns):
         for row, (title, shown) in enumerate(_VIEWS):

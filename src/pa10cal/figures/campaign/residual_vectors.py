@@ -1,4 +1,4 @@
-"""What calibration leaves of the position error, as arrows at their places."""
+"""Remaining position error after calibration, as arrows."""
 
 from __future__ import annotations
 
@@ -84,7 +84,8 @@ def draw(results: Results) -> Figure:
     longest = max(float(case.length_mm.max()) for case in cases)
     frame = _frame(cases, _round_down(_LONGEST_ARROW_MM / longest))
     figure = new_figure(
-        190.0, "Position error left after calibration: from the predicted to the measured place"
+        190.0,
+        "Remaining position error after calibration: from the predicted to the measured position",
     )
     width = 154.0 / len(cases)
     for k, case in enumerate(cases):

@@ -1,4 +1,4 @@
-"""How much error is left, part by part, before and after the effects joined the model."""
+"""Remaining error, part by part, before and after the effects were added to the model."""
 
 from __future__ import annotations
 
@@ -62,7 +62,9 @@ _HEIGHT_MM = 148.0
 def draw(results: Results) -> Figure:
     """Draw errors by load, axis, joint and direction, and drifts, beside the floor."""
     found = results.analysis()
-    figure = new_figure(_HEIGHT_MM, "Where model and measurement disagree, before and after naming")
+    figure = new_figure(
+        _HEIGHT_MM, "Where model and measurement disagree, without and with the named effects"
+    )
     before, after = found.before, found.after
     _draw_parts(
         panel(figure, 18.0, 95.0, 36.0, 38.0),
@@ -92,8 +94,8 @@ def draw(results: Results) -> Figure:
     write_text_at(figure, 18.0, 8.0, _against_pure_error(found))
     figure.legend(
         handles=[
-            Line2D([], [], label="before: fit without the effects", **_BEFORE),
-            Line2D([], [], label="after: effects named", **_AFTER),
+            Line2D([], [], label="before: without the effects", **_BEFORE),
+            Line2D([], [], label="after: with the named effects", **_AFTER),
             Line2D([], [], label="repeatability alone", **_FLOOR),
         ],
         loc="lower left",
@@ -189,13 +191,15 @@ def _against_pure_error(found: AnalysisRecord) -> str:
     """Say how what poses share compares with pure error, before and after."""
     tests = [("before", found.before.pose.shared), ("after", found.after.pose.shared)]
     if not any(test for _, test in tests):
-        return "No pose was repeated: repeatability is that of poses nearly alike, or as stated."
+        return (
+            "No pose was repeated: the repeatability is that of nearly equal poses, or as stated."
+        )
     said = ", ".join(
         f"{_number(test.F)} {when} (p {_probability(test.p_value)})" for when, test in tests if test
     )
     return (
-        "Variance of what the readings of a pose share over that of repeats, F, is 1 where nothing "
-        f"is missing:\n{said}; p is the probability of more by chance"
+        "F, variance shared by the readings of a pose over the variance of repeats, is 1 for a "
+        f"complete\nmodel: {said}; p: probability of a larger F by chance"
     )
 
 

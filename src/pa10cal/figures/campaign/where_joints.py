@@ -49,9 +49,7 @@ def draw(results: Results) -> Figure:
     """Draw points above and the periodogram below, a column a joint, before and after."""
     found = results.analysis()
     joints = found.before.cells.joints
-    figure = new_figure(
-        _HEIGHT_MM, "Error of each joint's angle, and the orders of the angle it holds"
-    )
+    figure = new_figure(_HEIGHT_MM, "Error of each joint angle, and its orders in the angle")
     fits = ((found.before, BEFORE, _BROAD), (found.after, AFTER, 1.0))
     limit = max(_limit(joint) for fit, _, _ in fits for joint in fit.cells.joints)
     highest = max(
@@ -80,8 +78,8 @@ def draw(results: Results) -> Figure:
     )
     figure.legend(
         handles=[
-            Line2D([], [], color=BEFORE, marker="o", label="before: fit without the effects"),
-            Line2D([], [], color=AFTER, marker="o", label="after: with the effects named"),
+            Line2D([], [], color=BEFORE, marker="o", label="before: without the effects"),
+            Line2D([], [], color=AFTER, marker="o", label="after: with the named effects"),
         ],
         loc="lower left",
         bbox_to_anchor=(LEFT_MM / WIDTH_MM, 6.0 / _HEIGHT_MM),

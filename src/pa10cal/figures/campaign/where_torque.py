@@ -1,4 +1,4 @@
-"""Torque left at every joint over the weights, by direction of arrival and joint angle."""
+"""Residual torque of every joint, by direction of arrival and joint angle."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ only.
 """,
 )
 
-_TITLE = "Torque logged beyond the weights, joint by joint"
+_TITLE = "Residual torque, logged minus static, joint by joint"
 _HEIGHT_MM = 128.0
 _NOISES = 2.0
 #: Directions of arrival: sign, marker and colour, and what they are called.
@@ -48,7 +48,7 @@ _SIDES: tuple[tuple[int, dict[str, Any], str], ...] = (
 
 
 def draw(results: Results) -> Figure:
-    """Draw torques left before above those left after, a column a joint."""
+    """Draw residual torques before above those after, a column a joint."""
     found = results.analysis()
     joints = found.before.cells.joints
     if any(joint.torque_residual_Nm is None for joint in joints):
@@ -56,7 +56,7 @@ def draw(results: Results) -> Figure:
     figure = new_figure(_HEIGHT_MM, _TITLE)
     for fit, bottom, when in ((found.before, 76.0, "before"), (found.after, 24.0, "after")):
         limit = _limit(fit)
-        label = f"{when}: torque left [N m]"
+        label = f"{when}: residual [N m]"
         panels = joint_panels(figure, len(joints), bottom, 38.0, label)
         for axes, joint, part in zip(panels, fit.cells.joints, fit.by_torque, strict=True):
             _draw_torques(axes, joint)

@@ -158,7 +158,9 @@ def _draw_scores(axes: Axes, study: CurveCalibrationRecord) -> None:
     axes.plot(at, np.exp(-0.5 * at**2) / np.sqrt(2.0 * np.pi), color=BLACK)
     axes.set_xlim(-4.0, 4.0)
     axes.set_xlabel("(value − truth) / std")
-    axes.set_title(f"{len(scores)} parameters told,\ntwo-level; rms {_rms(scores):.2f}, line: 1")
+    axes.set_title(
+        f"{len(scores)} identifiable parameters,\ntwo-level; rms {_rms(scores):.2f}, line: 1"
+    )
     axes.set_yticks([])
 
 

@@ -1,4 +1,4 @@
-"""Whether the intervals of named effects hold what was hidden."""
+"""Coverage of the intervals of named effects."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pa10cal.figures.style import (
 from pa10cal.results.trials import TrialScoresRecord
 
 PICTURE = Picture(
-    title="Whether intervals of effects hold the truth",
+    title="Coverage of the intervals of effects",
     needs=(),
     caption="""
 Coverage of the intervals that a verdict gives for the parameters of an effect ({name}). Left,
@@ -31,7 +31,7 @@ are those that chance made larger.
 """,
 )
 
-_TITLE = "Whether the intervals of named effects hold what was hidden: blind trials"
+_TITLE = "Coverage of the intervals of named effects: blind trials"
 _ROW_MM = 4.6
 
 
@@ -52,7 +52,7 @@ def draw(scores: TrialScoresRecord) -> Figure:
         f"{inside.count} of {inside.of} parameters lie inside their 95 % interval "
         f"({100 * inside.low:.1f} to {100 * inside.high:.1f} %);\nroot mean square of "
         f"(value − truth) / std: {found.rms:.2f}. Of trials in which the hidden effect is named "
-        "at its place;\nmaps are left out. Bars: 95 % intervals (Clopper and Pearson).",
+        "at its place;\nmaps are omitted. Bars: 95 % intervals (Clopper and Pearson).",
     )
     return figure
 

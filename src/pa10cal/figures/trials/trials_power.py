@@ -118,7 +118,7 @@ def _explain(figure: Figure) -> None:
         figure,
         2.0,
         6.0,
-        "Filled blue: named or in the alternatives; hollow red: neither; hollow grey: said to be "
+        "Filled blue: named or in the alternatives; hollow red: neither; hollow grey: declared "
         "not testable.\nDots: grid; squares: wide layout. Upright dash: size found in 95 of 100. "
         "Right: effects that move poses, by how\nfar the residual of the calibrated baseline "
         "differs from that with nothing hidden (numbers: trials; bars: 95 %\nintervals; line: "
