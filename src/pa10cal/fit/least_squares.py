@@ -14,7 +14,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg.lapack import dposv
 
 Array = NDArray[np.float64]
 S = TypeVar("S")
@@ -158,7 +158,9 @@ def minimise(
     for count in range(most_steps):
         pressing = np.zeros(len(here.gradient), bool) if held is None else held(at, here.gradient)
         free = ~pressing
-        normal, gradient = here.normal[np.ix_(free, free)], here.gradient[free]
+        normal, gradient = here.normal, here.gradient
+        if pressing.any():
+            normal, gradient = normal[np.ix_(free, free)], gradient[free]
         while True:
             step = np.zeros(len(free))
             step[free] = -solve_normal(normal, gradient, damping)
@@ -188,13 +190,14 @@ def solve_normal(normal: Array, right: Array, damping: float = 0.0) -> Array:
 
     Directions that they leave open, to within rounding, are left where they are.
     """
+    if not len(right):
+        return np.zeros(0)
     size = np.sqrt(np.diag(normal))
     size[size == 0.0] = 1.0
     unit = normal / np.outer(size, size)
     unit[np.diag_indices_from(unit)] += damping
-    try:
-        solved = cho_solve(cho_factor(unit), right / size)
-    except LinAlgError:
+    _, solved, failed = dposv(unit, right / size)
+    if failed:
         values, vectors = np.linalg.eigh(unit)
         known = values > _ROUNDING * values[-1]
         part = vectors[:, known]

@@ -74,8 +74,11 @@ def descend(
         The lowest point reached, and the problem there.
     """
 
+    looked_at: list[tuple[S, Linearised]] = []
+
     def equations(at: S) -> Equations:
         here = linearise(at)
+        looked_at[:] = [*looked_at[-1:], (at, here)]
         towards = here.by_step.T @ here.residual
         return Equations(here.cost, -towards, here.by_step.T @ here.by_step)
 
@@ -85,6 +88,9 @@ def descend(
         return bool(still or taken.gained <= cost_tolerance * taken.before.cost)
 
     found = minimise(start, equations, moved, arrived, most_steps=MAX_ITERATIONS)
+    for at, here in looked_at:
+        if at is found.at:
+            return at, here
     return found.at, linearise(found.at)
 
 

@@ -97,8 +97,8 @@ def fit(problem: Problem, x_start: Array, *, robust: bool = True, max_iterations
         no_worse=_NO_WORSE,
     )
     x, rows, scatter = found.at, weighing.rows(found.at), weighing.scatter
-    weighed = weigh(problem, rows, scatter, robust)
-    held = span.bounds.held(x, _equations(x, weighed, span).gradient)
+    weighed = weighing.weighed
+    held = span.bounds.held(x, found.equations.gradient)
     triangle = np.asarray(np.linalg.qr(weighed.rows.reshape(-1, len(x)), mode="r"))
     directions = _directions(triangle, span.reach)
     identifiability = _identified(triangle, directions, problem.scale, span.reach)
@@ -158,7 +158,7 @@ class _Weighing:
         self._problem, self._span, self._robust = problem, span, robust
         self._last: tuple[Array, Rows] | None = None
         self.scatter = first_scatter(problem, self.rows(span.start))
-        self._weighed = weigh(problem, self.rows(span.start), self.scatter, robust)
+        self.weighed = weigh(problem, self.rows(span.start), self.scatter, robust)
         self._length = np.inf
         self._settled = False
 
@@ -170,11 +170,11 @@ class _Weighing:
 
     def equations(self, x: Array) -> Equations:
         """Return the problem where the weights were renewed last."""
-        return _equations(x, self._weighed, self._span)
+        return _equations(x, self.weighed, self._span)
 
     def cost(self, x: Array) -> float:
         """Return the sum of squares at a point, with the weights as they are."""
-        root, whitener = np.sqrt(self._weighed.weights)[:, None], self._weighed.whitener
+        root, whitener = np.sqrt(self.weighed.weights)[:, None], self.weighed.whitener
         white = root * np.einsum("pij,pj->pi", whitener, self.rows(x).residual)
         return float(np.sum(white**2) + np.sum(self._span.off(x) ** 2))
 
@@ -185,7 +185,7 @@ class _Weighing:
         parts = span.reach[:, None] * _inverse_root(weighed.normal, span.reach)
         found = refreshed(problem, rows, weighed, parts, self.scatter)
         self._settled, self.scatter = found.is_about(self.scatter), found
-        self._weighed = weigh(problem, rows, found, self._robust)
+        self.weighed = weigh(problem, rows, found, self._robust)
         gained = max(0.0, -float(taken.before.gradient @ taken.step))
         self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
         return self.equations(x)
