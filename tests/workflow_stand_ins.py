@@ -46,15 +46,16 @@ STAND_INS = {
             "--suggested",
         ],
         """
-        for path in (a.verdict, a.analysis, a.extended, a.suggested):
+        covariance = Path(a.extended).with_suffix(".covariance.npz")
+        for path in (a.verdict, a.analysis, a.extended, covariance, a.suggested):
             write_text(Path(path), a.calibration)
         """,
     ),
     "evaluate": (["--campaign-dir", "--poses", "--calibration", "--extended?", "--out"], ""),
     "export": (
-        ["--campaign-dir", "--calibration", "--extended", "--model", "--urdf"],
+        ["--calibration", "--extended?", "--model", "--urdf"],
         """
-        for path in (a.model, a.urdf):
+        for path in (a.model, a.urdf, Path(a.model).with_suffix(".covariance.npz")):
             write_text(Path(path), a.calibration)
         """,
     ),
@@ -76,6 +77,7 @@ STAND_INS = {
     ),
     "blind_trials": (
         [
+            "--measured",
             "--kind",
             "--first",
             "--count",
