@@ -17,6 +17,7 @@ import pytest
 import yaml
 
 from pa10cal.evaluation.options import BlindTrialsOptions
+from pa10cal.planning.trials import trial_counts
 from workflow_stand_ins import STAND_INS, stand_in
 
 ROOT = Path(__file__).parents[1]
@@ -205,26 +206,26 @@ def test_the_default_target_runs_a_few_blind_trials_and_their_own_target_all(pla
     size = SETTINGS.trials_a_job
 
     def jobs(counts):
-        return sum(-(-count // size) for _, count in counts)
+        return sum(-(-count // size) for count in trial_counts(counts).values())
 
     code, text = plan("blind_trials_reduced")
     assert code == 0, text
     assert planned(text)["judge_trials"] == jobs(reduced)
     code, text = plan("blind_trials")
     assert code == 0, text
-    assert planned(text)["judge_trials"] == jobs(full)
-    assert planned(text)["score_trials"] == planned(text)["trial_pictures"] == 1
+    assert planned(text)["judge_trials"] == jobs(full) + jobs(SETTINGS.tracked)
+    assert planned(text)["score_trials"] == planned(text)["trial_pictures"] == 2
     assert full.null >= 200
     assert all(few <= many for (_, few), (_, many) in zip(reduced, full, strict=True))
 
 
 def test_blind_trials_are_divided_into_jobs_and_scored_together(checkout):
-    counts = {**dict.fromkeys(dict(SETTINGS.full), 0), "null": 3, "single": 2}
+    counts = {**dict.fromkeys(dict(SETTINGS.full), 0), "null": 3, "pair": 2}
     few = [f"blind_trials={{'trials_a_job': 2, 'reduced': {counts}}}"]
     code, text = checkout("blind_trials_reduced", config=few)
     assert code == 0, text
     results = checkout.place / "results/blind_trials_reduced"
-    assert (results / "scores.json").read_text() == "null 0 2; null 2 1; single 0 2"
+    assert (results / "scores.json").read_text() == "null 0 2; null 2 1; pair 0 2"
     assert (results / "figures/drawn.svg").exists()
     assert (results / "tables/drawn.html").exists()
     assert not (checkout.place / "results/c1").exists()
