@@ -20,6 +20,8 @@ MAX_ITERATIONS = 100
 #: fell by less than this part of it, or when no step leads down.
 STEP_TOLERANCE = 1e-13
 COST_TOLERANCE = 1e-15
+#: Eigenvalues of normal equations below this part of the largest are directions of no effect.
+NO_EFFECT = 1e-14
 #: Unknowns of which the others can mimic all but this part are not identified: with geometry that
 #: is wrong by millimetres the data would place them metres off.
 OPEN = 1e-3
@@ -80,7 +82,7 @@ def descend(
         here = linearise(at)
         looked_at[:] = [*looked_at[-1:], (at, here)]
         towards = here.by_step.T @ here.residual
-        return Equations(here.cost, -towards, here.by_step.T @ here.by_step)
+        return Equations(here.cost, *_determined(-towards, here.by_step.T @ here.by_step))
 
     def arrived(at: S, taken: Step) -> bool:
         del at
@@ -92,6 +94,20 @@ def descend(
         if at is found.at:
             return at, here
     return found.at, linearise(found.at)
+
+
+def _determined(gradient: Array, normal: Array) -> tuple[Array, Array]:
+    """Return gradient and normal equations by which directions of no effect are not moved in.
+
+    Scaled to their own size such directions would be worth the largest steps: the height of a fixed
+    point in the plane of all poses, say, which changes no distance.
+    """
+    values, vectors = np.linalg.eigh(normal)
+    still = vectors[:, values <= NO_EFFECT * values[-1]]
+    if still.shape[1]:
+        gradient = gradient - still @ (still.T @ gradient)
+        normal = normal + values[-1] * still @ still.T
+    return gradient, normal
 
 
 def split_identified(by_these: Array, by_others: Array) -> Split:
