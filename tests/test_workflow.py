@@ -202,21 +202,25 @@ def test_one_picture_is_drawn_by_its_path_from_what_it_needs(checkout):
 
 
 def test_the_default_target_runs_a_few_blind_trials_and_their_own_target_all(plan):
-    full, reduced = SETTINGS.full, SETTINGS.reduced
+    full, reduced, tracked = map(trial_counts, (SETTINGS.full, SETTINGS.reduced, SETTINGS.tracked))
     size = SETTINGS.trials_a_job
 
     def jobs(counts):
-        return sum(-(-count // size) for count in trial_counts(counts).values())
+        return sum(-(-count // size) for count in counts.values())
 
     code, text = plan("blind_trials_reduced")
     assert code == 0, text
     assert planned(text)["judge_trials"] == jobs(reduced)
     code, text = plan("blind_trials")
     assert code == 0, text
-    assert planned(text)["judge_trials"] == jobs(full) + jobs(SETTINGS.tracked)
+    assert planned(text)["judge_trials"] == jobs(full) + jobs(tracked)
     assert planned(text)["score_trials"] == planned(text)["trial_pictures"] == 2
-    assert full.null >= 200
-    assert all(few <= many for (_, few), (_, many) in zip(reduced, full, strict=True))
+    code, text = plan("blind_trials_tracked")
+    assert code == 0, text
+    assert planned(text)["judge_trials"] == jobs(tracked)
+    assert full["null"] >= 200
+    assert tracked["null"] >= 150
+    assert all(few <= full[kind] for kind, few in reduced.items())
 
 
 def test_blind_trials_are_divided_into_jobs_and_scored_together(checkout):
