@@ -142,7 +142,9 @@ def position_noise(measured: Instrument, cov: Array) -> Array:
         cov: (P, b, b) covariance of the components.
     """
     at, times = _positions(measured)
-    return np.asarray(cov[:, at, at] / times[:, None, None])
+    seen = measured.components_seen[:, at]
+    both = seen[:, :, None] & seen[:, None, :]
+    return np.asarray(np.where(both, cov[:, at, at], 0.0) / times[:, None, None])
 
 
 def mean_length(covariance: Array) -> Array:

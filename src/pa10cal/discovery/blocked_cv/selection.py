@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from pa10cal.discovery.blocked_cv.products import Products
 
@@ -191,10 +191,28 @@ def predicted_squares(products: Products, b: int, at: Index, x: Array) -> float:
 def solve(gram: Array, projection: Array, prior: Array) -> Array:
     """Return the parameters (k,) or (k, m) that products and a prior precision (k, k) ask for."""
     normal = gram + prior
-    scale = 1.0 / np.sqrt(np.diag(normal))
-    factor = cho_factor(normal * np.outer(scale, scale), check_finite=False)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.diag(prior)))
     scaled = (projection.T * scale).T
-    solved: Array = (cho_solve(factor, scaled, check_finite=False).T * scale).T
+    try:
+        factor = cho_factor(normal * np.outer(scale, scale), check_finite=False)
+        solved = cho_solve(factor, scaled, check_finite=False)
+    except LinAlgError:
+        solved = _solve_at_least(normal, prior, projection).T / scale
+        solved = solved.T
+    found: Array = (solved.T * scale).T
+    return found
+
+
+def _solve_at_least(normal: Array, prior: Array, projection: Array) -> Array:
+    """Solve normal equations that rounding left less certain than the prior alone.
+
+    Products less what other columns take of them are no smaller than zero.
+    """
+    root = np.linalg.cholesky(prior)
+    within = np.linalg.solve(root, np.linalg.solve(root, normal).T)
+    values, vectors = np.linalg.eigh(0.5 * (within + within.T))
+    vectors = np.linalg.solve(root.T, vectors)
+    solved: Array = (vectors / np.maximum(values, 1.0)) @ (vectors.T @ projection)
     return solved
 
 
