@@ -9,9 +9,10 @@ import pytest
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.state import PoseStates
 from pa10cal.discovery.evidence import candidates
-from pa10cal.discovery.evidence.candidates import LEAST_SHARE, alike, linearise
+from pa10cal.discovery.evidence.candidates import alike, linearise
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.problem import prepare
+from pa10cal.discovery.family import LEAST_SHARE
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.with_effects import at_unknowns, with_base_term
 from pa10cal.terms.effects.effect import JointEffect

@@ -16,13 +16,11 @@ from pa10cal.discovery.blocked_cv.products import Products
 from pa10cal.discovery.blocked_cv.rows import Asked, Rows
 from pa10cal.discovery.blocked_cv.selection import Columns, solve
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.evidence.candidates import LEAST_SHARE, LEAST_SIGNAL
+from pa10cal.discovery.family import why_hidden, why_unknown
 from pa10cal.discovery.verdict import NotTestable
-from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.term import shows_torque
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -38,7 +36,8 @@ def askable(survey: Survey) -> tuple[tuple[Asked, ...], tuple[NotTestable, ...]]
     for effect in candidates(survey.context):
         if isinstance(effect, JointErrorMap):
             continue
-        why = _unknown(survey, effect)
+        logged = survey.torques_logged
+        why = why_unknown(effect, survey.poses.states, logged=logged, weights=True)
         if why is None:
             asked += [Asked(effect, shape) for shape in range(len(effect.starts))]
         else:
@@ -76,11 +75,7 @@ def _hidden(rows: Rows, gram: Array, own: Index, candidate: Candidate) -> str | 
     left = whole - across.T @ followed
     share = float(np.sqrt(max(np.trace(left), 0.0) / np.trace(whole)))
     signal = float(np.sqrt(max(np.linalg.eigvalsh(left)[-1], 0.0)))
-    if share < LEAST_SHARE:
-        return f"{100 * share:.1f} % left after the model's own parameters"
-    if signal * 10.0 < LEAST_SIGNAL:
-        return "ten times its plausible size would not rise above the noise"
-    return None
+    return why_hidden(share, signal)
 
 
 def _why_silent(states: PoseStates, asked: Asked) -> str:
@@ -89,20 +84,6 @@ def _why_silent(states: PoseStates, asked: Asked) -> str:
     if np.any(asked.effect.derivative(arrived, asked.start)):
         return "the direction of arrival is not known"
     return "the poses do not exercise it"
-
-
-def _unknown(survey: Survey, effect: Effect) -> str | None:
-    """Return why an effect cannot be worked out with what was logged, None where it can."""
-    states = survey.poses.states
-    if shows_torque(effect) and not survey.torques_logged:
-        return "the torques were not logged"
-    try:
-        columns = [effect.derivative(states, start) for start in effect.starts]
-    except CalibrationError as error:
-        return error.what
-    if not all(np.all(np.isfinite(values)) for values in columns):
-        return "what it depends on was not logged"
-    return None
 
 
 def _plain(effect: Effect) -> Effect:

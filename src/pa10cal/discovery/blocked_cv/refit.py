@@ -7,9 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
 
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
+from pa10cal.discovery.blocked_cv.selection import no_wider_than
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.blocked_cv.weighing import Weighing, weigh
 from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes, residual
@@ -59,7 +60,7 @@ def refit(
     for _ in range(_MOST_STEPS):
         gradient, information = fit.normal(x, weighing)
         held = ((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0))
-        covariance = _inverse(information, ~held)
+        covariance = _inverse(information, fit.prior, ~held)
         step = -covariance @ gradient
         x, whole = fit.ahead(x, step, weighing, (lower, upper))
         std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
@@ -69,7 +70,7 @@ def refit(
             converged = True
             break
     gradient, information = fit.normal(x, weighing)
-    covariance = _inverse(information, ~held)
+    covariance = _inverse(information, fit.prior, ~held)
     return Refit(effects, fit.place(x), converged, covariance, weighing)
 
 
@@ -101,7 +102,7 @@ class _Fit:
             factor = np.linalg.inv(effect.prior_factor)
             shapes = np.zeros((len(effect.parameters) - effect.linear,) * 2)
             prior.append(block_diag(factor.T @ factor, shapes))
-        self._prior = block_diag(*prior, np.diag(sizes[-tail:] ** -2.0))
+        self.prior = block_diag(*prior, np.diag(sizes[-tail:] ** -2.0))
         self._middle = np.zeros(len(sizes))
         self._middle[: len(own.x)] = own.x
         self._middle[targets] = own.targets_m
@@ -138,7 +139,7 @@ class _Fit:
         gram, projection = in_terms_of(gram, projection, dense.shape[2], bases)
         order = np.argsort(self._order)
         gram, projection = gram[np.ix_(order, order)], projection[order]
-        return projection + self._prior @ (x - self._middle), gram + self._prior
+        return projection + self.prior @ (x - self._middle), gram + self.prior
 
     def ahead(
         self, x: Array, step: Array, weighing: Weighing, ends: tuple[Array, Array]
@@ -153,20 +154,23 @@ class _Fit:
 
     def dof(self, covariance: Array) -> float:
         """Return how many parameters the data determine, the others being as expected."""
-        return float(len(covariance) - np.sum(self._prior * covariance))
+        return float(len(covariance) - np.sum(self.prior * covariance))
 
     def _cost(self, x: Array, weighing: Weighing) -> float:
         every = np.arange(len(self._survey.poses))
         white = weighing.whiteners(every) @ residual(self.place(x), self._survey.poses)[:, :, None]
         off = x - self._middle
-        return float(np.sum(white**2) + off @ self._prior @ off)
+        return float(np.sum(white**2) + off @ self.prior @ off)
 
 
-def _inverse(information: Array, free: NDArray[np.bool_]) -> Array:
+def _inverse(information: Array, prior: Array, free: NDArray[np.bool_]) -> Array:
     """Return the inverse of the normal equations of free parameters, zero for the others."""
     own = np.ix_(free, free)
     scale = 1.0 / np.sqrt(np.diag(information)[free])
-    factor = cho_factor(information[own] * np.outer(scale, scale))
     inverse = np.zeros_like(information)
-    inverse[own] = cho_solve(factor, np.diag(scale)) * scale[:, None]
+    try:
+        factor = cho_factor(information[own] * np.outer(scale, scale))
+        inverse[own] = cho_solve(factor, np.diag(scale)) * scale[:, None]
+    except LinAlgError:
+        inverse[own] = no_wider_than(information[own], prior[own])
     return inverse

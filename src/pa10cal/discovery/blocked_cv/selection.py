@@ -21,6 +21,9 @@ from pa10cal.discovery.blocked_cv.products import Products
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+#: Part of a parameter's own certainty that stands for a prior where it has none.
+_ROUNDING = 1e-12
+
 
 @dataclass(frozen=True, eq=False)
 class Columns:
@@ -195,25 +198,28 @@ def solve(gram: Array, projection: Array, prior: Array) -> Array:
     scaled = (projection.T * scale).T
     try:
         factor = cho_factor(normal * np.outer(scale, scale), check_finite=False)
-        solved = cho_solve(factor, scaled, check_finite=False)
     except LinAlgError:
-        solved = _solve_at_least(normal, prior, projection).T / scale
-        solved = solved.T
-    found: Array = (solved.T * scale).T
-    return found
+        return no_wider_than(normal, prior) @ projection
+    solved: Array = (cho_solve(factor, scaled, check_finite=False).T * scale).T
+    return solved
 
 
-def _solve_at_least(normal: Array, prior: Array, projection: Array) -> Array:
-    """Solve normal equations that rounding left less certain than the prior alone.
+def no_wider_than(normal: Array, prior: Array) -> Array:
+    """Return the inverse of normal equations that rounding left less certain than their prior.
 
     Products less what other columns take of them are no smaller than zero.
+
+    Args:
+        normal: (k, k) with the prior in it.
+        prior: (k, k) precision expected; a row of zeros for a parameter without.
     """
-    root = np.linalg.cholesky(prior)
+    bare = np.diag(prior) == 0.0
+    root = np.linalg.cholesky(prior + np.diag(np.where(bare, _ROUNDING * np.diag(normal), 0.0)))
     within = np.linalg.solve(root, np.linalg.solve(root, normal).T)
     values, vectors = np.linalg.eigh(0.5 * (within + within.T))
     vectors = np.linalg.solve(root.T, vectors)
-    solved: Array = (vectors / np.maximum(values, 1.0)) @ (vectors.T @ projection)
-    return solved
+    inverse: Array = (vectors / np.maximum(values, 1.0)) @ vectors.T
+    return inverse
 
 
 def _inverse(gram: Array, sizes: Array) -> Array:

@@ -14,20 +14,16 @@ from numpy.typing import NDArray
 from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import Block
 from pa10cal.discovery.evidence.problem import Problem
+from pa10cal.discovery.family import why_hidden, why_unknown
 from pa10cal.discovery.linear import by_end, possible_sizes
 from pa10cal.discovery.verdict import NotTestable
-from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
 
 Array = NDArray[np.float64]
 
-#: Part of an effect that must be left after the model's own parameters took what they can.
-LEAST_SHARE = 0.02
 #: Effects whose directions are closer than this look the same.
 ALIKE = 0.999
-#: An effect of its largest plausible size must come to this many standard deviations in all.
-LEAST_SIGNAL = 4.0
 
 
 @dataclass(frozen=True)
@@ -128,7 +124,12 @@ def testable(
     """Divide effects into those that these data can show and those that they cannot."""
     known, refused = [], []
     for effect in effects:
-        why = _unknown(problem, effect)
+        why = why_unknown(
+            effect,
+            problem.cells.states,
+            logged=problem.torques_logged,
+            weights=problem.torque is not None,
+        )
         if why is None:
             known.append(effect)
         else:
@@ -149,18 +150,11 @@ def testable(
             seen = torque(bare)
             share = max(share, float(np.linalg.norm(seen) / np.linalg.norm(bare)))
             signal = float(np.hypot(signal, np.linalg.norm(seen, 2)))
-        if signal == 0.0:
-            refused.append(NotTestable(effect, _why_silent(problem)))
-        elif share < LEAST_SHARE:
-            refused.append(
-                NotTestable(effect, f"{100 * share:.1f} % left after the model's own parameters")
-            )
-        elif signal * 10.0 < LEAST_SIGNAL:
-            refused.append(
-                NotTestable(effect, "ten times its plausible size would not rise above the noise")
-            )
-        else:
+        why = _why_silent(problem) if signal == 0.0 else why_hidden(share, signal)
+        if why is None:
             shown.append(effect)
+        else:
+            refused.append(NotTestable(effect, why))
     return tuple(shown), tuple(refused)
 
 
@@ -169,24 +163,6 @@ def _why_silent(problem: Problem) -> str:
     if not np.any(problem.cells.states.arrival):
         return "the poses do not exercise it, or the direction of arrival was not logged"
     return "the poses do not exercise it"
-
-
-def _unknown(problem: Problem, effect: Effect) -> str | None:
-    """Return why an effect cannot be worked out with what was logged, or None where it can."""
-    states = problem.cells.states
-    try:
-        columns = [effect.derivative(states, start) for start in effect.starts]
-    except CalibrationError as error:
-        return error.what
-    if not all(np.all(np.isfinite(values)) for values in columns):
-        return "what it depends on was not logged"
-    start = effect.starts[0]
-    if shows_torque(effect):
-        if problem.torque is None:
-            return "the torques of the weights are not known"
-        if not np.all(np.isfinite(effect.torque_derivative(states, start))):
-            return "what it depends on was not logged"
-    return None
 
 
 def alike(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> NDArray[np.bool_]:
