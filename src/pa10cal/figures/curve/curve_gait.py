@@ -37,7 +37,7 @@ def draw(results: CurveResults) -> Figure:
         axes = space(figure, results, int(shape), place_mm, numbers=False)
         axes.set_title(f"{results.time_s[shape]:.2f} s", loc="center")
         if column == 0:
-            axes.legend(loc="upper left", bbox_to_anchor=(-0.22, 1.0))
+            axes.legend(loc="upper left", bbox_to_anchor=(-0.22, 1.0), handlelength=1.2)
     joints = results.a_deg.shape[1]
     most = float(np.abs([results.a_deg, results.b_deg]).max(initial=1e-3))
     named = (("a, about z", results.a_deg), ("b, about y", results.b_deg))
