@@ -1,7 +1,7 @@
 # Beside the results, never over the raw data: those are only read.
 SIMULATED = os.path.join(_literal(SETTINGS.results_dir), "simulated", "{name}")
 TOUCHED = [name for name, section in SETTINGS.simulate.items() if section.without_touches is None]
-SIGHTED = [name for name in SETTINGS.simulate if name not in TOUCHED]
+TRACKED = [name for name in SETTINGS.simulate if name not in TOUCHED]
 
 
 rule simulate:
@@ -32,7 +32,7 @@ rule simulate_campaign:
         " 2>&1 | tee {log:q} >&2"
 
 
-rule simulate_sighted:
+rule simulate_tracked:
     """One campaign of any arm under an instrument that does not touch, and its truth apart."""
     output:
         campaign=f"{SIMULATED}/campaign.yaml",
@@ -41,7 +41,7 @@ rule simulate_sighted:
     log:
         f"{SIMULATED}.log",
     wildcard_constraints:
-        name=one_of(SIGHTED),
+        name=one_of(TRACKED),
     params:
         code=code_of("commands.simulate"),
         folder=lambda wildcards, output: os.path.dirname(output.campaign),
