@@ -109,11 +109,12 @@ def test_plans_a_single_result_and_what_it_stands_on(plan, tmp_path):
         ({"calibraton": 1}, "unknown key calibraton.*did you mean 'calibration'"),
         ({"montecarlo": '{"cycle": 5}'}, "unknown key montecarlo.cycle.*'cycles'"),
         ({"campaigns": "[]"}, "key campaigns does not fit"),
+        ({"campaigns": '["../cell-a"]'}, "key campaigns.0 does not fit.*letters, digits"),
     ],
 )
 def test_refuses_a_wrong_configuration_in_one_message(plan, config, expected):
     code, text = plan(**config)
-    assert code != 0
+    assert code == 2
     assert re.search(expected, text)
     assert "Traceback" not in text
 
@@ -127,7 +128,7 @@ def test_names_a_campaign_that_is_not_there(plan, tmp_path):
 
 def test_a_campaign_that_is_not_there_is_refused_in_one_line(plan):
     code, text = plan(campaigns='["nope"]')
-    assert code != 0
+    assert code == 2
     lines = [line for line in text.splitlines() if line.startswith("pa10cal:")]
     assert len(lines) == 1
     assert "cell-a, cell-null, lightcap2008" in lines[0]

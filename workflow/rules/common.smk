@@ -21,13 +21,20 @@ from pa10cal.planning.code import code_digest
 from pa10cal.planning.trials import trial_counts
 from pa10cal.settings import parse_settings
 
+
+def refuse(error):
+    """Stop with one line and the exit code of a refusal; an exception would bring Snakemake's own."""
+    print(f"pa10cal: {error}", file=sys.stderr)
+    sys.exit(2)
+
+
 try:
     SETTINGS = parse_settings(config, where="config.yaml or --config")
 except SettingsError as error:
-    sys.exit(f"pa10cal: {error}")  # one line; an exception would bring Snakemake's own beside it
+    refuse(error)
 for campaign in SETTINGS.campaigns:
     if not Path(SETTINGS.raw_dir, campaign, "campaign.yaml").is_file():
-        sys.exit(f"pa10cal: {missing_campaign(SETTINGS.raw_dir, campaign)}")
+        refuse(missing_campaign(SETTINGS.raw_dir, campaign))
 
 # Setting a prefix drops Snakemake's own, so the first part repeats it. The second lets the rules say
 # `python` whether or not the environment of Snakemake is activated.

@@ -4,8 +4,8 @@ from pa10cal.datasets.catalogue import dataset_names
 
 for name in SETTINGS.dataset_sources:
     if name not in dataset_names():
-        sys.exit(
-            f"pa10cal: config.yaml or --config: dataset_sources: there is no data set {name!r};"
+        refuse(
+            f"config.yaml or --config: dataset_sources: there is no data set {name!r};"
             f" allowed: {', '.join(dataset_names())}; correct the name"
         )
 
