@@ -286,6 +286,6 @@ def test_a_campaign_without_touches_is_planned_as_what_it_is(plan, tmp_path):
     code, text = plan("simulate", simulate="{s1: {without_touches: {instrument: points}}, t1: {}}")
     assert code == 0, text
     jobs = planned(text)
-    assert jobs["simulate_sighted"] == 1
+    assert jobs["simulate_tracked"] == 1
     assert jobs["simulate_campaign"] == 2  # the one of config.yaml, too
     assert str(tmp_path / "out/simulated/s1/poses.csv") in text
