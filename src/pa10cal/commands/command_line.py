@@ -9,6 +9,7 @@ parameter whose type is a section of the settings takes a JSON object or the pat
 from __future__ import annotations
 
 import argparse
+import ast
 import inspect
 import os
 import re
@@ -16,6 +17,7 @@ import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -138,7 +140,7 @@ def _print_traceback(debug: bool) -> None:
 def _usage() -> str:
     """Return how to call the program, with a line for every command."""
     width = max(map(len, COMMANDS))
-    lines = [f"  {name:<{width}}  {_summary(command_named(name))}" for name in COMMANDS]
+    lines = [f"  {name:<{width}}  {_summary(name)}" for name in COMMANDS]
     return "\n".join(
         (
             "usage: pa10cal COMMAND [options]",
@@ -149,9 +151,19 @@ def _usage() -> str:
     )
 
 
-def _summary(command: Command) -> str:
-    """Return the first sentence of a command's docstring, without its full stop."""
-    first, _, _ = (inspect.getdoc(command) or "").partition("\n\n")
+def _summary(name: str) -> str:
+    """Return the first sentence of a command's docstring, without its full stop.
+
+    It is read from the source: to list the commands is no reason to import them all.
+    """
+    function = _FUNCTIONS.get(name, name)
+    source = (Path(__file__).parent / f"{function}.py").read_text(encoding="utf-8")
+    (found,) = (
+        node
+        for node in ast.parse(source).body
+        if isinstance(node, ast.FunctionDef) and node.name == function
+    )
+    first, _, _ = (ast.get_docstring(found) or "").partition("\n\n")
     return " ".join(first.split()).rstrip(".")
 
 
