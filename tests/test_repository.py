@@ -243,3 +243,12 @@ def test_estimating_commands_know_nothing_of_the_cell_or_its_truth(command):
     path = PACKAGE / f"{command}.py"
     assert not [module for module in imports_of(path) if module.startswith("pa10cal.cell")]
     assert "truth" not in path.read_text(encoding="utf-8")
+
+
+def test_every_decision_has_a_number_of_its_own():
+    numbers = []
+    for path in sorted((ROOT / "docs/decisions").glob("*.md")):
+        title = path.read_text("utf-8").splitlines()[0]
+        numbers.append(int(path.name[:4]))
+        assert title.startswith(f"# {numbers[-1]}. "), path.name
+    assert numbers == list(range(1, len(numbers) + 1))

@@ -116,7 +116,7 @@ def docs_text(now: str) -> str:
 
 def _record_section(kind: type[Record], shared: list[type[Part]]) -> str:
     head = (
-        f"## `{kind.FILE}`\nSchema `{kind.SCHEMA}`, written by `pa10cal {kind.COMMAND}`; "
+        f"## `{kind.FILE}`\nSchema `{kind.SCHEMA}`, written by `pa10cal {kind.COMMAND}`;\n"
         f"`workflow/schemas/results/{schema_name(kind)}.schema.json`.\n"
     )
     kinds = kind.kinds()
