@@ -156,7 +156,7 @@ def _draw_space(axes: Any, case: _Arrows, frame: _Frame) -> None:
     axes.set_box_aspect(high - low, zoom=1.0)
     axes.patch.set_visible(False)  # it would hide what its neighbour draws beyond its frame
     axes.view_init(elev=20.0, azim=-52.0)
-    axes.set(xlabel="x", ylabel="y", zlabel="z")
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
         axis.set_major_locator(MultipleLocator(frame.grid_mm))
