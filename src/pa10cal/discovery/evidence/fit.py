@@ -8,16 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.discovery.evidence.likelihood import SIZES
-from pa10cal.discovery.evidence.minimise import minimise
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.linear import possible_sizes, residual_and_jacobian
 from pa10cal.discovery.with_effects import ModelWithEffects, at_unknowns, unknowns, with_base_term
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.least_squares import Bounds, Equations, minimise
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Parameter, shows_torque
 
 Array = NDArray[np.float64]
+
+#: A step that lowers the sum of squares by less than this part is the last.
+_PRECISION = 1e-8
+_MOST_STEPS = 50
+_FIRST_DAMPING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,17 +75,26 @@ def _fit_from(
     at = at_unknowns(
         replace(problem.baseline, model=model, x=np.zeros(len(model.parameters))), x_start
     )
-    weigh = _Weighing(problem, effects, sizes, variances, at)
-    x, cost, converged = minimise(weigh, x_start, _parameters(problem, model))
-    return Fit(effects, at_unknowns(at, x), converged, sizes, *variances), cost
+    weighed = _Weighed(problem, effects, sizes, variances, at)
+    bounds = Bounds.of(_parameters(problem, model))
+    found = minimise(
+        bounds.clip(x_start),
+        weighed.equations,
+        lambda x, step: bounds.clip(x + step),
+        lambda _, taken: taken.gained <= _PRECISION * (1.0 + taken.before.cost - taken.gained),
+        most_steps=_MOST_STEPS,
+        held=bounds.held,
+        first_damping=_FIRST_DAMPING,
+    )
+    fitted = Fit(effects, at_unknowns(at, found.at), found.converged, sizes, *variances)
+    return fitted, found.equations.cost
 
 
 def covariance_of(problem: Problem, found: Fit) -> Array:
     """Return the covariance (k, k) that data and expected sizes leave of all parameters."""
     variances = (found.pose_variance, found.torque_variance)
-    weigh = _Weighing(problem, found.effects, found.sizes, variances, found.at)
-    _, jacobian = weigh(found.x)
-    information = jacobian.T @ jacobian
+    weighed = _Weighed(problem, found.effects, found.sizes, variances, found.at)
+    information = weighed.equations(found.x).normal
     size = 1.0 / np.sqrt(np.diag(information))
     inverse: Array = np.linalg.inv(information * np.outer(size, size)) * np.outer(size, size)
     return inverse
@@ -119,7 +133,7 @@ def _start(problem: Problem, effects: tuple[Effect, ...], start: Fit | None, sha
     return np.concatenate([own[:first], *parts, own[first:]])
 
 
-class _Weighing:
+class _Weighed:
     """Rows of the fit: weighed poses and torques, and what is expected of every parameter."""
 
     def __init__(
@@ -149,7 +163,11 @@ class _Weighing:
             middle[here.stop : column] = x_start[here.stop : column]
         self._expected, self._middle = rows, middle
 
-    def __call__(self, x: Array) -> tuple[Array, Array]:
+    def equations(self, x: Array) -> Equations:
+        """Return the problem at parameters (k,)."""
+        return Equations.of(*self._rows(x))
+
+    def _rows(self, x: Array) -> tuple[Array, Array]:
         """Return rows (R,) and their derivative (R, k)."""
         problem, at = self._problem, at_unknowns(self._at, x)
         rows = problem.pose.rows(pose_rows(problem, at))
