@@ -16,6 +16,7 @@ from pa10cal.discovery.blocked_cv.weighing import Weighing, weigh
 from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes, residual
 from pa10cal.discovery.with_effects import ModelWithEffects
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines_by_knots
 from pa10cal.terms.term import Term
@@ -23,9 +24,10 @@ from pa10cal.terms.term import Term
 Array = NDArray[np.float64]
 
 _MOST_STEPS = 6
+#: Damping that hardly shortens a step.
+_HARDLY = 1e-3
 #: A step this small, in standard uncertainties, ends the fit.
 _ARRIVED = 0.1
-_MOST_HALVINGS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,23 +57,36 @@ def refit(
     fit = _Fit(survey, effects)
     baseline = survey.baseline
     x = np.concatenate([baseline.x, *starts, np.zeros(6), baseline.targets_m])
-    lower, upper = fit.bounds
-    x, converged = np.clip(x, lower, upper), False
-    for _ in range(_MOST_STEPS):
-        gradient, information = fit.normal(x, weighing)
-        held = ((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0))
-        covariance = _inverse(information, fit.prior, ~held)
-        step = -covariance @ gradient
-        x, whole = fit.ahead(x, step, weighing, (lower, upper))
-        std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    bounds = fit.bounds
+    counts = weighing
+
+    def reweighted(x: Array, taken: Step) -> Equations:
+        nonlocal counts
+        covariance = _inverse(taken.before.normal, fit.prior, ~taken.held)
         left = residual(fit.place(x), survey.poses)
-        weighing = weigh(left, fit.dof(covariance), survey.poses.measured)
-        if whole and float(np.abs(step / std)[~held].max()) < _ARRIVED:
-            converged = True
-            break
-    gradient, information = fit.normal(x, weighing)
-    covariance = _inverse(information, fit.prior, ~held)
-    return Refit(effects, fit.place(x), converged, covariance, weighing)
+        counts = weigh(left, fit.dof(covariance), survey.poses.measured)
+        return fit.equations(x, counts)
+
+    def arrived(_: Array, taken: Step) -> bool:
+        free = ~taken.held
+        variance = np.diag(_inverse(taken.before.normal, fit.prior, free))[free]
+        std = np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+        return taken.damping < _HARDLY and float(np.abs(taken.step[free] / std).max()) < _ARRIVED
+
+    found = minimise(
+        bounds.clip(x),
+        lambda x: fit.equations(x, counts),
+        lambda x, step: bounds.clip(x + step),
+        arrived,
+        most_steps=_MOST_STEPS,
+        held=bounds.held,
+        cost=lambda x: fit.cost(x, counts),
+        reweighted=reweighted,
+        no_worse=1e-9,
+    )
+    held = bounds.held(found.at, found.equations.gradient)
+    covariance = _inverse(found.equations.normal, fit.prior, ~held)
+    return Refit(effects, fit.place(found.at), found.converged, covariance, counts)
 
 
 class _Fit:
@@ -109,20 +124,17 @@ class _Fit:
         self._parameters = (*self._model.parameters, *measured.target_parameters)
 
     @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Return the ends of the physical range of every parameter."""
-        return (
-            np.array([-np.inf if p.lower is None else p.lower for p in self._parameters]),
-            np.array([np.inf if p.upper is None else p.upper for p in self._parameters]),
-        )
+    def bounds(self) -> Bounds:
+        """Return the physical range of every parameter."""
+        return Bounds.of(self._parameters)
 
     def place(self, x: Array) -> FittedModel:
         """Return the model at a point."""
         k = len(self._model.parameters)
         return replace(self._survey.baseline, model=self._model, x=x[:k], targets_m=x[k:])
 
-    def normal(self, x: Array, weighing: Weighing) -> tuple[Array, Array]:
-        """Return half the gradient of the sum of squares, and the normal equations."""
+    def equations(self, x: Array, weighing: Weighing) -> Equations:
+        """Return the problem at a point."""
         at, poses = self.place(x), self._survey.poses
         whiten = weighing.whiteners(np.arange(len(poses)))
         points = [x[place] for place in self._dense_at]
@@ -130,8 +142,9 @@ class _Fit:
         dense = whiten @ np.concatenate([*of_terms, by_targets(at, poses)], axis=2)
         screws = whiten @ by_joints(at, poses, [each.joint for each in self._maps])
         q_rad = poses.states.q_rad[:, [each.joint - 1 for each in self._maps]]
+        white = (whiten @ residual(at, poses)[:, :, None]).ravel()
         gram, projection, _ = products(
-            (whiten @ residual(at, poses)[:, :, None]).ravel(),
+            white,
             dense.reshape(-1, dense.shape[2]),
             map_columns(screws, q_rad, [each.knots for each in self._maps]),
         )
@@ -139,24 +152,16 @@ class _Fit:
         gram, projection = in_terms_of(gram, projection, dense.shape[2], bases)
         order = np.argsort(self._order)
         gram, projection = gram[np.ix_(order, order)], projection[order]
-        return projection + self.prior @ (x - self._middle), gram + self.prior
-
-    def ahead(
-        self, x: Array, step: Array, weighing: Weighing, ends: tuple[Array, Array]
-    ) -> tuple[Array, bool]:
-        """Return the point after a step, halved while it leads uphill, and whether it is whole."""
-        here = self._cost(x, weighing)
-        for halving in range(_MOST_HALVINGS):
-            new = np.clip(x + step / 2.0**halving, *ends)
-            if self._cost(new, weighing) <= here * (1.0 + 1e-9):
-                return new, halving == 0
-        return x, True  # no direction leads down: rounding
+        off = x - self._middle
+        cost = float(white @ white + off @ self.prior @ off)
+        return Equations(cost, projection + self.prior @ off, gram + self.prior)
 
     def dof(self, covariance: Array) -> float:
         """Return how many parameters the data determine, the others being as expected."""
         return float(len(covariance) - np.sum(self.prior * covariance))
 
-    def _cost(self, x: Array, weighing: Weighing) -> float:
+    def cost(self, x: Array, weighing: Weighing) -> float:
+        """Return the sum of squares at a point."""
         every = np.arange(len(self._survey.poses))
         white = weighing.whiteners(every) @ residual(self.place(x), self._survey.poses)[:, :, None]
         off = x - self._middle
