@@ -103,6 +103,14 @@ def test_plans_a_single_result_and_what_it_stands_on(plan, tmp_path):
     assert planned(text) == {"ingest": 1, "base_frame": 1, "calibrate_one": 1, "total": 3}
 
 
+def test_effects_of_the_verdict_are_sought_before_they_are_calibrated_with(plan, tmp_path):
+    out = tmp_path / "out/cell-a/calibration"
+    code, text = plan(out, calibration="{effects: named}")
+    assert code == 0, text
+    jobs = planned(text)
+    assert jobs["calibrate"] == jobs["calibrate_baseline"] == jobs["discover"] == 1
+
+
 @pytest.mark.parametrize(
     ("config", "expected"),
     [

@@ -322,3 +322,75 @@ class TestRefused:
         assert run_export(work, out, path) == REFUSED
         assert str(path) in capsys.readouterr().err
         assert not out.exists()
+
+
+#: What `work` hides.
+KNOWN = ({"id": "transmission_error", "of": "joint 2"},)
+
+
+def calibrate_with(work, out, effects, *more):
+    """Calibrate with effects that are given."""
+    return run_command(
+        "calibrate",
+        [
+            *("--campaign-dir", str(work / "raw"), "--poses", str(work / "poses.parquet")),
+            *("--base-frame", str(work / "base.json"), "--load", "combined"),
+            *("--settings", json.dumps({"starts": 1, "inner_subsets": 0, "effects": effects})),
+            *("--out", str(out), *more),
+        ],
+    )
+
+
+@pytest.fixture(scope="module")
+def calibrated(work):
+    out = work / "with_effects.json"
+    assert calibrate_with(work, out, KNOWN) == 0
+    return out
+
+
+class TestCalibrationWithEffects:
+    """Key `calibration.effects`: effects that are known belong to the calibrated model."""
+
+    def test_closes_the_gap_as_discovery_does(self, work, found, calibrated, tmp_path):
+        assert run_evaluate(work, tmp_path / "after.json", found / "extended.json") == 0
+        after = read(tmp_path / "after.json")["models"]["extended"]["mean_mm"]
+        words = ["--campaign-dir", str(work / "raw"), "--poses", str(work / "poses.parquet")]
+        asked = ["--calibration", str(calibrated), "--out", str(tmp_path / "given.json")]
+        assert run_command("evaluate", [*words, *asked]) == 0
+        models = read(tmp_path / "given.json")["models"]
+        given = models[next(name for name in models if name not in ("uncalibrated", "linear"))]
+        assert given["mean_mm"] == pytest.approx(after, rel=0.02)
+
+    def test_values_are_those_of_discovery(self, verdict, calibrated):
+        parameters = read(calibrated)["parameters"]
+        for effect in verdict["effects"]:
+            for name, found in effect["parameters"].items():
+                given = parameters[f"{effect['id']}_2_{name}"]
+                assert abs(given["value"] - found["value"]) <= 0.1 * found["std"]
+                assert given["std"] == pytest.approx(found["std"], rel=0.05)
+
+    def test_named_are_those_of_a_search(self, work, found, calibrated, tmp_path):
+        out = tmp_path / "named.json"
+        assert calibrate_with(work, out, "named", "--named", str(found / "extended.json")) == 0
+        named, listed = read(out)["parameters"], read(calibrated)["parameters"]
+        assert set(named) == set(listed)
+
+    def test_what_a_model_has_is_not_sought_in_it(self, work, calibrated, tmp_path):
+        assert run_discover(work, tmp_path, calibration=calibrated) == 0
+        verdict = read(tmp_path / "verdict.json")
+        assert verdict["verdict"] == "none"
+
+    @pytest.mark.parametrize(
+        ("effects", "says"),
+        [
+            ("named", "--named"),
+            ([{"id": "transmission_error", "of": "joint 9"}], "no transmission_error of joint 9"),
+            ([{"id": "transmision_error", "of": "joint 2"}], "did you mean 'transmission_error'"),
+        ],
+    )
+    def test_refuses_what_it_does_not_know(self, work, tmp_path, capsys, effects, says):
+        assert calibrate_with(work, tmp_path / "none.json", effects) == 2
+        message = capsys.readouterr().err
+        assert says in message
+        assert message.count("\n") == 1
+        assert not list(tmp_path.iterdir())

@@ -130,6 +130,23 @@ def planes_of(campaign):
     return expand(rules.montecarlo.output, campaign=campaign) * (not by_general_model(campaign))
 
 
+def named_effects(wildcards):
+    """The extended model of the search, where its effects are to be calibrated with."""
+    wanted = SETTINGS.calibration.effects == "named"
+    return expand(result("discovery/extended.json"), campaign=wildcards.campaign) * wanted
+
+
+def named_option(wildcards, input):
+    """The option that says where that model is."""
+    return f"--named {shlex.quote(str(input.named))}" if input.named else ""
+
+
+def searched_calibration(wildcards):
+    """The calibrations that discovery starts from: without effects that are those of its verdict."""
+    folder = "baseline" if SETTINGS.calibration.effects == "named" else "calibration"
+    return expand(result(folder), campaign=wildcards.campaign)[0]
+
+
 def evaluated_calibration(wildcards, input):
     """The calibration that discovery, evaluation and export start from."""
     return os.path.join(input.calibration, f"{SETTINGS.evaluation.calibration}.json")

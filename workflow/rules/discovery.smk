@@ -4,7 +4,7 @@ rule discover:
         campaign=raw("campaign.yaml"),
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
-        calibration=result("calibration"),
+        calibration=searched_calibration,
     output:
         verdict=result("discovery/verdict.json"),
         analysis=result("discovery/analysis.json"),

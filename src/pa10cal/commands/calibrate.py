@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pa10cal.observe.observations import Observations
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.seed import BaseFrameRecord
+    from pa10cal.terms.effects.effect import Effect
 
 #: Load case of the general model beside the paper's: all loads together.
 GENERAL = "general"
@@ -26,6 +27,7 @@ def calibrate(
     base_frame: Path,
     out: Path,
     load: str | None = None,
+    named: Path | None = None,
     settings: CalibrationOptions = CalibrationOptions(),
 ) -> None:
     """Calibrate the arm, at every load and at all together, by the paper's model or the general.
@@ -36,13 +38,14 @@ def calibrate(
         base_frame: base frame that the command seed wrote (.json).
         out: folder for the calibrations, or with --load the calibration to write (.json).
         load: one load case alone: a load such as 44N; combined; or general.
+        named: extended model that discovery wrote, for `effects: named` (.json).
         settings: section calibration.
     """
     from pa10cal.calibration.load_case import load_cases
     from pa10cal.calibration.options import takes_general_model
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
-    from pa10cal.errors import CalibrationError
+    from pa10cal.errors import CalibrationError, DiscoveryError
     from pa10cal.files.arms import load_arm
     from pa10cal.results.codec import read, write
     from pa10cal.results.seed import BaseFrameRecord
@@ -59,8 +62,9 @@ def calibrate(
     for case in cases:
         by_general = general or case == GENERAL
         try:
-            records[case] = _record(campaign, arm, every, seed, case, settings, general=by_general)
-        except CalibrationError as error:
+            record = _record(campaign, arm, every, seed, case, settings, general=by_general)
+            records[case] = _with_effects(record, campaign, arm, every, case, settings, named)
+        except (CalibrationError, DiscoveryError) as error:
             raise (error if load else error.within(f"load case {case}")) from None
         _say(f"{campaign.name} {case}", records[case])
     for case, record in records.items():
@@ -89,6 +93,52 @@ def _record(
         return general_record(case, campaign, options)
     papers = paper_case(campaign, arm, every, seed.T_instr_base, load, options)
     return paper_record(papers, campaign, campaign.payload(arm), options)
+
+
+def _with_effects(
+    record: CalibrationRecord,
+    campaign: CampaignDescription,
+    arm: Arm,
+    every: Observations,
+    load: str,
+    options: CalibrationOptions,
+    named: Path | None,
+) -> CalibrationRecord:
+    """Calibrate a load case once more with the effects that the options list."""
+    if not options.effects:
+        return record
+
+    import numpy as np
+
+    from pa10cal.calibration.load_case import COMBINED, rows_of_load
+    from pa10cal.calibration.records import models_of
+    from pa10cal.commands.extended import effects_of, read_extended
+    from pa10cal.discovery.given import Place, calibrate_with
+    from pa10cal.discovery.given_record import with_effects
+    from pa10cal.discovery.options import DiscoveryOptions
+    from pa10cal.discovery.setup import setup_of
+    from pa10cal.errors import CalibrationError
+
+    if options.effects != "named":
+        effects: list[Place | Effect] = [Place(each.id, each.of) for each in options.effects]
+    elif named is None:
+        raise CalibrationError(
+            "the effects that were named are not known",
+            where="calibration.effects",
+            value="named",
+            allowed="the extended model of a search, with --named",
+            remedy="give discovery/extended.json with --named, or list the effects",
+        )
+    else:
+        effects = [*effects_of(read_extended(named, campaign.name).model)]
+    if not effects:
+        return record
+    case = COMBINED if load == GENERAL else load
+    fitted = rows_of_load(every.states.load_N, case) | (every.kind != "grid")
+    *_, model = models_of(record, f"calibration of {load}").values()
+    setup = setup_of(campaign, arm, options, DiscoveryOptions())
+    found = calibrate_with(every.take(np.flatnonzero(fitted)), model, setup, effects)
+    return with_effects(record, found, campaign)
 
 
 def _say(title: str, record: CalibrationRecord) -> None:

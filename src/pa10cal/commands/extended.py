@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from pa10cal.discovery.extended import Extended
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import covariance_beside, model_from_plain
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import ExtendedRecord
+from pa10cal.terms.effects.effect import Effect
 
 
 def read_extended(path: Path, campaign: str) -> Extended:
@@ -26,3 +28,8 @@ def read_extended(path: Path, campaign: str) -> Extended:
     )
     seen = model.seen if record.angles_seen is not None else None
     return Extended(model, seen, record.arrival_from_order)
+
+
+def effects_of(model: FittedModel) -> list[Effect]:
+    """Return the effects of the vocabulary that a model holds."""
+    return [term for term in model.model.terms if isinstance(term, Effect)]

@@ -136,8 +136,7 @@ def gap(
 
 def left_by(model: FittedModel, poses: Observations) -> Deviations:
     """Return what a model leaves of complete poses."""
-    T_base_ee = model.model.predict(poses.states, model.x)
-    return poses.measured.deviations(T_base_ee, model.T_instr_base, model.targets_m)
+    return poses.measured.deviations(model.as_read(poses), model.T_instr_base, model.targets_m)
 
 
 def _parts(inside: NDArray[np.bool_], found: list[Deviations]) -> Parts:

@@ -33,7 +33,7 @@ def askable(survey: Survey) -> tuple[tuple[Asked, ...], tuple[NotTestable, ...]]
     """
     asked: list[Asked] = []
     refused = []
-    for effect in candidates(survey.context):
+    for effect in candidates(survey.context, survey.baseline.model.terms):
         if isinstance(effect, JointErrorMap):
             continue
         logged = survey.torques_logged

@@ -124,7 +124,8 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
         readings, baseline, campaign.setup, torques_logged=campaign.torques == "logged"
     )
     start = fit(problem, (), (), (0.0, 0.0))
-    family, refused = testable(problem, start, candidates(problem.context))
+    wanted = candidates(problem.context, baseline.model.terms)
+    family, refused = testable(problem, start, wanted)
     judgement = judge(search(problem, family, error_rate, start))
     problem = judgement.found.problem
     extended = _extended(problem, judgement)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import inspect
 import pkgutil
+from collections.abc import Iterable
 from functools import cache
 from importlib import import_module
 
 from pa10cal.terms import effects
 from pa10cal.terms.effects.effect import CandidateContext, Effect
+from pa10cal.terms.term import Term
 
 
 @cache
@@ -27,6 +29,12 @@ def every_effect() -> tuple[type[Effect], ...]:
     return tuple(sorted(found, key=lambda kind: (kind.generic, kind.id)))
 
 
-def candidates(context: CandidateContext) -> tuple[Effect, ...]:
-    """Return every effect at every place of an arm where it may sit."""
-    return tuple(effect for kind in every_effect() for effect in kind.everywhere(context))
+def candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect, ...]:
+    """Return every effect at every place of an arm where it may sit, but those that a model has."""
+    there = {(term.id, term.of) for term in held if isinstance(term, Effect)}
+    return tuple(
+        effect
+        for kind in every_effect()
+        for effect in kind.everywhere(context)
+        if (effect.id, effect.of) not in there
+    )

@@ -1,0 +1,192 @@
+"""The calibrated model with effects that are given, fitted to a campaign as a search would fit it.
+
+What was named becomes part of the model: the weights, the noise and the solver are those of the
+scorer that would judge the campaign, and nothing is searched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.calibration.accuracy import summarise
+from pa10cal.calibration.health import Errors, FitSummary, Health, health
+from pa10cal.discovery.blocked_cv.candidate import SPACINGS
+from pa10cal.discovery.blocked_cv.family import askable
+from pa10cal.discovery.blocked_cv.reference import weighed_rows
+from pa10cal.discovery.blocked_cv.refit import refit
+from pa10cal.discovery.blocked_cv.survey import survey
+from pa10cal.discovery.discover import judged_by_blocks
+from pa10cal.discovery.evidence.fit import apparatus_m, covariance_of
+from pa10cal.discovery.evidence.given import fit_given
+from pa10cal.discovery.evidence.problem import prepare
+from pa10cal.discovery.linear import residual_and_jacobian
+from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared
+from pa10cal.discovery.with_effects import ModelWithEffects
+from pa10cal.errors import CalibrationError
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.identifiability import identify, not_identifiable
+from pa10cal.near_miss import remedy_for
+from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Deviations
+from pa10cal.terms.effects.effect import CandidateContext, Effect
+from pa10cal.terms.effects.family import candidates
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Place:
+    """An effect by its id and place.
+
+    Attributes:
+        id: of the vocabulary.
+        of: where it sits: `joint 2`, `forearm`, `base`, ...
+    """
+
+    id: str
+    of: str
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedWith:
+    """A campaign calibrated with effects.
+
+    Attributes:
+        model: the model with them.
+        converged: whether the fit came to rest.
+        poses: averaged poses that were fitted, with what the model needs.
+        found: its deviations there.
+        cells: labels of the poses as they were weighed, which the health goes by.
+        health: whether it is good.
+    """
+
+    model: FittedModel
+    converged: bool
+    poses: Observations
+    found: Deviations
+    cells: NDArray[np.str_]
+    health: Health
+
+
+def calibrate_with(
+    every: Observations,
+    model: FittedModel,
+    setup: MeasurementSetup,
+    effects: Sequence[Place | Effect],
+) -> CalibratedWith:
+    """Fit a calibrated model with effects, all parameters anew.
+
+    Args:
+        every: single readings of a campaign, of all kinds.
+        model: the calibrated model.
+        setup: what is known of the campaign besides the poses.
+        effects: what to add: effects of a model, or their names and places.
+
+    Raises:
+        CalibrationError: when there is no such effect at that place of the arm, or an effect needs
+            what is not known.
+        DiscoveryError: when there are too few poses, or too little is repeated.
+    """
+    campaign = prepared(every, model, setup)
+    logged = campaign.torques == "logged"
+    fitted: ModelWithEffects
+    if judged_by_blocks(campaign.readings):
+        judged = survey(campaign.readings, campaign.baseline, setup, torques_logged=logged)
+        chosen = _effects(effects, judged.context)
+        rows = weighed_rows(judged, askable(judged)[0], SPACINGS[-1][0])
+        fitted = found = refit(
+            judged, chosen, tuple(effect.starts[0] for effect in chosen), rows.weighing
+        )
+        used, covariance = judged.poses, found.covariance
+        root = np.sqrt(found.weighing.weight)[:, None, None]
+        whitener, off_m = root * found.weighing.whitener, np.zeros(0)
+    else:
+        problem = prepare(campaign.readings, campaign.baseline, setup, torques_logged=logged)
+        problem, fit = fit_given(problem, _effects(effects, problem.context))
+        fitted, used = fit, problem.cells
+        covariance, off_m = covariance_of(problem, fit), apparatus_m(problem, fit)
+        whitener = np.linalg.inv(np.linalg.cholesky(problem.cell_cov))
+    calibrated = replace(fitted.fitted(covariance), targets_off_m=off_m)
+
+    def ready(poses: Observations) -> Observations:
+        return complete_about(poses, campaign.baseline, calibrated, setup)
+
+    poses = ready(average_repeats(campaign.readings))
+    deviations = calibrated.deviations(poses)
+    held_out = None
+    if campaign.held_out is not None:
+        held_out = summarise(calibrated.deviations(ready(campaign.held_out)))
+    errors = Errors(
+        train_rms_mm=summarise(deviations).rms_mm,
+        held_out=held_out,
+        noise_mm=_noise_mm(used, whitener),
+        spread_mm=used.measured.spread_mm,
+    )
+    summary = _summary(fitted, used, whitener, covariance)
+    return CalibratedWith(
+        model=calibrated,
+        converged=fitted.converged,
+        poses=poses,
+        found=deviations,
+        cells=used.pose,
+        health=health(summary, errors),
+    )
+
+
+def _noise_mm(poses: Observations, whitener: Array) -> float:
+    """Return what noise explains of the root mean square position error."""
+    columns = poses.measured.component_kinds[0][1]
+    covariance = np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener)
+    variances = np.diagonal(covariance, axis1=1, axis2=2)[:, columns]
+    return float(1e3 * np.sqrt(variances.sum(axis=1).mean()))
+
+
+def _effects(wanted: Sequence[Place | Effect], context: CandidateContext) -> tuple[Effect, ...]:
+    """Return the effects that are wanted, in the form that the campaign gives them."""
+    known = {(effect.id, effect.of): effect for effect in candidates(context)}
+    found = []
+    for each in wanted:
+        if isinstance(each, Effect):
+            found.append(each)
+            continue
+        if (each.id, each.of) not in known:
+            places = [of for kind, of in known if kind == each.id]
+            raise CalibrationError(
+                f"there is no {each.id} of {each.of}",
+                where="calibration.effects",
+                value={"id": each.id, "of": each.of},
+                allowed=", ".join(places) or "an effect that this arm can have",
+                remedy=remedy_for(each.of, places, "correct the place"),
+            )
+        found.append(known[each.id, each.of])
+    return tuple(found)
+
+
+def _summary(
+    fitted: ModelWithEffects, poses: Observations, whitener: Array, covariance: Array
+) -> FitSummary:
+    """Return how the fit ended, for its health."""
+    jacobian = residual_and_jacobian(fitted.at, poses)[1]
+    parameters = (*fitted.model.parameters, *poses.measured.target_parameters)
+    scale = np.array([parameter.scale for parameter in parameters])
+    white = whitener @ jacobian
+    rank = identify(white.reshape(-1, white.shape[2]), scale)
+    columns = poses.measured.component_kinds[0][1]
+    names = {parameter.name for parameter in parameters}
+    return FitSummary(
+        converged=fitted.converged,
+        reason="the last step was small" if fitted.converged else "steps were not enough",
+        iterations=0,
+        at_bound=(),
+        parameters=parameters,
+        covariance=covariance,
+        identifiability=rank,
+        white=white,
+        position=jacobian[:, columns],
+        not_identifiable=not_identifiable(rank, parameters) & names,
+    )
