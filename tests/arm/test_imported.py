@@ -213,7 +213,7 @@ PLAIN = robot([("revolute", (0, 0, 0.1), (0, 0, 0), (0, 0, 1))] * 2)
         (PLAIN, "", r"it is not XML.*no element found"),
         ("<robot", "<robot <", r"it is not XML.*line 1"),
         (PLAIN, "<sdf/>", r"it is not a URDF.*sdf"),
-        (PLAIN, "<robot/>", r"no single tree.*there are no links"),
+        (PLAIN, "<robot/>", r"not form a single tree.*there are no links"),
         ('<link name="l0">', '<xacro:x xmlns:xacro="ros/xacro"/><link name="l0">', "run xacro"),
         ("0.1", "${h}", "run xacro"),
         ('type="revolute"', 'type="revolut"', r"joint j0: unknown type.*did you mean 'revolute'"),
@@ -227,21 +227,21 @@ PLAIN = robot([("revolute", (0, 0, 0.1), (0, 0, 0), (0, 0, 1))] * 2)
         ("<axis", '<mimic joint="j7"/><axis', r"joint j0: the joint follows joint j7"),
         ('<parent link="l0"/>', "", r"joint j0: the joint has no parent"),
         ('<child link="l1"/>', '<child link="l9"/>', r"joint j0: .*not there.*l9.*l0, l1, l2"),
-        ('<child link="l2"/>', '<child link="l1"/>', r"two joints carry one link.*l1"),
-        ('<parent link="l0"/>', '<parent link="l2"/>', r"run in a circle.*l1, l2"),
+        ('<child link="l2"/>', '<child link="l1"/>', r"two joints have the same child link.*l1"),
+        ('<parent link="l0"/>', '<parent link="l2"/>', r"form a loop.*l1, l2"),
         ('<link name="l0">', '<link name="l1">', r"two links have one name.*l1"),
         ('<joint name="j1"', '<joint name="j0"', r"two joints have one name.*j0"),
         ("0.0 0.0 0.1", "0,0 0,0 0,1", r"joint j0: origin: xyz cannot be read.*decimal points"),
         ("0.0 0.0 0.1", "0 0", r"joint j0: origin: xyz cannot be read.*3 numbers"),
         ("0.0 0.0 0.1", "0 0 nan", r"joint j0: origin: xyz cannot be read"),
         ('axis xyz="0.0 0.0 1.0"', 'axis xyz="0 0 0"', r"joint j0: the axis has no direction"),
-        ('lower="-1.5" upper="2"', 'lower="2" upper="-1.5"', r"joint j0: the limits leave"),
+        ('lower="-1.5" upper="2"', 'lower="2" upper="-1.5"', r"joint j0: the limits allow"),
         ("0.0 0.0 0.1", "0 0 100", r"joint j0: .*further than 10 m.*divide by 1000"),
         ('type="revolute"', 'type="fixed"', r"no joint moves between base and tip"),
         (
             '<link name="l2"></link>',
             '<link name="l2"/><link name="l3"/>',
-            r"no single tree.*l0, l3",
+            r"not form a single tree.*l0, l3",
         ),
     ],
 )
@@ -252,7 +252,7 @@ def test_bad_files_are_refused_with_their_place(old, new, message):
 
 def test_a_sliding_joint_without_limits_is_refused():
     text = robot([("prismatic", (0, 0, 0), (0, 0, 0), (0, 0, 1))])
-    with pytest.raises(ArmError, match=r"joint j0: a joint that slides has no limits.*metres"):
+    with pytest.raises(ArmError, match=r"joint j0: a prismatic joint has no limits.*metres"):
         imported(text.replace('lower="-1.5" upper="2"', ""))
 
 

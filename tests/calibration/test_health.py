@@ -63,13 +63,13 @@ def test_a_fit_down_to_the_noise_is_good():
     [
         ({"converged": False, "reason": "50 steps"}, {}, "not usable", "did not converge: 50"),
         ({}, {"train_rms_mm": 6.0}, "not usable", "does not fit the readings"),
-        ({"told": 3}, {}, "not usable", "tell 3 of 6"),
-        ({"told": 5}, {}, "usable", "leave delta_a_6 open"),
+        ({"told": 3}, {}, "not usable", "identify only 3 of 6"),
+        ({"told": 5}, {}, "usable", "not identifiable with these poses: delta_a_6"),
         ({"at_bound": ("cubic_share_2",)}, {}, "usable", "cubic_share_2 at the end"),
         ({"at_bound": ("windup_2",)}, {}, "good", "all 6"),
-        ({}, {"noise_mm": 0.004}, "usable", "an effect is missing"),
+        ({}, {"noise_mm": 0.004}, "usable", "missing an effect"),
         ({}, {"suspected_outliers": 1}, "usable", "1 suspected outlier is excluded"),
-        ({}, {"held_out": accuracy(0.04, 0.1, 0.05, 60)}, "usable", "predicted worse"),
+        ({}, {"held_out": accuracy(0.04, 0.1, 0.05, 60)}, "usable", "larger errors than expected"),
     ],
 )
 def test_what_is_wrong_is_said(fit, left, verdict, says):
@@ -84,7 +84,7 @@ def test_a_few_poses_promise_larger_errors_elsewhere():
     train_rms_mm = 0.0173 * np.sqrt(1.0 - 8.0 / 12.0)
     seen = accuracy(0.02, 0.05, 0.0173, 60)
     found = health(few, errors(train_rms_mm=train_rms_mm, held_out=seen))
-    assert "predicted worse" not in found.line
+    assert "larger errors than expected" not in found.line
 
 
 def test_the_first_poses_of_the_d_optimal_order_tell_more_than_any_others():

@@ -81,7 +81,7 @@ def test_derivative_of_the_minimum_equals_finite_differences(weight):
 def test_positions_on_one_line_do_not_fix_a_frame():
     T = np.tile(np.eye(4), (5, 1, 1))
     T[:, 0, 3] = np.arange(5.0)
-    with pytest.raises(CalibrationError, match="not all on one line"):
+    with pytest.raises(CalibrationError, match="poses that are not collinear"):
         fit_base_frame(T, T, attitude_weight_m2=0.0)
     fit_base_frame(T, T, attitude_weight_m2=1.0)  # attitudes do
 

@@ -52,7 +52,7 @@ def change(description, key, value):
         (
             "tool.balls_mm",
             {"A": [0, 0, 300], "B": [50, 0, 300], "C": [100, 0, 300]},
-            r"tool.balls_mm.*not on one line",
+            r"tool.balls_mm.*not collinear",
         ),
         ("files.cmm", None, r"files.cmm: the key is missing"),
         ("files.cmm", "elsewhere.csv", r"files.cmm: .*'elsewhere.csv'.*inside the campaign"),

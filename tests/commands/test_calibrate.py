@@ -171,7 +171,7 @@ def test_a_parameter_at_its_bound_by_noise_is_no_alarm(work):
     assert record["parameters"]["K_cub_3"]["at_bound"]
     assert not record["parameters"]["K_lin_3"]["at_bound"]
     assert len(record["warnings"]) == 1
-    assert "not to be told from the bound" in record["warnings"][0]
+    assert "indistinguishable from the bound" in record["warnings"][0]
 
 
 def test_an_incomplete_model_is_said_to_be_one(tmp_path, capsys):

@@ -186,4 +186,4 @@ def test_says_what_an_instrument_without_balls_saw(tmp_path, capsys, kind):
 def test_touches_of_an_arm_that_slides_are_refused(raw_campaign, tmp_path, capsys):
     raw_campaign.description["robot"] = "gx4_351s"
     assert run(raw_campaign.write(), tmp_path)[0] == REFUSED
-    assert "robot: the arm has sliding joints" in capsys.readouterr().err
+    assert "robot: the arm has prismatic joints" in capsys.readouterr().err

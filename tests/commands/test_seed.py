@@ -98,7 +98,7 @@ def test_the_shipped_campaign_agrees_with_a_fit_of_the_nominal_model(tmp_path):
     [
         ('{"min_length_mm": 500}', r"line_x: the straight move is too short"),
         ('{"max_bend_mm": 1e-6}', r"line_x: the straight move is bent"),
-        ('{"min_angle_deg": 89.9999}', r"too nearly parallel"),
+        ('{"min_angle_deg": 89.9999}', r"too close to parallel"),
         ('{"min_length": 50}', r"did you mean 'min_length_mm'"),
     ],
 )

@@ -57,9 +57,9 @@ def test_points_that_are_no_shape_of_it_are_refused():
     points = lay_points(gentle_spline(np.random.default_rng(1)), LINK_M, LINKS)
     T_base = np.eye(4)
     T_base[:3, 3] = points.p_m[0]
-    with pytest.raises(CurveError, match=r"points are no shape of the arm \(got '0.05 m off'\)"):
+    with pytest.raises(CurveError, match=r"points do not fit the arm \(got '0.05 m off'\)"):
         arm_posture(points.p_m, T_base, 0.2)
-    with pytest.raises(CurveError, match="no shape of the arm"):
+    with pytest.raises(CurveError, match="points do not fit the arm"):
         arm_posture(points.p_m + 1e-3, T_base, LINK_M)
 
 

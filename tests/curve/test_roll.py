@@ -138,5 +138,5 @@ def test_the_last_link_has_the_roll_wanted(random_directions, seed, order, n):
 @pytest.mark.parametrize("wanted", [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 def test_a_direction_along_the_last_link_is_none(wanted):
     chain = RollMap.of(np.array([[0.0, 1, 0], [1, 0, 0]]))
-    with pytest.raises(CurveError, match="along the link"):
+    with pytest.raises(CurveError, match="parallel to the link"):
         roll_for_last(chain, np.array(wanted))

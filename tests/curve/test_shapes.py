@@ -103,7 +103,7 @@ def test_what_is_stated_of_a_callable_is_checked(stated, message):
 
 
 def test_a_callable_that_is_not_finite_is_refused():
-    with pytest.raises(CurveError, match="a place of the curve is not finite"):
+    with pytest.raises(CurveError, match="a position of the curve is not finite"):
         parametric(
             lambda t: np.stack([t, np.where(t > 0.5, np.nan, t), t], axis=1),
             lambda t: np.ones((len(t), 3)),

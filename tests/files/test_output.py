@@ -55,7 +55,7 @@ def test_several_outputs_appear_together(tmp_path):
 
 def test_two_outputs_at_one_place_are_refused_before_anything_is_written(tmp_path):
     paths = (tmp_path / "a.json", tmp_path / "b.json", tmp_path / "sub" / ".." / "a.json")
-    with pytest.raises(OutputError, match="one place"), whole_files(*paths):
+    with pytest.raises(OutputError, match="the same path"), whole_files(*paths):
         pass
     assert not list(tmp_path.iterdir())
 

@@ -256,10 +256,10 @@ REFUSED = [
         ModelError,
         "schema.*pa10cal-model/1.*allowed: pa10cal-model/2",
     ),
-    ({"terms": None}, ModelError, "cannot be made of"),
+    ({"terms": None}, ModelError, "cannot be built from"),
     ({"arm": "absent"}, ModelError, "key arm is missing"),
     ({"targets_m": "absent"}, ModelError, "key targets_m is missing"),
-    ({"tool": {"R_ee_target": [[1.0]]}}, ModelError, "cannot be made of"),
+    ({"tool": {"R_ee_target": [[1.0]]}}, ModelError, "cannot be built from"),
     ({"T_instr_base": [[1.0, 0.0]]}, ModelError, "T_instr_base"),
 ]
 

@@ -79,7 +79,7 @@ def test_where_no_step_leads_down_it_ends_there():
         most_steps=5,
     )
     assert found.at[0] == 0.0
-    assert "no step leads down" in found.reason
+    assert "no step reduces the error" in found.reason
 
 
 def test_too_few_steps_are_said():

@@ -77,5 +77,5 @@ def test_plane_out_of_reach_is_refused(pa10_chain):
 def test_hardly_reachable_plane_is_refused(pa10_chain):
     reach = (0.7, 6.0)
     reference = reference_in_plane(pa10_chain, 0.5, reach)
-    with pytest.raises(SettingsError, match=r"reach_m.*hardly any place.*0\.7, 6\.0"):
+    with pytest.raises(SettingsError, match=r"reach_m.*hardly any position.*0\.7, 6\.0"):
         draw_places(pa10_chain, reference, reach, 20, stream(1, 500, None))

@@ -81,5 +81,5 @@ def test_error_grows_with_the_resolvers_uncertainty(pa10):
 
 def test_a_sliding_joint_is_refused(make_arm):
     arm = make_arm([(0.3, 0.1, 90), (0.2, 0.1, 90), (0.1, 0, 0)], prismatic=(False, True, False))
-    with pytest.raises(ArmError, match=r"a joint slides.*joint 2"):
+    with pytest.raises(ArmError, match=r"a joint is prismatic.*joint 2"):
         study_plane(arm, TASK)

@@ -200,7 +200,7 @@ def _limits(joints: list[UrdfJoint], where: str) -> tuple[Array, list[str]]:
             continue
         if joint.kind == "prismatic":
             raise ArmError(
-                "a joint that slides has no limits",
+                "a prismatic joint has no limits",
                 where=f"{where}: joint {joint.name}",
                 allowed="<limit lower=… upper=…>, in metres",
                 remedy="add them to the URDF",

@@ -71,12 +71,12 @@ def _root(links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...], where: str
                     "the joint names a link that is not there",
                     f"{where}: joint {joint.name}",
                     link,
-                    ", ".join(names) or "no link at all",
+                    ", ".join(names) or "no links",
                     "correct the name",
                 )
         if children.count(joint.child) > 1:
             raise _refusal(
-                "two joints carry one link: the arm is not serial",
+                "two joints have the same child link: the arm is not serial",
                 f"{where}: joint {joint.name}",
                 joint.child,
                 "one joint for each link",
@@ -85,11 +85,11 @@ def _root(links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...], where: str
     roots = [name for name in names if name not in children]
     if len(roots) != 1:
         raise _refusal(
-            "the links make no single tree",
+            "the links do not form a single tree",
             where,
-            ", ".join(roots) or "no root: the joints run in a circle, or there are no links",
-            "one link that no joint carries",
-            "join the parts, or cut the circle",
+            ", ".join(roots) or "no root: the joints form a loop, or there are no links",
+            "exactly one link without a parent joint",
+            "join the parts, or open the loop",
         )
     reached, open_ = {roots[0]}, [roots[0]]
     while open_:
@@ -100,10 +100,10 @@ def _root(links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...], where: str
     apart = [name for name in names if name not in reached]
     if apart:
         raise _refusal(
-            "joints run in a circle",
+            "joints form a loop",
             where,
             ", ".join(apart),
-            f"links that joints carry from {roots[0]} on",
+            f"links connected by joints from {roots[0]} on",
             "cut the circle",
         )
     return roots[0]
@@ -173,7 +173,7 @@ def _limits(limit: ElementTree.Element | None, kind: str, where: str) -> tuple[f
         return math.nan, math.nan
     if lower >= upper:
         raise _refusal(
-            "the limits leave the joint no way to move",
+            "the limits allow the joint no motion",
             where,
             (lower, upper),
             "the lower limit first, then a higher one",

@@ -169,6 +169,6 @@ class UrdfTree:
                 raise ArmError(
                     f"the joint follows joint {joint.follows} (mimic)",
                     where=f"{self.where}: joint {joint.name}",
-                    allowed="joints that move by themselves",
+                    allowed="independent joints",
                     remedy="name a base beyond this joint, or a tip before it",
                 )

@@ -274,7 +274,7 @@ def _check_enough(model: Model, observations: Observations[Pose]) -> None:
             where="grid poses",
             value=f"{len(observations)} poses, {unknowns} unknowns",
             allowed=f"at least {-(-unknowns // 6)} poses",
-            remedy="measure more poses or leave parameters out",
+            remedy="measure more poses or omit parameters",
         )
 
 
@@ -294,6 +294,6 @@ def check_torques(model: Model, observations: Observations) -> None:
                 f"{len(lacking)} poses",
                 where=f"tau{term.joint}_Nm",
                 allowed="a torque in every pose",
-                remedy="log the torques, or leave the joint out of calibration.flexible_joints "
+                remedy="log the torques, or remove the joint from calibration.flexible_joints "
                 "(an empty list calibrates a rigid arm)",
             )

@@ -1,4 +1,4 @@
-"""Whether a calibration is good: what it rests on, what it leaves open, in one plain line."""
+"""Whether a calibration is good: its convergence, rank and errors, and a verdict in one line."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
 
-#: Correlation above which two parameters can hardly be told apart, and how many pairs to list.
+#: Correlation above which two parameters are nearly inseparable, and how many pairs to list.
 _CORRELATED = 0.95
 _MOST_PAIRS = 20
-#: Part of the error left that uncertainty of the model may come to: it then adds 5 % to it.
+#: Largest uncertainty of the model as part of the remaining error: it then adds 5 % to it.
 _SMALL_SHARE = 0.3
 #: Held-out over expected error above which the model follows its own poses, at least; with few
 #: held-out poses so many standard deviations of their root mean square.
 _OVERFITTED = 1.3
 _BY_CHANCE = 3.0
-#: Part of the spread of the places seen that a described arm may be off by when it is calibrated.
+#: Largest error of a calibrated arm as part of the spread of the measured positions.
 _FITS_NOT = 0.01
-#: Part of the unknowns that poses must tell at least.
-_LEAST_TOLD = 2.0 / 3.0
-#: Condition number in scaled parameters above which some direction is told badly.
+#: Smallest part of the unknowns that poses must identify.
+_LEAST_IDENTIFIED = 2.0 / 3.0
+#: Condition number in scaled parameters above which some direction is poorly determined.
 _ILL_CONDITIONED = 1e5
 
 
@@ -46,7 +46,7 @@ class FitSummary:
         identifiability: rank of the rows.
         white: (P, b, k) rows of unit variance.
         position: (P, c, k) derivative of the predicted position [m].
-        not_identifiable: names of those that the data leave open.
+        not_identifiable: names of those that the data do not identify.
     """
 
     converged: bool
@@ -63,14 +63,14 @@ class FitSummary:
 
 @dataclass(frozen=True)
 class Errors:
-    """What a calibrated model leaves.
+    """Remaining errors of a calibrated model.
 
     Attributes:
         train_rms_mm: root mean square position error of the poses fitted, suspected outliers
             aside.
         held_out: errors of poses held out, None where there are none.
-        noise_mm: what the noise of readings explains of the former, None where not known.
-        spread_mm: root mean square distance of the places seen from their middle.
+        noise_mm: the part that the noise of readings explains, None where not known.
+        spread_mm: root mean square distance of the measured positions from their mean.
         suspected_outliers: poses far outside the scatter of the others.
     """
 
@@ -83,7 +83,7 @@ class Errors:
 
 @dataclass(frozen=True)
 class CorrelatedPair:
-    """Two parameters that the poses can hardly tell apart."""
+    """Two parameters that the poses can hardly separate."""
 
     first: str
     second: str
@@ -96,14 +96,14 @@ class Health:
 
     Attributes:
         ended: how it ended.
-        verdict: `good`, `usable` (with what the line says in mind) or `not usable`.
-        line: why, in one sentence.
+        verdict: `good`, `usable` (subject to the line) or `not usable`.
+        line: the reason, in one sentence.
         pairs: correlated parameters, the worst first.
-        train_rms_mm, held_out_rms_mm: position error left; None where nothing was held out.
-        noise_mm: what the noise of the readings explains of the former, None where not known.
-        design: how many poses it wants.
+        train_rms_mm, held_out_rms_mm: remaining position error; None where nothing was held out.
+        noise_mm: the part that the noise of the readings explains, None where not known.
+        design: how many poses it needs.
         poses: how many it had.
-        poses_needed: how many well-chosen ones would do, None where more than were tried.
+        poses_needed: how many well-chosen ones suffice, None where more than were tried.
         u_model_mm: expected standard uncertainty of a predicted position.
         u_needed_mm: the uncertainty that counts as small here.
     """
@@ -123,7 +123,7 @@ class Health:
 
 
 def health(ended: FitSummary, errors: Errors) -> Health:
-    """Judge a calibration by how it ended and what it leaves."""
+    """Judge a calibration by its convergence and its remaining errors."""
     design = pose_design(
         ended.white,
         ended.position,
@@ -154,36 +154,37 @@ def _verdict(
     rank, unknowns = ended.identifiability.rank, len(ended.parameters)
     if not ended.converged:
         return "not usable", f"it did not converge: {ended.reason}"
-    error = f"error left {errors.train_rms_mm:.3f} mm rms over the poses fitted"
+    error = f"remaining error {errors.train_rms_mm:.3f} mm rms over the poses fitted"
     if errors.held_out is not None:
-        error += f", {errors.held_out.rms_mm:.3f} mm over those held out"
+        error += f", {errors.held_out.rms_mm:.3f} mm over held-out poses"
     if errors.train_rms_mm > _FITS_NOT * errors.spread_mm:
         return "not usable", (
             f"{error}: the arm as described does not fit the readings; check robot, order, signs "
             "and zeros of the joints, and units"
         )
-    if rank < _LEAST_TOLD * unknowns:
+    if rank < _LEAST_IDENTIFIED * unknowns:
         return "not usable", (
-            f"{error}; but the poses tell {rank} of {unknowns} unknowns: other poses would be "
-            "predicted at random"
+            f"{error}; but the poses identify only {rank} of {unknowns} unknowns, so predictions "
+            "at other poses are unreliable"
         )
     if not np.isfinite(design.u_all_m):
-        return "not usable", "too few poses for its unknowns"
+        return "not usable", "too few poses to identify the unknowns"
     but = _reservations(ended, errors, design)
     if but:
         return "usable", f"{error}; but {'; '.join(but)}"
-    return "good", f"{error}; all {rank} unknowns are told by the poses"
+    return "good", f"{error}; all {rank} unknowns are identifiable"
 
 
 def _reservations(ended: FitSummary, errors: Errors, design: PoseDesign) -> list[str]:
-    """Return what a user of the calibration should have in mind."""
+    """Return the reservations about a usable calibration."""
     but = []
     names = sorted(ended.not_identifiable)
     if names:
         but.append(
-            f"these poses leave {', '.join(names[:4])}{' and others' if names[4:] else ''} open"
+            f"not identifiable with these poses: {', '.join(names[:4])}"
+            f"{' and others' if names[4:] else ''}"
         )
-    # A linear spring at its end is a joint as rigid as the readings tell, which is no fault.
+    # A linear spring at its bound is a joint as rigid as the readings can show: no fault.
     at_end = [name for name in ended.at_bound if not name.startswith("windup")]
     if at_end:
         but.append(f"{', '.join(at_end)} at the end of the physical range")
@@ -193,17 +194,18 @@ def _reservations(ended: FitSummary, errors: Errors, design: PoseDesign) -> list
         ended, errors, errors.held_out, design
     ):
         but.append(
-            "poses held out are predicted worse than the fit promises: they differ from those "
-            "fitted, or the model lacks something"
+            "held-out poses have larger errors than expected: they differ from the poses fitted, "
+            "or the model is missing an effect"
         )
     if 1e3 * design.u_all_m > _SMALL_SHARE * errors.train_rms_mm:
         but.append(
-            f"predicted positions are uncertain by {1e3 * design.u_all_m:.3f} mm: more poses help"
+            f"predicted positions have a standard uncertainty of {1e3 * design.u_all_m:.3f} mm; "
+            "measure more poses to reduce it"
         )
     if errors.noise_mm is not None and errors.train_rms_mm > 3.0 * errors.noise_mm:
         but.append(
-            f"the noise of the readings explains {errors.noise_mm:.3f} mm of it: an effect is "
-            "missing"
+            f"the noise of the readings explains only {errors.noise_mm:.3f} mm: the model is "
+            "missing an effect"
         )
     if errors.suspected_outliers:
         many = "s are" if errors.suspected_outliers > 1 else " is"
@@ -217,9 +219,9 @@ def _reservations(ended: FitSummary, errors: Errors, design: PoseDesign) -> list
 def _expected_mm(
     ended: FitSummary, errors: Errors, held_out: Accuracy, design: PoseDesign
 ) -> float:
-    """Return the largest error of held-out poses that is no surprise.
+    """Return the largest error of held-out poses that is to be expected.
 
-    Residuals are smaller than errors by what the fit took up; predictions add its uncertainty.
+    Residuals are smaller than errors by the leverage; predictions add the fit's uncertainty.
     """
     rows = int(np.count_nonzero(np.any(ended.white != 0.0, axis=2)))
     taken_up = min(ended.identifiability.rank / max(rows, 1), 0.9)

@@ -58,10 +58,10 @@ def fit_base_frame(
     left, sizes, right = np.linalg.svd(moment)
     if not sizes[1] > 1e-12 * max(sizes[0], np.finfo(float).tiny):
         raise CalibrationError(
-            "the poses do not fix the base frame",
+            "the poses do not determine the base frame",
             where="inner level",
             value=f"singular values {sizes.tolist()}",
-            allowed="poses that are not all on one line",
+            allowed="poses that are not collinear",
             remedy="use more poses, or poses further apart",
         )
     R = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right

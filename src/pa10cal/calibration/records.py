@@ -308,10 +308,10 @@ def _warnings(case: LoadCase) -> tuple[str, ...]:
     if bound:
         pull = float(pull_beyond_bounds(cubic).max())
         meaning = (
-            "the data ask for a stiffness that is not positive, as they do when an effect is "
+            "the data fit best with a stiffness that is not positive, as happens when an effect is "
             "missing from the model"
             if pull > _PULL_OF_NOISE
-            else "not to be told from the bound with these data"
+            else "indistinguishable from the bound with these data"
         )
         found.append(
             f"{', '.join(bound)} at the end of the physical range, {pull:.1f} standard "
@@ -320,18 +320,18 @@ def _warnings(case: LoadCase) -> tuple[str, ...]:
     over = _over_repeats(case)
     if over > _INCOMPLETE:
         found.append(
-            f"the error left is {over:.0f} times what the noise of the readings explains: the "
-            "model is incomplete, and the uncertainties do not cover what it lacks"
+            f"the remaining error is {over:.0f} times the noise of the readings: the model is "
+            "incomplete, and the uncertainties do not cover the missing effect"
         )
     if cubic.starts_agreeing < 2 <= len(cubic.starts):
         found.append(f"only one of {len(cubic.starts)} starts found this minimum")
     if case.seed_angle_deg > _FAR_FROM_SEED_DEG:
-        found.append(f"base frame ended {case.seed_angle_deg:.2f} deg away from its seed")
+        found.append(f"the base frame is {case.seed_angle_deg:.2f} deg from its seed")
     return tuple(found)
 
 
 def _over_repeats(case: LoadCase) -> float:
-    """Return the position error left on the poses fitted over what their noise explains."""
+    """Return the position error of the poses fitted over the part that their noise explains."""
     level = case.cubic.level
     noise_m2 = np.trace(case.noise.measured.cov[:, :3, :3], axis1=1, axis2=2).mean()
     if not noise_m2 > 0:
@@ -341,7 +341,7 @@ def _over_repeats(case: LoadCase) -> float:
 
 
 def _at_bound(calibration: Calibration, report: Report) -> frozenset[str]:
-    """Return the reported parameters that stand or fall with a parameter at its bound.
+    """Return the reported parameters that depend on a parameter at its bound.
 
     A linear spring's K_cub is at its end, zero, while its K_lin is an ordinary number.
     """

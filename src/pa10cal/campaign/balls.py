@@ -32,7 +32,7 @@ FAR_OFF = 2.0
 #: Configurations from which the tool's shape is found rather than taken as stated.
 ENOUGH_FOR_SHAPE = 5
 
-UNDECIDED = "the touches do not fit the tool, and no single one is to blame"
+UNDECIDED = "the touches do not fit the tool, and no single touch explains it"
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def _shape(p_instr_mm: Array, tool: TouchedTool, where: str) -> Array:
     off = np.linalg.norm(seen - nominal, axis=1)
     if off.max() > TOOL_MISFIT_MM:
         raise RawDataError(
-            f"the measured balls are not placed as the description says; ball "
+            f"the measured positions of the balls differ from the description; ball "
             f"{tool.names[int(off.argmax())]} is {off.max():.3g} mm off",
             where=where,
             allowed=f"within {TOOL_MISFIT_MM:g} mm of tool.balls_mm",

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 SAME_FORMAT = 0.99
 
 CUT = "the last line is cut short"
-FIELDS = "the number of fields is not the header's"
+FIELDS = "the number of fields differs from the header"
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def _read_lines(path: Path) -> list[str]:
                 remedy="copy or export it again",
             ) from None
     if b"\x00" in content:
-        raise _refusal(path, 1, "the file is no UTF-8 text", "UTF-8", "export it as UTF-8")
+        raise _refusal(path, 1, "the file is not UTF-8 text", "UTF-8", "export it as UTF-8")
     text = content.decode("utf-8-sig", errors="replace")
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
@@ -217,12 +217,12 @@ def _check_header(
                 path,
                 line,
                 f"the fields are separated by {name}",
-                "commas between fields, a point in numbers",
+                "commas between fields, decimal points",
                 "export the file with commas, and with decimal points",
             )
     twice = [name for name, times in Counter(header).items() if times > 1]
     if twice:
-        raise _refusal(path, line, f"column {twice[0]} is there twice", "once", "remove one")
+        raise _refusal(path, line, f"column {twice[0]} occurs twice", "once", "remove one")
     missing = [name for name in required if name not in header]
     if missing:
         others = [name for name in header if name not in required]
@@ -249,7 +249,7 @@ def _refuse_systematic_width(
         int(line[first]),
         f"{wrong.sum()} of {len(widths)} rows have another number of fields than the header "
         f"({widths[first]} for {expected})" + ("; decimal commas" if commas else ""),
-        "one field a column, a point in numbers",
+        "one field for each column, decimal points",
         "export the file with decimal points" if commas else "export the file again",
     )
 

@@ -165,7 +165,7 @@ def _read_mapping(path: Path) -> dict[str, object]:
             where=str(path),
             value=content,
             allowed="keys and values, beginning with schema",
-            remedy="write the description as the raw-data contract says",
+            remedy="write the description as docs/raw-data.md specifies",
         )
     return content
 
@@ -182,7 +182,7 @@ def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
                 folder,
                 "tool.balls_mm",
                 dict(campaign.tool.balls_mm),
-                "at least three balls, not on one line",
+                "at least three balls that are not collinear",
             )
     needed = ("cmm", "resolver") if touched else ("poses",)
     for key in needed:

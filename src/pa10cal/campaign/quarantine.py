@@ -98,5 +98,5 @@ def refuse_too_many(
             f"{times} of them because: {reason}",
             where=f"{name}:{first}",
             allowed=f"at most {max_fraction:.0%} (ingest.max_quarantined_fraction)",
-            remedy="mend the file, or raise the setting if the rest is enough",
+            remedy="correct the file, or raise the setting if the other rows suffice",
         )

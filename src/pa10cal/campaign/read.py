@@ -118,7 +118,7 @@ def read_campaign(folder: Path | str, options: IngestOptions | None = None) -> C
 
     Raises:
         RawDataError: when the description or a file, or too much of it, cannot be used, when there
-            is no `grid` row, or when the arm has sliding joints and its log gives degrees.
+            is no `grid` row, or when the arm has prismatic joints and its log gives degrees.
         SettingsError: when a key of the description does not fit.
     """
     folder = Path(folder)
@@ -143,10 +143,10 @@ def ingest_campaign(
     instrument = description.instrument.type
     if instrument.from_touches and arm.prismatic.any():
         raise RawDataError(
-            "the arm has sliding joints",
+            "the arm has prismatic joints",
             where=f"{folder / DESCRIPTION_FILE}: robot",
             value=arm.name,
-            allowed="turning joints, as the resolver log gives positions in degrees",
+            allowed="revolute joints, as the resolver log gives positions in degrees",
             remedy="give the poses in files.poses, with a column in millimetres for each of them",
         )
     read = read_touched if instrument.from_touches else read_tracked

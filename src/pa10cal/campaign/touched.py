@@ -135,7 +135,7 @@ def _check_clocks(
     """
     if not len(dwells):
         raise RawDataError(
-            "the arm stands still nowhere in the log",
+            "the arm is never at rest in the log",
             where=where_log,
             allowed="dwells, in which the touches are made",
             remedy="check time_s, or raise ingest.still_speed_deg_s above the joints' noise",
@@ -150,11 +150,11 @@ def _check_clocks(
     raise RawDataError(
         f"{outside.sum()} of {len(touched)} touches lie outside any dwell of the arm",
         where=f"{where}:{touches.line[np.argmax(outside)]}",
-        allowed="touches while the arm stands still, on the clock of the resolver log",
+        allowed="touches while the arm is at rest, on the clock of the resolver log",
         remedy=f"the clocks seem to differ: adding {offset.seconds:+.1f} s to time_s would bring "
         f"{offset.inside:.0%} of the touches into dwells"
         if explained
-        else "check both clocks and ingest.still_speed_deg_s; no constant offset would do",
+        else "check both clocks and ingest.still_speed_deg_s; no constant offset matches",
     )
 
 
@@ -253,7 +253,7 @@ def _scatter_notes(balls: LocatedBalls) -> list[str]:
     if not balls.pooled_sigma_mm > SCATTER_NOTE * balls.touch_sigma_mm:
         return []
     return [
-        f"touches scatter by {balls.pooled_sigma_mm:.4f} mm where the instrument's statement "
+        f"touches scatter by {balls.pooled_sigma_mm:.4f} mm where the stated uncertainty "
         f"implies {balls.touch_sigma_mm:.4f} mm"
     ]
 

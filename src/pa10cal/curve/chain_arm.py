@@ -37,7 +37,7 @@ def chain_arm(name: str, links: int, link_m: float, limit_rad: float) -> Arm:
             where="links",
             value=links,
             allowed="one or more",
-            remedy="ask for more links",
+            remedy="request more links",
         )
     joints = 2 * links
     unknown = np.full(joints, np.nan)
@@ -75,7 +75,7 @@ def arm_posture(p_m: Array, T_base: Array, link_m: float) -> Array:
     off = np.append(lengths - link_m, np.linalg.norm(p_m[0] - T_base[:3, 3]))
     if np.abs(off).max() > _AT_BASE * link_m:
         raise CurveError(
-            "the points are no shape of the arm",
+            "the points do not fit the arm",
             where="points",
             value=f"{np.abs(off).max():.3g} m off",
             allowed=f"from the base on, {link_m:g} m apart",

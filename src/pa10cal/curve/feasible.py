@@ -41,7 +41,7 @@ class JointLimits:
             bad = np.flatnonzero(~(limits[:, 0] <= limits[:, 1]))
             if len(bad):
                 raise CurveError(
-                    f"the limits of {name} are none",
+                    f"the limits of {name} are invalid",
                     where=f"joint {bad[0] + 1}",
                     value=limits[bad[0]].tolist(),
                     allowed="two angles, the least first",

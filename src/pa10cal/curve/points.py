@@ -32,10 +32,10 @@ _SHORTER = tuple(ulps * float(np.finfo(float).eps) for ulps in (0, 1, 2, 4, 8, 1
 class Ending(Enum):
     """How the points of a curve end."""
 
-    COMPLETE = "the links asked for are laid"
+    COMPLETE = "all links requested are placed"
     EXACT = "the last link ends at the curve's end"
-    USED_UP = "what is left of the curve is shorter than a link"
-    INSIDE = "what is left of the curve stays nearer than a link"
+    USED_UP = "the rest of the curve is shorter than a link"
+    INSIDE = "the rest of the curve stays within a link's length"
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def equal_links(curve: Curve, n: int) -> Points:
             where="links",
             value=n,
             allowed="one or more",
-            remedy="ask for more links",
+            remedy="request more links",
         )
     bounds = curve.bounds
     longest_m = arc_length_m(curve, bounds.start, bounds.end) / n
@@ -134,7 +134,7 @@ def equal_links(curve: Curve, n: int) -> Points:
         where="links",
         value=f"{points.n} links of {points.link_m:g} m leave {points.left_m:g} m",
         allowed="a number at which links a little longer do not reach past a bend",
-        remedy="ask for another number of links",
+        remedy="request another number of links",
     )
 
 
@@ -228,5 +228,5 @@ def _refuse_length(curve: Curve, link_m: float, most: int | None) -> None:
             where="link_m",
             value=link_m,
             allowed=f"at least a {_MOST_LINKS:g}th of the curve, {longest_m:g} m",
-            remedy="take longer links, or say how many",
+            remedy="take longer links, or give their number",
         )

@@ -107,7 +107,7 @@ def checked_points(points_m: Array) -> Array:
             where=f"point {bad[0] + 1}",
             value=points_m[bad[0]].tolist(),
             allowed="finite coordinates",
-            remedy="leave the point out",
+            remedy="remove the point",
         )
     repeated = np.flatnonzero((np.diff(points_m, axis=0) == 0.0).all(axis=1))
     if len(repeated):
@@ -116,7 +116,7 @@ def checked_points(points_m: Array) -> Array:
             where=f"point {repeated[0] + 2}",
             value=points_m[repeated[0]].tolist(),
             allowed="neighbouring points that differ",
-            remedy=f"leave repeated points out ({len(repeated)} in all)",
+            remedy=f"remove repeated points ({len(repeated)} in all)",
         )
     return points_m
 

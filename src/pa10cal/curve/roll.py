@@ -140,10 +140,10 @@ def roll_for_last(chain: RollMap, z_wanted: Array) -> Roll:
     off = z_wanted - (z_wanted @ x) * x
     if not np.linalg.norm(off) > _KEPT_RAD * np.linalg.norm(z_wanted):
         raise CurveError(
-            "the direction wanted of the last link's z is along the link",
+            "the direction for z of the last link is parallel to the link",
             where="z_wanted",
             value=z_wanted.tolist(),
-            allowed="a direction aside of the link",
+            allowed="a direction that is not parallel to the link",
             remedy="choose another one",
         )
     axis = np.cross(off, x) if chain.order == "zy" else off

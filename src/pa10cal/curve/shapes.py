@@ -73,12 +73,16 @@ def parametric(
     if not (np.isfinite(span).all() and span[0] < span[1]):
         raise _refusal("the curve has no span", span, "two finite parameters, the smaller first")
     if not (0.0 <= slowest <= fastest < np.inf and fastest > 0.0):
-        raise _refusal("the bounds of the speed are none", (slowest, fastest), "0 <= low <= high")
+        raise _refusal(
+            "the bounds of the speed are invalid", (slowest, fastest), "0 <= low <= high"
+        )
     t = np.linspace(*span, _CHECKED)
     places, speeds = place(t), np.linalg.norm(velocity(t), axis=1)
     bad = ~(np.isfinite(places).all(axis=1) & np.isfinite(speeds))
     if bad.any():
-        raise _refusal("a place of the curve is not finite", t[bad][0], "finite places and speeds")
+        raise _refusal(
+            "a position of the curve is not finite", t[bad][0], "finite positions and speeds"
+        )
     off = (speeds > fastest * (1 + _ROUNDED)) | (speeds < slowest * (1 - _ROUNDED))
     if off.any():
         raise _refusal(
@@ -190,5 +194,5 @@ def _finite(name: str, value: float) -> float:
 
 def _refusal(what: str, value: object, allowed: str) -> CurveError:
     return CurveError(
-        what, where="curve", value=value, allowed=allowed, remedy="correct what is stated of it"
+        what, where="curve", value=value, allowed=allowed, remedy="correct the stated bounds"
     )

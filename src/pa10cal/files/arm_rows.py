@@ -116,7 +116,7 @@ def _check_joint(row: ArmRow, where: str) -> None:
             )
     if row.prismatic and row.limits_m is None:
         raise ArmError(
-            "a joint that slides needs limits",
+            "a prismatic joint needs limits",
             where=where,
             allowed="limits_m: [lowest, highest], in metres",
             remedy="set limits_m",
@@ -125,7 +125,7 @@ def _check_joint(row: ArmRow, where: str) -> None:
     low, high = getattr(row, key) or (-_FULL_TURN_DEG, _FULL_TURN_DEG)
     if low >= high:
         raise ArmError(
-            f"{key} leaves the joint no way to move",
+            f"{key} allows the joint no motion",
             where=where,
             value=[low, high],
             allowed="the lower limit first, then a higher one",
@@ -193,5 +193,5 @@ def _check_masses(rows: Sequence[ArmRow], where: str) -> None:
                 f"{' and '.join(missing) or 'mass_kg'} is missing",
                 where=f"{where}: row {number}",
                 allowed="mass_kg and com_m in every row, or in none",
-                remedy="complete the row, or leave masses out everywhere",
+                remedy="complete the row, or remove all masses",
             )

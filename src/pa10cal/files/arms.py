@@ -176,7 +176,7 @@ def _check_hayati(arm: Arm, stated: list[bool | None], where: str) -> None:
                 f"{np.degrees(axes.angle_rad):.3g} deg from parallel"
             )
         raise ArmError(
-            f"hayati: {str(said).lower()} does not suit the row: {why}",
+            f"hayati: {str(said).lower()} contradicts the row: {why}",
             where=f"{where}: row {row}",
             allowed=f"beta in place of d where neighbouring axes are within {limit} of parallel, "
             "and only there: elsewhere it says what theta says already, and without it a small "

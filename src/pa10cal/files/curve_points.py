@@ -52,7 +52,9 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise _refusal(path, line, f"{name} is no finite number", text, "a number, with a point")
+        raise _refusal(
+            path, line, f"{name} is not a finite number", text, "a number with a decimal point"
+        )
     return value
 
 
@@ -62,5 +64,5 @@ def _refusal(path: Path, line: int, what: str, value: str, allowed: str) -> RawD
         where=f"{path}:{line}",
         value=value,
         allowed=allowed,
-        remedy="correct the file, or leave the row out",
+        remedy="correct the file, or remove the row",
     )

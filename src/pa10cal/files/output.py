@@ -36,9 +36,9 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
     ]
     if twice:
         raise OutputError(
-            "two outputs are to be written at one place",
+            "two outputs have the same path",
             where=str(twice[0]),
-            allowed="a path of its own for each output",
+            allowed="a different path for each output",
             remedy="give different paths",
         )
     besides = tuple(path.with_name(f".{os.getpid()}.partial.{path.name}") for path in paths)

@@ -174,7 +174,7 @@ def minimise(
                 break
             damping = max(10.0 * damping, _LEAST_DAMPING)
             if damping > _LARGEST_DAMPING:
-                return Minimum(at, here, count, True, "no step leads down: rounding")
+                return Minimum(at, here, count, True, "no step reduces the error: rounding")
         taken = Step(step, pressing, here, here.cost - ahead, damping)
         if reweighted is not None:
             there = reweighted(tried, taken)

@@ -213,7 +213,7 @@ def model_from_plain(
         ) from None
     except (AttributeError, IndexError, TypeError, ValueError) as error:
         raise ModelError(
-            "the model cannot be made of what is written",
+            "the model cannot be built from the file",
             where=where,
             value=str(error),
             allowed=f"values as {SCHEMA} has them",

@@ -143,17 +143,17 @@ def hand_eye_from_points(
     unseen = [name for name, seen in zip(named, times, strict=True) if not seen]
     if unseen:
         raise CalibrationError(
-            f"{unseen[0]} was seen in no pose",
+            f"{unseen[0]} was not observed in any pose",
             where="poses for the base frame",
-            allowed="targets seen in some of the poses",
-            remedy="leave this target out, or measure it",
+            allowed="targets observed in some of the poses",
+            remedy="remove this target, or measure it",
         )
     p_ee_m = np.zeros((targets, 3)) if p_ee_stated_m is None else p_ee_stated_m
     problem = TargetProblem.of(T_base_ee, p_instr_m, p_ee_m, weights, None)
     turns = _by_positions(problem.thinned(MOST_POSES))
     if not turns:
         raise CalibrationError(
-            "the positions lie on one line or in one point, and the base may turn about it",
+            "the positions are collinear or coincide, so the turn of the base about them is free",
             where="poses for the base frame",
             allowed="poses whose positions span a plane",
             remedy="measure poses further apart across the line",

@@ -204,7 +204,7 @@ def _refuse_open(problem: _Problem, found: _Found) -> None:
     if size[2] > OPEN * size[0]:
         return
     raise CalibrationError(
-        "the distances leave the fixed point open",
+        "the distances do not identify the fixed point",
         where="poses for the fixed point",
         value=f"along {axis_text(directions[2])} of the base",
         allowed="poses that surround the fixed point's direction on all sides",

@@ -184,6 +184,6 @@ def _refuse_lines(offsets: Array, where: str) -> None:
             f"a rigid fit needs points that span a plane; these are of rank {rank}",
             where=where,
             value=[float(f"{value:.3g}") for value in spread[thin][0][:2]],
-            allowed="at least three points that are not on one line",
+            allowed="at least three points that are not collinear",
             remedy="measure points further apart across the line",
         )

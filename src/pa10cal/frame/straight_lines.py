@@ -133,7 +133,7 @@ def seed_from_lines(
     least = options.min_angle_deg
     if not np.radians(least) <= angle <= np.pi - np.radians(least):
         raise CalibrationError(
-            "the straight moves are too nearly parallel",
+            "the straight moves are too close to parallel",
             where="line_x and line_y",
             value=f"{np.degrees(angle):.2f} deg",
             allowed=f"an angle of {least:g} to {180 - least:g} deg between them",

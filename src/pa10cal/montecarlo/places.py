@@ -94,10 +94,10 @@ def draw_places(
     while found < count:
         if drawn > _MOST_REJECTED * count + _BATCH:
             raise SettingsError(
-                f"{chain.arm.name} reaches hardly any place of this plane: {found} of {drawn}",
+                f"{chain.arm.name} reaches hardly any position of this plane: {found} of {drawn}",
                 where="montecarlo.reach_m",
                 value=reach_m,
-                allowed=f"a reach of which at least 1 in {_MOST_REJECTED} places can be reached",
+                allowed=f"a reach of which at least 1 in {_MOST_REJECTED} positions can be reached",
                 remedy="narrow the reach, or choose another plane",
             )
         parts = source.random((_BATCH, 2))

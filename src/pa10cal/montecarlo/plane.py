@@ -98,9 +98,9 @@ def study_plane(
 def _refuse_sliding_joints(arm: Arm) -> None:
     if arm.prismatic.any():
         raise ArmError(
-            "resolver uncertainty is an angle, but a joint slides",
+            "resolver uncertainty is an angle, but a joint is prismatic",
             where=arm.name,
             value=f"joint {int(np.argmax(arm.prismatic)) + 1}",
-            allowed="arms whose joints all turn",
-            remedy="leave this robot out of the Monte Carlo",
+            allowed="arms with revolute joints only",
+            remedy="do not run the Monte Carlo for this robot",
         )

@@ -45,7 +45,7 @@ def baseline(
         there = 1 <= joint <= arm.n
         if not there or arm.prismatic[joint - 1]:
             raise CalibrationError(
-                "the joint slides, and springs turn" if there else "no such joint",
+                "the joint is prismatic, and springs are torsional" if there else "no such joint",
                 where="calibration.flexible_joints",
                 value=joint,
                 allowed=f"1 to {arm.n}, and a joint that turns",

@@ -196,7 +196,7 @@ class TestTestable:
         )
         assert not shown
         why = {entry.effect.id: entry.why for entry in refused}
-        assert "moments that weights put" in why["link_bending"]
+        assert "moments of the weights" in why["link_bending"]
         assert why["friction_torque"] == "the torques of the weights are not known"
         assert not any(entry.by_these_poses for entry in refused)
 

@@ -149,30 +149,31 @@ def _springs(
         if wanted == "auto":
             return ()
         raise CalibrationError(
-            f"joint {wanted[0]} is to have a spring, but its torques are not known",
+            f"joint {wanted[0]} has a spring, but its torques are not known",
             where=f"tau{wanted[0]}_Nm",
             allowed="torques logged in every pose, or the masses of the links in the arm's "
             "description",
-            remedy=f"log the torques, describe mass_kg and com_m of {arm.name}, or leave the joint "
-            "out of general.springs (an empty list calibrates a rigid arm)",
+            remedy=f"log the torques, describe mass_kg and com_m of {arm.name}, or remove the "
+            "joint from general.springs (an empty list calibrates a rigid arm)",
         )
     if wanted != "auto":
         for joint in wanted:
             if not 1 <= joint <= arm.n or arm.prismatic[joint - 1]:
                 raise CalibrationError(
-                    "no such turning joint",
+                    "no such revolute joint",
                     where="general.springs",
                     value=joint,
-                    allowed=f"turning joints of 1 to {arm.n}",
+                    allowed=f"revolute joints, 1 to {arm.n}",
                     remedy="correct the list",
                 )
             if not np.any(np.abs(observations.states.tau_Nm[:, joint - 1]) > _NO_TORQUE_NM):
                 raise CalibrationError(
-                    f"joint {joint} carries no torque in any pose, so its spring shows nowhere",
+                    f"joint {joint} is unloaded in all poses, so its stiffness cannot be "
+                    "identified",
                     where="general.springs",
                     value=joint,
                     allowed="joints that weights load",
-                    remedy="leave the joint out, or measure with a load that it carries",
+                    remedy="remove the joint from general.springs, or measure with a load on it",
                 )
         return tuple(sorted(set(wanted)))
     span = np.ptp(observations.states.tau_Nm, axis=0)

@@ -148,7 +148,7 @@ def _refuse_another_arm(general: GeneralCalibration, left_mm: float, spread_mm: 
     raise CalibrationError(
         "the arm as described does not fit the readings",
         where=general.arm.name,
-        value=f"{left_mm:.1f} mm rms left, where the places seen spread by {spread_mm:.0f} mm",
+        value=f"{left_mm:.1f} mm rms remain; the measured positions spread by {spread_mm:.0f} mm",
         allowed=f"errors below {100 * _NO_FIT:.0f} % of that spread",
         remedy="check robot, order, signs and zeros of the joints, and units",
     )

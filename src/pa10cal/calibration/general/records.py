@@ -210,5 +210,5 @@ def _warnings(case: GeneralCase) -> tuple[str, ...]:
     if case.health.verdict != "good":
         found.append(case.health.line)
     if case.full.torques_from == "masses" and case.full.springs:
-        found.append("torques were not logged: those of the described masses stand for them")
+        found.append("torques were not logged: those of the described masses are used")
     return tuple(found)

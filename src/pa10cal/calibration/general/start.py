@@ -39,7 +39,7 @@ def start_of(seed: BaseFrameRecord, target_names: tuple[str, ...]) -> Start:
             f"the record lacks target {missing[0]}",
             where=f"{seed.FILE}: p_ee_targets_m",
             value=list(stated),
-            allowed="a place for every target",
+            allowed="a position for every target",
             remedy="run pa10cal seed again",
         )
     T_ee_target = np.eye(4) if seed.T_ee_target is None else seed.T_ee_target

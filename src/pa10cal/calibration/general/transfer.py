@@ -56,10 +56,10 @@ def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
     found = fit(problem, problem.start(x_model))
     if not found.converged:
         raise CalibrationError(
-            "base and tool were not found",
+            "base and tool could not be fitted",
             where="grid poses",
             value=found.reason,
-            allowed="poses that fix base and tool",
+            allowed="poses that identify base and tool",
             remedy="measure more poses, with attitudes further apart",
         )
     of_model = problem.of_model(found.x)

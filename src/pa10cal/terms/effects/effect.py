@@ -178,10 +178,10 @@ def static_loads_in(states: PoseStates, effect: Effect) -> StaticLoads:
     """
     if states.static_loads is None:
         raise CalibrationError(
-            "the effect needs the moments that weights put on the structure",
+            "the effect needs the moments of the weights on the structure",
             where=f"{effect.id} of {effect.of}",
             allowed="poses of an arm and a tool whose masses are known",
-            remedy="describe the masses, or leave the effect out",
+            remedy="describe the masses, or omit the effect",
         )
     return states.static_loads
 
@@ -194,9 +194,9 @@ def seen_in(states: PoseStates, effect: Effect) -> Seen:
     """
     if states.seen is None:
         raise CalibrationError(
-            "the effect needs the places of the instrument's targets",
+            "the effect needs the positions of the instrument's targets",
             where=f"{effect.id} of {effect.of}",
             allowed="poses read from targets",
-            remedy="leave the effect out for this instrument",
+            remedy="omit the effect for this instrument",
         )
     return states.seen
