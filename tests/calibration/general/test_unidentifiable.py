@@ -69,7 +69,7 @@ def test_a_joint_that_never_moved(see, kind, jitter_rad):
         for row in (2, 3, 4)
     }  # fmt: skip
     assert case.health.verdict == "usable"
-    assert "open" in case.health.line
+    assert "not identifiable" in case.health.line
     # What is open stays about where it was; what is not is known.
     off = np.abs(fit.x / case.full.problem.scale)[["delta" in p.name for p in parameters]]
     assert off.max() < 10.0
