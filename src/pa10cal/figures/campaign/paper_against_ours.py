@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from operator import attrgetter
 
-from pa10cal.figures.paper_comparison import Found, compared
+from pa10cal.figures.compared_campaign import Found
+from pa10cal.figures.paper_comparison import compared
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.repeats import incompleteness
 from pa10cal.figures.results import Results
