@@ -46,7 +46,7 @@ report: setup
 	$(SNAKEMAKE) --report results/report.html
 
 test: setup
-	$(BIN)/pytest -n $(CORES)
+	$(BIN)/pytest -n $(CORES) --dist loadfile
 
 check: setup
 	$(BIN)/ruff check .
