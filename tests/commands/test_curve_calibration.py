@@ -54,8 +54,8 @@ def test_rank_and_what_no_pose_tells(found):
         frozenset({"delta_d_1", "base_z"}),
         frozenset({"delta_theta_1", "base_rz"}),
     }
-    left_out = record["individuals"][0]["models"]["general"]["left_out"]
-    assert {"delta_d_1", "delta_theta_1", "delta_a_12", "delta_alpha_12"} <= set(left_out)
+    redundant = record["individuals"][0]["models"]["general"]["redundant"]
+    assert {"delta_d_1", "delta_theta_1", "delta_a_12", "delta_alpha_12"} <= set(redundant)
 
 
 def test_a_flange_that_departs_in_any_way_is_beyond_the_two_level_model(found):
