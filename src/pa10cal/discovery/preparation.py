@@ -78,6 +78,12 @@ def prepared(every: Observations, model: FittedModel, setup: MeasurementSetup) -
     arm = model.model.chain.arm
     states, torques = with_torques(arm, readings.states, setup.payload)
     held_out_states, _ = with_torques(arm, held_out.states, setup.payload)
+    if torques == "masses" and setup.payload is not None:
+        # Weights at the nominal posture would leave what an arm sags by to be found as an effect.
+        states, held_out_states = (
+            replace(each, tau_Nm=statics_of(model.model, model.x, each, setup.payload).torque_Nm)
+            for each in (states, held_out_states)
+        )
     return Prepared(
         readings=readings.with_states(states),
         held_out=held_out.with_states(held_out_states) if len(held_out) else None,
