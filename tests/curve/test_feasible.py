@@ -59,17 +59,20 @@ def test_one_bend_in_closed_form():
 
 def test_a_straight_chain_may_roll_to_anywhere_within_limits_about_zero():
     chain = RollMap.of(np.tile([0.0, 0.0, 1.0], (5, 1)))
-    assert feasible_rolls(chain, JointLimits.alike(4, 0.0, 0.0)).tolist() == [[0.0, 2 * np.pi]]
-    assert not len(feasible_rolls(chain, JointLimits.alike(4, 0.1, 0.2)))
+    assert feasible_rolls(chain, JointLimits.uniform(4, 0.0, 0.0)).tolist() == [[0.0, 2 * np.pi]]
+    assert not len(feasible_rolls(chain, JointLimits.uniform(4, 0.1, 0.2)))
 
 
 @pytest.mark.parametrize(
     ("limits", "message"),
     [
-        (lambda: JointLimits.alike(2, 0.1, -0.1), r"joint 1: the limits of a are none .*0.1, -0.1"),
+        (
+            lambda: JointLimits.uniform(2, 0.1, -0.1),
+            r"joint 1: the limits of a are none .*0.1, -0.1",
+        ),
         (lambda: JointLimits(np.zeros((1, 2)), np.array([[0, np.nan]])), "the limits of b"),
         (
-            lambda: feasible_rolls(RollMap.of(np.eye(3)), JointLimits.alike(5, -1.0, 1.0)),
+            lambda: feasible_rolls(RollMap.of(np.eye(3)), JointLimits.uniform(5, -1.0, 1.0)),
             "limits: the limits are of another chain .*5 of a, 5 of b.*; allowed: 2 each",
         ),
     ],

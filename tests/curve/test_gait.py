@@ -53,10 +53,10 @@ def test_the_roll_is_the_best_that_may_be_reached():
 
 def test_limits_are_kept_all_along_or_refused_with_the_time():
     limit = 0.9 * max(np.abs(g).max() for g in (wriggle(20, small_angles()).b_rad,))
-    limits = JointLimits.alike(LINKS - 1, -limit - 0.1, limit + 0.1)
+    limits = JointLimits.uniform(LINKS - 1, -limit - 0.1, limit + 0.1)
     kept = wriggle(20, small_angles(0.05, limits))
     assert max(np.abs(kept.a_rad).max(), np.abs(kept.b_rad).max()) <= limit + 0.1 + 1e-9
-    tight = JointLimits.alike(LINKS - 1, -0.1, 0.1)
+    tight = JointLimits.uniform(LINKS - 1, -0.1, 0.1)
     with pytest.raises(CurveError, match=r"^time 0 s, joint \d+: no roll keeps"):
         wriggle(20, small_angles(0.0, tight))
 

@@ -59,7 +59,7 @@ def test_on_an_arc_the_smallest_largest_angle_shares_the_bend_between_both_axes(
 @EXAMPLES
 def test_no_roll_leaves_more_room(random_directions, seed, order, bend, n, aside):
     chain = RollMap.of(random_directions(seed, n, bend), order)
-    limits = JointLimits.alike(n - 1, aside - 3.5, aside + 3.7)
+    limits = JointLimits.uniform(n - 1, aside - 3.5, aside + 3.7)
     best = most_room(chain, limits)
     assert best.level_rad >= room(chain, ROLLS, limits).max() - 1e-9
     assert room(chain, best.roll_rad, limits)[0] == pytest.approx(best.level_rad, abs=1e-7)
@@ -74,7 +74,7 @@ def test_limits_that_no_roll_keeps_name_the_joint_and_by_how_much(
     random_directions, seed, order, n, limit
 ):
     chain = RollMap.of(random_directions(seed, n, 1.4), order)
-    limits = JointLimits.alike(n - 1, -limit, limit)
+    limits = JointLimits.uniform(n - 1, -limit, limit)
     beyond = largest(chain, ROLLS).min() - limit
     assume(beyond > 1e-3)
     with pytest.raises(CurveError, match=r"^joint \d+: no roll keeps .* degrees beyond") as caught:
@@ -98,7 +98,7 @@ def test_limits_kept_at_single_rolls_only_are_kept():
 
 def test_a_roll_given_that_does_not_keep_the_limits_is_refused():
     u = np.array([[1.0, 0, 0], [np.cos(0.6), np.sin(0.6), 0]])
-    limits = JointLimits.alike(1, -0.5, 0.5)
+    limits = JointLimits.uniform(1, -0.5, 0.5)
     assert room_at(RollMap.of(u), 0.8, limits).level_rad > 0.0
     with pytest.raises(CurveError, match=r"joint 1: this roll does not keep .*: a is 5.73 degrees"):
         room_at(RollMap.of(u), 0.0, limits)

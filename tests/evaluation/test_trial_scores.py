@@ -51,7 +51,7 @@ def verdict(*effects, word=None, places=(), **more):
     given = ("named" if alone else "ambiguous") if effects else "none"
     known = {
         "not_testable": frozenset(),
-        "alike": (),
+        "indistinguishable": (),
         "springs": (2, 3, 5),
         "noise_floor_mm": FLOOR_MM,
         "held_out_after_mm": 0.01,
@@ -143,10 +143,10 @@ def test_only_large_and_separable_effects_must_be_named():
     assert score_singles([small]).above.of == 1
     least = single(WAVE, verdict(), moved_mm=0.5 * FLOOR_MM)
     assert score_singles([least]).above.of == 0
-    close = verdict(named(LOST), alike=(frozenset({WAVE, LOST}),))
+    close = verdict(named(LOST), indistinguishable=(frozenset({WAVE, LOST}),))
     assert score_singles([single(WAVE, close)]).large.of == 0
     assert score_singles([single(WAVE, close)]).above.of == 1
-    other = verdict(named(LOST), alike=(frozenset({DISK, LOST}),))
+    other = verdict(named(LOST), indistinguishable=(frozenset({DISK, LOST}),))
     assert score_singles([single(WAVE, other)]).large.of == 1
     hopeless = verdict(not_testable=frozenset({WAVE}))
     found = score_singles([single(WAVE, hopeless)])
@@ -154,10 +154,10 @@ def test_only_large_and_separable_effects_must_be_named():
 
 
 def test_a_map_is_no_rival_of_a_named_form_and_told_where_forms_are_told():
-    with_map = verdict(named(DISK), alike=(frozenset({DISK, MAP}),))
+    with_map = verdict(named(DISK), indistinguishable=(frozenset({DISK, MAP}),))
     assert single(DISK, with_map).is_separable(hidden(DISK))
     assert single(MAP, with_map).is_separable(hidden(MAP))
-    forms = verdict(named(DISK), alike=(frozenset({DISK, ELLIPSE, MAP}),))
+    forms = verdict(named(DISK), indistinguishable=(frozenset({DISK, ELLIPSE, MAP}),))
     assert not single(DISK, forms).is_separable(hidden(DISK))
     assert not single(MAP, forms).is_separable(hidden(MAP))
 

@@ -13,7 +13,7 @@ def roll_pitch_yaw(R: Array) -> Array:
     """Return angles (3,) [rad] that give a rotation (3, 3) back to the last digit.
 
     At a pitch of 90 degrees roll and yaw are not unique; any yaw will do there, because roll is
-    what is left after pitch and yaw have been taken off.
+    the rotation that remains after pitch and yaw.
     """
     pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
     yaw = np.arctan2(R[1, 0], R[0, 0])

@@ -87,7 +87,7 @@ class Chain:
         nominal: (m,) coordinates at zero joint positions.
         joint_columns: (n,) column of the coordinate that each joint position drives.
         constants: column of a motion, and the constant frame (4, 4) that precedes it; the identity
-            is left out.
+            is omitted.
     """
 
     arm: Arm

@@ -1,4 +1,4 @@
-"""What is known of an arm before it is measured: Denavit-Hartenberg rows, limits, masses."""
+"""The nominal description of an arm: Denavit-Hartenberg rows, limits, masses."""
 
 from __future__ import annotations
 

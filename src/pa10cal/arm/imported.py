@@ -40,7 +40,7 @@ class ImportedArm:
         joints: names of its joints.
         forward_kinematics_difference_m: largest distance between its end and pinocchio's.
         forward_kinematics_difference_rad: largest angle between them.
-        notes: what the URDF does not say or was left out, a sentence each.
+        notes: what the URDF does not contain or was omitted, a sentence each.
     """
 
     arm: Arm
@@ -164,7 +164,7 @@ class _Posed:
 def _kinematics_text(tree: UrdfTree) -> str:
     """Return a URDF of placements, axes and masses alone, with nothing for a reader to stumble on.
 
-    Shapes are left out, and the limits that URDF asks of some joints stand there for form.
+    Shapes are omitted, and the limits that URDF requires of some joints are placeholders.
     """
     robot = ElementTree.Element("robot", name="robot")
     for link in tree.links:
@@ -193,7 +193,7 @@ def _words(values: tuple[float, ...]) -> str:
 
 
 def _limits(joints: list[UrdfJoint], where: str) -> tuple[Array, list[str]]:
-    """Return the limits (n, 2), a full turn either way where a turning joint states none."""
+    """Return the limits (n, 2), a full turn either way where a revolute joint states none."""
     limits, notes = np.array([joint.limits for joint in joints]), []
     for row, joint in enumerate(joints):
         if np.isfinite(limits[row]).all():

@@ -1,8 +1,8 @@
-"""Neighbouring joint axes that are all but parallel, where Hayati's beta has to stand in for d.
+"""Neighbouring joint axes that are all but parallel, where Hayati's beta has to replace d.
 
 Between such axes the common normal is nowhere in particular: plain Denavit-Hartenberg rows answer
 a small tilt of the one axis with an offset d of any length. Ry(beta) in its place keeps every
-departure small (paper, Section II.C). What d would have said is not lost: along parallel axes the
+departure small (paper, Section II.C). The effect of d is not lost: along parallel axes the
 offsets of both joints, of turning and of sliding ones, move the end alike.
 """
 

@@ -55,8 +55,8 @@ class PoseStates:
         load_N: (P,) external load.
         temperature_C: (P,) temperature.
         time_s: (P,) time of the reading.
-        static_loads: what weights bend the structure with, where it was worked out.
-        seen: how the pose was read from the instrument's targets, where it was worked out.
+        static_loads: what weights bend the structure with, where it was computed.
+        seen: how the pose was read from the instrument's targets, where it was computed.
     """
 
     q_rad: Array

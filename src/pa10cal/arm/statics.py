@@ -42,7 +42,7 @@ class Statics:
 
     Attributes:
         torque_Nm: (P, n) what the joints exert to hold links, apparatus and load; a force [N] for
-            a sliding joint.
+            a prismatic joint.
         torque_by_mass: (P, n, 4 n) its derivative by mass m and first moment m c of every link:
             m_1, m_1 c_1x, m_1 c_1y, m_1 c_1z, m_2, … with c in the frame of the link's own row.
         torque_by_load: (P, n) its derivative by the load [N m/N].
@@ -56,7 +56,7 @@ class Statics:
 
 
 def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -> Statics:
-    """Work out torques and moments of an arm at rest.
+    """Compute torques and moments of an arm at rest.
 
     The chain starts from the axes along which gravity is given. A link carries, at its far end,
     the moment of the weights beyond it: about the origin and along the axes of the frame in which

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 def urdf_text(chain: Chain, coordinates: Array, name: str) -> str:
     """Write the rigid geometry of a chain.
 
-    Deflection under torque has no place in URDF and is left out; so are masses. The frame that the
+    Deflection under torque has no place in URDF and is omitted; so are masses. The frame that the
     chain's base coordinates place is the link `base`; the end of the chain is the link `flange`.
 
     Args:

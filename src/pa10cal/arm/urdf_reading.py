@@ -22,7 +22,7 @@ def read_tree(text: str, where: str) -> UrdfTree:
         where: its name, for messages.
 
     Raises:
-        ArmError: naming what cannot be used, and where it stands.
+        ArmError: naming what cannot be used, and its place.
     """
     try:
         robot = ElementTree.fromstring(text)

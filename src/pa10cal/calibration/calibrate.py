@@ -55,7 +55,7 @@ class Calibration:
         inner_poses: labels of the poses of the inner level.
         T_instr_base: (4, 4) base frame.
         identifiability: of all unknowns, base frame included.
-        unidentified_directions: directions of all unknowns that the data leave open.
+        unidentified_directions: directions of all unknowns that the data do not identify.
         not_identifiable: names of the parameters that take part in them.
         covariances: of parameters and base frame.
     """
@@ -154,7 +154,7 @@ def describe(
     inner_poses: tuple[str, ...],
     errors: ErrorSources,
 ) -> Calibration:
-    """Work out base frame, rank and uncertainties of a solution."""
+    """Compute base frame, rank and uncertainties of a solution."""
     model, observations = level.model, level.observations
     at_solution = level.linearise(solution.x)
     whole = one_level(level, at_solution.T_instr_base)
@@ -203,7 +203,7 @@ def pull_beyond_bounds(calibration: Calibration) -> Array:
 
 
 def weak_directions(calibration: Calibration) -> tuple[tuple[float, Direction], ...]:
-    """Return directions of the link parameters that tolerances tell better than the data do.
+    """Return directions of the link parameters that tolerances determine better than the data.
 
     Returns:
         Standard uncertainty over the tolerance of each, above 1, and the direction.
@@ -246,7 +246,7 @@ def solve_one_level(
 
 
 def tolerance_rows(level: Level, x: Array, options: CalibrationOptions) -> Array:
-    """Return the tolerance rows (r, k) that the options ask for, at parameters x."""
+    """Return the tolerance rows (r, k) of the options, at parameters x."""
     weight = residual_weight(options.epsilon, options.epsilon_acts_on)
     parameters = level.model.parameters
     if options.tolerance_terms == "all":
@@ -257,7 +257,7 @@ def tolerance_rows(level: Level, x: Array, options: CalibrationOptions) -> Array
 
 
 def _same_span(first: Array, second: Array) -> bool:
-    """Tell whether two sets of rows weigh the same directions alike."""
+    """Return whether two sets of rows weigh the same directions equally."""
     if first.shape != second.shape:
         return False
     difference = first.T @ first - second.T @ second

@@ -68,7 +68,7 @@ def paper_case(
     load: str,
     options: CalibrationOptions,
 ) -> LoadCase:
-    """Work out a load case on two levels, with the paper's unknowns.
+    """Compute a load case on two levels, with the paper's unknowns.
 
     Args:
         campaign: description of the campaign.
@@ -108,7 +108,7 @@ def general_case(
     load: str,
     options: CalibrationOptions,
 ) -> GeneralCase:
-    """Work out a load case with every parameter that arm and instrument can identify.
+    """Compute a load case with every parameter that arm and instrument can identify.
 
     Args:
         campaign: description of the campaign.

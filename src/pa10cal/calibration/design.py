@@ -1,4 +1,4 @@
-"""How many poses a calibration wants: D-optimal order, and expected uncertainty by their number.
+"""How many poses a calibration needs: D-optimal order, and expected uncertainty by their number.
 
 A pose adds its information J^T J, whatever was read there. Taken in the order in which the
 determinant grows fastest, the measured poses show with how few of them the model would have been
@@ -24,7 +24,7 @@ _POSSIBLE_SCALES = 30.0
 
 @dataclass(frozen=True)
 class PoseDesign:
-    """What poses of this kind can tell of the model, by their number.
+    """Expected uncertainty of the model by the number of poses of this kind.
 
     Attributes:
         order: poses in D-optimal order, as rows, the first the most telling.
@@ -43,13 +43,13 @@ class PoseDesign:
 
 
 def pose_design(white: Array, position: Array, scale: Array, unknowns: int) -> PoseDesign:
-    """Order poses by what they tell.
+    """Order poses by their information.
 
     Args:
         white: (P, b, k) rows of every pose, of unit variance.
         position: (P, c, k) derivative of the predicted position [m].
         scale: (k,) typical size of each parameter.
-        unknowns: parameters that all poses together tell.
+        unknowns: parameters that all poses together identify.
     """
     count = len(white)
     white, position = white * scale, position * scale

@@ -23,7 +23,7 @@ class BaseFrame:
     Attributes:
         T_instr_base: (4, 4) base frame in the instrument's frame [m].
         jacobian: (6, k) derivative by the model's parameters: translation [m] over a small right
-            rotation, R exp([omega]), or None where it was not asked for.
+            rotation, R exp([omega]), or None where it was not requested.
     """
 
     T_instr_base: Array
@@ -44,10 +44,10 @@ def fit_base_frame(
         T_instr_ee: (M, 4, 4) measured poses.
         attitude_weight_m2: w, square of the length that makes one radian weigh like it; zero
             aligns on positions alone.
-        jacobian: (M, 6, k) derivative of the predicted poses, where that of the frame is wanted.
+        jacobian: (M, 6, k) derivative of the predicted poses, where that of the frame is needed.
 
     Raises:
-        CalibrationError: when the poses leave a direction of the base frame open.
+        CalibrationError: when the poses do not determine the base frame.
     """
     p_base, R_base = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
     p_instr, R_cmm = T_instr_ee[:, :3, 3], T_instr_ee[:, :3, :3]

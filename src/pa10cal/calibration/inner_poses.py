@@ -17,14 +17,14 @@ Array = NDArray[np.float64]
 def spread_poses(observations: Observations[Pose], count: int | Literal["all"]) -> tuple[str, ...]:
     """Choose poses far from each other: each next one is the farthest from those chosen.
 
-    The paper does not say which 8 of its 27 it took; on a 3 x 3 x 3 pattern this gives corners.
+    The paper does not specify which 8 of its 27 it took; on a 3 x 3 x 3 pattern this gives corners.
 
     Args:
         observations: measured poses.
         count: M, or `all`.
 
     Raises:
-        CalibrationError: when there are fewer poses than asked for.
+        CalibrationError: when there are fewer poses than requested.
     """
     labels, places = _places(observations)
     _check(count, len(labels))

@@ -48,7 +48,7 @@ class Level(Protocol):
 
     @property
     def model(self) -> Model:
-        """Return the model whose parameters are sought."""
+        """Return the model whose parameters are fitted."""
 
     @property
     def observations(self) -> Observations[Pose]:

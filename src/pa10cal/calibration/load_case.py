@@ -1,4 +1,4 @@
-"""Everything that is worked out for one load case: both springs, both levels, what it rests on."""
+"""Everything that is computed for one load case: both springs, both levels, what it rests on."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class OneLevelCheck:
 
 @dataclass(frozen=True)
 class LoadCase:
-    """One load case of a campaign, worked out.
+    """One load case of a campaign, computed.
 
     Attributes:
         load: `combined`, or a load such as `44N`.
@@ -104,7 +104,7 @@ def work_out(
     load: str,
     options: CalibrationOptions,
 ) -> LoadCase:
-    """Work out one load case.
+    """Compute one load case.
 
     Args:
         arm: the nominal arm.

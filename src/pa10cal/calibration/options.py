@@ -12,7 +12,7 @@ from pa10cal.settings_section import NonNegative, Positive, Section
 
 
 def takes_general_model(model: str, *, from_touches: bool) -> bool:
-    """Tell whether load cases are worked out with the general model.
+    """Return whether load cases are computed with the general model.
 
     Args:
         model: `calibration.model` of the settings.

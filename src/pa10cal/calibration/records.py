@@ -53,13 +53,13 @@ _INCOMPLETE = 3.0
 def paper_record(
     case: LoadCase, campaign: Campaign, payload: Payload | None, settings: CalibrationOptions
 ) -> PaperCalibrationRecord:
-    """Return the record of a load case worked out with the paper's model.
+    """Return the record of a load case computed with the paper's model.
 
     Args:
         case: the load case.
         campaign: whose it is.
         payload: what the arm carried; None where that is not known.
-        settings: what it was worked out with.
+        settings: what it was computed with.
     """
     cubic, model = case.cubic, case.cubic.level.model
     solved = [parameter.name for parameter in model.parameters]
@@ -120,7 +120,7 @@ def parameter_records(calibration: Calibration) -> dict[str, CalibratedParameter
     """Return every parameter with value, standard uncertainty, unit and tolerance.
 
     A parameter of a direction that is not identifiable is held by its tolerance term alone, so
-    its tolerance stands for its uncertainty.
+    its tolerance is given as its uncertainty.
     """
     outer = calibration.level.model.report(calibration.solution.x)
     base = report_base(calibration.T_instr_base)
@@ -174,7 +174,7 @@ def models_of(record: CalibrationRecord, where: str) -> dict[str, FittedModel]:
 
 
 def calibration_options(record: CalibrationRecord, where: str) -> CalibrationOptions:
-    """Return the options that a calibration was worked out with.
+    """Return the options that a calibration was computed with.
 
     Raises:
         SettingsError: when they are none.

@@ -1,7 +1,7 @@
-"""The tolerance terms of paper equation (2): what they weigh, and on which directions.
+"""The tolerance terms of paper equation (2): their weight, and the directions on which they act.
 
 As printed they act on every departure and so pull identified parameters towards nominal. Their
-use is to settle directions that the data leave open; `null_space_terms` does that and no more.
+use is to fix directions that the data do not identify; `null_space_terms` does that and no more.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def all_terms(parameters: tuple[Parameter, ...], weight: float) -> Array:
 
 
 def null_space_terms(identifiability: Identifiability, scale: Array, weight: float) -> Array:
-    """Return rows W (r, k) that act on the r directions the data leave open, and on no other."""
+    """Return rows W (r, k) that act only on the r directions that the data do not identify."""
     return weight * identifiability.null_space.T / scale
 
 

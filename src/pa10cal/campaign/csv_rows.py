@@ -39,7 +39,7 @@ class RawRows:
         columns: fields of every column, in the order of the file.
         line: (N,) physical line of every row, the header being line 1.
         total: rows in the file, quarantined ones included.
-        unused: columns that were not asked for.
+        unused: columns that were not requested.
         quarantined: rows that are not used.
     """
 

@@ -67,7 +67,7 @@ class Files(Section):
 
 
 class Holdout(Section):
-    """Which poses are held out when the rows themselves do not say it."""
+    """Which poses are held out when the rows themselves do not state it."""
 
     last_fraction: Annotated[float, Field(gt=0, lt=1)] | None = None
     every: Annotated[int, Field(ge=2)] | None = None

@@ -61,7 +61,7 @@ class Dwells:
 
 @dataclass(frozen=True)
 class DwellReadings:
-    """What the log says of each of D dwells of an arm with n joints.
+    """What the log contains of each of D dwells of an arm with n joints.
 
     Attributes:
         samples: (D,) samples in the dwell.

@@ -34,7 +34,7 @@ class Campaign:
 
     Attributes:
         folder: its folder.
-        description: what campaign.yaml says.
+        description: the content of campaign.yaml.
         arm: the nominal arm that it names.
         observations: single readings of all kinds, in order of time.
         quarantined: rows that are not used, each with file, line and reason.
@@ -184,7 +184,7 @@ def hold_out(every: Observations, rule: Holdout, where: str) -> Observations:
         where: file and key, for the message.
 
     Raises:
-        RawDataError: when rows already say that they are held out.
+        RawDataError: when rows already state that they are held out.
     """
     if "holdout" in every.kind:
         raise RawDataError(

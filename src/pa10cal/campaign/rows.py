@@ -105,7 +105,7 @@ class PoseRows(_Columns):
     """Configurations as `files.poses` holds them.
 
     Attributes:
-        observations: (N,) what they say.
+        observations: (N,) their content.
     """
 
     observations: Observations
@@ -207,7 +207,7 @@ def read_pose_rows(
         prismatic: (n,) which joints slide; torques are logged for all joints or for none.
         instrument: the class of the instrument.
         stated: what the campaign's description states of it.
-        kind_stated: whether the rows must say their kind; else all are of the grid.
+        kind_stated: whether the rows must state their kind; else all are of the grid.
 
     Returns:
         The rows: no approach (arrivals are 0) and no dwell, what was not logged is nan; how the
@@ -271,13 +271,13 @@ def read_pose_rows(
 
 
 def position_columns(prismatic: NDArray[np.bool_]) -> list[str]:
-    """Return the raw columns of joint positions: q1_deg …, or q1_mm of a joint that slides."""
+    """Return the raw columns of joint positions: q1_deg …, or q1_mm of a prismatic joint."""
     units = np.where(prismatic, "mm", "deg")
     return [f"q{joint}_{unit}" for joint, unit in enumerate(units, start=1)]
 
 
 def in_radians(q: Array, prismatic: NDArray[np.bool_]) -> Array:
-    """Return logged joint positions (N, n) in radians; in metres of joints that slide."""
+    """Return logged joint positions (N, n) in radians; in metres of prismatic joints."""
     return np.asarray(np.where(prismatic, 1e-3 * q, np.radians(q)))
 
 
@@ -310,7 +310,7 @@ def _labelled(raw: RawRows) -> tuple[RawRows, dict[str, Any]]:
 
 
 def _in_time(rows: _T, raw: RawRows) -> tuple[_T, FileRead]:
-    """Sort the rows by time and say how many were out of order."""
+    """Sort the rows by time and return how many were out of order."""
     time_s = rows.time_s
     late = time_s[1:] < np.maximum.accumulate(time_s)[:-1] if len(time_s) else np.zeros(0, bool)
     done = FileRead(raw.file, raw.total, int(late.sum()), raw.unused, raw.quarantined)

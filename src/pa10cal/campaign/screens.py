@@ -1,6 +1,6 @@
 """Single readings that cannot be right, and units and labels that cannot: checks of raw logs.
 
-Gross errors are sought here, not bad readings: against the arm's reach, against repeats, against
+Gross errors are screened here, not poor readings: against the arm's reach, against repeats, against
 the nominal model, and against the joints' own motion.
 """
 
@@ -31,7 +31,7 @@ MODEL_M = 0.1
 ROBUST_SIGMAS = 10.0
 MODEL_RAD = np.radians(10.0)
 #: Part of these distances that is allowed beside a reading that is further off: errors of one size
-#: differ by what the arm itself errs, and are to go together.
+#: differ by the error of the arm itself, and are to go together.
 BESIDE_ANOTHER = 0.5
 #: Repeats of which a median shows the one that is off.
 LEAST_REPEATS = 3
@@ -151,7 +151,7 @@ def refuse_wrong_angle_unit(
 
     Args:
         log: logged times [s] and joint positions (N, n) in what should be degrees (millimetres of
-            a joint that slides).
+            a prismatic joint).
         places: times [s] and places (M, 3) [mm] of one point of the tool, or its distances (M, 1)
             from a fixed point, both in order of time.
         arm: the nominal arm.

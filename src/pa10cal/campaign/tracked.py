@@ -41,7 +41,8 @@ THOSE_OF_MASSES = "no torques logged: those of the described masses are used"
 #: and as logged be further off than this.
 BETTER = 5.0
 BAD_M = 2e-3
-#: Logged positions of sliding joints that never exceed the longest stroke in metres may be metres.
+#: Logged positions of prismatic joints that never exceed the longest stroke in metres may be in
+#: metres.
 LONGEST_STROKE_M = 10.0
 #: Median misfits of the nominal model, fitted, that are worth a warning.
 WARN_MM = 50.0
@@ -162,7 +163,7 @@ class _Screen:
         refuse_wrong_length_unit(found.measured.scale(T_base_ee), what, where)
 
     def _refuse_better_unit(self, rows: PoseRows) -> None:
-        """Stop when angles taken for radians, or strokes for metres, explain the measurements."""
+        """Stop when angles in radians, or strokes in metres, explain the measurements."""
         slides, q = self.arm.prismatic, self._logged(rows.observations.states.q_rad)
         tried = []
         if may_be_radians(q, self.arm):
@@ -208,7 +209,7 @@ class _Screen:
 
 
 def _poor_fit(misfit: Misfit) -> tuple[str, ...]:
-    """Say where the nominal model, however placed, is far from most of what was measured."""
+    """Describe where the nominal model, however placed, is far from most of what was measured."""
     length_mm = 1e3 * float(np.nanmedian(misfit.length_m))
     turn_deg = float(np.degrees(np.median(misfit.turn_rad)))
     off = [f"{length_mm:.0f} mm"] if length_mm > WARN_MM else []

@@ -130,7 +130,7 @@ def _solve(curve: Curve, t: float, p_m: Array, link_m: float, guess: Array) -> A
 
 
 def _only_leaves(bounds: Bounds, t: Array) -> NDArray[np.bool_]:
-    """Say between which parameters the distance from the former is proved to grow all along."""
+    """Return between which parameters the distance from the former is proved to grow all along."""
     certain = bounds.turning_between(t) <= _QUARTER_TURN
     if not certain.all():
         arc = np.diff(bounds.length_to(t)) * bounds.curvature_between(t)

@@ -24,7 +24,7 @@ Order = Literal["zy", "yz"]
 
 #: A second turn nearer to 90 degrees leaves the first one open, but for rounding.
 _OPEN = 1e-14
-#: The first bend larger than this says where roll zero is.
+#: The first bend larger than this defines roll zero.
 _BENT = 1e-6
 
 
@@ -77,7 +77,7 @@ def first_axes(directions: Array, roll_rad: float, z_at_zero: Array | None = Non
 
 
 def joint_angles(directions: Array, axes_first: Array, order: Order = "zy") -> JointAngles:
-    """Work out the joint angles that lay links along directions.
+    """Compute the joint angles that lay links along directions.
 
     Args:
         directions: (n, 3) unit vectors along the links.

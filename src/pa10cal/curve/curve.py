@@ -1,4 +1,4 @@
-"""What a curve must tell of itself, so that nothing on it can be jumped over.
+"""What must be known of a curve so that no crossing on it is missed.
 
 A curve is a place and a velocity as functions of any parameter t, not only of arc length, with
 bounds that hold in cells of t: how slow and how fast the place moves, how much its velocity can
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Bounds are taken a little wider than worked out, against rounding.
+#: Bounds are taken a little wider than computed, against rounding.
 _WIDER = 1e-9
 #: A tangent that jumps by less does so by rounding.
 _ROUNDED_KINK_RAD = 1e-9

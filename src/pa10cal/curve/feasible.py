@@ -49,7 +49,7 @@ class JointLimits:
                 )
 
     @classmethod
-    def alike(cls, joints: int, least_rad: float, most_rad: float) -> JointLimits:
+    def uniform(cls, joints: int, least_rad: float, most_rad: float) -> JointLimits:
         """Return the same limits for every joint and turn."""
         limits = np.tile([least_rad, most_rad], (joints, 1))
         return cls(limits, limits)

@@ -102,7 +102,7 @@ def equal_links(curve: Curve, n: int) -> Points:
 
     The links that a curve has room for, and what they leave over in links, are all but linear in
     one over their length; they jump where a link just fails to reach past a bend, and may jump over
-    the number asked for.
+    the number requested.
 
     Raises:
         CurveError: when no length is found.
@@ -198,7 +198,7 @@ def _lay(curve: Curve, link_m: float, wanted: int) -> Points:
 
 
 def _fit_summary(curve: Curve, link_m: float, laid: _Laid, wanted: int) -> Points:
-    """Say how points end."""
+    """Return how points end."""
     t, end = float(laid.t[-1]), curve.bounds.end
     gap_m = float(np.linalg.norm(curve.at(np.array([end]))[0] - laid.p_m[-1]))
     left_m = arc_length_m(curve, t, end) if t < end else 0.0

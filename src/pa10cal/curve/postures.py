@@ -68,7 +68,7 @@ def draw_postures(
     places_m: list[Array] = []
     refused = 0
     names = list(_SHAPES)
-    limits = JointLimits.alike(links, -limit_rad, limit_rad)
+    limits = JointLimits.uniform(links, -limit_rad, limit_rad)
     while len(q_rad) < count:
         name = names[len(q_rad) % len(names)]
         points = lay_points(_SHAPES[name](links * link_m, link_m, rng), link_m, links)

@@ -27,7 +27,7 @@ def curve_record(gait: Gait, settings: CurveOptions) -> CurveRecord:
 
     Args:
         gait: one shape or several.
-        settings: what was asked for.
+        settings: what was requested.
     """
     points = gait.points[0]
     limits = limits_of(settings, points.n - 1)
@@ -62,7 +62,7 @@ def curve_tables(gait: Gait) -> dict[str, Columns]:
 
 
 def summary(record: CurveRecord) -> str:
-    """Say in one line what was laid."""
+    """Return in one line what was laid."""
     text = (
         f"{record.links} links of {record.link_m:.6g} m, {record.shapes[0].ending_is}; largest "
         f"joint angle {record.largest_angle_deg:.4g} degrees"

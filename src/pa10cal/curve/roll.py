@@ -1,6 +1,6 @@
 """Which roll of the first link to take.
 
-Whatever is sought (the smallest largest angle, the most room within limits, the smallest move from
+Every criterion (the smallest largest angle, the most room within limits, the smallest move from
 the last shape), it is the tightest of a family of limits, one within the other, that some roll
 still keeps. Whether one does is known exactly (`feasible`), so halving finds the best of all rolls,
 not just one better than its neighbours.
@@ -131,7 +131,7 @@ def roll_for_last(chain: RollMap, z_wanted: Array) -> Roll:
 
     It is in the plane of the wanted direction and the link, exactly, at one roll and no other; its
     level is the angle that is left between the two. Along a bent chain that roll becomes sharp:
-    most rolls end alike.
+    most rolls end the same.
 
     Raises:
         CurveError: when the direction is none, or along the link.
@@ -200,7 +200,7 @@ def _kept(chain: RollMap, limits: JointLimits | None) -> tuple[Array, Array]:
 
 
 def _exceeded(who: str, chain: RollMap, limits: JointLimits, roll: Roll) -> CurveError:
-    """Say which joint exceeds its limits most at a roll, and by how much."""
+    """Describe which joint exceeds its limits most at a roll, and by how much."""
     a_rad, b_rad = (angles[0] for angles in chain.angles(np.array([roll.roll_rad])))
     over = {
         name: np.maximum(angle - limit[:, 1], limit[:, 0] - angle)

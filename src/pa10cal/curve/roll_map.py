@@ -45,7 +45,7 @@ class RollMap:
 
     @classmethod
     def of(cls, directions: Array, order: Order = "zy", z_at_zero: Array | None = None) -> RollMap:
-        """Work out the maps of a chain.
+        """Compute the maps of a chain.
 
         Args:
             directions: (n, 3) unit vectors along the links.

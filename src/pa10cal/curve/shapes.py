@@ -15,7 +15,7 @@ from pa10cal.errors import CurveError
 
 Array = NDArray[np.float64]
 
-#: Places at which what is stated of a callable is checked.
+#: Parameters at which the stated bounds of a callable are checked.
 _CHECKED = 257
 #: Rounding that a stated bound is allowed.
 _ROUNDED = 1e-9

@@ -1,4 +1,4 @@
-"""One blind trial: what was hidden, and what was said without knowing it."""
+"""One blind trial: what was hidden, and the verdict without knowledge of it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAP = "joint_error_map"
 OUTSIDE = "outside"
 #: Trials of trackers, in which no pose is repeated.
 TRACKED = "tracked"
-#: Root mean square over mean of the length of a vector with independent, alike normal components.
+#: Root mean square over mean of the length of a vector with independent, equal normal components.
 _RMS_OVER_MEAN = float(np.sqrt(3.0 * np.pi / 8.0))
 #: What shows in the logged torque at every joint, and in the pose only by way of a spring.
 _TORQUE_ALONE = "torque_gain"
@@ -21,7 +21,7 @@ _TORQUE_BY_SPRING = "friction_torque"
 #: What the springs of the judged model are.
 _IN_THE_MODEL = "joint_compliance"
 #: Effects outside the vocabulary that are an error depending on the joint's angle, so that a map at
-#: their joint says where they are and leaves the cause open.
+#: their joint gives the place and leaves the cause open.
 _OF_ANGLE = ("third_harmonic", "dress_pack")
 
 
@@ -73,16 +73,16 @@ class Named:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was said of a trial.
+    """The verdict on a trial.
 
     Attributes:
         word: `none`, `named`, `ambiguous` or `unexplained`.
         effects: what was named, in order.
-        places: where something without a name sits; None where that cannot be told.
-        not_testable: what the data cannot show, as was said before looking.
-        alike: groups that the poses cannot tell apart, as was said before looking.
+        places: where something without a name sits; None where it is unknown.
+        not_testable: what the data cannot show.
+        indistinguishable: groups that the poses cannot separate.
         springs: joints with a spring in the judged model, from 1.
-        noise_floor_mm: mean position error that repeatability alone leaves.
+        noise_floor_mm: mean position error of repeatability alone.
         held_out_after_mm: mean position error of the extended model at held-out poses; None where
             there are none.
         seconds, seconds_simulating: what judging, and making, the trial took.
@@ -92,7 +92,7 @@ class Verdict:
     effects: tuple[Named, ...]
     places: tuple[str | None, ...]
     not_testable: frozenset[Name]
-    alike: tuple[frozenset[Name], ...]
+    indistinguishable: tuple[frozenset[Name], ...]
     springs: tuple[int, ...]
     noise_floor_mm: float
     held_out_after_mm: float | None
@@ -131,10 +131,10 @@ class BlindTrial:
     failed: str | None
 
     def moved_over_floor(self, hidden: Hidden) -> float | None:
-        """Return how far an effect moves the residual, over what noise alone leaves.
+        """Return how far an effect moves the residual, relative to that of noise alone.
 
         Both are position errors, root mean square over averaged poses; the floor's from its mean as
-        for a vector with alike components. A turn about the last axis moves no position.
+        for a vector with equal components. A turn about the last axis moves no position.
         """
         if self.verdict is None or hidden.moved_mm is None:
             return None
@@ -146,13 +146,13 @@ class BlindTrial:
         return None if moved is None else float(np.hypot(1.0, moved))
 
     def moves_poses(self, hidden: Hidden) -> bool:
-        """Tell whether an effect can move the residual of the poses at all."""
+        """Return whether an effect can move the residual of the poses at all."""
         if hidden.name.id == _TORQUE_BY_SPRING:
             return int(hidden.name.of.removeprefix("joint ")) in self.flexible_joints
         return hidden.name.id != _TORQUE_ALONE
 
     def is_testable(self, hidden: Hidden) -> bool:
-        """Tell whether the verdict said, before looking, that the data can show an effect.
+        """Return whether the verdict lists an effect as testable.
 
         A compliance at a joint to which the judged model gives a spring is in the model already.
         """
@@ -162,25 +162,27 @@ class BlindTrial:
         return hidden.name.id != _IN_THE_MODEL or hidden.name.of not in springs
 
     def is_separable(self, hidden: Hidden) -> bool:
-        """Tell whether the verdict said, before looking, that an effect can be told from others.
+        """Return whether an effect is testable and distinguishable from others by the verdict.
 
         A map of its joint's error can do what any named form of the joint does and is no rival of
-        one. A map itself can be told where the forms of its joint are told from each other.
+        one. A map is separable where the forms of its joint are distinguishable.
         """
         if self.verdict is None or not self.is_testable(hidden):
             return False
         mine = hidden.name
-        groups = [{name for name in group if name.id != MAP} for group in self.verdict.alike]
+        groups = [
+            {name for name in group if name.id != MAP} for group in self.verdict.indistinguishable
+        ]
         if mine.id != MAP:
             return not any(mine in group and len(group) > 1 for group in groups)
         return not any(sum(name.of == mine.of for name in group) > 1 for group in groups)
 
     def names(self, hidden: Hidden) -> bool:
-        """Tell whether the verdict names an effect at its place."""
+        """Return whether the verdict names an effect at its place."""
         return any(named.name == hidden.name for named in self._effects())
 
     def lists(self, hidden: Hidden) -> bool:
-        """Tell whether an effect is among those named and their alternatives."""
+        """Return whether an effect is among those named and their alternatives."""
         return any(hidden.name in named.all_names for named in self._effects())
 
     def alternatives(self, hidden: Hidden) -> int:
@@ -190,22 +192,22 @@ class BlindTrial:
         )
 
     def all_listed(self, among: Sequence[Hidden]) -> bool:
-        """Tell whether some hidden effects are listed, each by a finding of its own."""
+        """Return whether some hidden effects are listed, each by a finding of its own."""
         return self._matched(among) == len(among)
 
     def extra(self) -> int:
-        """Return how many findings stand for nothing that is hidden."""
+        """Return how many findings match no hidden effect."""
         return len(self._effects()) - self._matched(self.hidden)
 
     def has_right_place(self) -> bool:
-        """Tell whether something without a name was found where an effect without one is hidden."""
+        """Return whether a place without a name was found where an unnamed effect is hidden."""
         if self.verdict is None:
             return False
         (hidden,) = self.hidden
         return hidden.name.of in self.verdict.places or any(map(self._leaves_open, self._effects()))
 
     def is_confidently_wrong(self) -> bool:
-        """Tell whether the verdict is `named` and a name stands alone that is not what is hidden.
+        """Return whether the verdict is `named` and a name stands alone that is not what is hidden.
 
         A map at the joint of an error that depends on the joint's angle leaves the cause open.
         """

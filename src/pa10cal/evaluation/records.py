@@ -27,7 +27,7 @@ def holdout_record(
 
 
 def summary(record: HoldoutRecord) -> str:
-    """Say in one line what was found."""
+    """Return the errors in one line."""
     if not record.models:
         return "no held-out rows to evaluate"
     errors = ", ".join(

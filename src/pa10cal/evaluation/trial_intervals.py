@@ -18,7 +18,7 @@ def intervals(trials: Sequence[BlindTrial]) -> Intervals:
     """Score the parameters of every finding that is what was hidden, at its place.
 
     Of phases the difference modulo a turn counts, with the sign of an amplitude taken into the
-    phase. Maps are left out: cell and estimator have other knots, and calibration takes their
+    phase. Maps are omitted: cell and estimator have other knots, and calibration takes their
     mean.
     """
     scores = tuple(

@@ -35,7 +35,7 @@ _LEAST_MOVED = 0.03
 def outcome(trial: BlindTrial, hidden: Hidden) -> str:
     """Return what became of one hidden effect: an id of the vocabulary or one of the words here.
 
-    Where findings stand for something else, the first of them counts.
+    Where findings match no hidden effect, the first of them counts.
     """
     verdict = trial.verdict
     if verdict is None:

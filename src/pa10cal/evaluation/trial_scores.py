@@ -20,7 +20,7 @@ from pa10cal.results.trials import (
 
 NOTHING_HIDDEN = ("null", "wrong_noise", "wrong_mass")
 SEVERAL = ("pair", "triple")
-#: A residual so many times what noise alone leaves is large ...
+#: A residual so many times that of noise alone is large ...
 LARGE = 3.0
 #: ... and from here on an effect counts as above its detection limit.
 LIMIT = 1.5
@@ -249,7 +249,7 @@ def _number(
 
 
 def _met(reached: float | None, limit: float, *, at_least: bool) -> bool | None:
-    """Return whether a limit is reached, None where no trial tells."""
+    """Return whether a limit is reached, None where no trial counts."""
     if reached is None:
         return None
     return reached >= limit if at_least else reached <= limit

@@ -43,7 +43,7 @@ class ArmRow(Section):
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Joint limits in radians, or in metres for a joint that slides."""
+        """Joint limits in radians, or in metres for a prismatic joint."""
         if self.prismatic:
             return self.limits_m or (math.nan, math.nan)
         low, high = self.limits_deg or (-_FULL_TURN_DEG, _FULL_TURN_DEG)
@@ -51,7 +51,7 @@ class ArmRow(Section):
 
     @property
     def rated(self) -> float:
-        """Rated torque [N m], or force [N] of a joint that slides; nan where not stated."""
+        """Rated torque [N m], or force [N] of a prismatic joint; nan where not stated."""
         stated = self.force_limit_N if self.prismatic else self.torque_limit_Nm
         return math.nan if stated is None else stated
 

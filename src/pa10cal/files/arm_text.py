@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 def arm_text(arm: Arm, comments: Iterable[str] = ()) -> str:
     """Return the file of an arm, so that `parse_arm` gives the arm back.
 
-    What the file may leave out and what is not known is left out.
+    What the file may leave out and what is not known is omitted.
 
     Args:
         arm: the arm.

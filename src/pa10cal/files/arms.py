@@ -161,7 +161,7 @@ def _all_or_none(values: list[Any]) -> Array | None:
 
 
 def _check_hayati(arm: Arm, stated: list[bool | None], where: str) -> None:
-    """Refuse a row that states Hayati's parameter against what its axes ask for."""
+    """Refuse a row that states Hayati's parameter against its axes."""
     axes_of = {axes.row: axes for axes in neighbouring_axes(arm)}
     for row, (said, found) in enumerate(zip(stated, arm.hayati, strict=True), start=1):
         if said is None or said == found:

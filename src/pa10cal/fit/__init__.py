@@ -1,1 +1,1 @@
-"""A model fitted to measured poses: what is solved, how it is weighed, and what comes of it."""
+"""A model fitted to measured poses: the problem, its weights, its solution and the fitted model."""

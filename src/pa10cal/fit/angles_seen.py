@@ -27,8 +27,8 @@ class AnglesSeen:
 
     Attributes:
         intervals: for each joint (m, 2) first and last angle of stretches without a gap, in order
-            [rad]; between 0 and a turn for a joint that turns, one that begins before 0 or goes on
-            past the turn cut in two. Of a sliding joint the span of its positions [m].
+            [rad]; between 0 and a turn for a revolute joint, one that begins before 0 or goes on
+            past the turn cut in two. Of a prismatic joint the span of its positions [m].
         turns: (n,) whether the joint turns.
     """
 
@@ -36,11 +36,11 @@ class AnglesSeen:
     turns: tuple[bool, ...]
 
     def inside(self, q_rad: Array) -> NDArray[np.bool_]:
-        """Tell which poses (P, n) keep to the angles seen in all joints, (P,)."""
+        """Return which poses (P, n) keep to the angles covered in all joints, (P,)."""
         return np.asarray(self.each(q_rad).all(axis=1), dtype=np.bool_)
 
     def each(self, q_rad: Array) -> NDArray[np.bool_]:
-        """Tell which joint angles (P, n) were seen."""
+        """Return which joint angles (P, n) were covered by the fit."""
         found = np.empty(q_rad.shape, dtype=bool)
         for j, (stretches, turns) in enumerate(zip(self.intervals, self.turns, strict=True)):
             angle = np.mod(q_rad[:, j], _TURN) if turns else q_rad[:, j]

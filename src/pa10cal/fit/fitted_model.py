@@ -206,7 +206,7 @@ class FittedModel:
         torque log shows falsely, moves no robot and plays no part.
 
         Args:
-            q: (N, n) or (n,) motor-side joint positions [rad; m for a joint that slides].
+            q: (N, n) or (n,) motor-side joint positions [rad; m for a prismatic joint].
             frame: `flange`, the last frame of the nominal arm; `tool`, the target of a pose
                 instrument, else the first target with the flange's attitude; `target_<name>`.
             load_N: external load, one for all poses or (N,).
@@ -240,7 +240,7 @@ class FittedModel:
 
         Velocity of its origin [m] over angular velocity [rad], along base axes, a unit of each
         joint. How the terms themselves change with the joints (some parts in a thousand; a few in
-        a hundred for a strong transmission error) is left out.
+        a hundred for a strong transmission error) is omitted.
         """
         states = self.states(q, load_N, 0.0, None, None)
         physical, x, _ = self._physical
@@ -295,7 +295,7 @@ class FittedModel:
         if source == "none" or self.payload is None:
             self._refuse_springs()
             return replace(states, tau_Nm=np.zeros((count, n)))
-        # Terms that bend need what weights do; as the arm stands nominally comes first.
+        # Terms that bend need the static loads; those of the nominal arm come first.
         rigid = Model(physical.chain, ())
         for model, values in ((rigid, np.zeros(0)), (physical, x)):
             loads = statics_of(model, values, states, self.payload).static_loads
@@ -304,7 +304,7 @@ class FittedModel:
 
     @cached_property
     def _physical(self) -> tuple[Model, Array, NDArray[np.intp]]:
-        """Return the terms that move the robot, their parameters, and where these stand in x."""
+        """Return the terms that move the robot, their parameters, and the places of these in x."""
         moving = [
             term
             for term in self.model.terms
@@ -326,7 +326,7 @@ class FittedModel:
             )
 
     def _on_tool(self, frame: str) -> bool:
-        """Tell whether a frame hangs on the end of the chain, tool included, not on the flange."""
+        """Return whether a frame follows the end of the chain, tool included, not the flange."""
         if frame not in self.frames:
             raise ModelError(
                 "unknown frame",

@@ -1,4 +1,4 @@
-"""What the poses can tell: rank, null directions by name, observability indices."""
+"""What the poses identify: rank, null directions by name, observability indices."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NULL_RATIO = 1e-9
 
 @dataclass(frozen=True)
 class Direction:
-    """A direction of parameter space that the data leave open.
+    """A direction of parameter space that the data do not identify.
 
     Attributes:
         weights: parameter name to its part, in its own unit, the first being 1 unit.
@@ -35,7 +35,7 @@ class Identifiability:
 
     Attributes:
         singular_values: (k,) descending.
-        rank: directions that the data tell.
+        rank: number of directions that the data identify.
         null_space: (k, k - rank) orthonormal basis of the others, in scaled parameters.
         condition: ratio of the largest to the smallest singular value that counts.
     """
@@ -47,7 +47,7 @@ class Identifiability:
 
 
 def identify(jacobian: Array, scale: Array) -> Identifiability:
-    """Find what a Jacobian (rows, k) tells of parameters of given scale (k,)."""
+    """Find what a Jacobian (rows, k) identifies of parameters of given scale (k,)."""
     scaled = jacobian * scale
     # The Gram matrix would square the condition number; QR first keeps the cost linear in rows.
     triangle = np.linalg.qr(scaled, mode="r")

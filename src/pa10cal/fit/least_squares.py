@@ -188,7 +188,7 @@ def minimise(
 def solve_normal(normal: Array, right: Array, damping: float = 0.0) -> Array:
     """Solve normal equations (k, k) for one right side (k,), damped along their diagonal.
 
-    Directions that they leave open, to within rounding, are left where they are.
+    Directions that they do not determine, to within rounding, keep their values.
     """
     if not len(right):
         return np.zeros(0)

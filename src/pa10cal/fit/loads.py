@@ -42,7 +42,7 @@ def with_torques(
 
 
 def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> Statics:
-    """Return what weights do to an arm that stands as a model says.
+    """Return the static loads of an arm in the poses that a model predicts.
 
     Gravity is along the base's own axes; and what the instrument reads too much, which moves the
     tool in the model, moves no weight: motions of base and tool count for nothing here.

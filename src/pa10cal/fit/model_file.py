@@ -353,7 +353,7 @@ def _plain(value: Any) -> Any:
 
 
 def covariance_path(path: Path) -> Path:
-    """Return where the covariance of the model in a file stands."""
+    """Return the path of the covariance of the model in a file."""
     return path.with_name(f"{path.stem}.covariance.npz")
 
 

@@ -31,7 +31,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class Problem:
-    """A model, what was seen, and where the frames stand about.
+    """A model, the observations, and where the frames are about.
 
     Attributes:
         model: chain and terms: links, springs, tool, base.
@@ -70,7 +70,7 @@ class Problem:
 
     @cached_property
     def one_covariance(self) -> bool:
-        """Tell whether the instrument states the same covariance in every pose."""
+        """Return whether the instrument states the same covariance in every pose."""
         return bool((self.stated_covariance == self.stated_covariance[:1]).all())
 
     @cached_property

@@ -1,9 +1,10 @@
-"""How poses weigh in a fit: by what the instrument states, by their scatter, less when far off.
+"""Robust weights of the poses of a fit.
 
-Rows are weighed by the instrument's stated covariance plus a scatter of its own for positions and
-for attitudes, found from the residuals: what the model leaves is then no smaller than it is, and
-positions and attitudes weigh as they deserve. Poses far outside that scatter weigh less, the less
-the further off they are, so that a wrong one neither pulls nor widens; none is left out.
+Rows are whitened by the instrument's stated covariance plus a scatter of positions and one of
+attitudes, estimated from the residuals: the remaining error of the model is then part of the noise,
+and positions and attitudes have balanced weights. Poses far outside that scatter weigh less, the
+less the further off they are, so that a wrong one affects neither the parameters nor the scatter;
+none is omitted.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _SAME_SCATTER = 1e-3
 _TAIL = 1e-3
 #: Readings for each unknown from which on typical residuals are about as large as their errors.
 _ENOUGH = 2.0
-#: No reading is taken for finer than this [m, rad], so that exact ones have a weight.
+#: Smallest uncertainty of a reading [m, rad], so that exact ones have a finite weight.
 _FINEST = 1e-12
 #: Intervals of 95 % are this many standard uncertainties to either side.
 _HALF_WIDTH_95 = float(ndtri(0.975))
@@ -38,7 +39,7 @@ class Scatter:
     Attributes:
         size: standard deviation of it [m, rad].
         stated: what the instrument states [m, rad], on average.
-        dof: readings that it was found from, less what the fit took up.
+        dof: degrees of freedom: readings that it was estimated from, less their leverage.
     """
 
     size: dict[str, float]
@@ -46,7 +47,7 @@ class Scatter:
     dof: dict[str, float]
 
     def is_about(self, other: Scatter) -> bool:
-        """Tell whether nothing but small parts of it have changed."""
+        """Return whether only small parts of it have changed."""
         return all(
             abs(size - other.size[kind]) <= _SAME_SCATTER * max(size, self.stated[kind])
             for kind, size in self.size.items()
@@ -75,7 +76,7 @@ class Scatter:
 
 
 @dataclass(frozen=True)
-class Weighed:
+class WeightedRows:
     """Rows made independent and of unit variance, each pose by its weight.
 
     Attributes:
@@ -95,7 +96,7 @@ class Weighed:
     whitener: Array
 
 
-def weigh(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) -> Weighed:
+def weighted_rows(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) -> WeightedRows:
     """Weigh the rows of a problem.
 
     Args:
@@ -113,9 +114,9 @@ def weigh(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) -> Weigh
         limit = _limit(problem, distance, scatter.stated_part if enough else 1.0)
         weights = (limit / np.maximum(distance, limit)) ** 2
     root = np.sqrt(weights)
-    weighed = _times(root[:, None, None] * whitener, rows.jacobian)
-    flat = weighed.reshape(-1, weighed.shape[2])
-    return Weighed(root[:, None] * white, weighed, flat.T @ flat, weights, distance, whitener)
+    weighted = _times(root[:, None, None] * whitener, rows.jacobian)
+    flat = weighted.reshape(-1, weighted.shape[2])
+    return WeightedRows(root[:, None] * white, weighted, flat.T @ flat, weights, distance, whitener)
 
 
 def _times(matrices: Array, rows: Array) -> Array:
@@ -166,7 +167,7 @@ def _stated_sizes(problem: Problem) -> dict[str, float]:
 
 
 def first_scatter(problem: Problem, rows: Rows) -> Scatter:
-    """Return a scatter to set out with: that of the start itself, which stray poses do not set."""
+    """Return a scatter to start with, estimated at the start and robust to outliers."""
     found = {}
     for kind, columns in problem.measured.component_kinds:
         size = np.abs(rows.residual[:, columns][problem.components_seen[:, columns]])
@@ -175,28 +176,28 @@ def first_scatter(problem: Problem, rows: Rows) -> Scatter:
 
 
 def refreshed(
-    problem: Problem, rows: Rows, weighed: Weighed, parts: Array, before: Scatter
+    problem: Problem, rows: Rows, weighted: WeightedRows, parts: Array, before: Scatter
 ) -> Scatter:
     """Return the scatter of each kind that residuals show beyond what the instrument states.
 
-    A residual is smaller than the error behind it by what the fit took up, its leverage. Components
+    A residual is smaller than its error by the leverage. Components
     count by their precision, and poses far off by the square of their weight: in the end not at
     all, where the weight alone would let them widen the scatter without bound.
 
     Args:
         problem: the model and what was seen.
         rows: of the problem.
-        weighed: the same, weighed with the scatter so far.
+        weighted: the same, weighted with the scatter so far.
         parts: (k, r) of which A A^T is the covariance of the unknowns.
         before: the scatter so far.
     """
-    flat = weighed.rows.reshape(-1, len(parts)) @ parts
-    leverage = np.einsum("ij,ij->i", flat, flat).reshape(weighed.residual.shape)
+    flat = weighted.rows.reshape(-1, len(parts)) @ parts
+    leverage = np.einsum("ij,ij->i", flat, flat).reshape(weighted.residual.shape)
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
     sizes, dof = {}, {}
     for kind, columns in problem.measured.component_kinds:
         seen, stated = problem.components_seen[:, columns], variances[:, columns]
-        counts = np.where(seen, weighed.weights[:, None] ** 2, 0.0)
+        counts = np.where(seen, weighted.weights[:, None] ** 2, 0.0)
         left = counts * (1.0 - leverage[:, columns])
         precise = (stated + before.size[kind] ** 2 + _FINEST**2) ** -2.0
         over = counts * rows.residual[:, columns] ** 2 - left * stated

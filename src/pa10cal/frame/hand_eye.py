@@ -2,7 +2,7 @@
 
 With the nominal model's T_base_ee of every pose these solve T_instr_target = T_instr_base T_base_ee
 T_ee_target for the two constant frames, whatever they are: the start of a calibration whose
-instrument stands anywhere and sees a target put anywhere. Geometry that is a little wrong is
+instrument is anywhere and measures a target that is anywhere. Geometry that is a little wrong is
 averaged over. What of the target's place the base frame can mimic (its height, where all attitudes
 differ by turns about one axis) these poses leave open: it is held as stated and named.
 """
@@ -42,7 +42,7 @@ class HandEye:
             positions were seen.
         rms_m: root mean square distance of seen from modelled positions.
         rms_rad: root mean square angle between seen and modelled attitudes.
-        held: directions of the targets that the poses leave open, held as stated.
+        held: directions of the targets that the poses do not identify, held as stated.
     """
 
     T_instr_base: Array
@@ -75,7 +75,7 @@ def hand_eye_from_poses(
     Args:
         T_base_ee: (P, 4, 4) modelled end-effector [m].
         T_instr_target: (P, 4, 4) measured target [m].
-        T_ee_stated: (4, 4) what is held where the poses leave the target open; None for the
+        T_ee_stated: (4, 4) value kept where the poses do not identify the target; None for the
             end-effector itself.
         weights: (P,) weights of the squared residuals; None for equal ones.
 
@@ -128,8 +128,8 @@ def hand_eye_from_points(
     Args:
         T_base_ee: (P, 4, 4) modelled end-effector [m].
         p_instr_m: (P, B, 3) measured positions [m], nan where a target was not seen.
-        p_ee_stated_m: (B, 3) what is held where the poses leave a place open; None for the origin
-            of the end-effector.
+        p_ee_stated_m: (B, 3) value where the poses do not identify a position; None for the
+            origin of the end-effector.
         weights: (P,) weights of the squared residuals; None for equal ones.
         names: (B,) names of the targets, for what is held.
 
@@ -253,7 +253,7 @@ def _rms(residuals: Array, weights: Array) -> float:
 
 
 def _said(direction: Array, names: Sequence[str]) -> str:
-    """Say which way targets are open: places of all (3 B), then the attitude where it was seen."""
+    """Describe a direction of the targets: all positions (3 B), then the attitude if measured."""
     places, turn = direction[: 3 * len(names)].reshape(-1, 3), direction[3 * len(names) :]
     parts = []
     if len(names) > 1 and np.abs(places - places[0]).max() < 1e-6:

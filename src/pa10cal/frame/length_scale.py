@@ -1,6 +1,6 @@
 """How far the nominal model moves for one measured length: the unit of what was measured.
 
-Where the target is on the end-effector and where the instrument stands are not known, and need not
+Where the target is on the end-effector and where the instrument is are not known, and need not
 be: both enter the measurement in ways that are linear in the nominal model's position and attitude,
 and the remaining motion of the model is as large as the measured one, whatever they are.
 """

@@ -24,7 +24,7 @@ PRODUCTS = 16
 ASIDE_M = 0.2
 #: Poses that choose between starts.
 MOST_POSES = 300
-#: What is open depends a little on the solution, so it is found again there.
+#: The null space depends a little on the solution, so it is found again there.
 PASSES = 2
 
 
@@ -37,7 +37,7 @@ class Ranging:
         p_ee_target_m: (3,) target in the end-effector frame.
         residuals_m: (P,) measured less modelled distances.
         rms_m: their root mean square.
-        held: directions of the target that the poses leave open, held as stated.
+        held: directions of the target that the poses do not identify, held as stated.
     """
 
     p_base_point_m: Array
@@ -68,8 +68,8 @@ def range_from_distances(
     Args:
         T_base_ee: (P, 4, 4) modelled end-effector [m].
         d_m: (P,) measured distances [m].
-        p_ee_stated_m: (3,) what is held where the poses leave the target open; None for the origin
-            of the end-effector.
+        p_ee_stated_m: (3,) value where the poses do not identify the target; None for the
+            origin of the end-effector.
         weights: (P,) weights of the squared residuals; None for equal ones.
 
     Raises:

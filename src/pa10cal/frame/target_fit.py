@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 #: How far from the target an error of attitude counts as the error of position it makes there.
 LEVER_M = 0.5
 LEAST_POSES = 3
-#: What is open depends a little on the solution, so it is found again there.
+#: The null space depends a little on the solution, so it is found again there.
 PASSES = 2
 #: Part of the cost that makes no difference between two starts.
 _ROUGHLY = 1e-6

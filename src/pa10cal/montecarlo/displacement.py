@@ -7,7 +7,7 @@ have displaced the flange by u, and v runs from the axis to the flange, joint i 
 
 which is exact: nothing is linearised. So the displacement is a constant matrix, in which stands all
 that belongs to the pose, times rows that change with every draw: sin δ and 1 - cos δ of the joints,
-and their products with the components of u across the axis. u is worked out from the tip inwards;
+and their products with the components of u across the axis. u is computed from the tip inwards;
 it is small, so no digits are lost. Four simplifications, all exact:
 
 - the length of a displacement does not depend on the link it is seen from. Seen from a link in the
@@ -87,9 +87,9 @@ class DisplacementPlan:
         joints: n, all of which are drawn.
         chains: for the two chains that meet at the link from which the displacement is seen, to the
             tip and to the base: groups of joints with parallel axes that follow each other, from
-            that link outwards. Joints that move nothing are left out.
+            that link outwards. Joints that move nothing are omitted.
         moving: range of joints whose sines and versines are needed.
-        products: in the order they are worked out.
+        products: in the order they are computed.
         matrix: (P, 3, rows) from rows to displacements [m], in a frame in which most vanishes.
         ranges: for each of the three components the rows that are not zero at every position.
         turns: how drawn normals become sines and versines.
@@ -111,13 +111,13 @@ class DisplacementPlan:
 
 
 def plan_displacement(motion: JointMotion, sigma_rad: float) -> DisplacementPlan:
-    """Lay out the displacement for joints that err by `sigma_rad` at the given positions."""
+    """Lay out the displacement for joint errors of `sigma_rad` at the given positions."""
     layouts = [_Layout(motion, split) for split in range(motion.axes.shape[1] + 1)]
     return min(layouts, key=_Layout.passes).plan(sigma_rad)
 
 
 class _Layout:
-    """Works out rows and matrices for one link from which the displacement is seen.
+    """Computes rows and matrices for one link from which the displacement is seen.
 
     While rows are still being added, sines count from 0, versines and products with versines
     follow, and products with sines count down from -1 (from the end of an array with room enough).

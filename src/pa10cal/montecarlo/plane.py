@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PlaneTask:
-    """What to work out.
+    """What to compute.
 
     Attributes:
         plane_mm: height of the flange above the base.
@@ -67,8 +67,8 @@ def study_plane(
 
     Args:
         arm: the nominal arm.
-        task: what to work out.
-        progress: told before the first and after every place.
+        task: what to compute.
+        progress: called before the first and after every position.
 
     Raises:
         SettingsError: when the plane cannot be reached or the map is too fine.

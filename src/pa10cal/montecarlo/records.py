@@ -92,5 +92,5 @@ def _mm(value_m: float) -> float:
 
 
 def _mm_each(value_m: Any) -> NDArray[np.float64]:
-    """Return metres as millimetres, rounded far below what the draws can tell."""
+    """Return metres as millimetres, rounded far below the resolution of the draws."""
     return np.round(1e3 * np.asarray(value_m), 9)

@@ -62,7 +62,7 @@ def sample_errors(
         streams: P fresh generators, one a position.
         counts: (C,) increasing counts of cycles at which the sums are kept; the last is the
             number of cycles at each position.
-        progress: told before the first and after every position.
+        progress: called before the first and after every position.
     """
     cycles = int(counts[-1])
     starts = np.arange(0, cycles, BLOCK_CYCLES)

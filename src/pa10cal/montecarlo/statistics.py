@@ -125,7 +125,7 @@ def _half_width(variance: Array, cycles: NDArray[np.int64]) -> Array:
 
 
 def expected_error(jacobian: Array, sigma_rad: float) -> ExpectedError:
-    """Return the expected position error of joints that err independently by `sigma_rad`.
+    """Return the expected position error of joints with independent errors of `sigma_rad`.
 
     Args:
         jacobian: (P, 3, n) velocity of the flange by each joint [m/rad].

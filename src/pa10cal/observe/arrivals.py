@@ -13,7 +13,7 @@ from pa10cal.observe.observations import Observations
 
 M = TypeVar("M", bound=Instrument)
 
-#: A joint that turned less [rad, or m of a sliding joint] has not moved.
+#: A joint that turned less [rad, or m of a prismatic joint] has not moved.
 _STOOD_STILL = 1e-4
 
 

@@ -230,7 +230,7 @@ class Points(Instrument):
     @classmethod
     @override
     def raw_notes(cls, columns: RawColumns, stated: Stated) -> tuple[str, ...]:
-        """Say where stated places and columns are not of the same targets."""
+        """Describe where stated places and columns are not of the same targets."""
         names = _names(columns)
         unstated = sorted(set(names) - set(stated.targets_m))
         absent = sorted(set(stated.targets_m) - set(names))

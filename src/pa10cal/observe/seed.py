@@ -74,7 +74,7 @@ def locate_base(
 
 
 def summary(record: BaseFrameRecord) -> str:
-    """Say in one line what was found."""
+    """Return in one line what was found."""
     scatter = f"{record.origin_scatter_mm:.3f} mm"
     how = "held as stated" if record.target_stated else "held where it started"
     held = "".join(f"; {how}: {what}" for what in record.held_as_stated or ())

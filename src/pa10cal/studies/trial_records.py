@@ -122,7 +122,7 @@ def _verdict(said: JudgedTrialRecord) -> Verdict:
         ),
         places=_places(said),
         not_testable=frozenset(_name(effect) for effect in said.not_testable),
-        alike=tuple(frozenset(map(_name, group)) for group in said.indistinguishable),
+        indistinguishable=tuple(frozenset(map(_name, group)) for group in said.indistinguishable),
         springs=said.springs,
         noise_floor_mm=said.gap.noise_floor_mm,
         held_out_after_mm=None if held_out is None else held_out.after.mean_mm,

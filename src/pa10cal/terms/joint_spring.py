@@ -14,7 +14,7 @@ from pa10cal.terms.term import Parameter, Report
 
 Array = NDArray[np.float64]
 
-#: Sizes by which the solver scales, near what a good campaign can tell.
+#: Sizes by which the solver scales, near the uncertainties of a good campaign.
 _WINDUP_SCALE_RAD = 1e-5
 _SHARE_SCALE = 1e-2
 #: Ends of the physical range: a joint that counts as rigid, one too soft to carry an arm [rad],
@@ -29,8 +29,8 @@ class JointSpring:
     """A spring between motor and link of one joint, under the measured torque.
 
     Solved in its windup at a reference torque and the share of the cubic part there, which stay
-    bounded and nearly independent however much the data tell; reported as K_lin and K_cub.
-    Stiffness is positive, as the paper asks.
+    bounded and nearly independent however few data there are; reported as K_lin and K_cub.
+    Stiffness is positive, as the paper requires.
 
     Attributes:
         joint: 1 … n.

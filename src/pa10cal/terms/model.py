@@ -65,7 +65,7 @@ class Model:
     def jacobian_at(
         self, states: PoseStates, x: Array, end: EndPose, without: tuple[str, ...] = ()
     ) -> Array:
-        """Return the derivative of the pose by x, (P, 6, k), where the chain stands as it does.
+        """Return the derivative of the pose by x, (P, 6, k), at the chain's present coordinates.
 
         Args:
             states: P states.
@@ -83,7 +83,7 @@ class Model:
         return jacobian
 
     def columns_of(self, term: Term) -> slice:
-        """Return where the parameters of a term stand (ValueError where it is not of the model)."""
+        """Return the slice of x of a term (ValueError where it is not of the model)."""
         return self._slices[self.terms.index(term)][1]
 
     def by_terms(

@@ -109,12 +109,12 @@ class TorqueTerm(Term, Protocol):
 
 
 def yields(term: Term) -> TypeGuard[Yielding]:
-    """Tell whether a term turns a joint under the torque it carries."""
+    """Return whether a term turns a joint under the torque it carries."""
     return hasattr(type(term), "by_torque")
 
 
 def shows_torque(term: Term) -> TypeGuard[TorqueTerm]:
-    """Tell whether a term shows in the logged torques."""
+    """Return whether a term shows in the logged torques."""
     return hasattr(type(term), "torque_derivative")
 
 

@@ -1,1 +1,1 @@
-"""The general model: every parameter that arm and instrument can tell, and no other."""
+"""The general model: every parameter that arm and instrument can identify, and no other."""

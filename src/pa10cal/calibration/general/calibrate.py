@@ -42,7 +42,7 @@ class GeneralCalibration:
     Attributes:
         arm: the nominal arm.
         start: where frames and targets were thought to be, and how the attitude is turned.
-        unknowns: geometric parameters chosen, and what was left out.
+        unknowns: geometric parameters chosen, and those omitted.
         settled: tilts of parallel axes left at zero, as the readings do not show them.
         springs: joints with a spring.
         torques_from: `logged`, `masses`, or `none`.
@@ -82,10 +82,10 @@ def calibrate_general(
         payload: what the arm carries; None where it is not known. Springs need torques, logged or
             of the masses that the description of the arm states.
         options: how to calibrate; None for the defaults.
-        links: whether the geometry of the links is sought; else frames and targets alone.
+        links: whether the geometry of the links is fitted; else frames and targets alone.
 
     Raises:
-        CalibrationError: when there are too few poses, or springs are asked for whose torques are
+        CalibrationError: when there are too few poses, or springs are requested whose torques are
             not known.
     """
     began = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Everything that is worked out with the general model for one load case."""
+"""Everything that is computed with the general model for one load case."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _NO_FIT = 0.05
 
 @dataclass(frozen=True)
 class GeneralCase:
-    """One load case, worked out with the general model.
+    """One load case, computed with the general model.
 
     Attributes:
         load: `combined`, `general`, or a load such as `44N`.
@@ -47,7 +47,7 @@ class GeneralCase:
         residuals: of the full model on `grid`.
         before, after: nominal and full model on `grid`, for every load.
         geometry_after: geometry alone on `grid`, for every load.
-        unidentified_directions, not_identifiable: what the poses leave open.
+        unidentified_directions, not_identifiable: what the poses do not identify.
         suspected_outliers: poses far outside the scatter of the others.
         health: whether it is good.
         seconds: time taken.
@@ -79,7 +79,7 @@ def work_out_general(
     payload: Payload | None,
     options: CalibrationOptions,
 ) -> GeneralCase:
-    """Work out one load case.
+    """Compute one load case.
 
     Args:
         arm: the nominal arm.

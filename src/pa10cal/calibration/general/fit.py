@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, identify
 from pa10cal.fit.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.fit.problem import Problem, Rows
-from pa10cal.fit.robust_weights import Weighed, first_scatter, refreshed, weigh
+from pa10cal.fit.robust_weights import WeightedRows, first_scatter, refreshed, weighted_rows
 
 Array = NDArray[np.float64]
 
@@ -46,10 +46,10 @@ class Fit:
         jacobian: (P, b, k) its derivative.
         whitener: (P, b, b) that makes stated errors and scatter independent and of unit size.
         covariance: (k, k) of the unknowns, such that 1.96 standard uncertainties make an interval
-            of 95 %: wider than the normal distribution asks where the scatter was found from few
-            poses (Student's t). Along directions that the data leave open it is the reach.
-        identifiability: rank and singular values of the weighted rows, in scales; directions told
-            no better than the reach of the unknowns do not count.
+            of 95 %: wider than that of the normal distribution where the scatter was found from few
+            poses (Student's t). Along directions that the data do not identify it is the reach.
+        identifiability: rank and singular values of the weighted rows, in scales; directions
+            identified no better than the reach of the unknowns do not count.
         cost: weighted sum of squares.
         dof: components seen less the rank.
         iterations: steps taken.
@@ -84,22 +84,22 @@ def fit(problem: Problem, x_start: Array, *, robust: bool = True, max_iterations
         max_iterations: bound on the steps.
     """
     span = _Span.about(problem, x_start)
-    weighing = _Weighing(problem, span, robust)
+    weighting = _WeightedProblem(problem, span, robust)
     found = minimise(
         span.start,
-        weighing.equations,
+        weighting.equations,
         lambda x, step: span.bounds.clip(x + step),
-        weighing.arrived,
+        weighting.arrived,
         most_steps=max_iterations,
         held=span.bounds.held,
-        cost=weighing.cost,
-        reweighted=weighing.renewed,
+        cost=weighting.cost,
+        reweighted=weighting.renewed,
         no_worse=_NO_WORSE,
     )
-    x, rows, scatter = found.at, weighing.rows(found.at), weighing.scatter
-    weighed = weighing.weighed
+    x, rows, scatter = found.at, weighting.rows(found.at), weighting.scatter
+    weighted = weighting.weighted
     held = span.bounds.held(x, found.equations.gradient)
-    triangle = np.asarray(np.linalg.qr(weighed.rows.reshape(-1, len(x)), mode="r"))
+    triangle = np.asarray(np.linalg.qr(weighted.rows.reshape(-1, len(x)), mode="r"))
     directions = _directions(triangle, span.reach)
     identifiability = _identified(triangle, directions, problem.scale, span.reach)
     if held.any():
@@ -109,14 +109,14 @@ def fit(problem: Problem, x_start: Array, *, robust: bool = True, max_iterations
         x=x,
         at_bound=held,
         scatter=scatter.size,
-        weights=weighed.weights,
-        distance=weighed.distance,
+        weights=weighted.weights,
+        distance=weighted.distance,
         residual=rows.residual,
         jacobian=rows.jacobian,
-        whitener=weighed.whitener,
+        whitener=weighted.whitener,
         covariance=covariance,
         identifiability=identifiability,
-        cost=float(np.sum(weighed.residual**2)),
+        cost=float(np.sum(weighted.residual**2)),
         dof=problem.readings - identifiability.rank,
         iterations=found.iterations,
         converged=found.converged and _length(found.equations, held) < _NEARLY,
@@ -151,14 +151,14 @@ class _Span:
         return off
 
 
-class _Weighing:
-    """The weighed problem: weights stay while a step is tried, and are renewed where it led."""
+class _WeightedProblem:
+    """The weighted problem: weights stay while a step is tried, and are renewed at its end."""
 
     def __init__(self, problem: Problem, span: _Span, robust: bool) -> None:
         self._problem, self._span, self._robust = problem, span, robust
         self._last: tuple[Array, Rows] | None = None
         self.scatter = first_scatter(problem, self.rows(span.start))
-        self.weighed = weigh(problem, self.rows(span.start), self.scatter, robust)
+        self.weighted = weighted_rows(problem, self.rows(span.start), self.scatter, robust)
         self._length = np.inf
         self._settled = False
 
@@ -170,46 +170,46 @@ class _Weighing:
 
     def equations(self, x: Array) -> Equations:
         """Return the problem where the weights were renewed last."""
-        return _equations(x, self.weighed, self._span)
+        return _equations(x, self.weighted, self._span)
 
     def cost(self, x: Array) -> float:
         """Return the sum of squares at a point, with the weights as they are."""
-        root, whitener = np.sqrt(self.weighed.weights)[:, None], self.weighed.whitener
+        root, whitener = np.sqrt(self.weighted.weights)[:, None], self.weighted.whitener
         white = root * np.einsum("pij,pj->pi", whitener, self.rows(x).residual)
         return float(np.sum(white**2) + np.sum(self._span.off(x) ** 2))
 
     def renewed(self, x: Array, taken: Step) -> Equations:
         """Renew scatter and weights about a point."""
         problem, span, rows = self._problem, self._span, self.rows(x)
-        weighed = weigh(problem, rows, self.scatter, self._robust)
-        parts = span.reach[:, None] * _inverse_root(weighed.normal, span.reach)
-        found = refreshed(problem, rows, weighed, parts, self.scatter)
+        weighted = weighted_rows(problem, rows, self.scatter, self._robust)
+        parts = span.reach[:, None] * _inverse_root(weighted.normal, span.reach)
+        found = refreshed(problem, rows, weighted, parts, self.scatter)
         self._settled, self.scatter = found.is_about(self.scatter), found
-        self.weighed = weigh(problem, rows, found, self._robust)
+        self.weighted = weighted_rows(problem, rows, found, self._robust)
         gained = max(0.0, -float(taken.before.gradient @ taken.step))
         self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
         return self.equations(x)
 
     def arrived(self, x: Array, taken: Step) -> bool:
-        """Tell whether step and weights have come to rest."""
+        """Return whether step and weights have converged."""
         del x, taken
         return bool(self._length < _ARRIVED and self._settled)
 
 
 def _length(at: Equations, held: NDArray[np.bool_]) -> float:
-    """Return the length of the step that a problem asks for, in standard uncertainties."""
+    """Return the length of the Gauss-Newton step of a problem, in standard uncertainties."""
     gradient = at.gradient[~held]
     step = solve_normal(at.normal[np.ix_(~held, ~held)], gradient)
     return float(np.sqrt(max(0.0, float(gradient @ step)) / max(1, len(gradient))))
 
 
-def _equations(x: Array, weighed: Weighed, span: _Span) -> Equations:
-    """Return the weighed problem at a point, each unknown within a reach of its start."""
+def _equations(x: Array, weighted: WeightedRows, span: _Span) -> Equations:
+    """Return the weighted problem at a point, each unknown within a reach of its start."""
     off = span.off(x)
     return Equations(
-        cost=float(np.sum(weighed.residual**2) + np.sum(off**2)),
-        gradient=weighed.rows.reshape(-1, len(x)).T @ weighed.residual.ravel() + off / span.reach,
-        normal=weighed.normal + np.diag(span.reach**-2.0),
+        cost=float(np.sum(weighted.residual**2) + np.sum(off**2)),
+        gradient=weighted.rows.reshape(-1, len(x)).T @ weighted.residual.ravel() + off / span.reach,
+        normal=weighted.normal + np.diag(span.reach**-2.0),
     )
 
 
@@ -226,18 +226,20 @@ def _inverse_root(normal: Array, reach: Array) -> Array:
 def _identified(
     triangle: Array, directions: tuple[Array, Array], scale: Array, reach: Array
 ) -> Identifiability:
-    """Return what rows (given by their triangle) tell, in scales, no worse than within a reach.
+    """Return what rows (given by their triangle) identify, in scales, at worst within a reach.
 
-    A direction is open in those unknowns whose uncertainty it makes for the most part.
+    A null direction counts for those unknowns whose uncertainty it mostly causes.
     """
     found = identify(triangle, scale)
     size, right = directions
-    told = size > max(1.0, NULL_RATIO * size[0])
-    rank, values = int(np.count_nonzero(told)), found.singular_values
-    part = np.abs(right[~told])
-    mostly = np.linalg.norm(part, axis=0) > np.linalg.norm(right[told].T / size[told], axis=1)
+    identified = size > max(1.0, NULL_RATIO * size[0])
+    rank, values = int(np.count_nonzero(identified)), found.singular_values
+    part = np.abs(right[~identified])
+    mostly = np.linalg.norm(part, axis=0) > np.linalg.norm(
+        right[identified].T / size[identified], axis=1
+    )
     mostly |= np.any(part > 0.5 * part.max(axis=1, keepdims=True), axis=0)
-    null_space = np.linalg.qr((right[~told] * mostly * reach / scale).T)[0]
+    null_space = np.linalg.qr((right[~identified] * mostly * reach / scale).T)[0]
     return Identifiability(values, rank, null_space, float(values[0] / values[rank - 1]))
 
 

@@ -38,12 +38,12 @@ _BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
 def general_record(
     case: GeneralCase, campaign: Campaign, settings: CalibrationOptions
 ) -> GeneralCalibrationRecord:
-    """Return the record of a load case worked out with the general model.
+    """Return the record of a load case computed with the general model.
 
     Args:
         case: the load case.
         campaign: whose it is.
-        settings: what it was worked out with.
+        settings: what it was computed with.
     """
     full = case.full
     identifiability = full.fit.identifiability
@@ -185,7 +185,7 @@ def _base_parameters(
 def _parameter(
     keys: dict[str, Any], *, identifiable: bool, at_bound: bool = False
 ) -> CalibratedParameter:
-    """Return a parameter; where it is not identifiable its tolerance stands for its uncertainty."""
+    """Return a parameter; with its tolerance as uncertainty where it is not identifiable."""
     held = {} if identifiable else {"std": keys["tolerance"]}
     return CalibratedParameter(**(keys | held), identifiable=identifiable, at_bound=at_bound)
 

@@ -46,7 +46,7 @@ def suspected_outliers(problem: Problem, fit: Fit) -> tuple[SuspectedOutlier, ..
 
 
 def _why(problem: Problem, fit: Fit, sizes: dict[str, Array], row: int) -> str:
-    """Say which kind of component is furthest off."""
+    """Describe the kind of component that deviates most."""
     found = []
     for kind, columns in problem.measured.component_kinds:
         off = float(np.linalg.norm(fit.residual[row, columns]))

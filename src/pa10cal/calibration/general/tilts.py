@@ -1,8 +1,8 @@
 """Whether the readings show that parallel axes are tilted.
 
 Hayati's parameters take up a tilt across the common normal. Where axes are as parallel as they were
-designed, to within what the readings tell, these parameters only spread the noise: leaving them at
-zero then predicts better. Schwarz's criterion (1978) decides, over all of them together.
+designed, within the uncertainty of the readings, these parameters only spread the noise: zero
+then predicts better. Schwarz's criterion (1978) decides, over all of them together.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Settled:
 
     Attributes:
         parameter: which.
-        std: its standard uncertainty, had it been sought.
+        std: its standard uncertainty, had it been fitted.
     """
 
     parameter: Parameter

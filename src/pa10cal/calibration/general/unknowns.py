@@ -2,7 +2,7 @@
 minimal, since none repeats what others say.
 
 Candidates are taken one after the other, frames first, then targets, then the links from the base
-outward; one whose effect is a combination of those before it is left out. One that could be said
+outward; one whose effect is a combination of those before it is omitted. One that could be said
 only by large motions of others takes the place of the last of these: along axes that are all but
 parallel, the height of tool or target says the same as the links only by being metres off. That is
 a matter of arm and instrument alone, so it is settled at random joint positions within the limits,
@@ -31,9 +31,9 @@ Array = NDArray[np.float64]
 #: Joint positions at which redundancy is judged.
 _CONFIGURATIONS = 60
 _RANDOM_SEED = 1
-#: Part of a column that the columns before it must leave: exact redundancy leaves 1e-13.
+#: Part of a column that must remain beside those before it: exact redundancy leaves 1e-13.
 _LEAST_LEFT = 1e-8
-#: A parameter is not said by another that has to move the target so many times further.
+#: No parameter replaces another if it has to move the target so many times further.
 _MOST_TIMES = 5.0
 #: Joints without a stated limit are taken through so much.
 _WIDEST_RAD = np.pi
@@ -41,7 +41,7 @@ _WIDEST_RAD = np.pi
 
 @dataclass(frozen=True)
 class Redundant:
-    """A parameter left out, and those that say the same.
+    """A redundant parameter, and those that replace it.
 
     Attributes:
         name: the parameter.
@@ -61,7 +61,7 @@ class Unknowns:
         tool: motions of the tool kept; none where the instrument has targets of its own.
         base: motions of the base kept.
         places: coordinates of targets kept, as indices into `target_parameters`.
-        redundant: what was left out, with those that say the same.
+        redundant: parameters omitted, with those that replace them.
     """
 
     links: Offsets
@@ -82,13 +82,13 @@ def tool_frame() -> Offsets:
 def choose_unknowns(
     arm: Arm, tolerances: Tolerances, measured: Instrument, T_instr_base: Array, targets_m: Array
 ) -> Unknowns:
-    """Choose the parameters that arm and instrument can tell.
+    """Choose the parameters that arm and instrument can identify.
 
     Args:
         arm: the nominal arm.
         tolerances: of the link parameters.
         measured: by which instrument; its readings play no part.
-        T_instr_base: (4, 4) about where the base stands.
+        T_instr_base: (4, 4) approximate base frame.
         targets_m: (t,) about where the targets sit.
     """
     links, base, tool = link_departures(arm, tolerances), base_frame(), tool_frame()
@@ -170,7 +170,7 @@ def _well_said(columns: Array, kept: list[int], first: int) -> tuple[list[int], 
 def _redundant(
     parts: Array, kept: list[int], parameters: tuple[Parameter, ...]
 ) -> tuple[Redundant, ...]:
-    """Return the parameters left out, and what those kept say of them."""
+    """Return the parameters omitted, and those kept that replace them."""
     others = [k for k in range(len(parameters)) if k not in kept]
     scale = np.array([parameter.scale for parameter in parameters])
     parts = np.where(np.abs(parts) > 1e-6, parts, 0.0) * scale[kept][:, None] / scale[others]

@@ -26,7 +26,7 @@ class CandidateContext:
         flexible_joints: joints, from 1, to which the model gives a spring.
         reference_temperature_C: temperature at which lengths are nominal.
         tau_span_Nm: (n,) largest torque that each joint carried.
-        T_instr_base: (4, 4) about where the base stands in the instrument's frame.
+        T_instr_base: (4, 4) approximate base frame in the instrument's frame.
         p_instr_middle_m: (3,) middle of the measured places in the instrument's frame.
         q_span_rad: (n, 2) lowest and highest angle that each joint took.
         time_span_s: first and last reading of the campaign.
@@ -63,7 +63,7 @@ class Effect(ABC):
 
     of: str
     id: ClassVar[str]
-    #: Whether it only says where something is missing, not what: no name of the vocabulary.
+    #: Whether it only gives the place of a missing effect, not its cause: no name.
     generic: ClassVar[bool] = False
 
     @classmethod
@@ -118,7 +118,7 @@ class Effect(ABC):
 
 @dataclass(frozen=True)
 class NamedEffect(Effect):
-    """An effect reported by a few named parameters, and solved in them unless it says otherwise."""
+    """An effect reported by a few named parameters, by default solved in them."""
 
     @property
     @abstractmethod
@@ -174,7 +174,7 @@ def static_loads_in(states: PoseStates, effect: Effect) -> StaticLoads:
     """Return what weights bend the structure with.
 
     Raises:
-        CalibrationError: when that was not worked out for these poses.
+        CalibrationError: when that was not computed for these poses.
     """
     if states.static_loads is None:
         raise CalibrationError(

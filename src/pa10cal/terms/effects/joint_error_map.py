@@ -52,9 +52,9 @@ class Fading:
 
 @dataclass(frozen=True)
 class JointErrorMap(JointEffect):
-    """A smooth periodic error of a turning joint's angle: a cubic spline through knots.
+    """A smooth periodic error of a revolute joint's angle: a cubic spline through knots.
 
-    Solved in the error at each knot [rad]; knot k of K stands at 2 pi k / K. A sliding joint has
+    Solved in the error at each knot [rad]; knot k of K stands at 2 pi k / K. A prismatic joint has
     no turn after which its error would come again, and gets none.
 
     Attributes:
@@ -121,7 +121,7 @@ def harmonic_orders(knots: int) -> Array:
 
 
 def harmonics_at_knots(knots: int) -> Array:
-    """Return constant, then sine and cosine of every order that K knots can tell, (K, K).
+    """Return constant, then sine and cosine of every order that K knots can resolve, (K, K).
 
     Of the highest order of an even K only the cosine is there.
     """

@@ -89,7 +89,7 @@ class FrictionTorque(FalseTorque):
 class TorqueGain(FalseTorque):
     """A wrong scale of the torque: logged torque = (1 + g) tau_j, g without unit.
 
-    tau_j is what the weights ask for: taken from the log, its noise would explain itself.
+    tau_j is the torque of the weights: taken from the log, its noise would explain itself.
     """
 
     id: ClassVar[str] = "torque_gain"
