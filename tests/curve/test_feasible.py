@@ -68,7 +68,7 @@ def test_a_straight_chain_may_roll_to_anywhere_within_limits_about_zero():
     [
         (
             lambda: JointLimits.uniform(2, 0.1, -0.1),
-            r"joint 1: the limits of a are none .*0.1, -0.1",
+            r"joint 1: the limits of a are invalid .*0.1, -0.1",
         ),
         (lambda: JointLimits(np.zeros((1, 2)), np.array([[0, np.nan]])), "the limits of b"),
         (
