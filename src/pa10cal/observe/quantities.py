@@ -137,13 +137,6 @@ class Deviations:
         angle: Array = np.linalg.norm(self.rotation_deg, axis=1)
         return angle
 
-    def rotation_of(self, k: int) -> list[float] | None:
-        """Return the rotation of one configuration as a list; None where none is measured."""
-        found: list[float] | None = (
-            None if self.rotation_deg is None else self.rotation_deg[k].tolist()
-        )
-        return found
-
     def take(self, rows: Rows) -> Deviations:
         """Return some of the configurations."""
         turned = None if self.rotation_deg is None else self.rotation_deg[rows]
