@@ -73,7 +73,7 @@ class SimulationError(Pa10calError):
 
 
 class OutputError(Pa10calError):
-    """A result cannot be written where it was asked for."""
+    """A result cannot be written where it was requested."""
 
 
 class RecordError(Pa10calError):

@@ -111,7 +111,7 @@ def test_rows_without_any_target_or_with_part_of_one_are_listed(tmp_path):
     ingested = ingest(raw)
     assert listed(ingested) == [
         (row + 1, "a target with some of its coordinates only"),
-        (13, "no target was seen"),
+        (13, "no target was observed"),
     ]
     assert ingested.quarantined[0].value == "T2_x_mm, T2_y_mm, T2_z_mm"
     assert len(ingested.observations) == 38

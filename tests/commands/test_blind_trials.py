@@ -233,7 +233,7 @@ def test_a_verdict_without_a_truth_is_refused(reduced, tmp_path, capsys):
     assert score(tmp_path, verdicts, truths[1:])[0] == REFUSED
     assert "but not both" in capsys.readouterr().err
     assert score(tmp_path, [*verdicts, verdicts[0]], truths)[0] == REFUSED
-    assert "a second time" in capsys.readouterr().err
+    assert "occurs twice" in capsys.readouterr().err
     assert score(tmp_path, truths, truths)[0] == REFUSED
     assert "not a record of this kind" in capsys.readouterr().err
     assert score(tmp_path, [tmp_path / "gone"], truths)[0] == REFUSED

@@ -64,7 +64,7 @@ def test_says_where_the_rest_of_many_is(folder, tmp_path, capsys):
     ("words", "message"),
     [
         (["x", "."], "there is no reader of this data set (got 'x'); allowed: faro-irb120, ipa"),
-        (["faro-irb120", "."], "lacks files (got 'joints.txt, reflector_1.txt"),
+        (["faro-irb120", "."], "are missing in the folder (got 'joints.txt, reflector_1.txt"),
         (["faro-irb120", "nowhere"], "there is no such folder (got 'nowhere')"),
     ],
 )

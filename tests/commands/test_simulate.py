@@ -99,7 +99,7 @@ BAD = [
     ({"without_touches": {"poses": 0}}, ["without_touches.poses", "greater than or equal to 1"]),
     (
         {"without_touches": {"flexible_joints": [7]}},
-        ["flexible_joints", "turning joints of pa10_6ce"],
+        ["flexible_joints", "revolute joints of pa10_6ce"],
     ),
     (hiding("backslash", "joint 1", b=1e-4), ["unknown effect", "'backlash'"]),
     (hiding("backlash", "joint 9", b=1e-4), ["hidden_effects[0].of", "joint 9", "joint 6"]),

@@ -60,7 +60,7 @@ def test_a_file_that_cannot_be_had_leaves_nothing(published, tmp_path, source):
 
 
 def test_a_layout_without_one_place_is_refused(tmp_path):
-    with pytest.raises(RawDataError, match="no one place to fetch it from"):
+    with pytest.raises(RawDataError, match="without an address to fetch it from"):
         fetch(dataset_named("faro-irb120"), tmp_path)
 
 

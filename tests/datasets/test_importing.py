@@ -35,7 +35,9 @@ def test_the_published_files_are_taken_without_a_word(published, ipa_folder):
 def test_all_missing_files_are_named(published, ipa_folder):
     (ipa_folder / SERIES_A).unlink()
     (ipa_folder / SERIES_C).unlink()
-    with pytest.raises(RawDataError, match=f"lacks files .got '{SERIES_A}, {SERIES_C}'"):
+    with pytest.raises(
+        RawDataError, match=f"are missing in the folder .got '{SERIES_A}, {SERIES_C}'"
+    ):
         imported(published, ipa_folder)
     with pytest.raises(RawDataError, match=r"no such folder .got '.*nowhere'"):
         imported(published, ipa_folder / "nowhere")

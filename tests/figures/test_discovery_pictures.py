@@ -298,7 +298,7 @@ class TestVerdictTable:
         )
         page = (tmp_path / "verdict.html").read_text("utf-8")
         assert "Synthetic data." in page
-        assert "Named: every effect found stands alone." in page
+        assert "Named: every effect found is distinguishable from all others." in page
 
     def test_a_map_is_summed_up_and_whole_in_the_csv(self, learnt, tmp_path):
         rows = self.rows(learnt, tmp_path)

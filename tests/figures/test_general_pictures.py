@@ -130,7 +130,7 @@ class TestHeldOutErrors:
         ("kind", "axis", "said"),
         [
             ("points", "position error [mm]", "root mean square over the targets"),
-            ("distance", "distance error [mm]", "across the line of sight does not show"),
+            ("distance", "distance error [mm]", "across the line of sight are not measured"),
         ],
     )
     def test_without_attitude_says_what_the_error_is_of(self, sighted, kind, axis, said):

@@ -132,7 +132,7 @@ class TestAccuracy:
         rows, text = rows_of(accuracy_general, sighted["distance"], tmp_path)
         assert {row["orientation_deg"] for row in rows} == {""}
         assert "| – |" in text
-        assert "across the line of sight does not show" in text
+        assert "across the line of sight are not measured" in text
 
 
 class TestHealth:

@@ -90,8 +90,8 @@ def measure_campaign(
         settings: seed, instrument, poses, loads, noise; not asked for the robot or its effects.
         robot: the robot as built.
         effects: what it does beyond the paper's model.
-        postures: (P, n) joint positions commanded [rad, or m of a sliding joint], in place of
-            those that the settings ask for.
+        postures: (P, n) joint positions commanded [rad, or m of a prismatic joint], in place of
+            those of the settings.
     """
     _need_a_drift(effects, settings)
     instrument = instrument_of(settings)
@@ -132,7 +132,7 @@ def instrument_kinds() -> dict[str, type[Instrument]]:
 
 
 def instrument_of(settings: SimulateOptions) -> Instrument:
-    """Return the instrument that some settings ask for."""
+    """Return the instrument of some settings."""
     plan = settings.without_touches
     return instrument_kinds()["touch_trigger_cmm" if plan is None else plan.instrument](settings)
 
@@ -159,5 +159,5 @@ def _need_a_drift(effects: Sequence[Effect], settings: SimulateOptions) -> None:
             where="temperature_drift_C",
             value=settings.temperature_drift_C,
             allowed=f"a drift above 0 where {idle[0]} is hidden",
-            remedy=f"set temperature_drift_C, a few degrees say, or hide no {idle[0]}",
+            remedy=f"set temperature_drift_C, to a few degrees, or hide no {idle[0]}",
         )

@@ -32,8 +32,8 @@ class Rest:
     """P configurations of an arm at rest.
 
     Attributes:
-        q: (P, n) positions of the links [rad, or m of a sliding joint].
-        tau_Nm: (P, n) torques that the motors exert (forces [N] of sliding joints).
+        q: (P, n) positions of the links [rad, or m of a prismatic joint].
+        tau_Nm: (P, n) torques that the motors exert (forces [N] of prismatic joints).
         T_base_ee: (P, 4, 4) flange in the robot base frame [m].
     """
 

@@ -234,7 +234,7 @@ def draw_springs(arm: Arm, flexible_joints: tuple[int, ...], rng: np.random.Gene
             "a flexible joint slides" if unfit[0] <= arm.n else "a flexible joint does not exist",
             where="flexible_joints",
             value=unfit[0],
-            allowed=f"turning joints of {arm.name}: {', '.join(map(str, turning))}",
+            allowed=f"revolute joints of {arm.name}: {', '.join(map(str, turning))}",
             remedy="name joints of this robot",
         )
     refuse_unrated(arm, flexible_joints, "flexible_joints")
@@ -264,7 +264,7 @@ def refuse_unrated(arm: Arm, joints: Iterable[int], where: str) -> None:
             where=where,
             value=f"joint {unrated[0]} of {arm.name}",
             allowed="an arm description with rated torques",
-            remedy="add them to the description or ask for no springs and torques",
+            remedy="add them to the description, or request no springs and torques",
         )
 
 

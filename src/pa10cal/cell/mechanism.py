@@ -73,7 +73,7 @@ class Statics:
     """What weights do to an arm at rest in P poses.
 
     Attributes:
-        torque_Nm: (P, n) what the motors exert (forces [N] of sliding joints).
+        torque_Nm: (P, n) what the motors exert (forces [N] of prismatic joints).
         link_Nm: (P, n, 3) moment that each link carries at its far end, about and along the axes
             of the frame from which the next joint moves (zero for the last link, whose payload is
             part of it).
@@ -177,7 +177,7 @@ class Mechanism:
         """Return torques and moments (P, …) that go with the links at rest at `q` (P, n).
 
         Args:
-            q: (P, n) positions of the links [rad, or m of a sliding joint].
+            q: (P, n) positions of the links [rad, or m of a prismatic joint].
             load_N: (P,) weights that hang at the load point.
             strain: of the structure; None for its unloaded shape.
         """

@@ -39,7 +39,7 @@ _MOST_DRAWS = 1000  #: for each pose wanted
 
 @dataclass(frozen=True)
 class Poses:
-    """Commanded joint positions [rad, or m of a sliding joint], of the nominal arm.
+    """Commanded joint positions [rad, or m of a prismatic joint], of the nominal arm.
 
     Attributes:
         line_x: (11, n) straight move along the base's x axis, tool attitude fixed.
@@ -74,7 +74,7 @@ def centre_rad(arm: Arm, settings: CellPosesOptions) -> Array:
 
 
 def joint_bounds(arm: Arm) -> tuple[Array, Array]:
-    """Return the (n,) least and largest positions drawn [rad, or m of a sliding joint]."""
+    """Return the (n,) least and largest positions drawn [rad, or m of a prismatic joint]."""
     low, high = arm.limits_rad.T
     unused = 0.5 * (1.0 - RANGE_USED) * (high - low)
     largest = np.where(arm.prismatic, np.inf, LARGEST_ANGLE_RAD)
@@ -169,7 +169,7 @@ def neighbours_path(q: Array) -> Array:
 
 
 def _is_clear(T_base_ee: Array) -> bool:
-    """Tell whether flange and balls are clear of the floor and of the robot's column."""
+    """Return whether flange and balls are clear of the floor and of the robot's column."""
     in_ee_m = np.vstack([np.zeros(3), BALLS_DESIGN_M])
     points_m = in_ee_m @ T_base_ee[:3, :3].T + T_base_ee[:3, 3]
     off_axis_m = np.hypot(points_m[:, 0], points_m[:, 1])
@@ -197,7 +197,7 @@ def _extra_rad(arm: Arm, settings: CellPosesOptions) -> Array:
                 where=where,
                 value=angles_deg[joint],
                 allowed=f"{low[joint]:.0f} to {high[joint]:.0f} deg",
-                remedy="leave the pose out",
+                remedy="remove the pose",
             )
     extra: Array = np.radians(np.array(settings.extra_deg, dtype=float).reshape(-1, arm.n))
     return extra

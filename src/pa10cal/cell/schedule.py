@@ -30,7 +30,7 @@ class Schedule:
         load_N: (C,) hanging weight.
         repeat: (C,) from 1.
         start_s: (C,) when the robot sets out for each.
-        q: (C, n) commanded joint positions [rad, or m of a sliding joint].
+        q: (C, n) commanded joint positions [rad, or m of a prismatic joint].
         q_from: (C, n) where the arm comes from.
     """
 
@@ -89,7 +89,7 @@ def one_after_another(commands: Array, plan: TrackerOptions) -> Schedule:
     first configuration is approached from where the arm stands already.
 
     Args:
-        commands: (P, n) commanded joint positions [rad, or m of a sliding joint].
+        commands: (P, n) commanded joint positions [rad, or m of a prismatic joint].
         plan: share held out, repeats, loads, time a configuration takes.
     """
     count = len(commands)

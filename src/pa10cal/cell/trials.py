@@ -42,7 +42,7 @@ MACHINE_MIDDLE_M = 0.4
 #: pose out of reach.
 TILT_SEEDS: dict[Layout, int] = {"grid": 20, "wide": 2**31 - 1}
 #: Swing of the hall's temperature in a trial that has one, and the part of the trials without an
-#: effect of temperature that have one all the same.
+#: effect of temperature that have one nevertheless.
 DRIFT_C = 2.0
 DRIFTING = 1.0 / 3.0
 #: By what factor, up or down, a wrong statement of the instrument is wrong.
@@ -179,7 +179,7 @@ def hideable(kind: TrialKind) -> dict[str, type[Effect]]:
 
 
 def takes_turns(kind: TrialKind) -> bool:
-    """Tell whether trials of a kind go through their effects one after the other."""
+    """Return whether trials of a kind go through their effects one after the other."""
     return kind in ("single", "outside")
 
 
@@ -214,7 +214,7 @@ def joint_of(place: str) -> int:
 
 
 def by_temperature(hidden: Sequence[dict[str, Any]]) -> bool:
-    """Tell whether one of the hidden effects needs a temperature that changes."""
+    """Return whether one of the hidden effects needs a temperature that changes."""
     return any(all_effects()[entry["id"]].by_temperature for entry in hidden)
 
 

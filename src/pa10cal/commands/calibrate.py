@@ -81,7 +81,7 @@ def _record(
     *,
     general: bool,
 ) -> CalibrationRecord:
-    """Work out a load case, with the paper's unknowns or with all that can be identified."""
+    """Compute a load case, with the paper's unknowns or with all that can be identified."""
     from pa10cal.calibration.campaign import general_case, paper_case
     from pa10cal.calibration.general.records import general_record
     from pa10cal.calibration.general.start import start_of

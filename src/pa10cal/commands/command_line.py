@@ -238,5 +238,5 @@ def _without_none(hint: Any) -> Any:
 
 
 def _is_section(kind: Any) -> bool:
-    """Tell whether a type is a section of the settings; pydantic itself is imported by those."""
+    """Return whether a type is a section of the settings; pydantic itself is imported by those."""
     return isinstance(kind, type) and hasattr(kind, "model_validate")

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) -> None:
-    """Lay a chain of links along a curve, and work out its joint angles and how it moves.
+    """Lay a chain of links along a curve, and compute its joint angles and how it moves.
 
     Args:
         settings: curve, link_m, links, roll, limits, gait.

@@ -61,7 +61,7 @@ def _said(bar: Bar) -> str:
     """Return a bar in one line."""
     limit = f"{'at least' if bar.at_least else 'at most'} {_figure(bar.limit, bar.share)}"
     if bar.reached is None:
-        return f"{bar.what}: no trial tells ({limit})"
+        return f"{bar.what}: no trial counts ({limit})"
     interval = ""
     if bar.low is not None and bar.high is not None:
         interval = f" ({_figure(bar.low, True)} to {_figure(bar.high, True)})"

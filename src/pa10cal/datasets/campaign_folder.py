@@ -111,7 +111,7 @@ def _refuse_foreign(place: Path) -> None:
     foreign = sorted({entry.name for entry in place.glob("*")} - OWN_FILES)
     if foreign or place.is_file():
         raise OutputError(
-            "the place of the campaign holds something else",
+            "the folder of the campaign holds something else",
             where=str(place),
             value=", ".join(foreign) or place.name,
             allowed=f"a new folder, or one with {', '.join(sorted(OWN_FILES))} only",

@@ -48,7 +48,7 @@ def refuse_missing(folder: Path, files: Iterable[str]) -> None:
     missing = [name for name in files if not (folder / name).is_file()]
     if missing:
         raise RawDataError(
-            "the folder of the data set lacks files",
+            "files of the data set are missing in the folder",
             where=str(folder),
             value=", ".join(missing),
             allowed=f"a folder with {', '.join(files)}",

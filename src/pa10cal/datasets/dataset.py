@@ -1,4 +1,4 @@
-"""What a reader of a data set says of it, and what it gives: campaigns not yet written."""
+"""What a reader of a data set defines, and what it gives: campaigns not yet written."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Published:
 
 @dataclass(frozen=True)
 class ImportedCampaign:
-    """One campaign of a data set, as the raw-data contract wants it.
+    """One campaign of a data set, as docs/raw-data.md specifies it.
 
     Attributes:
         name: name of the campaign and of its folder.
@@ -40,7 +40,7 @@ class ImportedCampaign:
         held_out_fraction: part of the poses, the last in time, that is held out.
         poses: columns of `files.poses`, rows in order of time.
         files: paths of the files read, inside the data set's folder.
-        left_out: rows left out.
+        left_out: rows omitted.
         notes: what the reader should know, one clause each.
     """
 

@@ -36,10 +36,10 @@ def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[st
     published = dataset.published
     if published is None:
         raise RawDataError(
-            "this data set is a layout that has no one place to fetch it from",
+            "this data set is a layout without an address to fetch it from",
             where="data set",
             value=dataset.name,
-            allowed="a data set that is published at one place",
+            allowed="a data set that is published at an address",
             remedy="import a folder of your own",
         )
     wanted = {
@@ -84,6 +84,6 @@ def _content(address: str) -> bytes:
 
 
 def _cause(error: Exception) -> str:
-    """Say why, without the name of the function that failed."""
+    """Return the reason, without the name of the function that failed."""
     cause = getattr(error, "reason", error)
     return str(getattr(cause, "strerror", None) or cause)

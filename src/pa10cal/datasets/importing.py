@@ -48,7 +48,7 @@ def import_campaigns(
 def _told(
     campaign: ImportedCampaign, folder: Path, differing: tuple[Differing, ...]
 ) -> ImportedCampaign:
-    """Say of a campaign which of its files are not the published ones."""
+    """Describe a campaign which of its files are not the published ones."""
     own = {str(folder / file) for file in campaign.files}
     clauses = [
         f"{Path(each.place).name} is not the published file (SHA-256 {each.found})"

@@ -1,6 +1,6 @@
 """Text tables as data sets publish them: numbers by column, unusable rows listed.
 
-A row with a field too many or too few, or with a field that is no number, is left out and listed
+A row with a field too many or too few, or with a field that is no number, is omitted and listed
 with its line. What is wrong throughout (separator, decimal sign, a missing column) stops with one
 message.
 """
@@ -36,7 +36,7 @@ class TextTable:
         line: (N,) line of every row.
         columns: (N,) numbers of every column by name; nan where one may be blank and is.
         total: rows in the file.
-        left_out: rows left out.
+        left_out: rows omitted.
     """
 
     file: str
@@ -64,7 +64,7 @@ class TextTable:
         return TextTable(kept.file, kept.line, kept.columns, kept.total, (*self.left_out, *listed))
 
     def refuse_too_many(self, max_fraction: float) -> None:
-        """Stop when more than a part of the rows, or all of them, are left out (RawDataError)."""
+        """Stop when more than a part of the rows, or all of them, are omitted (RawDataError)."""
         refuse_too_many(self.left_out, {self.file: self.total}, max_fraction)
 
 

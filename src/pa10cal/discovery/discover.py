@@ -43,7 +43,7 @@ def discover(
 
 
 def judged_by_blocks(readings: Observations) -> bool:
-    """Tell whether effects are judged by blocks of poses held out, and not by repeats.
+    """Return whether effects are judged by blocks of poses held out, and not by repeats.
 
     Args:
         readings: single readings of the poses fitted.

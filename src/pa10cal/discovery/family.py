@@ -51,7 +51,7 @@ def why_hidden(share: float, signal: float) -> str | None:
         signal: what remains of its usual size, in standard deviations.
     """
     if share < LEAST_SHARE:
-        return f"{100 * share:.1f} % left after the model's own parameters"
+        return f"{100 * share:.1f} % remains beside the model's own parameters"
     if signal * _LARGEST < LEAST_SIGNAL:
         return "ten times its plausible size would not rise above the noise"
     return None

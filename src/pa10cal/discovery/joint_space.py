@@ -1,4 +1,4 @@
-"""What the model leaves, told as errors of joint angles, and how they go with each joint's angle.
+"""Residuals of the model as errors of joint angles, and how they depend on each joint's angle.
 
 A picture of where to look, not a test: the angles of one cell are found from six numbers, so an
 error that no joint makes shows in several of them.
@@ -31,7 +31,7 @@ class JointErrors:
     """By how much further joints stand than the model says, in C cells.
 
     Attributes:
-        error_rad: (C, n) joint angle error (m for a sliding joint).
+        error_rad: (C, n) joint angle error (m for a prismatic joint).
         std_rad: (C, n) its standard deviation by the noise of the cell.
     """
 

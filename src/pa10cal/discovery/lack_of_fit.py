@@ -109,7 +109,7 @@ class JointPart:
         rms_rad: root mean square, cells weighted by what they tell of the joint.
         floor_rad: what noise alone would leave.
         arrivals: by direction of arrival.
-        periodogram: by the joint's angle, None for a joint that slides or hardly turned.
+        periodogram: by the joint's angle, None for a prismatic joint or hardly turned.
     """
 
     joint: int
@@ -222,7 +222,7 @@ def lack_of_fit(
     tests: tuple[ChannelTest | None, ChannelTest | None] = (None, None),
     torques: LeftTorques | None = None,
 ) -> LackOfFit:
-    """Work out where a model and the data disagree.
+    """Compute where a model and the data disagree.
 
     Args:
         left: what the model leaves.

@@ -26,9 +26,9 @@ Index = NDArray[np.intp]
 #: Differences below which nothing can be said of the noise.
 LEAST_DIFFERENCES = 20
 #: Part of the readings that must be repeats, where there are so many poses that blocks of them can
-#: be left out instead.
+#: be held out instead.
 LEAST_REPEATED = 0.25
-#: Poses closer than this in every joint count as the same [rad; m of a sliding joint].
+#: Poses closer than this in every joint count as the same [rad; m of a prismatic joint].
 NEARLY_SAME = 2e-3
 _REWEIGHTED = 2
 MEDIAN_TO_SIGMA = 1.0 / float(ndtri(0.75))
@@ -70,7 +70,7 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
     order, pairs = _successive(readings)
     if len(pairs) < LEAST_DIFFERENCES:
         raise DiscoveryError(
-            "too few repeats to determine the measurement's own scatter",
+            "too few repeats to determine the repeatability of the measurement",
             where="grid poses",
             value=f"{len(pairs)} pairs of successive readings of one pose, load and direction",
             allowed=f"at least {LEAST_DIFFERENCES}",

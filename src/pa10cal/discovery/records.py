@@ -105,7 +105,7 @@ def discovery_records(
 
 
 def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKeys:
-    """Return what is said of a campaign, and what to measure next."""
+    """Return the verdict on a campaign, and what to measure next."""
     by_blocks = found if isinstance(found, VerdictByBlocks) else None
     return VerdictKeys(
         verdict=found.verdict,
@@ -161,7 +161,7 @@ def _suggested(pose: NextPose) -> parts.SuggestedPose:
 
 
 def _search(found: Verdict[object]) -> parts.SearchByRepeats | parts.SearchByBlocks:
-    """Return how effects were sought."""
+    """Return how effects were searched for."""
     if isinstance(found, VerdictByBlocks):
         return parts.SearchByBlocks(
             candidates=found.candidates,
@@ -243,23 +243,21 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     for effect in verdict.effects:
         rivals = ", ".join(f"{rival.id} of {rival.of}" for rival in effect.alternatives)
         if rivals:
-            found.append(f"{effect.id} of {effect.of} cannot be told from {rivals}")
+            found.append(f"{effect.id} of {effect.of} is indistinguishable from {rivals}")
     if verdict.verdict == "unexplained" and verdict.unexplained is not None:
         place = verdict.unexplained.of or "unknown place"
-        found.append(
-            f"something without a name is missing, of {place}: uncertainties do not cover it"
-        )
+        found.append(f"an unidentified effect of {place} is missing: uncertainties do not cover it")
     held_out = verdict.gap.holdout
     if held_out is not None and held_out.reduction.interval95_mm[1] < 0.0:
         found.append(
-            "held-out poses are predicted worse than before: do not use the extended model; the "
-            "poses fitted are too few or too alike for the effects in it"
+            "held-out poses have larger errors than before: do not use the extended model; the "
+            "poses fitted are too few or too similar for the effects in it"
         )
     return tuple(found)
 
 
 def summary(verdict: VerdictKeys) -> list[str]:
-    """Say in a few lines what was found."""
+    """Return the verdict in a few lines."""
     lines: list[str] = [verdict.verdict]
     for effect in verdict.effects:
         values = (
@@ -273,7 +271,7 @@ def summary(verdict: VerdictKeys) -> list[str]:
         rivals = " or ".join(f"{rival.id} of {rival.of}" for rival in effect.alternatives)
         lines.append(
             f"  {effect.id} of {effect.of}: {values}"
-            + (f"; cannot be told from {rivals}" if rivals else "")
+            + (f"; indistinguishable from {rivals}" if rivals else "")
         )
     lines += [
         f"  without a name, of {place.of or 'unknown place'}: {place.why}"

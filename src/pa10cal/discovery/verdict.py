@@ -286,7 +286,7 @@ def label_of(effect: Effect, rival: Effect | None) -> str:
 
 
 def is_named(effect: Effect) -> bool:
-    """Tell whether an effect says what is wrong, and not only where."""
+    """Return whether an effect says what is wrong, and not only where."""
     return not (effect.generic or effect.id == MAP)
 
 

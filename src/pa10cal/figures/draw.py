@@ -80,8 +80,8 @@ def draw_one(name: str, source: Source, out: Path, settings: FigureOptions) -> N
         raise RecordError(
             f"nothing to show: {nothing}",
             where=name,
-            allowed="results that hold what the picture shows",
-            remedy="leave this picture out",
+            allowed="results with the data of the picture",
+            remedy="do not request this picture",
         ) from None
 
 

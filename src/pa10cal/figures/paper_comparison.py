@@ -140,7 +140,7 @@ def _held_out_rows(found: Found) -> Iterator[Compared]:
 
 
 def _twist_remark(found: Found, model: HeldOutModel) -> str:
-    """Say how much of an orientation error one constant twist of the tool explains."""
+    """Return how much of an orientation error one constant twist of the tool explains."""
     twist = model.tool_twist
     if twist is None:
         return ""
@@ -198,7 +198,7 @@ def _monte_carlo_rows(found: Found) -> Iterator[Compared]:
 
 
 def _difference_remark(plane: PlaneRecord, other: PlaneRecord) -> str:
-    """Say whether two parallel planes differ as little as the paper says, and why not."""
+    """Return whether two parallel planes differ as little as the paper says, and why not."""
     said = (
         "95 % interval of each mean for the choice of positions: "
         f"± {other.half_width95_positions_mm:.4f}"

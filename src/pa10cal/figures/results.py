@@ -74,7 +74,7 @@ class JointPositions:
     """Mean joint positions of configurations over their repeats.
 
     Attributes:
-        q: one row a pose and load, one column a joint [rad; m of a joint that slides].
+        q: one row a pose and load, one column a joint [rad; m of a prismatic joint].
         slides: (n,) which joints slide.
     """
 
@@ -323,7 +323,7 @@ class Results:
         poses = self.poses()
         if absent := [name for name in PLACE_MM if name not in poses]:
             raise RecordError(
-                "the table of poses lacks a column",
+                "the table of poses has no column",
                 where=str(self.folder / "ingest" / "poses.parquet"),
                 value=absent[0],
                 allowed=f"all of {', '.join(PLACE_MM)}",

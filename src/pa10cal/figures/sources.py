@@ -1,4 +1,4 @@
-"""Results folders that pictures are drawn of, told apart by the record that each of them holds."""
+"""Results folders that pictures are drawn of, distinguished by the records that they hold."""
 
 from __future__ import annotations
 

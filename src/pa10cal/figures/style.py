@@ -28,7 +28,7 @@ _TWO_DECADES = 100.0
 _MOST_POINTS = 300
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-# Okabe and Ito's colours, told apart by colour-blind readers.
+# Okabe and Ito's colours, distinguished by colour-blind readers.
 BLACK = "#000000"
 GREY = "#6e6e6e"
 SEPARATOR = "#bdbdbd"

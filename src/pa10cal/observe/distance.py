@@ -50,8 +50,8 @@ class Distance(Instrument):
     locates_by: ClassVar[LocatingMethod] = "ranging"
     words: ClassVar[Words] = Words(
         "distance error",
-        "Errors are of the distance measured: what is across the line of sight does not show.",
-        "Arrows lie along the line of sight: what is across it does not show.",
+        "Errors are of the measured distance; errors across the line of sight are not measured.",
+        "Arrows lie along the line of sight; errors across it are not measured.",
     )
 
     def __len__(self) -> int:

@@ -1,7 +1,7 @@
 """What every kind of instrument has: what it measured, and all that depends on its kind.
 
 An instrument is P measured poses: what it measured in each, with covariance. Whatever differs from
-one kind to another is a method of its class, so that nothing else has to ask which kind it is.
+one kind to another is a method of its class, so that no other code depends on the kind.
 
 The chain ends at the end-effector frame. Where the target sits on it is part of the model: for an
 instrument that measures poses six small motions of the tool, for others the place of every target.

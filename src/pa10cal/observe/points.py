@@ -50,8 +50,8 @@ class Points(Instrument):
     locates_by: ClassVar[LocatingMethod] = "hand_eye_points"
     words: ClassVar[Words] = Words(
         "position error",
-        "The error of a pose is the root mean square over the targets seen in it.",
-        "Arrows: mean over the targets seen in a pose.",
+        "The error of a pose is the root mean square over the targets observed in it.",
+        "Arrows: mean over the targets observed in a pose.",
     )
     several_targets: ClassVar[bool] = True
     least_rows: ClassVar[int] = 12
@@ -224,7 +224,7 @@ class Points(Instrument):
         named = (", ".join(columns.targets[b]) for b in part[torn].argmax(axis=1))
         return (
             Unusable(torn, "a target with some of its coordinates only", named),
-            Unusable(unseen, "no target was seen", [""] * int(unseen.sum())),
+            Unusable(unseen, "no target was observed", [""] * int(unseen.sum())),
         )
 
     @classmethod

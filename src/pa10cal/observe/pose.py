@@ -55,7 +55,7 @@ class Pose(Instrument):
     locates_by: ClassVar[LocatingMethod] = "hand_eye_poses"
     words: ClassVar[Words] = Words(
         "position error",
-        "Errors are distances of the target seen, predicted from measured.",
+        "Errors are distances of the target, predicted from measured.",
         "Arrows: of the target.",
     )
     measures_pose: ClassVar[bool] = True

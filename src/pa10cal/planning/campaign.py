@@ -54,7 +54,7 @@ def instrument_kind(folder: Path) -> str:
 
 
 def by_general_model(model: str, instrument: str) -> bool:
-    """Tell whether a campaign's load cases are worked out with the general model.
+    """Return whether a campaign's load cases are computed with the general model.
 
     Args:
         model: `calibration.model` of the settings.
@@ -68,7 +68,7 @@ def by_general_model(model: str, instrument: str) -> bool:
 
 
 def can_seek_effects(instrument: str) -> bool:
-    """Tell whether missing effects can be sought in campaigns of an instrument, by its kind."""
+    """Return whether missing effects can be sought in campaigns of an instrument, by its kind."""
     from pa10cal.observe.registry import instruments
 
     found = instruments().get(instrument)

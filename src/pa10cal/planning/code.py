@@ -122,7 +122,7 @@ def _file_digest(path: Path) -> str:
 
 
 def _data_files(package: Path) -> Iterator[Path]:
-    """Yield the files of a package's folder that are not code, packages below it left out."""
+    """Yield the files of a package's folder that are not code, packages below it omitted."""
     for entry in package.iterdir():
         if entry.is_dir():
             if entry.name != "__pycache__" and not (entry / "__init__.py").exists():

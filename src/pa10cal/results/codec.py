@@ -119,7 +119,7 @@ def _checked(kind: type[_R], content: Any, where: str, campaign: str | None) -> 
 
 
 def _refusal(kind: type[Record], error: ValidationError, where: str) -> RecordError:
-    """Say what is wrong with the first key that is."""
+    """Describe what is wrong with the first key that is."""
     first, *others = error.errors(include_url=False)
     key = ".".join(str(part) for part in first["loc"])
     more = f", and {len(others)} more" if others else ""

@@ -205,7 +205,7 @@ class SharedError(Part):
 
 
 class SearchByRepeats(Part):
-    """How effects were sought, against the scatter of repeats."""
+    """How effects were searched for, against the scatter of repeats."""
 
     candidates: int = Field(description="effects tried")
     error_rate: float = Field(description="rate of false names allowed")
@@ -224,7 +224,7 @@ class Needed(Part):
 
 
 class SearchByBlocks(Part):
-    """How effects were sought, by blocks of poses."""
+    """How effects were searched for, by blocks of poses."""
 
     candidates: int = Field(description="effects tried")
     error_rate: float = Field(description="rate of false names allowed")
@@ -269,7 +269,7 @@ class Separation(Part):
 
 
 class VerdictKeys(Part):
-    """What is said of a campaign, whoever it is of."""
+    """The verdict on a campaign."""
 
     verdict: Verdict = Field(
         description="`named` when every effect found stands alone; `ambiguous` when one at least "
@@ -291,7 +291,7 @@ class VerdictKeys(Part):
     )
     gap: Gap = Field(description="the error before and after")
     remaining: Remaining | None = optional("remaining error of blocks held out of the fit")
-    search: SearchByRepeats | SearchByBlocks = Field(description="how effects were sought")
+    search: SearchByRepeats | SearchByBlocks = Field(description="how effects were searched for")
     angles_seen: tuple[AnglesSeen, ...] | None = optional("values of each joint seen by the fit")
     suggested_poses: tuple[SuggestedPose, ...] = Field(
         description="configurations to measure next, the most useful first"

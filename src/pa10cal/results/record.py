@@ -29,7 +29,7 @@ from pa10cal.results.arrays import Shape
 
 @dataclass(frozen=True)
 class Key:
-    """Says what the keys of a mapping are, as the docs write them: `dict[Annotated[str, Key(...)]`.
+    """Describes the keys of a mapping, as the docs write them: `dict[Annotated[str, Key(...)]`.
 
     Attributes:
         name: placeholder without brackets, such as `load`.

@@ -1,4 +1,4 @@
-"""Blind trials: what each hides, what was said of it, and what many of them come to."""
+"""Blind trials: what each hides, the verdict on it, and the rates over many of them."""
 
 from __future__ import annotations
 
@@ -162,9 +162,9 @@ class Singles(Part):
     testable: Rate = Field(description="of all testable, those named or among the alternatives")
     detected: Rate = Field(description="of all testable, those where anything was found")
     confidently_wrong: Rate = Field(
-        description="of all, those where a name stands alone that is not what is hidden"
+        description="of all, those with a single name that is not what is hidden"
     )
-    wrong: Rate = Field(description="of all, those with a finding that stands for nothing hidden")
+    wrong: Rate = Field(description="of all, those with a finding that matches no hidden effect")
     alternatives: float | None = Field(
         description="mean number of alternatives where the truth is listed; null of none"
     )
@@ -174,9 +174,7 @@ class Singles(Part):
 class Outside(Part):
     """Trials that hide what no name covers."""
 
-    confidently_wrong: Rate = Field(
-        description="a name that stands alone, of another place or nature"
-    )
+    confidently_wrong: Rate = Field(description="a single name, of another place or nature")
     right_place: Rate = Field(description="found without a name where it is")
     silent: Rate = Field(description="nothing found")
 
@@ -185,7 +183,7 @@ class Several(Part):
     """Trials that hide two or three effects."""
 
     all_listed: Rate = Field(description="each named or among the alternatives of its own finding")
-    nothing_extra: Rate = Field(description="no finding that stands for nothing hidden")
+    nothing_extra: Rate = Field(description="every finding matches a hidden effect")
     above_listed: Rate = Field(
         description="of those with effects above their detection limit, these all listed"
     )
@@ -304,7 +302,7 @@ class JudgedTrial(Part):
     verdict: str = Field(description="the verdict, or that the trial failed")
     named: tuple[str, ...] = Field(description="effects named, with their alternatives")
     places: tuple[str, ...] = Field(description="where something without a name sits")
-    extra: int = Field(description="findings that stand for nothing hidden")
+    extra: int = Field(description="findings that match no hidden effect")
     held_out_after_mm: float | None = Field(
         description="mean held-out position error with the effects [mm]; null if there is none"
     )

@@ -81,7 +81,7 @@ def draw(
             where="--count",
             value=count,
             allowed="1 or more",
-            remedy="ask for more trials",
+            remedy="request more trials",
         )
     names = layouts.split(",") if layouts else []
     benches = {bench.name: bench for bench in BENCHES}

@@ -3,8 +3,8 @@
 Each arm is measured as any other: a campaign of a tracker, with the postures given.
 
 The two-level model, the paper's, departs by the rows of the chain and has no motions of the tool;
-its inner level has the poses that the settings ask for, and once more all of them. The general
-model has whatever arm and instrument can tell. What an individual hides is looked at
+its inner level has the poses of the settings, and once more all of them. The general
+model has whatever arm and instrument can identify. What an individual hides is looked at
 only after it was calibrated.
 """
 

@@ -194,7 +194,7 @@ class _Scores:
 def _general_model(
     case: CoverageCase, options: CoverageOptions, calibration: CalibrationOptions
 ) -> results.CoverageCase:
-    """Work out one case of the general model."""
+    """Compute one case of the general model."""
     targets = f"{case.targets} target{'s' if case.targets > 1 else ''}"
     several = instruments()[case.instrument].several_targets
     title = f"{case.robot}, {targets if several else case.instrument}"
@@ -271,7 +271,7 @@ def _scores(
 def _unknowns(
     arm: Arm, plan: TrackerOptions, calibration: CalibrationOptions, seed: int
 ) -> Unknowns:
-    """Return what arm and instrument can tell, which is the same in every campaign."""
+    """Return what arm and instrument can identify, which is the same in every campaign."""
     robot = draw_individual(arm, plan, np.random.default_rng(seed))
     seen = observations_of(measured(robot, plan, seed))
     start = find_start(arm, seen)

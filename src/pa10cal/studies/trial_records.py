@@ -80,7 +80,7 @@ def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
         for number, record in enumerate(read_lines(kind, path), start=1):
             if record.campaign in records:
                 raise RecordError(
-                    "a trial stands there a second time",
+                    "a trial occurs twice",
                     where=f"{path}:{number}",
                     value=record.campaign,
                     allowed=f"one line of schema {kind.SCHEMA} a trial",

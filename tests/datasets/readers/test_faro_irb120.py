@@ -59,7 +59,7 @@ def test_rows_that_cannot_be_used_are_listed(folder):
     (campaign,) = read(folder, 0.2)
     assert [(row.file, row.line, row.reason) for row in campaign.left_out] == [
         ("joints.txt", 7, "not a finite number"),
-        ("reflector_1.txt", 4, "no reflector was seen"),
+        ("reflector_1.txt", 4, "no reflector was observed"),
     ]
     assert len(campaign.poses) == ROWS - 2
     assert 3.0 not in set(campaign.poses["time_s"])

@@ -101,5 +101,5 @@ def test_held_out_poses_beyond_the_angles_seen_are_told_apart(mapped):
 
 
 def test_too_few_poses_are_refused():
-    with pytest.raises(DiscoveryError, match="too few poses to judge effects by blocks"):
+    with pytest.raises(DiscoveryError, match="too few poses to judge effects by blocked"):
         _ = observe(poses=99).survey

@@ -9,7 +9,7 @@ import pytest
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.state import PoseStates
 from pa10cal.discovery.evidence import candidates
-from pa10cal.discovery.evidence.candidates import alike, linearise
+from pa10cal.discovery.evidence.candidates import indistinguishable, linearise
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.family import LEAST_SHARE
@@ -150,7 +150,7 @@ class TestTestable:
         assert shown == (MadeUp("joint 2"),)
         entry = refused[kind("joint 2")]
         left, rest = entry.why.split(" % ")
-        assert rest == "left after the model's own parameters"
+        assert rest == "remains beside the model's own parameters"
         assert float(left) < 100.0 * LEAST_SHARE
         assert entry.by_these_poses
 
@@ -203,7 +203,7 @@ class TestTestable:
 
 class TestAlike:
     def test_a_twisting_forearm_looks_like_a_yielding_joint_4(self, null):
-        same = alike(null.problem, null.start, null.family)
+        same = indistinguishable(null.problem, null.start, null.family)
         np.testing.assert_array_equal(same, same.T)
         assert same.diagonal().all()
         pairs = {
@@ -212,7 +212,7 @@ class TestAlike:
         }
         assert pairs == {frozenset(("link_torsion", "joint_compliance"))}
 
-    def test_what_differs_by_what_the_model_absorbs_is_alike(self, null):
+    def test_what_differs_by_what_the_model_absorbs_is_indistinguishable(self, null):
         class Shifted(MadeUp):
             def shape(self, states):
                 return 5.0 + super().shape(states)
@@ -222,7 +222,7 @@ class TestAlike:
                 return np.cos(40.0 * states.q_rad[:, self.joint - 1])
 
         three = (MadeUp("joint 2"), Shifted("joint 2"), Elsewhere("joint 2"))
-        same = alike(null.problem, null.start, three)
+        same = indistinguishable(null.problem, null.start, three)
         expected = np.array([[1, 1, 0], [1, 1, 0], [0, 0, 1]], dtype=bool)
         np.testing.assert_array_equal(same, expected)
 
@@ -230,17 +230,17 @@ class TestAlike:
         class Unnamed(MadeUp):
             generic: ClassVar[bool] = True
 
-        same = alike(null.problem, null.start, (MadeUp("joint 2"), Unnamed("joint 2")))
+        same = indistinguishable(null.problem, null.start, (MadeUp("joint 2"), Unnamed("joint 2")))
         np.testing.assert_array_equal(same, np.eye(2, dtype=bool))
 
     def test_is_settled_by_the_poses_and_not_by_what_is_missing_there(self, null):
-        same = alike(null.problem, null.start, null.family)
+        same = indistinguishable(null.problem, null.start, null.family)
 
         def turn(states):
             return at_joint(4, -states.tau_Nm[:, 3] / 6000.0)
 
         other = measure(Missing(turn=turn))
-        again = alike(
+        again = indistinguishable(
             other.problem,
             other.start,
             tuple(other.effect(effect.id, effect.of) for effect in null.family),

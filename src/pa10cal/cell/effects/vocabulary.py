@@ -90,7 +90,7 @@ def _make_effect(entry: HiddenEffectOptions, robot: Robot, where: str) -> Effect
             f"{entry.id} cannot sit there",
             where=f"{where}.of",
             value=entry.of,
-            allowed=", ".join(places) or "no place in this arm",
+            allowed=", ".join(places) or "no such place in this arm",
             remedy="correct the place",
         )
     _check_names(kind, entry, f"{where}.parameters")

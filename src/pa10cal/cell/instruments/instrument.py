@@ -36,7 +36,7 @@ class Truth:
         effects: what it does beyond the paper's model.
         poses: commanded joint positions by purpose; None where they were drawn one by one.
         schedule: the C configurations in the order of time.
-        q_motor: (C, n) motor positions at rest [rad, or m of a sliding joint].
+        q_motor: (C, n) motor positions at rest [rad, or m of a prismatic joint].
         rest: where the links came to rest.
         temperature_C: (C,) temperatures at rest.
     """
@@ -122,18 +122,18 @@ class Instrument(ABC):
 
     @abstractmethod
     def description(self, robot: Robot) -> dict[str, Any]:
-        """Return what campaign.yaml says of instrument and tool."""
+        """Return the description in campaign.yaml of instrument and tool."""
 
 
 def as_written(arm: Arm, q: Array) -> Array:
-    """Return joint positions (N, n) [rad, or m of a sliding joint] as a file says them."""
+    """Return joint positions (N, n) [rad, or m of a prismatic joint] as a file says them."""
     mm, deg = (1e3 * q).round(MM_DECIMALS), np.degrees(q).round(DEG_DECIMALS)
     written: Array = np.where(arm.prismatic, 1e-3 * mm, np.radians(deg))
     return written
 
 
 def position_columns(arm: Arm, q: Array) -> dict[str, Array]:
-    """Return the columns of joint positions (N, n) [rad, or m of a sliding joint], as in a file."""
+    """Return the columns of joint positions (N, n) [rad, or m if prismatic], as in a file."""
     return {
         f"q{joint}_mm" if slides else f"q{joint}_deg": (
             (1e3 * column).round(MM_DECIMALS) if slides else np.degrees(column).round(DEG_DECIMALS)

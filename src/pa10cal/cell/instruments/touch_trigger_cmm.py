@@ -93,7 +93,7 @@ class TouchTriggerCmm(Instrument):
         }
 
     def description(self, robot: Robot) -> dict[str, Any]:
-        """Return what campaign.yaml says of instrument and tool."""
+        """Return the description in campaign.yaml of instrument and tool."""
         payload, targets = robot.mechanism.payload, robot.targets
         stated_mm = self.settings.stated_uncertainty_mm
         return {

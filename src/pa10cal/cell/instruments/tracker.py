@@ -123,7 +123,7 @@ class Tracker(Instrument):
         return {"poses": pd.DataFrame(columns)}
 
     def description(self, robot: Robot) -> dict[str, Any]:
-        """Return what campaign.yaml says of instrument and tool."""
+        """Return the description in campaign.yaml of instrument and tool."""
         payload, targets = robot.mechanism.payload, robot.targets
         stated = points_mm(targets.names, targets.p_ee_stated_m)
         return {

@@ -46,7 +46,7 @@ def read(folder: Path, max_left_out: float) -> tuple[ImportedCampaign, ...]:
             where=str(folder),
             value=", ".join(f"{table.file} {table.total}" for table in tables),
             allowed="one row a configuration in each table",
-            remedy="complete the shorter table, with nan where a reflector was not seen",
+            remedy="complete the shorter table, with nan where a reflector was not observed",
         )
     for table in tables:
         table.refuse_too_many(max_left_out)
@@ -55,7 +55,7 @@ def read(folder: Path, max_left_out: float) -> tuple[ImportedCampaign, ...]:
     p_mm = np.stack([table.numbers(list(table.columns)) for table in places], axis=1)
     seen = np.asarray(np.isfinite(p_mm).all(axis=2), dtype=bool)
     some = np.asarray(seen.any(axis=1), dtype=bool)
-    unseen = quarantined(FILES[1], line[~some], "no reflector was seen")
+    unseen = quarantined(FILES[1], line[~some], "no reflector was observed")
     q_rad = np.deg2rad(joints.numbers(JOINTS)[some])
     poses = command_columns(np.asarray(line[some] - 1, dtype=np.float64), q_rad)
     for b, table in enumerate(places):

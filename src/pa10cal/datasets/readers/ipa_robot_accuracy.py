@@ -123,7 +123,7 @@ def _with_joints_in_range(table: TextTable, path: Path) -> TextTable:
 def _in_time(table: TextTable) -> tuple[TextTable, Array | None]:
     """Return the rows in order of time and their times [s] from the first; None without a clock.
 
-    A row that alone has no time stamp is left out.
+    A row that alone has no time stamp is omitted.
     """
     stamps = [f"{stamp:.0f}" for stamp in table.columns["Timestamp"]]
     moments = pd.to_datetime(pd.Series(stamps), format="%Y%m%d%H%M%S", errors="coerce")

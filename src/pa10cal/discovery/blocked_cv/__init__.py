@@ -1,1 +1,1 @@
-"""Effects judged by how well blocks of poses are predicted that were left out of the fit."""
+"""Effects judged by how well blocks of poses are predicted that were held out of the fit."""

@@ -1,4 +1,4 @@
-"""Candidates of the search by blocks left out, and sets of them."""
+"""Candidates of the search by held-out blocks, and sets of them."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Candidate:
 
 
 def map_candidates(rows: Rows) -> list[Candidate]:
-    """Return maps of every turning joint in all spacings, smoothnesses and sizes."""
+    """Return maps of every revolute joint in all spacings, smoothnesses and sizes."""
     found = []
     for joint in rows.joints:
         for (knots, half_order), size_rad in product(SPACINGS, SIZES_RAD):
@@ -90,7 +90,7 @@ class Chosen:
 
     @property
     def squares(self) -> Array:
-        """Return what is left of each block, (B,)."""
+        """Return the remaining squared error of each block, (B,)."""
         return self.state.squares
 
     def extended(self, candidate: Candidate) -> Chosen:
@@ -104,7 +104,7 @@ class Chosen:
 
 
 def within_bounds(chosen: Chosen) -> bool:
-    """Tell whether what was last added has the sign that it physically must have."""
+    """Return whether what was last added has the sign that it physically must have."""
     effect = chosen.members[-1].effect
     lower = [parameter.lower for parameter in effect.parameters[: effect.linear]]
     if chosen.members[-1].is_map or all(bound is None for bound in lower):
@@ -115,7 +115,7 @@ def within_bounds(chosen: Chosen) -> bool:
 
 
 def both_kinds_agree(before: Chosen, after: Chosen) -> bool:
-    """Tell whether neither positions nor attitudes are predicted worse for an effect.
+    """Return whether neither positions nor attitudes are predicted worse for an effect.
 
     What turns the end one way and moves it another is not what its name says.
     """

@@ -1,4 +1,4 @@
-"""The whole search on a campaign of many different poses, by blocks of poses left out."""
+"""The whole search on a campaign of many different poses, by held-out blocks of poses."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class VerdictByBlocks(Verdict[Prediction]):
         survey: the campaign as it was judged.
         nameless: smooth unknown functions that the search held.
         tried: what else was tried on the remaining error, the most helpful first.
-        remaining: position error of the blocks left out, against noise.
+        remaining: position error of the held-out blocks, against noise.
         least_gain: sum of squares by which one must help at least.
         extended: the model with the effects found.
         noise: of single readings.

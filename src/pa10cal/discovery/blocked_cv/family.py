@@ -1,4 +1,4 @@
-"""The family of candidates of a survey, and what its poses can tell of each.
+"""The family of candidates of a survey, and what its poses can show of each.
 
 All of it is settled before residuals are looked at.
 """
@@ -27,7 +27,7 @@ Index = NDArray[np.intp]
 
 
 def askable(survey: Survey) -> tuple[tuple[Asked, ...], tuple[NotTestable, ...]]:
-    """Return effects that can be worked out with what is known of the poses, and the others.
+    """Return effects that can be computed with what is known of the poses, and the others.
 
     Each effect at each of its shapes; maps are not among them.
     """

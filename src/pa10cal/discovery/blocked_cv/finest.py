@@ -30,7 +30,7 @@ class Level:
 
     Attributes:
         members: the members.
-        squares: (B,) what is left of blocks left out.
+        squares: (B,) what is left of held-out blocks.
         total: products over all blocks: own parameters, effects, B-splines of one map after the
             other.
         prior: (N, N) precision expected of these columns.
@@ -65,10 +65,10 @@ class Level:
 
 
 def finest(rows: Rows, members: tuple[Candidate, ...]) -> tuple[Level, tuple[Step, ...]]:
-    """Make maps of the search's finest spacing finer, all at once, while blocks left out gain.
+    """Make maps of the search's finest spacing finer, all at once, while held-out blocks gain.
 
     Returns:
-        The finest level that helps, and what each left of the blocks left out.
+        The finest level that helps, and what each left of the held-out blocks.
     """
     rows = replace(rows, asked=tuple(member.asked for member in members if not member.is_map))
     best = level(rows, members)
@@ -86,7 +86,7 @@ def finest(rows: Rows, members: tuple[Candidate, ...]) -> tuple[Level, tuple[Ste
 
 
 def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
-    """Solve members with every block left out.
+    """Solve members with every block held out.
 
     Args:
         rows: with the members' effects asked, in their order, maps aside.
@@ -139,7 +139,7 @@ def _amounts(asked: Asked, found: Array) -> Array:
 
 
 def _has_finest(member: Candidate) -> bool:
-    """Tell whether a member is a map as fine as the search has them."""
+    """Return whether a member is a map as fine as the search has them."""
     effect = member.effect
     return isinstance(effect, JointErrorMap) and effect.knots >= SPACINGS[-1][0]
 

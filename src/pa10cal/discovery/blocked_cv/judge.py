@@ -1,4 +1,4 @@
-"""What the search comes to: evidence of each effect, what may stand in its place, what is left."""
+"""The result of the search: evidence of each effect, its alternatives, the remaining error."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
 
-#: What is left counts as more than noise where it is so many times as large.
+#: The remaining error counts as more than noise where it is so many times as large.
 _OVER_FLOOR = 1.15
 #: Standard errors over blocks by which it has to be larger.
 _SURELY = 3.0
@@ -26,7 +26,7 @@ _SURELY = 3.0
 
 @dataclass(frozen=True)
 class Prediction:
-    """How well blocks left out are predicted without an effect and with it.
+    """How well held-out blocks are predicted without an effect and with it.
 
     Attributes:
         rms_without_mm, rms_with_mm: root mean square of the position error there.
@@ -54,7 +54,7 @@ class Tried:
 
     Attributes:
         effect: the smooth unknown function, or effect, that was tried.
-        gain: part by which it brings down the weighed sum of squares of blocks left out.
+        gain: part by which it brings down the weighed sum of squares of held-out blocks.
         gain_std: its standard error.
         helps: whether that is enough to say that it is there.
         kinds_agree: whether it makes neither positions nor attitudes worse; what does is no effect
@@ -70,7 +70,7 @@ class Tried:
 
 @dataclass(frozen=True)
 class Remaining:
-    """Position error of blocks left out, against noise.
+    """Position error of held-out blocks, against noise.
 
     Attributes:
         mean_mm: mean position error.
@@ -86,16 +86,16 @@ class Remaining:
 
     @property
     def over_floor(self) -> bool:
-        """Whether more is left than noise explains."""
+        """Whether the remaining error exceeds the noise."""
         excess = self.mean_mm - self.floor_mm
         return self.mean_mm > _OVER_FLOOR * self.floor_mm and excess > _SURELY * self.std_mm
 
 
 def predictions(rows: Rows, chosen: Chosen) -> tuple[tuple[Prediction, ...], Array]:
-    """Return the evidence of each member, and what is left of every block.
+    """Return the evidence of each member, and the remaining error of every block.
 
     Returns:
-        One entry a member; position errors (P,) [mm] of the blocks left out.
+        One entry a member; position errors (P,) [mm] of the held-out blocks.
     """
     state = chosen.state
     solutions = np.stack(
@@ -128,7 +128,7 @@ def predictions(rows: Rows, chosen: Chosen) -> tuple[tuple[Prediction, ...], Arr
 
 
 def remaining_error(rows: Rows, errors_mm: Array, floor_mm: float) -> Remaining:
-    """Return the position error of blocks left out, against noise."""
+    """Return the position error of held-out blocks, against noise."""
     means = np.array([errors_mm[rows.survey.block == b].mean() for b in range(BLOCKS)])
     return Remaining(
         mean_mm=float(errors_mm.mean()),
@@ -165,7 +165,7 @@ def alternatives(search: Search, chosen: Chosen, member: int) -> tuple[Effect, .
 
 
 def tried(search: Search, chosen: Chosen) -> tuple[Tried, ...]:
-    """Return what is left to be found: how much each candidate not chosen would still bring."""
+    """Return what each candidate not chosen would still gain."""
     others = search.others(chosen)
     if not others:
         return ()
@@ -201,7 +201,7 @@ def unexplained(
     """Return what remains without a name; nothing where noise explains it.
 
     Args:
-        remaining: position error of the blocks left out.
+        remaining: position error of the held-out blocks.
         nameless: smooth unknown functions that the search held.
         others: what else was tried on the remaining error, the most helpful first.
     """
@@ -213,7 +213,7 @@ def unexplained(
             effect.of,
             effect.id,
             left_mm,
-            f"a smooth unknown function ({effect.id}) of {effect.of} predicts blocks left out "
+            f"a smooth unknown function ({effect.id}) of {effect.of} predicts held-out blocks "
             "better than any name",
         )
         for effect in nameless
@@ -223,22 +223,22 @@ def unexplained(
             entry.effect.of,
             entry.effect.id,
             left_mm,
-            f"what is left goes with {entry.effect.id} of {entry.effect.of}, "
-            f"{100 * entry.gain:.0f} % of it, but positions and attitudes contradict each other: "
-            "it is no effect of that name",
+            f"{100 * entry.gain:.0f} % of the remaining error depends on {entry.effect.id} of "
+            f"{entry.effect.of}, but positions and attitudes contradict each other: it is no "
+            "effect of that name",
         )
         for entry in _contradicting(others)
     ]
     if places:
         return tuple(places)
     why = (
-        f"blocks left out are off by {left_mm:.3f} mm in the mean where noise leaves "
-        f"{remaining.floor_mm:.3f} mm, and nothing that was tried surely predicts it"
+        f"held-out blocks have a mean error of {left_mm:.3f} mm where noise alone gives "
+        f"{remaining.floor_mm:.3f} mm, and nothing that was tried significantly predicts it"
     )
     if others:
         nearest = others[0]
         why += (
-            f"; nearest comes {nearest.effect.id} of {nearest.effect.of}, "
+            f"; the nearest is {nearest.effect.id} of {nearest.effect.of}, "
             f"({100 * nearest.gain:.1f} ± {100 * nearest.gain_std:.1f}) % of it"
         )
     return (Unexplained(None, None, left_mm, why),)

@@ -1,6 +1,6 @@
 """Products of weighed rows with each other, block of poses by block.
 
-All that is asked of the data afterwards, which effects help and how well poses left out are
+All that is asked of the data afterwards, which effects help and how well held-out poses are
 predicted, needs these products and no row. Maps of joint errors are kept as what turning the joint
 does and four B-splines of its angle: each pose touches four of a map's many columns.
 """
@@ -28,7 +28,7 @@ class Products:
         gram: (B, N, N) of columns with columns.
         projection: (B, N) of columns with the data.
         squares: (B,) of the data.
-        of_positions: the same of the rows of positions alone, where it was asked for.
+        of_positions: the same of the rows of positions alone, where it was requested.
     """
 
     gram: Array

@@ -50,7 +50,7 @@ class BlockRows:
     Attributes:
         data: (b p,) measured less predicted.
         dense: (b p, d) columns of own parameters and effects, each in its size.
-        screws: (p, b, j) how the rows follow the angle of every turning joint.
+        screws: (p, b, j) how the rows follow the angle of every revolute joint.
         q_rad: (p, j) these angles.
     """
 
@@ -60,7 +60,7 @@ class BlockRows:
     q_rad: Array
 
     def maps(self, knots: Sequence[int]) -> csr_array:
-        """Return the columns of the B-splines of every turning joint's map, K of each given."""
+        """Return the columns of the B-splines of every revolute joint's map, K of each given."""
         return map_columns(self.screws, self.q_rad, knots)
 
 
@@ -72,7 +72,7 @@ class Rows:
         survey: the campaign.
         weighing: what each pose counts.
         asked: effects, in the order of their columns.
-        knots: K of the maps, whose columns are the K - 1 harmonics of each turning joint.
+        knots: K of the maps, whose columns are the K - 1 harmonics of each revolute joint.
     """
 
     survey: Survey

@@ -1,9 +1,9 @@
-"""The search by blocks left out: what joins, what leaves, how smooth maps are, what has a name.
+"""The search by held-out blocks: what joins, what leaves, how smooth maps are, what has a name.
 
-An effect has to predict the blocks left out better than the model does without it: by more than
-three standard errors of the gain, as it scatters from block to block; by more than chance makes of
-the best of so many candidates; and by a part of what is left over the noise, so that an effect of
-little worth is not named where something else is missing that it may stand in for.
+An effect has to predict the held-out blocks better than the model does without it: by more than
+three standard errors of the gain, from its scatter between blocks; by more than the chance gain of
+the best of so many candidates; and by a part of the remaining error over the noise, so that a small
+effect is not named where it may only replace another one that is missing.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Index = NDArray[np.intp]
 
 #: Standard errors over blocks by which an effect must help.
 STANDARD_ERRORS = 3.0
-#: Part of what is left over the noise that an effect must be worth.
+#: Part of the remaining error over the noise that an effect must be worth.
 LEAST_SHARE = 0.05
 _MOST_ROUNDS = 3
 _MOST_NAMES = 4
@@ -94,7 +94,7 @@ class Search:
         return chosen
 
     def helps(self, before: Array, after: Array) -> bool:
-        """Tell whether sums of squares (B,) of blocks left out come down enough."""
+        """Return whether sums of squares (B,) of held-out blocks come down enough."""
         gain = before - after
         total = float(gain.sum())
         left_over = max(float(after.sum()) - self.noise, 0.0)
@@ -179,7 +179,7 @@ class Search:
         return None
 
     def _as_good(self, named: Chosen, chosen: Chosen, candidate: Candidate) -> bool:
-        """Tell whether names do as well: as a map, within a standard error of what they lose.
+        """Return whether names do as well: as a map, within a standard error of what they lose.
 
         As a rival without a name, where it does not help enough over them to be found at all.
         """
@@ -189,7 +189,7 @@ class Search:
         return not self.helps(named.squares, chosen.squares)
 
     def _all_help(self, chosen: Chosen, first: int) -> bool:
-        """Tell whether members from some number on are all needed."""
+        """Return whether members from some number on are all needed."""
         found = chosen.state.without_each()[first:]
         return all(self.helps(each, chosen.squares) for each in found)
 
@@ -215,7 +215,7 @@ def _together(candidates: Sequence[Candidate]) -> Columns:
 
 
 def _same_place(named: Effect, other: Effect) -> bool:
-    """Tell whether a named form may do the work of a map or a rival."""
+    """Return whether a named form may do the work of a map or a rival."""
     if isinstance(other, JointErrorMap):
         return named.coordinates == other.coordinates
     return named.of == other.of

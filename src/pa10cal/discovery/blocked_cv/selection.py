@@ -1,4 +1,4 @@
-"""Sets of effects, judged by the sum of squares of blocks of poses that were left out.
+"""Sets of effects, judged by the sum of squares of blocks of poses that were held out.
 
 For every block the parameters are found from all others, those of the calibrated model among them,
 each with its expected size; the block is then predicted. All is linear, so an effect joins or
@@ -51,7 +51,7 @@ class State:
         products: of all columns, block by block.
         total: the same summed over the blocks.
         members: the calibrated model's own columns, then members in the order in which they joined.
-        inverse: (B, n, n) inverse of the normal equations with each block left out.
+        inverse: (B, n, n) inverse of the normal equations with each block held out.
     """
 
     products: Products

@@ -18,7 +18,7 @@ from pa10cal.terms.model import Model
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-#: Blocks of poses, each left out in turn.
+#: Blocks of poses, each held out in turn.
 BLOCKS = 10
 #: A block of fewer poses says too little of how well it is predicted.
 _LEAST_POSES = 10
@@ -70,11 +70,11 @@ def survey(
         torques_logged: whether the torques are those of a log.
 
     Raises:
-        DiscoveryError: when blocks of so few poses would tell nothing.
+        DiscoveryError: when there are too few poses for blocks.
     """
     if not enough(len(readings)):
         raise DiscoveryError(
-            "too few poses to judge effects by blocks of poses left out",
+            "too few poses to judge effects by blocked cross-validation",
             where="grid poses",
             value=len(readings),
             allowed=f"at least {BLOCKS * _LEAST_POSES} poses",
@@ -93,5 +93,5 @@ def survey(
 
 
 def enough(poses: int) -> bool:
-    """Tell whether there are so many poses that blocks of them can be left out."""
+    """Return whether there are so many poses that blocks of them can be held out."""
     return poses >= BLOCKS * _LEAST_POSES

@@ -1,8 +1,8 @@
-"""What each pose counts: its stated uncertainty, the scatter of what is left, and less far outside.
+"""Weights of poses: stated uncertainty, scatter of the residuals, and less far outside.
 
-A pose is weighed by the covariance that the instrument states, brought to the scatter that a model
+A pose is weighted by the covariance that the instrument states, brought to the scatter that a model
 leaves: what the model lacks scatters like noise, and positions and attitudes are to weigh by what
-they really tell. A pose far outside that scatter weighs less (Huber); none is left out.
+they really tell. A pose far outside that scatter weighs less (Huber); none is omitted.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Weighing:
     """Whitening and weights of P poses.
 
     Attributes:
-        whitener: (P, b, b) makes what is left of each pose independent and of unit size.
+        whitener: (P, b, b) makes the residuals of each pose independent and of unit size.
         weight: (P,) 1, or less far outside the scatter.
     """
 

@@ -1,7 +1,7 @@
-"""The family of candidates: every effect at every place, and what these poses can tell of it.
+"""The family of candidates: every effect at every place, and what these poses can show of it.
 
 All of it is settled before residuals are looked at: which effects the model's own parameters
-absorb, and which cannot be told from each other.
+absorb, and which are indistinguishable.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pa10cal.terms.term import shows_torque
 Array = NDArray[np.float64]
 
 #: Effects whose directions are closer than this look the same.
-ALIKE = 0.999
+INDISTINGUISHABLE = 0.999
 
 
 @dataclass(frozen=True)
@@ -165,12 +165,14 @@ def _why_silent(problem: Problem) -> str:
     return "the poses do not exercise it"
 
 
-def alike(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> NDArray[np.bool_]:
-    """Tell which effects look the same in these poses, whatever is measured, (m, m).
+def indistinguishable(
+    problem: Problem, found: Fit, effects: tuple[Effect, ...]
+) -> NDArray[np.bool_]:
+    """Return which effects look the same in these poses, whatever is measured, (m, m).
 
     Two do when every canonical cosine of what the model's own parameters leave of them is close to
     one. Known before residuals are looked at; such effects stand for each other. Torques are taken
-    as the weights ask for, so that the noise of the log tells nothing apart.
+    as the weights require, so that the noise of the log distinguishes nothing.
     """
     states = problem.cells.states
     if states.static_loads is not None:
@@ -193,5 +195,5 @@ def alike(problem: Problem, found: Fit, effects: tuple[Effect, ...]) -> NDArray[
         for j in range(i):
             if bases[j].shape == first.shape and not effects[i].generic and not effects[j].generic:
                 least = np.linalg.svd(first.T @ bases[j], compute_uv=False)[-1]
-                same[i, j] = same[j, i] = bool(least > ALIKE)
+                same[i, j] = same[j, i] = bool(least > INDISTINGUISHABLE)
     return same

@@ -96,7 +96,7 @@ def _shapes(cells: Observations) -> Array:
 
 
 def _direction(arrival: Array) -> Array:
-    """Return one number a cell that tells directions of arrival apart: along the main contrast."""
+    """Return one number a cell that separates directions of arrival: along the main contrast."""
     centred = arrival - arrival.mean(axis=0)
     _, _, right = np.linalg.svd(centred, full_matrices=False)
     along: Array = centred @ right[0]

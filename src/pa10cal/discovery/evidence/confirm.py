@@ -1,4 +1,4 @@
-"""Is an effect there? Sign flips over poses, and poses and loads left out.
+"""Is an effect there? Sign flips over poses, and poses and loads held out.
 
 The unit of evidence is the pose. If an effect is absent, what it seems to explain at one pose has
 either sign; flipping all rows of a pose together keeps whatever its loads, repeats and components
@@ -31,7 +31,7 @@ _SEED = 20080427
 
 @dataclass(frozen=True)
 class LeftOut:
-    """How an effect does on rows that were left out of the fit.
+    """How an effect does on rows that were held out of the fit.
 
     Attributes:
         explained: part of the error without the effect that it explains there.
@@ -49,7 +49,7 @@ class Confirmation:
     Attributes:
         loss: evidence that the model would lose without it, natural logarithm.
         p_flips: probability that chance gives any candidate of the family as much (max-T).
-        poses, loads: blocks of poses, and whole loads, left out; None where there is one load.
+        poses, loads: blocks of poses, and whole loads, held out; None where there is one load.
     """
 
     loss: float

@@ -68,7 +68,7 @@ class VerdictByRepeats(Verdict[Confirmation]):
     @property
     @override
     def targets_off_m(self) -> Array:
-        """Return what the fit says of the stated targets' places, (a,)."""
+        """Return the fitted positions of the stated targets, (a,)."""
         return apparatus_m(self.problem, self.extended)
 
     @override
@@ -159,7 +159,7 @@ def _check_enough(readings: Observations, baseline: FittedModel) -> None:
     needed = int(np.ceil(_ROWS_AN_UNKNOWN * unknowns / a_pose))
     if poses < needed:
         raise DiscoveryError(
-            "too few poses to tell an effect from the model's own parameters",
+            "too few poses to separate an effect from the model's own parameters",
             where="grid poses",
             value=poses,
             allowed=f"at least {needed} poses for {unknowns} unknowns",

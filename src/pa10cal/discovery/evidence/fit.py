@@ -101,7 +101,7 @@ def covariance_of(problem: Problem, found: Fit) -> Array:
 
 
 def apparatus_m(problem: Problem, found: Fit) -> Array:
-    """Return what the fit says of the targets' places on the apparatus, (a,) [m].
+    """Return the fitted positions of the targets on the apparatus, (a,) [m].
 
     They are integrated out in the fit, and are known best once it is done: the error of their
     places that the poses all share.

@@ -16,7 +16,7 @@ def fit_given(problem: Problem, effects: tuple[Effect, ...]) -> tuple[Problem, F
     """Fit the baseline with effects, whether or not the data speak for them.
 
     Sizes expected and errors of unknown cause are those of the greatest evidence; noise and weights
-    are worked out about the fit, until nothing changes.
+    are computed about the fit, until nothing changes.
 
     Args:
         problem: the campaign, made ready about the baseline.

@@ -1,4 +1,4 @@
-"""From the set the search found to a verdict: what stands alone, what has rivals, what is left."""
+"""From the set the search found to a verdict: names, alternatives, the remaining error."""
 
 from __future__ import annotations
 
@@ -93,8 +93,8 @@ def _rivals(problem: Problem, found: EndOfSearch, effect: Effect) -> tuple[Effec
         and not (is_named(effect) and each.id == MAP and score.log_evidence < here - _BY_NAME)
     ]
     place = found.family.index(effect)
-    alike = [found.family[k] for k in np.flatnonzero(found.same[place]) if k != place]
-    return tuple(dict.fromkeys([*alike, *rivals]))
+    same = [found.family[k] for k in np.flatnonzero(found.same[place]) if k != place]
+    return tuple(dict.fromkeys([*same, *rivals]))
 
 
 def _refitted(
@@ -163,7 +163,7 @@ def _unexplained(
 
 
 def _bent(found: EndOfSearch, effect: Effect, unexplained: tuple[Unexplained, ...]) -> bool:
-    """Tell whether an effect may only stand in for something unexplained at its own place.
+    """Return whether an effect may only stand in for something unexplained at its own place.
 
     It may where generic effects of its place, all together, could do without it.
     """

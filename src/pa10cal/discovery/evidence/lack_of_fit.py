@@ -27,10 +27,10 @@ _NO_PART = 1e-9
 
 
 def evidence_lack_of_fit(problem: Problem, found: Fit) -> LackOfFit:
-    """Work out where a fit and the data disagree.
+    """Compute where a fit and the data disagree.
 
     Two channels: poses, measured against predicted, and torques, logged against the weights. Errors
-    alike in all poses take their part first: places of targets on the apparatus, masses, loads,
+    common to all poses take their part first: places of targets on the apparatus, masses, loads,
     zeros.
 
     Args:
@@ -83,7 +83,7 @@ def _channel_test(channel: NoiseModel, squares: Array, dof: Array, pure: int) ->
 
 
 def _left_over(model: NoiseModel, rows: Array, test: ChannelTest) -> Array:
-    """Return measured less predicted, less the errors alike in all poses, (C, b).
+    """Return measured less predicted, less the errors common to all poses, (C, b).
 
     These errors have unit variance each, by which they are held back; the error that poses share
     keeps them from taking what the model lacks.

@@ -2,7 +2,7 @@
 
 Three kinds of error add up: the noise of readings, independent from cell to cell; an error of
 unknown cause that the cells of a pose share (`cells.SharedError`), of a variance found from the
-data; and errors alike in all poses (places of balls on the apparatus, masses, loads), whose
+data; and errors common to all poses (places of balls on the apparatus, masses, loads), whose
 standard uncertainties are known.
 """
 
@@ -25,7 +25,7 @@ class NoiseModel:
     Attributes:
         whitener: (C, b, b) makes the noise of each cell's mean independent and of unit size.
         shared: errors that the cells of a pose share.
-        common: (C b, c) whitened rows of errors alike in all poses, each of unit size.
+        common: (C b, c) whitened rows of errors common to all poses, each of unit size.
     """
 
     whitener: Array
@@ -40,7 +40,7 @@ class NoiseModel:
         Args:
             whitener: (C, b, b).
             shared: errors that cells of a pose share.
-            common: (C, b, c) errors alike in all poses, at their standard uncertainty.
+            common: (C, b, c) errors common to all poses, at their standard uncertainty.
         """
         bare = cls(whitener, shared, np.zeros((whitener.shape[0] * whitener.shape[1], 0)))
         return cls(whitener, shared, bare.rows(common))

@@ -73,7 +73,7 @@ def prepare(
         readings: single readings, with the instrument's covariance.
         baseline: the calibrated model.
         setup: what is known besides the poses.
-        about: a better model, about which noise and weights are worked out; its effects may need
+        about: a better model, about which noise and weights are computed; its effects may need
             what the readings carry. None for the baseline.
         torques_logged: whether the torques are those of a log, and not of described masses.
 

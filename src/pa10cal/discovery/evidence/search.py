@@ -1,4 +1,4 @@
-"""Which set of effects the data ask for: steps forward, looks backward, full refits between."""
+"""Which set of effects the data support: steps forward, looks backward, full refits between."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.evidence.candidates import Linearised, alike, linearise
+from pa10cal.discovery.evidence.candidates import Linearised, indistinguishable, linearise
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.likelihood import SIZES, Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem, prepare
@@ -29,7 +29,7 @@ class EndOfSearch:
     """Where the search ended.
 
     Attributes:
-        problem: the campaign, noise and weights worked out about that fit.
+        problem: the campaign, noise and weights computed about that fit.
         fit: the model with the effects found.
         score: its evidence about that fit.
         without: evidence of the set less each of its effects.
@@ -67,7 +67,7 @@ def evidence_about(problem: Problem, found: Fit, family: tuple[Effect, ...]) -> 
 def search(
     problem: Problem, family: tuple[Effect, ...], error_rate: float, start: Fit
 ) -> EndOfSearch:
-    """Find the set of effects that the data ask for.
+    """Find the set of effects that the data support.
 
     Args:
         problem: the campaign.
@@ -76,7 +76,7 @@ def search(
         start: the model without effects, fitted.
     """
     needed = threshold(len(family), error_rate)
-    same = alike(problem, start, family)
+    same = indistinguishable(problem, start, family)
     current = start
     members: tuple[int, ...] = ()
     sizes: tuple[int, ...] = ()
@@ -139,7 +139,7 @@ def refit(
     variances: tuple[float, float],
     start: Fit,
 ) -> tuple[Problem, Fit]:
-    """Fit a set of effects, work out noise and weights about it, and fit again.
+    """Fit a set of effects, compute noise and weights about it, and fit again.
 
     A large effect that the baseline lacks bends it: the posture, hence the moments, are then a
     little wrong, and what the noise of a torque does through a joint thought rigid is missing.

@@ -31,7 +31,7 @@ class _Rows:
     """Weighed rows of C poses with b components each.
 
     Attributes:
-        own: (C, b, k) of the model's own parameters and of the errors alike in all poses, at the
+        own: (C, b, k) of the model's own parameters and of the errors common to all poses, at the
             size expected of them.
         blocks: (C, b, k') of each effect, a unit of each parameter.
         factors: (k', k') of each effect, for the size expected of it.
@@ -155,10 +155,10 @@ def _rows(problem: Problem, found: Fit, effects: tuple[Effect, ...], with_torque
     for effect, block in found_rows.blocks.items():
         if not np.all(np.isfinite(block)):
             raise DiscoveryError(
-                "the effect needs what is not known of poses to come",
+                "the effect depends on a quantity that is unknown for future poses",
                 where=f"{effect.id} of {effect.of}",
-                allowed="effects of what was logged",
-                remedy="leave the effect out",
+                allowed="effects of logged quantities",
+                remedy="omit the effect",
             )
     return found_rows
 
@@ -166,7 +166,7 @@ def _rows(problem: Problem, found: Fit, effects: tuple[Effect, ...], with_torque
 def _weighed(channel: NoiseModel, variance: float, rows: Array) -> Array:
     """Return rows (C b, k) scaled to unit variance, as (C, b, k).
 
-    Errors alike in all poses are left to columns of their own: poses to come share them.
+    Errors common to all poses are left to columns of their own: poses to come share them.
     """
     scaled = rows / np.sqrt(1.0 + variance * channel.shared_size)[:, None]
     return scaled.reshape(len(channel.whitener), -1, rows.shape[1])

@@ -74,7 +74,7 @@ def _room(measured: Measured) -> Room:
 
 
 def _everywhere(seen: AnglesSeen, joint: int) -> bool:
-    """Tell whether a joint that turns has seen its whole turn; sliding ones are not asked."""
+    """Return whether a revolute joint has seen its whole turn; prismatic ones do not count."""
     if not seen.turns[joint]:
         return True
     stretches = seen.intervals[joint]

@@ -41,7 +41,7 @@ def foresee(problem: Problem, found: Fit, q_rad: Array, load_N: Array, arrival: 
     baseline, setup, measured = problem.baseline, problem.setup, problem.readings.states
     if setup.payload is None and np.all(np.isfinite(measured.tau_Nm)):
         raise DiscoveryError(
-            "torques cannot be foreseen in configurations that were not measured",
+            "torques cannot be predicted in configurations that were not measured",
             where=baseline.model.chain.arm.name,
             allowed="an arm and a tool whose masses are known",
             remedy="complete the descriptions of arm and tool",

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Outlook:
-    """What tells an effect from all that may be adjusted in its place.
+    """What distinguishes an effect from all that may replace it.
 
     Attributes:
         adjustable: (N, b, k) weighed rows of N poses that could be measured: of the adjustable

@@ -26,7 +26,7 @@ class NextPose:
     """One configuration to measure.
 
     Attributes:
-        q_rad: (n,) joint positions [rad, or m of a sliding joint].
+        q_rad: (n,) joint positions [rad, or m of a prismatic joint].
         load_N: external load.
         purposes: what it serves, in words.
         arrival: (n,) direction in which each joint should arrive: -1 or +1; None where any will do.
@@ -90,7 +90,7 @@ def draw_admissible(problem: Measured, count: int, room: Room, rng: np.random.Ge
         rng: draws them.
 
     Returns:
-        (N, n) joint angles [rad, or m of a sliding joint].
+        (N, n) joint angles [rad, or m of a prismatic joint].
 
     Raises:
         DiscoveryError: when none is found.
@@ -105,7 +105,7 @@ def draw_admissible(problem: Measured, count: int, room: Room, rng: np.random.Ge
             break
     if not sum(map(len, found)):
         raise DiscoveryError(
-            "no configuration keeps clear of floor, column and limits near the measured places",
+            "no configuration keeps clear of floor, column and limits near the measured positions",
             where="configurations to measure next",
             value=f"none of {_MOST_DRAWS * _DRAWN_AT_ONCE}",
             allowed="at least one",
@@ -115,7 +115,7 @@ def draw_admissible(problem: Measured, count: int, room: Room, rng: np.random.Ge
 
 
 def _is_admissible(problem: Measured, q_rad: Array, room: Room) -> NDArray[np.bool_]:
-    """Tell which configurations (P, n) keep within the room, (P,), by the nominal chain."""
+    """Return which configurations (P, n) keep within the room, (P,), by the nominal chain."""
     chain = problem.baseline.model.chain
     at = frames(chain, chain.coordinates(q_rad))
     T_instr_base = problem.baseline.T_instr_base

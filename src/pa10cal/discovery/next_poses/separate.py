@@ -1,4 +1,4 @@
-"""What to measure next: configurations that best tell apart what the data so far cannot.
+"""What to measure next: configurations that best distinguish what the data so far cannot.
 
 An effect and its rival are far apart where one, in the size found, leaves rows that the model's own
 parameters and the other together cannot follow; what these cost the other is the difference in log
@@ -24,7 +24,7 @@ from pa10cal.discovery.verdict import Plan, Separation, label_of
 Array = NDArray[np.float64]
 
 #: A pair that the best configurations bring apart by less (odds of 20 to 1) counts as one that
-#: poses cannot tell apart.
+#: poses cannot distinguish.
 LEAST_NATS = 3.0
 _POOL = 1000
 
@@ -37,10 +37,10 @@ def plan(
     random_seed: int = 0,
     room: Room | None = None,
 ) -> Plan:
-    """Choose the configurations that best tell pairs of effects apart.
+    """Choose the configurations that best separate pairs of effects.
 
     Out of a pool drawn at random, one after the other, each time the one with which the closest
-    pair comes furthest apart. Pairs that no such choice would split are left out of this.
+    pair comes furthest apart. Pairs that no such choice would split are omitted.
 
     Args:
         problem: the campaign.

@@ -52,7 +52,7 @@ def tabulate(results: Results) -> Table:
             "over the poses; with the paper's model from the noise of the readings, with the "
             "general model from the scatter of the poses about it. Neither covers an effect that "
             "the model lacks.",
-            "Wanted: the uncertainty that adds hardly anything to the remaining error. D-optimal "
+            "Needed: the uncertainty that adds hardly anything to the remaining error. D-optimal "
             "order: each pose increases the determinant of the information matrix most.",
         ),
     )

@@ -157,7 +157,7 @@ def _to_mrad(arc_seconds: ArrayLike) -> ArrayLike:
 
 
 def _within(angle: Array, stretches: Array) -> NDArray[np.bool_]:
-    """Tell which angles (N,) lie in any of the stretches (m, 2)."""
+    """Return which angles (N,) lie in any of the stretches (m, 2)."""
     low, high = stretches.T[:, None]
     return np.asarray(((angle[:, None] >= low) & (angle[:, None] <= high)).any(axis=1))
 

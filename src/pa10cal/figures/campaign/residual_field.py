@@ -1,4 +1,4 @@
-"""Residual vectors in space, before and after effects joined the model where they were sought."""
+"""Residual vectors in space, before and after effects joined the model where there are any."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ PICTURE = Picture(
     caption="""
 Arrows from predicted to measured positions in ``{name}``, equally enlarged left, before, and
 right, after the named effects were added; above seen from above, below from the side, along the
-base axes of the robot. Where no effects are sought, both views show the calibrated model. Blue:
+base axes of the robot. Without a search for effects, both views show the calibrated model. Blue:
 fitted poses, each load by itself; orange: held-out poses; grey: held-out poses beyond the joint
 angles of the fit, extrapolated. Of thousands of poses an even selection is drawn. Arrows that
 agree from load to load, or turn steadily from place to place, show an effect that the model

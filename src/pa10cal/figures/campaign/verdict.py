@@ -62,7 +62,7 @@ _BY_BLOCKS = (
 )
 _MEANINGS = {
     "none": "None: model and measurement agree within the measured repeatability.",
-    "named": "Named: every effect found stands alone.",
+    "named": "Named: every effect found is distinguishable from all others.",
     "ambiguous": "Ambiguous: at least one effect cannot be distinguished from its alternatives.",
     "unexplained": "Unexplained: a gap remains that no effect of the vocabulary closes.",
 }
@@ -111,7 +111,7 @@ def _effect_row(effect: FoundEffect) -> Row:
 
 
 def _evidence(found: EvidenceByRepeats | EvidenceByBlocks) -> str:
-    """Say what decided about an effect, in words."""
+    """Describe what decided about an effect, in words."""
     if isinstance(found, EvidenceByBlocks):
         blocks = found.cross_validation_over_blocks
         return (

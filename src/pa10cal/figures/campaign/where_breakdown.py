@@ -188,7 +188,7 @@ def _slopes(fit: LackOfFit) -> tuple[list[Estimate | None], list[Estimate | None
 
 
 def _against_pure_error(found: AnalysisRecord) -> str:
-    """Say how what poses share compares with pure error, before and after."""
+    """Return how what poses share compares with pure error, before and after."""
     tests = [("before", found.before.pose.shared), ("after", found.after.pose.shared)]
     if not any(test for _, test in tests):
         return (

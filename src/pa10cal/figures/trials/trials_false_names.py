@@ -25,7 +25,7 @@ Rate of wrong verdicts in blind trials, with exact intervals ({name}): names whe
 hidden, also where the campaign misstates the uncertainty of its instrument or the mass of a
 link; names beyond the hidden effects; confident names for effects outside the vocabulary. The
 dash is the largest rate allowed. *Unexplained* where nothing was hidden is no wrong name, but a
-false alarm all the same. A few trials leave wide intervals; the full study has its own target.
+false alarm nevertheless. A few trials leave wide intervals; the full study has its own target.
 """,
 )
 
