@@ -71,7 +71,7 @@ class CalibrationOptions(Section):
     )
     tolerance_terms: Literal["null_space", "all"] = Field(
         "null_space",
-        description="null_space: on what the data leave open alone; all: on every departure, as "
+        description="null_space: only on directions not identifiable; all: on every departure, as "
         "printed",
     )
     tolerances: Tolerances = Field(

@@ -17,7 +17,7 @@ class IngestOptions(Section):
         description="a touch further off its sphere than this many instrument sigmas is an outlier",
     )
     still_speed_deg_s: Positive = Field(
-        0.02, description="a joint slower than this stands still [deg/s]"
+        0.02, description="a joint slower than this is at rest [deg/s]"
     )
     max_quarantined_fraction: Annotated[float, Field(gt=0, le=1)] = Field(
         0.2, description="a larger share of quarantined rows is refused"

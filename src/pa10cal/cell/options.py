@@ -128,7 +128,7 @@ class TrackerOptions(Section):
     tool_mass_kg: NonNegative = Field(1.0, description="mass of the tool")
     targets: Annotated[int, Field(ge=1)] = Field(3, description="targets of the instrument points")
     states_targets: bool = Field(
-        True, description="whether the campaign says where points and distance have their targets"
+        True, description="whether the campaign states where points and distance have their targets"
     )
     target_m: NonNegative = Field(
         1e-3, description="places of the targets about those stated, each coordinate"
