@@ -65,7 +65,7 @@ class TermError(Pa10calError):
 
 
 class ModelError(Pa10calError):
-    """A fitted model cannot be read, or cannot predict what is asked of it."""
+    """A fitted model cannot be read, or cannot predict what is requested."""
 
 
 class SimulationError(Pa10calError):

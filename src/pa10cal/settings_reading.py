@@ -1,4 +1,4 @@
-"""Reading a section of the settings, and what a user is told of one that does not fit."""
+"""Reading a section of the settings, and messages for one that does not fit."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> Se
         return SettingsError(
             f"missing key {key}", where=where, allowed="a value", remedy=f"set {key}"
         )
-    # Of a value that may be of several types, its meaning says more than what one of them wants.
+    # For a value of several possible types, its meaning is more useful than the rule of one.
     meaning = _meaning(section, location) if location != parts else ""
     own = first["type"] == "value_error"
     return SettingsError(
@@ -98,7 +98,7 @@ def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> Se
 
 
 def _wanted(message: str) -> str:
-    """Return what pydantic wants, without its words for it."""
+    """Return the rule of pydantic, without its words for it."""
     for own, plain in (("Value error, ", ""), ("Input should be ", ""), ("valid tuple", "list")):
         message = message.replace(own, plain)
     return message

@@ -178,7 +178,7 @@ def end_pose_with_screws(
     Args:
         chain: the chain.
         coordinates: (P, m) where it stands.
-        columns: coordinates whose screws are wanted, all others are left zero; None for all.
+        columns: coordinates whose screws are needed, all others are zero; None for all.
     """
     m, count = len(chain.motions), len(coordinates)
     axes: list[Array] = [coordinates] * m

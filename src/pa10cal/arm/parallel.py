@@ -3,7 +3,7 @@
 Between such axes the common normal is nowhere in particular: plain Denavit-Hartenberg rows answer
 a small tilt of the one axis with an offset d of any length. Ry(beta) in its place keeps every
 departure small (paper, Section II.C). The effect of d is not lost: along parallel axes the
-offsets of both joints, of turning and of sliding ones, move the end alike.
+offsets of both joints, revolute or prismatic, move the end in the same way.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ class Campaign:
 
     Attributes:
         name: its name.
-        settings: what was asked of the cell.
+        settings: the request to the cell.
         instrument: what measured it.
         tables: raw tables by their key in campaign.yaml, as in the raw-data contract.
         truth: what is hidden; never written beside the rest.
@@ -87,7 +87,7 @@ def measure_campaign(
 
     Args:
         name: of the campaign.
-        settings: seed, instrument, poses, loads, noise; not asked for the robot or its effects.
+        settings: seed, instrument, poses, loads, noise; not used for the robot or its effects.
         robot: the robot as built.
         effects: what it does beyond the paper's model.
         postures: (P, n) joint positions commanded [rad, or m of a prismatic joint], in place of

@@ -1,4 +1,4 @@
-"""One individual robot: the paper's, one drawn from tolerances, or one that departs as told."""
+"""One individual robot: the paper's, one drawn from tolerances, or one with stated departures."""
 
 from __future__ import annotations
 

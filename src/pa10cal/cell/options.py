@@ -1,4 +1,4 @@
-"""What can be asked of the virtual cell."""
+"""Options of the virtual cell."""
 
 from __future__ import annotations
 

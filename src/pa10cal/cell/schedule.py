@@ -132,7 +132,7 @@ def _sweep(kind: str, letter: str, q: Array, load_N: float, repeats: int, path: 
 def _shuffled(poses: Poses, settings: SimulateOptions, rng: np.random.Generator) -> Schedule:
     """Shuffle points, loads and repeats of the held-out points.
 
-    Where shuffling asks for one point twice in a row, the arm goes to the first grid pose in
+    Where shuffling gives one point twice in a row, the arm goes to the first grid pose in
     between.
     """
     point, load, repeat = (

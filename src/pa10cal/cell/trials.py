@@ -38,7 +38,7 @@ REPEATS: dict[Layout, int] = {"grid": 10, "wide": 4}
 #: How far the ball centres of a layout mostly lie from the middle of the machine [m].
 HALF_M: dict[Layout, float] = {"grid": 0.2, "wide": 0.8}
 MACHINE_MIDDLE_M = 0.4
-#: Attitudes are drawn with seeds from 1 to these. Of the grid's, about one in ten beyond asks for a
+#: Attitudes are drawn with seeds from 1 to these. Of the grid's, about one in ten beyond needs a
 #: pose out of reach.
 TILT_SEEDS: dict[Layout, int] = {"grid": 20, "wide": 2**31 - 1}
 #: Swing of the hall's temperature in a trial that has one, and the part of the trials without an

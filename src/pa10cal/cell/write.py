@@ -31,7 +31,7 @@ _UNITS = {"a_m": "m", "alpha_rad": "rad", "d_m": "m", "theta_rad": "rad", "beta_
 
 
 def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) -> None:
-    """Write a campaign's folder and, where it is asked for, its truth elsewhere.
+    """Write a campaign's folder and, where requested, its truth elsewhere.
 
     The description comes last, so that a folder with a description is whole.
 

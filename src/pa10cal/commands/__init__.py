@@ -1,1 +1,1 @@
-"""What can be asked of pa10cal from a shell, one function a command."""
+"""Commands of pa10cal, one function each."""

@@ -7,7 +7,7 @@ of them: while the tangent turns by no more than a quarter turn, or the curvatur
 and the arc no longer than pi / k, the distance from the first point of an arc only grows along it.
 (In the first case every tangent has a component along the last one; for the second the chord has,
 by the same integral with the angles at their worst.) With k L < 2 the crossing is then inside the
-arc length [L, (2 / k) asin(k L / 2)]. Points for which neither can be shown are left to the search
+arc length [L, (2 / k) asin(k L / 2)]. Points for which neither can be shown go to the search
 that is certain everywhere.
 """
 
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 _QUARTER_TURN = np.pi / 2.0 - 1e-6
 _HALF_TURN = np.pi - 1e-6
 _STEPS = 10
-#: A link this slanted to the curve is left to the search.
+#: A link this slanted to the curve goes to the search.
 _LEAST_SLOPE = 0.05
 
 

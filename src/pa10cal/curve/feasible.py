@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 _TURN = 2.0 * np.pi
 #: Just below a right angle.
 _BELOW = np.pi / 2.0 - 1e-15
-#: What is narrower is left free by rounding alone.
+#: A narrower gap is free by rounding alone.
 _SLIVER = 1e-12
 
 

@@ -5,7 +5,7 @@ ends are near and whose length is short cannot get there. With a bound of the ac
 squared distance lies within a parabola of the straight line between its values at the ends, which
 needs far fewer stretches where the curve runs along the sphere. The first stretch that may reach
 the distance is cut again, until the squared distance provably only grows in it, and then bisected
-(by Brent's method); or until nothing but rounding is left, where the curve touches the sphere and
+(by Brent's method); or until only rounding remains, where the curve touches the sphere and
 turns back.
 """
 

@@ -130,7 +130,7 @@ def roll_for_last(chain: RollMap, z_wanted: Array) -> Roll:
     """Return the roll at which z of the last link is nearest to a wanted direction.
 
     It is in the plane of the wanted direction and the link, exactly, at one roll and no other; its
-    level is the angle that is left between the two. Along a bent chain that roll becomes sharp:
+    level is the remaining angle between the two. Along a bent chain that roll becomes sharp:
     most rolls end the same.
 
     Raises:

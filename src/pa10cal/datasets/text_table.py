@@ -127,7 +127,7 @@ def read_bare_table(
 
 
 def _numbered_lines(path: Path, *, blank: bool = False) -> list[tuple[int, str]]:
-    """Return lines with their numbers from 1; blank ones between them too if asked for."""
+    """Return lines with their numbers from 1; blank ones between them too if requested."""
     text = path.read_bytes().decode("utf-8-sig", errors="replace").rstrip()
     numbered = enumerate(text.splitlines(), start=1)
     lines = [(number, line) for number, line in numbered if blank or line.strip()]

@@ -65,7 +65,7 @@ class Gap:
         found_before, found_after: deviations, configuration by configuration.
         poses: the configurations.
         noise_floor_mm: mean error that their noise alone would leave.
-        parts: inside and beyond what the fit has seen; None where that is not asked.
+        parts: inside and beyond what the fit has seen; None where it is not needed.
     """
 
     before: Accuracy

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Joint error thought possible, a standard deviation: where a pose cannot tell joints apart (at a
+#: Joint error thought possible, a standard deviation: where a pose cannot separate joints (at a
 #: singular wrist, or with more joints than six) it decides, and the error found is that uncertain.
 POSSIBLE_RAD = 1e-3
 _LEAST_ORDER = 0.5
@@ -92,7 +92,7 @@ def periodogram(
     turns = float(np.ptp(q_rad)) / (2.0 * np.pi)
     known = (gear_ratio, 2.0 * gear_ratio) if np.isfinite(gear_ratio) else ()
     highest = _MOST_RATIOS * max(gear_ratio if known else _USUAL_RATIO, 1.0)
-    # An arc that is a small part of the finest cycle tells nothing of any cycle.
+    # An arc that is a small part of the finest cycle contains no information on any cycle.
     if turns * highest < 1.0:
         return None
     step = min(_LARGEST_STEP, 1.0 / (_STEPS_A_PEAK * turns))

@@ -59,8 +59,8 @@ class ChannelTest:
     Attributes:
         shared: what the cells of a pose share, by load, direction and time; None without such rows.
         unshared: what differs among them beyond that; None without such rows.
-        shared_variance: of an error that the cells of a pose share and that would make up for what
-            is left, in variances of one reading.
+        shared_variance: of an error that the cells of a pose share and that would explain the
+            residuals, in variances of one reading.
     """
 
     shared: PureErrorTest | None
@@ -106,7 +106,7 @@ class JointPart:
 
     Attributes:
         joint: 1 … n.
-        rms_rad: root mean square, cells weighted by what they tell of the joint.
+        rms_rad: root mean square, cells weighted by their information on the joint.
         floor_rad: what noise alone would leave.
         arrivals: by direction of arrival.
         periodogram: by the joint's angle, None for a prismatic joint or hardly turned.
@@ -121,7 +121,7 @@ class JointPart:
 
 @dataclass(frozen=True)
 class TorquePart:
-    """Torque of one joint left over the weights.
+    """Torque of one joint minus that of the weights.
 
     Attributes:
         joint: 1 … n.

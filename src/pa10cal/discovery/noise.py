@@ -212,7 +212,7 @@ def _one_kind(seen: NDArray[np.bool_], at: slice) -> Array:
 def _variance_components(difference: Array, sources: Array, seen: NDArray[np.bool_]) -> Array:
     """Fit non-negative variances of sources (D, s, b, b) to the squares of differences (D, b).
 
-    Whitened by the covariance found before, all products of components weigh about alike.
+    Whitened by the covariance found before, all products of components weigh about the same.
     """
     count = sources.shape[1]
     if seen.all():

@@ -218,7 +218,7 @@ class Verdict(ABC, Generic[P_co]):
 
     @property
     def seen(self) -> AnglesSeen | None:
-        """Return the joint positions seen by the fit; None where that is not asked."""
+        """Return the joint positions seen by the fit; None where it is not needed."""
         return None
 
     @property

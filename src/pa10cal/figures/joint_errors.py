@@ -1,4 +1,4 @@
-"""What a model leaves of measured poses, told as errors of the joints.
+"""Residuals of measured poses, expressed as errors of the joints.
 
 A picture of where to look, not a test: a joint that does not err takes part of what another does,
 wherever a pose has fewer or hardly more readings than joints.
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 #: Joint error thought possible, a standard deviation [rad or m]: decides what poses leave open.
 _POSSIBLE = 1e-3
-#: Part of what is left that joints need not explain; small, or their errors would come out short.
+#: Part of the residuals that joints need not explain; small, or their errors would come out short.
 _NOISE_SHARE = 0.1
 #: Fewer points than this have no mean worth drawing.
 _LEAST_IN_BIN = 5

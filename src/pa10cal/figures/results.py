@@ -65,7 +65,7 @@ _JOINT = re.compile(r"q(\d+)_(rad|m)")
 #: Longer provenances are cut after a sentence; a single letter ends none.
 _MOST_LETTERS = 400
 _SENTENCE_END = re.compile(r"(?<=[\w)]{3}\.)\s+(?=[A-Z])")
-#: How a provenance begins that tells of no measurement.
+#: Beginning of the provenance of simulated data.
 _SYNTHETIC = re.compile(r"(synthetic|simulated|virtual cell)\b", re.IGNORECASE)
 
 

@@ -20,7 +20,7 @@ _AXES = "xyz"
 def read_curve_points(path: Path) -> Array:
     """Read points (N, 3) [m], one a row under the header x_m,y_m,z_m or x_mm,y_mm,z_mm.
 
-    Other columns are left alone, and so are empty lines.
+    Other columns and empty lines are ignored.
 
     Raises:
         RawDataError: when the file cannot be read, lacks a column, or holds what is no finite

@@ -248,7 +248,7 @@ def _residual(chain: Chain, q_rad: Array, place: Array, attitude: Array) -> tupl
 def _search_residual(chain: Chain, q_rad: Array, place: Array) -> tuple[Array, Array]:
     """The same for place, downward axis and, lightly, the middle of the joint ranges: (P, 6 + n).
 
-    The flange's roll is left free; the joint ranges settle it.
+    The flange's roll is free; the joint ranges fix it.
     """
     low, high = chain.arm.limits_rad.T
     half_range = (high - low) / 2.0

@@ -91,7 +91,7 @@ def _description(folder: Path) -> dict[str, Any]:
 
 @lru_cache
 def _content(path: Path, changed_ns: int) -> dict[str, Any]:
-    """Read a description once for as long as it is not changed: plans ask for it often."""
+    """Read a description once for as long as it is not changed: plans need it often."""
     del changed_ns
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8-sig"))

@@ -106,7 +106,7 @@ class OverFloor(Part):
 
 
 class CurveStudySummary(Part):
-    """What became of all individuals that depart alike, with one model."""
+    """What became of all individuals that depart in the same way, with one model."""
 
     departs: str = Field(description="how they depart: `rows` or `any_way`")
     said: str = Field(description="the same in words")

@@ -203,7 +203,7 @@ def _individual(
 def _summaries(
     individuals: Sequence[results.Individual], floor_mm: float
 ) -> tuple[results.CurveStudySummary, ...]:
-    """Return what became of all arms that depart alike, model by model."""
+    """Return what became of all arms that depart in the same way, model by model."""
     found = []
     for departs in dict.fromkeys(each.departs for each in individuals):
         alike = [each for each in individuals if each.departs == departs]

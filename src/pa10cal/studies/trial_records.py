@@ -132,7 +132,7 @@ def _verdict(said: JudgedTrialRecord) -> Verdict:
 
 
 def _places(said: JudgedTrialRecord) -> tuple[str | None, ...]:
-    """Return where something without a name sits; of a map, the verdict's effects tell."""
+    """Return the places of unnamed effects; those of maps follow from the verdict's effects."""
     if said.verdict != "unexplained" or said.unexplained is None:
         return ()
     return tuple(place.of for place in said.unexplained.all)

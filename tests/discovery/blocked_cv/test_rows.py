@@ -8,9 +8,9 @@ import pytest
 from scipy.sparse import csr_array
 
 from made_up_survey import observe
-from pa10cal.discovery.blocked_cv.family import askable, family
+from pa10cal.discovery.blocked_cv.family import computable, family
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
-from pa10cal.discovery.blocked_cv.rows import Asked, Rows
+from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.weighing import unweighed
 from pa10cal.discovery.linear import by_joints, by_terms, residual
 from pa10cal.fit.fitted_model import FittedModel
@@ -31,8 +31,8 @@ def few():
 @pytest.fixture(scope="module")
 def rows(few):
     wanted = {("encoder_eccentricity", "joint 2"), ("cmm_squareness", "instrument")}
-    asked = [each for each in askable(few)[0] if (each.effect.id, each.effect.of) in wanted]
-    return Rows(few, unweighed(few.poses.measured), tuple(asked), 36)
+    shaped = [each for each in computable(few)[0] if (each.effect.id, each.effect.of) in wanted]
+    return Rows(few, unweighed(few.poses.measured), tuple(shaped), 36)
 
 
 def test_left_follows_parameters_as_differences_show(few):
@@ -105,8 +105,8 @@ def test_left_of_is_the_data_less_what_the_columns_say(rows):
 
 
 def test_columns_stand_where_rows_say(rows):
-    eccentric, square = rows.of_asked()
-    assert [each.effect.id for each in rows.asked] == ["cmm_squareness", "encoder_eccentricity"]
+    eccentric, square = rows.of_shaped()
+    assert [each.effect.id for each in rows.shaped] == ["cmm_squareness", "encoder_eccentricity"]
     own = len(rows.own)
     assert (eccentric.tolist(), square.tolist()) == ([own], [own + 1, own + 2])
     assert rows.of_map(1)[0] == own + 3
@@ -120,10 +120,10 @@ def test_columns_stand_where_rows_say(rows):
 
 
 def test_the_family_has_every_map_in_every_form_and_says_what_it_lacks(few):
-    asked, unknown = askable(few)
-    assert all(isinstance(each, Asked) for each in asked)
+    shaped, unknown = computable(few)
+    assert all(isinstance(each, ShapedEffect) for each in shaped)
     assert {entry.why for entry in unknown} == {"the torques were not logged"}
-    rows = Rows(few, unweighed(few.poses.measured), asked, 144)
+    rows = Rows(few, unweighed(few.poses.measured), shaped, 144)
     found, hidden = family(rows, rows.products())
     maps = [each for each in found if each.is_map]
     assert len(maps) == 6 * 9

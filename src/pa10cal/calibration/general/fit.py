@@ -1,9 +1,9 @@
 """Weighted, robust least squares for the general model, by Gauss-Newton steps.
 
-Unknowns are thought to lie within a reach of where they start. That is far wider than what readings
-tell of them, so it shows only along directions of which readings tell next to nothing (a joint that
-hardly moved, axes all but parallel): these stay about where they were instead of going metres off,
-and count as open.
+Unknowns are expected within a reach of their start. It is far wider than the uncertainty from the
+readings, so it matters only along directions that readings hardly determine (a joint that hardly
+moved, nearly parallel axes): these stay about where they were instead of moving by metres, and
+count as not identifiable.
 """
 
 from __future__ import annotations

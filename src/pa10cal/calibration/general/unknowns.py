@@ -1,13 +1,12 @@
-"""Which parameters arm and instrument can tell: complete, since every one that shows is there, and
-minimal, since none repeats what others say.
+"""Which parameters arm and instrument can identify: complete, since every one with an effect is
+there, and minimal, since none is redundant.
 
 Candidates are taken one after the other, frames first, then targets, then the links from the base
-outward; one whose effect is a combination of those before it is omitted. One that could be said
-only by large motions of others takes the place of the last of these: along axes that are all but
-parallel, the height of tool or target says the same as the links only by being metres off. That is
-a matter of arm and instrument alone, so it is settled at random joint positions within the limits,
-before any reading; what the measured poses then leave open is another question, answered by the
-rank.
+outward; one whose effect is a combination of those before it is omitted. One that others
+represent only by large motions replaces the last of these: along nearly parallel axes, the height
+of tool or target represents the links only by a shift of metres. This depends on arm and instrument
+alone, so it is decided at random joint positions within the limits, before any reading. What the
+measured poses then identify is a separate question, answered by the rank.
 """
 
 from __future__ import annotations

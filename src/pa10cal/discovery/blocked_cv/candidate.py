@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.blocked_cv.rows import Asked, Rows
+from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import Columns, State
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap, harmonic_orders
@@ -28,17 +28,17 @@ class Candidate:
     """An effect at one shape, or a map of one spacing and smoothness.
 
     Attributes:
-        asked: which.
+        shaped: which.
         columns: its columns and the sizes expected.
     """
 
-    asked: Asked
+    shaped: ShapedEffect
     columns: Columns
 
     @property
     def effect(self) -> Effect:
         """Return the effect."""
-        return self.asked.effect
+        return self.shaped.effect
 
     @property
     def is_map(self) -> bool:
@@ -73,7 +73,7 @@ def map_candidate(effect: JointErrorMap, rows: Rows) -> Candidate:
     harmonics = effect.knots - (1 if effect.knots == rows.knots else 2)
     orders = harmonic_orders(rows.knots)[1 : 1 + harmonics]
     columns = Columns(rows.of_map(effect.joint)[:harmonics], effect.fading.sizes_rad(orders))
-    return Candidate(Asked(effect), columns)
+    return Candidate(ShapedEffect(effect), columns)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from typing_extensions import override
 from pa10cal.discovery import verdict
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate
 from pa10cal.discovery.blocked_cv.compare import compare, errors_by_name
-from pa10cal.discovery.blocked_cv.family import askable, family
+from pa10cal.discovery.blocked_cv.family import computable, family
 from pa10cal.discovery.blocked_cv.finest import Level, finest
 from pa10cal.discovery.blocked_cv.judge import (
     Prediction,
@@ -130,8 +130,8 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         campaign.setup,
         torques_logged=campaign.torques == "logged",
     )
-    asked, unknown = askable(judged)
-    rows = weighed_rows(judged, asked, SPACINGS[-1][0])
+    shaped, unknown = computable(judged)
+    rows = weighed_rows(judged, shaped, SPACINGS[-1][0])
     searched = _search(rows, error_rate)
     fine, finer_steps = finest(rows, searched.members)
     effects = tuple(member.effect for member in fine.members)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.state import PoseStates
 from pa10cal.discovery.blocked_cv.candidate import Candidate, map_candidates
 from pa10cal.discovery.blocked_cv.products import Products
-from pa10cal.discovery.blocked_cv.rows import Asked, Rows
+from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import Columns, solve
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.family import why_hidden, why_unknown
@@ -26,12 +26,12 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-def askable(survey: Survey) -> tuple[tuple[Asked, ...], tuple[NotTestable, ...]]:
+def computable(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[NotTestable, ...]]:
     """Return effects that can be computed with what is known of the poses, and the others.
 
     Each effect at each of its shapes; maps are not among them.
     """
-    asked: list[Asked] = []
+    shaped: list[ShapedEffect] = []
     refused = []
     for effect in candidates(survey.context, survey.baseline.model.terms):
         if isinstance(effect, JointErrorMap):
@@ -39,10 +39,10 @@ def askable(survey: Survey) -> tuple[tuple[Asked, ...], tuple[NotTestable, ...]]
         logged = survey.torques_logged
         why = why_unknown(effect, survey.poses.states, logged=logged, weights=True)
         if why is None:
-            asked += [Asked(effect, shape) for shape in range(len(effect.starts))]
+            shaped += [ShapedEffect(effect, shape) for shape in range(len(effect.starts))]
         else:
             refused.append(NotTestable(effect, why, by_these_poses=False))
-    return tuple(asked), tuple(refused)
+    return tuple(shaped), tuple(refused)
 
 
 def family(rows: Rows, products: Products) -> tuple[tuple[Candidate, ...], tuple[NotTestable, ...]]:
@@ -51,8 +51,8 @@ def family(rows: Rows, products: Products) -> tuple[tuple[Candidate, ...], tuple
     own = rows.own
     shown, refused = [], {}
     named = [
-        Candidate(asked, Columns(at, np.ones(len(at))))
-        for asked, at in zip(rows.asked, rows.of_asked(), strict=True)
+        Candidate(shaped, Columns(at, np.ones(len(at))))
+        for shaped, at in zip(rows.shaped, rows.of_shaped(), strict=True)
     ]
     for candidate in (*named, *map_candidates(rows)):
         why = _hidden(rows, total, own, candidate)
@@ -70,7 +70,7 @@ def _hidden(rows: Rows, gram: Array, own: Index, candidate: Candidate) -> str | 
     across = gram[np.ix_(own, at)] * sizes
     whole = gram[np.ix_(at, at)] * np.outer(sizes, sizes)
     if not np.trace(whole) > 0.0:
-        return _why_silent(rows.survey.poses.states, candidate.asked)
+        return _why_silent(rows.survey.poses.states, candidate.shaped)
     followed = solve(gram[np.ix_(own, own)], across, np.eye(len(own)))
     left = whole - across.T @ followed
     share = float(np.sqrt(max(np.trace(left), 0.0) / np.trace(whole)))
@@ -78,10 +78,10 @@ def _hidden(rows: Rows, gram: Array, own: Index, candidate: Candidate) -> str | 
     return why_hidden(share, signal)
 
 
-def _why_silent(states: PoseStates, asked: Asked) -> str:
+def _why_silent(states: PoseStates, shaped: ShapedEffect) -> str:
     """Return why an effect moves nothing at all in these poses."""
     arrived = replace(states, arrival=np.ones_like(states.arrival))
-    if np.any(asked.effect.derivative(arrived, asked.start)):
+    if np.any(shaped.effect.derivative(arrived, shaped.start)):
         return "the direction of arrival is not known"
     return "the poses do not exercise it"
 

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate, standard_error
 from pa10cal.discovery.blocked_cv.products import Products, map_columns, products
-from pa10cal.discovery.blocked_cv.rows import Asked, Rows
+from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.search import Step
 from pa10cal.discovery.blocked_cv.selection import predicted_squares, solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS
@@ -30,7 +30,7 @@ class Level:
 
     Attributes:
         members: the members.
-        squares: (B,) what is left of held-out blocks.
+        squares: (B,) squared errors of the held-out blocks.
         total: products over all blocks: own parameters, effects, B-splines of one map after the
             other.
         prior: (N, N) precision expected of these columns.
@@ -44,7 +44,7 @@ class Level:
     at: tuple[Index, ...]
 
     def fit(self, count: int) -> tuple[Array, tuple[Array, ...]]:
-        """Return what the first few members ask for.
+        """Solve the first few members.
 
         Args:
             count: how many.
@@ -59,7 +59,7 @@ class Level:
         x = np.zeros(len(self.prior))
         x[at] = solve(self.total.gram[there], self.total.projection[at], self.prior[there])
         return x[own], tuple(
-            _amounts(member.asked, x[columns])
+            _amounts(member.shaped, x[columns])
             for member, columns in zip(self.members[:count], self.at, strict=False)
         )
 
@@ -70,7 +70,7 @@ def finest(rows: Rows, members: tuple[Candidate, ...]) -> tuple[Level, tuple[Ste
     Returns:
         The finest level that helps, and what each left of the held-out blocks.
     """
-    rows = replace(rows, asked=tuple(member.asked for member in members if not member.is_map))
+    rows = replace(rows, shaped=tuple(member.shaped for member in members if not member.is_map))
     best = level(rows, members)
     steps: list[Step] = []
     for knots in FINER_KNOTS:
@@ -89,7 +89,7 @@ def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
     """Solve members with every block held out.
 
     Args:
-        rows: with the members' effects asked, in their order, maps aside.
+        rows: with the members' effects, in their order, maps aside.
         members: the members.
     """
     maps = [member.effect for member in members if isinstance(member.effect, JointErrorMap)]
@@ -105,7 +105,7 @@ def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
         x = solve(total.gram - gram, total.projection - projection, prior)
         squares[b] = predicted_squares(inside, b, every, x)
     of_maps = iter(pairwise(dense + np.cumsum([0, *(each.knots for each in maps)])))
-    of_effects = iter(rows.of_asked())
+    of_effects = iter(rows.of_shaped())
     at = tuple(
         np.arange(*next(of_maps)) if member.is_map else next(of_effects) for member in members
     )
@@ -114,7 +114,7 @@ def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
 
 def _products(rows: Rows, maps: list[JointErrorMap]) -> Products:
     """Return the products of own parameters, effects, and B-splines of some maps."""
-    columns = len(rows.own) + sum(each.effect.linear for each in rows.asked)
+    columns = len(rows.own) + sum(each.effect.linear for each in rows.shaped)
     total = columns + sum(each.knots for each in maps)
     at = [rows.joints.index(each.joint) for each in maps]
     knots = [each.knots for each in maps]
@@ -127,13 +127,13 @@ def _products(rows: Rows, maps: list[JointErrorMap]) -> Products:
     return Products(gram, projection, squares)
 
 
-def _amounts(asked: Asked, found: Array) -> Array:
+def _amounts(shaped: ShapedEffect, found: Array) -> Array:
     """Return the parameters of an effect for what was found of its columns."""
-    effect = asked.effect
+    effect = shaped.effect
     if isinstance(effect, JointErrorMap):
         knots = np.linalg.solve(b_splines_by_knots(effect.knots), found)
         return np.asarray(knots, dtype=np.float64)
-    x = asked.start.copy()
+    x = shaped.start.copy()
     x[: effect.linear] += effect.prior_factor @ found
     return x
 
@@ -149,4 +149,4 @@ def _with_knots(member: Candidate, knots: int) -> Candidate:
     effect = member.effect
     if not (_has_finest(member) and isinstance(effect, JointErrorMap)):
         return member
-    return Candidate(Asked(replace(effect, knots=knots)), member.columns)
+    return Candidate(ShapedEffect(replace(effect, knots=knots)), member.columns)

@@ -1,6 +1,6 @@
 """Products of weighed rows with each other, block of poses by block.
 
-All that is asked of the data afterwards, which effects help and how well held-out poses are
+All that is needed of the data afterwards, which effects help and how well held-out poses are
 predicted, needs these products and no row. Maps of joint errors are kept as what turning the joint
 does and four B-splines of its angle: each pose touches four of a map's many columns.
 """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.blocked_cv.rows import Asked, Rows
+from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
 from pa10cal.discovery.blocked_cv.weighing import unweighed, weigh
@@ -21,7 +21,7 @@ _KNOTS = 72
 _FADING = Fading(1e-4, 10.0)
 
 
-def weighed_rows(survey: Survey, asked: tuple[Asked, ...], knots: int) -> Rows:
+def weighed_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -> Rows:
     """Return rows of effects and maps, weighed.
 
     By the scatter that all named effects and maps of all joints leave together: then no pose weighs
@@ -29,23 +29,23 @@ def weighed_rows(survey: Survey, asked: tuple[Asked, ...], knots: int) -> Rows:
 
     Args:
         survey: the campaign.
-        asked: effects.
+        shaped: effects.
         knots: of the maps.
     """
     measured = survey.poses.measured
-    named = tuple(each for each in asked if not (each.effect.generic or each.shape))
+    named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
     rows = Rows(survey, unweighed(measured), named, _KNOTS)
     weighing = weigh(residual(rows.place, survey.poses), float(len(rows.own)), measured)
     for _ in range(_REWEIGHTED):
         rows = Rows(survey, weighing, named, _KNOTS)
         weighing = weigh(*_left_by_everything(rows), measured)
-    return Rows(survey, weighing, asked, knots)
+    return Rows(survey, weighing, shaped, knots)
 
 
 def noise_squares(rows: Rows, noise: Noise) -> float:
     """Return the sum of squares of weighed rows that noise alone is expected to leave.
 
-    Of no row more than is left of it altogether: a stated uncertainty may be too large.
+    No more than the whole scatter of a row: a stated uncertainty may be too large.
     """
     whitener = rows.weighing.whitener
     noisy = np.einsum("pij,pjk,pik->pi", whitener, noise.cov, whitener, optimize=True)

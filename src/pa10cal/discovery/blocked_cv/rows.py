@@ -26,7 +26,7 @@ Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Asked:
+class ShapedEffect:
     """An effect at one of its shapes.
 
     Attributes:
@@ -71,13 +71,13 @@ class Rows:
     Attributes:
         survey: the campaign.
         weighing: what each pose counts.
-        asked: effects, in the order of their columns.
+        shaped: effects, in the order of their columns.
         knots: K of the maps, whose columns are the K - 1 harmonics of each revolute joint.
     """
 
     survey: Survey
     weighing: Weighing
-    asked: tuple[Asked, ...]
+    shaped: tuple[ShapedEffect, ...]
     knots: int
 
     @cached_property
@@ -103,21 +103,21 @@ class Rows:
         """Return the columns of the model's own parameters."""
         return np.arange(len(unknowns(self.place)))
 
-    def of_asked(self) -> list[Index]:
+    def of_shaped(self) -> list[Index]:
         """Return the columns of each effect."""
-        stops = len(self.own) + np.cumsum([0, *(each.effect.linear for each in self.asked)])
+        stops = len(self.own) + np.cumsum([0, *(each.effect.linear for each in self.shaped)])
         return [np.arange(*ends) for ends in pairwise(stops)]
 
     def of_map(self, joint: int) -> Index:
         """Return the columns of the map of a joint, from 1."""
-        first = len(self.own) + sum(each.effect.linear for each in self.asked)
+        first = len(self.own) + sum(each.effect.linear for each in self.shaped)
         harmonics = self.knots - 1
         first += self.joints.index(joint) * harmonics
         return np.arange(first, first + harmonics)
 
     def products(self) -> Products:
         """Return the products of all columns, block by block."""
-        total = len(self.own) + sum(each.effect.linear for each in self.asked)
+        total = len(self.own) + sum(each.effect.linear for each in self.shaped)
         total += len(self.joints) * (self.knots - 1)
         gram = np.empty((2, BLOCKS, total, total))
         projection, squares = np.empty((2, BLOCKS, total)), np.empty((2, BLOCKS))
@@ -173,8 +173,8 @@ class Rows:
         return found
 
     def _effects(self, poses: Observations) -> Sequence[Array]:
-        effects = [each.effect for each in self.asked]
-        found = by_terms(self.place, poses, effects, [each.start for each in self.asked])
+        effects = [each.effect for each in self.shaped]
+        found = by_terms(self.place, poses, effects, [each.start for each in self.shaped])
         return [
             columns[:, :, : effect.linear] @ effect.prior_factor
             for effect, columns in zip(effects, found, strict=True)

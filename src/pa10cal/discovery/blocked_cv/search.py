@@ -22,7 +22,7 @@ from pa10cal.discovery.blocked_cv.candidate import (
     within_bounds,
 )
 from pa10cal.discovery.blocked_cv.products import Products
-from pa10cal.discovery.blocked_cv.rows import Asked
+from pa10cal.discovery.blocked_cv.rows import ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import Columns, start
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.terms.effects.effect import Effect
@@ -84,13 +84,13 @@ class Search:
     def run(self) -> Chosen:
         """Search until the set stays."""
         chosen = self._noted(self._nothing)
-        settled: list[Asked] | None = None
+        settled: list[ShapedEffect] | None = None
         for _ in range(_MOST_ROUNDS):
             chosen = self._backward(self._forward(chosen))
-            if settled == [candidate.asked for candidate in chosen.members]:
+            if settled == [candidate.shaped for candidate in chosen.members]:
                 break
             chosen = self._prefer_named(self._backward(self._smoothed(chosen)))
-            settled = [candidate.asked for candidate in chosen.members]
+            settled = [candidate.shaped for candidate in chosen.members]
         return chosen
 
     def helps(self, before: Array, after: Array) -> bool:
@@ -130,7 +130,7 @@ class Search:
             less = chosen.reduced(place)
             found = less.state.with_each([form.columns for form in forms]).sum(axis=1)
             best = forms[int(np.argmin(found))]
-            if best.asked != chosen.members[place].asked:
+            if best.shaped != chosen.members[place].shaped:
                 chosen = self._noted(less.extended(best))
         return chosen
 

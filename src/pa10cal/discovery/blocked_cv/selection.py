@@ -192,7 +192,7 @@ def predicted_squares(products: Products, b: int, at: Index, x: Array) -> float:
 
 
 def solve(gram: Array, projection: Array, prior: Array) -> Array:
-    """Return the parameters (k,) or (k, m) that products and a prior precision (k, k) ask for."""
+    """Return the best parameters (k,) or (k, m) by products and a prior precision (k, k)."""
     normal = gram + prior
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.diag(prior)))
     scaled = (projection.T * scale).T

@@ -2,7 +2,7 @@
 
 A pose is weighted by the covariance that the instrument states, brought to the scatter that a model
 leaves: what the model lacks scatters like noise, and positions and attitudes are to weigh by what
-they really tell. A pose far outside that scatter weighs less (Huber); none is omitted.
+the data really have. A pose far outside that scatter weighs less (Huber); none is omitted.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ class Linearised:
         pose_data, torque_data: whitened rows of measured minus predicted, with the linear part of
             the fit's own effects put back, as if they had not been in it.
         own: (R, k) whitened rows of the model's own parameters, at their possible size.
-        blocks: of each candidate asked for, in order.
+        blocks: of each candidate requested, in order.
     """
 
     pose_data: Array

@@ -1,6 +1,6 @@
 """Readings gathered into cells: one pose, one load, one direction of arrival, one stretch of time.
 
-A cell averages what does not differ; what may tell one effect from another stays apart. The pose
+A cell averages what does not differ; what may distinguish effects stays apart. The pose
 remains the unit of evidence: cells of a pose share whatever is wrong there, and `SharedError` is
 the covariance of an error of unknown cause that they share.
 """

@@ -152,7 +152,7 @@ class _Weighed:
         )
         possible = possible_sizes(at.model, problem.cells.measured)
         rows = np.diag(1.0 / possible)
-        # An effect in zero amount tells nothing of its shape: zero, the middle of what is expected
+        # Zero of an effect does not determine its shape: zero, the middle of what is expected
         # of all else, would draw the shape to the end of its range at the first step.
         x_start, middle = unknowns(at), expected_middle(problem, at.model)
         column = len(at.x) - 6 - sum(len(effect.parameters) for effect in effects)

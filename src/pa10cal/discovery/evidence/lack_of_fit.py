@@ -57,8 +57,8 @@ def channel_tests(problem: Problem, found: Fit) -> tuple[ChannelTest, ChannelTes
     if problem.torque is not None:
         channels.append((problem.torque, torque_rows(problem, found.at)))
     weighed = [channel.whitening(0.0)(channel.rows(values)) for channel, values in channels]
-    # Columns by what is thought possible of each parameter, so that those that the rows do not
-    # tell take no freedom.
+    # Columns by the possible size of each parameter, so that those that the rows do not determine
+    # take no degree of freedom.
     by_x = [rows[:, 1:] * possible_sizes(found.model, problem.cells.measured) for rows in weighed]
     factor = cho_factor(sum(rows.T @ rows for rows in by_x) + np.eye(len(found.x)))
     tests = []

@@ -166,7 +166,7 @@ def _rows(problem: Problem, found: Fit, effects: tuple[Effect, ...], with_torque
 def _weighed(channel: NoiseModel, variance: float, rows: Array) -> Array:
     """Return rows (C b, k) scaled to unit variance, as (C, b, k).
 
-    Errors common to all poses are left to columns of their own: poses to come share them.
+    Errors common to all poses have columns of their own: future poses share them.
     """
     scaled = rows / np.sqrt(1.0 + variance * channel.shared_size)[:, None]
     return scaled.reshape(len(channel.whitener), -1, rows.shape[1])

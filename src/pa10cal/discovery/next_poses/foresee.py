@@ -124,7 +124,7 @@ def _reading_cov(poses: Observations, T_instr_ee: Array, problem: Problem) -> Ar
     by_joint = noise.joint_rad**2
     of_joints = _spread(_screws(readings, problem), by_joint)
     stated = noise.instrument**2 * measured.stated_covariance
-    # What neither joints nor instrument account for is alike in all poses and directions.
+    # Noise of neither joints nor instrument is equal in all poses and directions.
     rest = np.mean(np.diagonal(noise.cov - of_joints - stated, axis1=1, axis2=2), axis=0)
     for _, at in measured.component_kinds:
         rest[at] = np.maximum(rest[at].mean(), 0.0)

@@ -42,7 +42,7 @@ class NextPose:
 
 
 class Measured(Protocol):
-    """What is known of a campaign whose context are asked for."""
+    """A campaign whose candidate context is needed."""
 
     @property
     def baseline(self) -> FittedModel:

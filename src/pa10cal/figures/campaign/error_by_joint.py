@@ -134,7 +134,7 @@ def _target(case: GeneralCalibrationRecord) -> Array:
 
 
 def _draw_row(panels: list[Axes], row: _Row, everywhere: Array, limit: float) -> bool:
-    """Draw a row and tell whether poses are dense enough anywhere for a mean."""
+    """Draw a row and return whether poses are dense enough anywhere for a mean."""
     averaged = False
     for axes, q, error, every in zip(panels, row.q.T, row.error.T, everywhere.T, strict=True):
         for poses, colour in ((~row.beyond, row.colour), (row.beyond, GREY)):

@@ -35,7 +35,7 @@ PICTURE = Picture(
 Errors that depend on a joint angle, as discovery found them in ``{name}``: the position error
 of each joint over a whole turn, with a 95 % band from the uncertainty of the knots. A constant
 over the measured angles can hardly be separated from the joint zero or the base and widens the
-band at all knots alike. Shaded: angles without fitted poses, where the line is a smooth
+band equal at all knots. Shaded: angles without fitted poses, where the line is a smooth
 continuation of its neighbours and the model extrapolates. A map shows at which joint an error
 is and how it depends on the angle, not whether encoder, gear or controller causes it. Joints
 without a map showed no need of one.

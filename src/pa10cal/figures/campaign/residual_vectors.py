@@ -39,7 +39,7 @@ _GRID_LINES = 2.5
 
 @dataclass(frozen=True)
 class _View:
-    """A projection along one of the base axes: which it shows, and which its colours tell."""
+    """A projection along one of the base axes: which it shows, and which its colours show."""
 
     title: str
     shown: tuple[int, int]

@@ -38,7 +38,7 @@ in several joints.
 )
 
 _HEIGHT_MM = 128.0
-#: Cells that tell a joint's angle worse than so many times the usual do not set the scale.
+#: Cells with so many times the usual uncertainty of a joint's angle do not set the scale.
 _POOR = 3.0
 #: Before is drawn broader, so that it is seen beneath after where nothing changed.
 _BROAD = 1.7
@@ -89,7 +89,7 @@ def draw(results: Results) -> Figure:
 
 
 def _limit(joint: CellJoint) -> float:
-    """Return how far points reach [µrad], those that tell little left aside."""
+    """Return how far points reach [µrad], without uncertain ones."""
     error, std = np.abs(joint.error_rad), joint.std_rad
     return float(1.1e6 * error[std <= _POOR * np.median(std)].max())
 
