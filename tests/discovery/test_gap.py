@@ -39,11 +39,7 @@ def made(poses=POSES, loads_N=LOADS_N):
 def compared(measured, before, after) -> Gap:
     """Return the gap of two models that say where the end is."""
 
-    class Says:
-        def predict(self, states, x):
-            return before
-
-    model = SimpleNamespace(model=Says(), x=None, T_instr_base=np.eye(4), targets_m=np.zeros(0))
+    model = SimpleNamespace(as_read=lambda _: before, T_instr_base=np.eye(4), targets_m=np.zeros(0))
     left = measured.measured.deviations(after, np.eye(4), np.zeros(0))
     return gap(measured, model, left, FLOOR_MM)
 
