@@ -16,7 +16,7 @@ ALLOWED = (
     "pa10cal.settings_reading",
     "pa10cal.settings_section",
 )
-#: Single modules: the described arm, the words of the instruments, how a truth is written. None has a formula.
+#: The described arm, the words of the instruments, how a truth is written: no formula among them.
 WORDS = {
     "pa10cal.arm.description",
     "pa10cal.arm.tolerances",
