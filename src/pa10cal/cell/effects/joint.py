@@ -115,7 +115,7 @@ class JointErrorMap(DriveEffect):
 
     @classmethod
     def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
-        """Return a map of three orders in equal parts, whose largest knot is 30 arc seconds."""
+        """Return a map of orders 1 to 3 in equal parts, whose largest knot is 30 arc seconds."""
         del site
         angle = 2.0 * np.pi * np.arange(MAP_KNOTS) / MAP_KNOTS
         phase = rng.uniform(-np.pi, np.pi, _MAP_ORDERS)
