@@ -15,7 +15,7 @@ from pa10cal.figures.campaign import (
     joint_error_maps,
     residual_field,
 )
-from pa10cal.figures.joint_errors import Left, joint_errors, running_mean
+from pa10cal.figures.joint_errors import PoseResiduals, joint_errors, running_mean
 from pa10cal.figures.registry import NothingToShowError
 from pa10cal.figures.style import looks, write_figure
 
@@ -230,7 +230,7 @@ class TestErrorByJoint:
         turn = T_moved[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
         axis = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0],
                          turn[:, 1, 0] - turn[:, 0, 1]], axis=1) / 2.0  # fmt: skip
-        left = Left(q, 1e3 * (at - there), -np.degrees(axis))
+        left = PoseResiduals(q, 1e3 * (at - there), -np.degrees(axis))
         found = joint_errors(chain, left, p)
         told = np.abs(np.sin(q[:, 4])) > 0.3  # else a singular wrist tells 4 from 6 badly
         off = found[told] - error[told, None] * (np.arange(6) == 1)

@@ -31,7 +31,7 @@ class StaticLoads:
 
 
 @dataclass(frozen=True)
-class Seen:
+class ObservedTargets:
     """How P measured poses were read from B targets of the instrument.
 
     Attributes:
@@ -66,7 +66,7 @@ class PoseStates:
     temperature_C: Array
     time_s: Array
     static_loads: StaticLoads | None = None
-    seen: Seen | None = None
+    seen: ObservedTargets | None = None
 
     def __len__(self) -> int:
         return len(self.q_rad)
@@ -81,8 +81,8 @@ class PoseStates:
         return PoseStates(*(_rows(getattr(self, field.name), rows) for field in fields(self)))
 
 
-def _rows(value: Array | StaticLoads | Seen | None, rows: Rows) -> Any:
+def _rows(value: Array | StaticLoads | ObservedTargets | None, rows: Rows) -> Any:
     """Return some rows of an array, or of every array of a group of them."""
-    if isinstance(value, StaticLoads | Seen):
+    if isinstance(value, StaticLoads | ObservedTargets):
         return type(value)(*(getattr(value, field.name)[rows] for field in fields(value)))
     return None if value is None else value[rows]

@@ -16,7 +16,7 @@ from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.health import Errors, FitSummary, Health, health
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS
 from pa10cal.discovery.blocked_cv.family import computable
-from pa10cal.discovery.blocked_cv.reference import weighed_rows
+from pa10cal.discovery.blocked_cv.reference import weighted_rows
 from pa10cal.discovery.blocked_cv.refit import refit
 from pa10cal.discovery.blocked_cv.survey import survey
 from pa10cal.discovery.discover import judged_by_blocks
@@ -98,7 +98,7 @@ def calibrate_with(
     if judged_by_blocks(campaign.readings):
         judged = survey(campaign.readings, campaign.baseline, setup, torques_logged=logged)
         chosen = _effects(effects, judged.context)
-        rows = weighed_rows(judged, computable(judged)[0], SPACINGS[-1][0])
+        rows = weighted_rows(judged, computable(judged)[0], SPACINGS[-1][0])
         fitted = found = refit(
             judged, chosen, tuple(effect.starts[0] for effect in chosen), rows.weighing
         )

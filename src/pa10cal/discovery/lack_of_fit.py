@@ -186,8 +186,8 @@ class LackOfFit:
 
 
 @dataclass(frozen=True)
-class Left:
-    """What a model leaves of C cells.
+class CellResiduals:
+    """Residuals of C cells about a model.
 
     Attributes:
         at: the model.
@@ -205,8 +205,8 @@ class Left:
 
 
 @dataclass(frozen=True)
-class LeftTorques:
-    """What weights and model leave of logged torques.
+class TorqueResiduals:
+    """Logged torques minus those of weights and model.
 
     Attributes:
         torque_Nm: (C, n) logged minus predicted.
@@ -218,9 +218,9 @@ class LeftTorques:
 
 
 def lack_of_fit(
-    left: Left,
+    left: CellResiduals,
     tests: tuple[ChannelTest | None, ChannelTest | None] = (None, None),
-    torques: LeftTorques | None = None,
+    torques: TorqueResiduals | None = None,
 ) -> LackOfFit:
     """Compute where a model and the data disagree.
 
@@ -277,7 +277,7 @@ def _joint_part(arm: Arm, cells: Observations, joints: JointErrors, j: int) -> J
     )
 
 
-def _torque_part(cells: Observations, torques: LeftTorques, j: int) -> TorquePart:
+def _torque_part(cells: Observations, torques: TorqueResiduals, j: int) -> TorquePart:
     left_Nm = torques.torque_Nm[:, j]
     return TorquePart(
         joint=j + 1,

@@ -24,8 +24,8 @@ _LEAST_IN_BIN = 5
 
 
 @dataclass(frozen=True)
-class Left:
-    """What a model leaves in P poses.
+class PoseResiduals:
+    """Residuals of P poses about a model.
 
     Attributes:
         q: (P, n) joint positions [rad, m].
@@ -39,7 +39,7 @@ class Left:
     rotation_deg: Array | None
 
 
-def joint_errors(chain: Chain, left: Left, p_ee_target_m: Array) -> Array:
+def joint_errors(chain: Chain, left: PoseResiduals, p_ee_target_m: Array) -> Array:
     """Return by how much further joints stand than the model says, (P, n) [rad, m].
 
     Least squares over the readings of a pose, position and attitude weighed by what is left of

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.state import Seen
+from pa10cal.arm.state import ObservedTargets
 from pa10cal.observe.quantities import (
     Array,
     Comparison,
@@ -150,7 +150,7 @@ class Instrument(ABC):
         """
         return T_instr_ee
 
-    def readout(self, T_instr_ee: Array, targets_m: Array) -> Seen:
+    def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
         """Return where the targets were, and what a false reading of them makes of the pose.
 
         The pose that follows false readings is the one whose targets are nearest to them.
@@ -163,7 +163,7 @@ class Instrument(ABC):
         by_end, _ = by_end_and_targets(T_instr_ee, arms)
         by_reading = np.linalg.pinv(by_end.reshape(len(T_instr_ee), -1, 6))
         R = T_instr_ee[:, :3, :3].transpose(0, 2, 1)
-        return Seen(
+        return ObservedTargets(
             p_instr_m, np.concatenate([R @ by_reading[:, :3], R @ by_reading[:, 3:]], axis=1)
         )
 

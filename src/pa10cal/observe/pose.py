@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
-from pa10cal.arm.state import Seen
+from pa10cal.arm.state import ObservedTargets
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
 from pa10cal.frame.length_scale import scale_of_points
 from pa10cal.frame.pose_error import pose_error
@@ -106,7 +106,7 @@ class Pose(Instrument):
         return self.T_instr_target
 
     @override
-    def readout(self, T_instr_ee: Array, targets_m: Array) -> Seen:
+    def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
         """Return where the targets were, and how the pose was made of them.
 
         Args:
@@ -118,12 +118,12 @@ class Pose(Instrument):
         if not self.by_apparatus.shape[2]:
             direct = np.zeros((count, 6, 3))
             direct[:, :3] = R.transpose(0, 2, 1)
-            return Seen(origin[:, None, :], direct)
+            return ObservedTargets(origin[:, None, :], direct)
         targets = origin[:, None, :] + np.einsum("pij,bj->pbi", R, targets_m.reshape(-1, 3))
         # A target read too far by v is one whose stated place on the apparatus is short by R^T v.
         by_place = self.by_apparatus.reshape(count, 2, 3, -1, 3)
         by_reading = -np.einsum("pki,pakbl,pjl->paibj", R, by_place, R, optimize=True)
-        return Seen(targets, by_reading.reshape(count, 6, -1))
+        return ObservedTargets(targets, by_reading.reshape(count, 6, -1))
 
     @override
     def axes_of_end(self, T_instr_ee: Array) -> Array:

@@ -5,7 +5,7 @@ import pytest
 
 from made_up_survey import Hidden, at_joint, observe
 from pa10cal.discovery.blocked_cv.refit import refit
-from pa10cal.discovery.blocked_cv.weighing import unweighed
+from pa10cal.discovery.blocked_cv.weighing import unweighted
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.with_effects import at_unknowns, moved_base
 from pa10cal.terms.effects.encoder import EncoderEccentricity
@@ -27,7 +27,7 @@ def hidden():
 
 @pytest.fixture(scope="module")
 def found(hidden):
-    weighing = unweighed(hidden.readings.measured)
+    weighing = unweighted(hidden.readings.measured)
     return refit(hidden.survey, (DISK, FINE), (np.zeros(2), np.zeros(24)), weighing)
 
 
@@ -61,7 +61,7 @@ def test_nothing_near_fits_better(hidden, found):
 
 def test_a_parameter_stays_within_its_physical_range(hidden):
     spring = JointCompliance("joint 4", 56.0)
-    weighing = unweighed(hidden.readings.measured)
+    weighing = unweighted(hidden.readings.measured)
     found = refit(hidden.survey, (DISK, spring), (np.zeros(2), np.zeros(1)), weighing)
     assert found.x[found.columns_of(spring)][0] >= 0.0
 

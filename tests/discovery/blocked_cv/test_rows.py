@@ -11,7 +11,7 @@ from made_up_survey import observe
 from pa10cal.discovery.blocked_cv.family import computable, family
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
-from pa10cal.discovery.blocked_cv.weighing import unweighed
+from pa10cal.discovery.blocked_cv.weighing import unweighted
 from pa10cal.discovery.linear import by_joints, by_terms, residual
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.joint_error_map import (
@@ -32,7 +32,7 @@ def few():
 def rows(few):
     wanted = {("encoder_eccentricity", "joint 2"), ("cmm_squareness", "instrument")}
     shaped = [each for each in computable(few)[0] if (each.effect.id, each.effect.of) in wanted]
-    return Rows(few, unweighed(few.poses.measured), tuple(shaped), 36)
+    return Rows(few, unweighted(few.poses.measured), tuple(shaped), 36)
 
 
 def test_left_follows_parameters_as_differences_show(few):
@@ -123,7 +123,7 @@ def test_the_family_has_every_map_in_every_form_and_says_what_it_lacks(few):
     shaped, unknown = computable(few)
     assert all(isinstance(each, ShapedEffect) for each in shaped)
     assert {entry.why for entry in unknown} == {"the torques were not logged"}
-    rows = Rows(few, unweighed(few.poses.measured), shaped, 144)
+    rows = Rows(few, unweighted(few.poses.measured), shaped, 144)
     found, hidden = family(rows, rows.products())
     maps = [each for each in found if each.is_map]
     assert len(maps) == 6 * 9

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from pa10cal.arm.state import PoseStates, Seen, StaticLoads
+from pa10cal.arm.state import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.family import candidates
@@ -32,7 +32,7 @@ def some_states() -> PoseStates:
             joint_Nm=rng.uniform(-60.0, 60.0, (POSES, arm.n)),
             down_ee=down / np.linalg.norm(down, axis=1, keepdims=True),
         ),
-        seen=Seen(
+        seen=ObservedTargets(
             p_instr_targets_m=rng.uniform(0.0, 0.9, (POSES, TARGETS, 3)),
             pose_by_targets=rng.normal(size=(POSES, 6, 3 * TARGETS)),
         ),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.state import PoseStates, Seen, StaticLoads
+from pa10cal.arm.state import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.terms.effects.effect import CandidateContext
@@ -43,7 +43,7 @@ def states_of(arm, poses=5):
             rng.normal(size=(poses, arm.n)),
             np.tile([0.0, 0.0, -1.0], (poses, 1)),
         ),
-        seen=Seen(rng.uniform(0.0, 0.9, (poses, 2, 3)), rng.normal(size=(poses, 6, 6))),
+        seen=ObservedTargets(rng.uniform(0.0, 0.9, (poses, 2, 3)), rng.normal(size=(poses, 6, 6))),
     )
 
 

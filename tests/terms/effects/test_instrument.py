@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.state import Seen
+from pa10cal.arm.state import ObservedTargets
 from pa10cal.frame.rigid_fit import fit_rigid
 from pa10cal.terms.model import Model
 
@@ -35,7 +35,7 @@ def test_predicts_the_pose_that_a_false_instrument_reads(name, x, matrix, at, ar
     nudges = STEP_M * np.eye(9).reshape(9, 1, 3, 3)
     nudged = fit_rigid(BALLS_M, p_m + nudges).T
     by_targets = np.moveaxis(motion_in_ee(T_true, nudged), 0, -1) / STEP_M
-    seen = Seen(p_instr_targets_m=p_m, pose_by_targets=by_targets)
+    seen = ObservedTargets(p_instr_targets_m=p_m, pose_by_targets=by_targets)
     model = Model(Chain.of(arm), (at(name, "instrument"),))
     predicted = model.predict(replace(states, seen=seen), np.array(x))
     read = fit_rigid(BALLS_M, p_m + p_m @ matrix.T).T

@@ -26,13 +26,13 @@ from pa10cal.discovery.blocked_cv.judge import (
     unexplained,
     without_rivals,
 )
-from pa10cal.discovery.blocked_cv.reference import noise_squares, weighed_rows
+from pa10cal.discovery.blocked_cv.reference import noise_squares, weighted_rows
 from pa10cal.discovery.blocked_cv.refit import Refit, refit
 from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search, Step
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.gap import Named
-from pa10cal.discovery.lack_of_fit import LackOfFit, Left, lack_of_fit
+from pa10cal.discovery.lack_of_fit import CellResiduals, LackOfFit, lack_of_fit
 from pa10cal.discovery.linear import by_joints, mean_length, position_noise, residual
 from pa10cal.discovery.next_poses.fill import fill
 from pa10cal.discovery.noise import NEARLY_SAME, Noise, noise_of_near_poses
@@ -131,7 +131,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         torques_logged=campaign.torques == "logged",
     )
     shaped, unknown = computable(judged)
-    rows = weighed_rows(judged, shaped, SPACINGS[-1][0])
+    rows = weighted_rows(judged, shaped, SPACINGS[-1][0])
     searched = _search(rows, error_rate)
     fine, finer_steps = finest(rows, searched.members)
     effects = tuple(member.effect for member in fine.members)
@@ -241,5 +241,5 @@ def _floor_mm(judged: Survey, noise: Noise) -> float:
 def _lack_of_fit(judged: Survey, at: FittedModel, noise: Noise) -> LackOfFit:
     poses = judged.poses
     joints = range(1, poses.states.n + 1)
-    left = Left(at, poses, -residual(at, poses), noise.cov, by_joints(at, poses, joints))
+    left = CellResiduals(at, poses, -residual(at, poses), noise.cov, by_joints(at, poses, joints))
     return lack_of_fit(left)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
-from pa10cal.discovery.blocked_cv.weighing import unweighed, weigh
+from pa10cal.discovery.blocked_cv.weighing import pose_weights, unweighted
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.noise import Noise
 from pa10cal.terms.effects.joint_error_map import Fading, harmonic_orders
@@ -21,7 +21,7 @@ _KNOTS = 72
 _FADING = Fading(1e-4, 10.0)
 
 
-def weighed_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -> Rows:
+def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -> Rows:
     """Return rows of effects and maps, weighed.
 
     By the scatter that all named effects and maps of all joints leave together: then no pose weighs
@@ -34,11 +34,11 @@ def weighed_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -
     """
     measured = survey.poses.measured
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
-    rows = Rows(survey, unweighed(measured), named, _KNOTS)
-    weighing = weigh(residual(rows.place, survey.poses), float(len(rows.own)), measured)
+    rows = Rows(survey, unweighted(measured), named, _KNOTS)
+    weighing = pose_weights(residual(rows.place, survey.poses), float(len(rows.own)), measured)
     for _ in range(_REWEIGHTED):
         rows = Rows(survey, weighing, named, _KNOTS)
-        weighing = weigh(*_left_by_everything(rows), measured)
+        weighing = pose_weights(*_left_by_everything(rows), measured)
     return Rows(survey, weighing, shaped, knots)
 
 

@@ -12,7 +12,7 @@ from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.selection import no_wider_than
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.blocked_cv.weighing import Weighing, weigh
+from pa10cal.discovery.blocked_cv.weighing import PoseWeights, pose_weights
 from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes, residual
 from pa10cal.discovery.with_effects import ModelWithEffects
 from pa10cal.fit.fitted_model import FittedModel
@@ -40,11 +40,11 @@ class Refit(ModelWithEffects):
     """
 
     covariance: Array
-    weighing: Weighing
+    weighing: PoseWeights
 
 
 def refit(
-    survey: Survey, effects: tuple[Effect, ...], starts: tuple[Array, ...], weighing: Weighing
+    survey: Survey, effects: tuple[Effect, ...], starts: tuple[Array, ...], weighing: PoseWeights
 ) -> Refit:
     """Fit the calibrated model with effects to all poses of a survey.
 
@@ -64,7 +64,7 @@ def refit(
         nonlocal counts
         covariance = _inverse(taken.before.normal, fit.prior, ~taken.held)
         left = residual(fit.place(x), survey.poses)
-        counts = weigh(left, fit.dof(covariance), survey.poses.measured)
+        counts = pose_weights(left, fit.dof(covariance), survey.poses.measured)
         return fit.equations(x, counts)
 
     def arrived(_: Array, taken: Step) -> bool:
@@ -133,7 +133,7 @@ class _Fit:
         k = len(self._model.parameters)
         return replace(self._survey.baseline, model=self._model, x=x[:k], targets_m=x[k:])
 
-    def equations(self, x: Array, weighing: Weighing) -> Equations:
+    def equations(self, x: Array, weighing: PoseWeights) -> Equations:
         """Return the problem at a point."""
         at, poses = self.place(x), self._survey.poses
         whiten = weighing.whiteners(np.arange(len(poses)))
@@ -160,7 +160,7 @@ class _Fit:
         """Return how many parameters the data determine, the others being as expected."""
         return float(len(covariance) - np.sum(self.prior * covariance))
 
-    def cost(self, x: Array, weighing: Weighing) -> float:
+    def cost(self, x: Array, weighing: PoseWeights) -> float:
         """Return the sum of squares at a point."""
         every = np.arange(len(self._survey.poses))
         white = weighing.whiteners(every) @ residual(self.place(x), self._survey.poses)[:, :, None]

@@ -26,7 +26,7 @@ _MOST_SHRINK = 1e-3
 
 
 @dataclass(frozen=True)
-class Weighing:
+class PoseWeights:
     """Whitening and weights of P poses.
 
     Attributes:
@@ -43,13 +43,13 @@ class Weighing:
         return found
 
 
-def unweighed(measured: Instrument) -> Weighing:
+def unweighted(measured: Instrument) -> PoseWeights:
     """Return the weighing by what the instrument states alone."""
     stated = measured.stated_covariance
-    return Weighing(np.linalg.inv(np.linalg.cholesky(stated)), np.ones(len(stated)))
+    return PoseWeights(np.linalg.inv(np.linalg.cholesky(stated)), np.ones(len(stated)))
 
 
-def weigh(residual: Array, dof: float, measured: Instrument) -> Weighing:
+def pose_weights(residual: Array, dof: float, measured: Instrument) -> PoseWeights:
     """Weigh poses by what a model leaves of them.
 
     Args:
@@ -76,4 +76,4 @@ def weigh(residual: Array, dof: float, measured: Instrument) -> Weighing:
     whitener = np.linalg.inv(np.linalg.cholesky(covariance))
     distance = np.linalg.norm((whitener @ residual[:, :, None])[:, :, 0], axis=1)
     limit = np.sqrt(chdtri(np.maximum(seen.sum(axis=1), 1), _HUBER_TAIL))
-    return Weighing(whitener, np.minimum(1.0, limit / np.maximum(distance, limit)))
+    return PoseWeights(whitener, np.minimum(1.0, limit / np.maximum(distance, limit)))

@@ -30,7 +30,7 @@ _SEED = 20080427
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class HeldOutGain:
     """How an effect does on rows that were held out of the fit.
 
     Attributes:
@@ -54,8 +54,8 @@ class Confirmation:
 
     loss: float
     p_flips: float
-    poses: LeftOut
-    loads: LeftOut | None
+    poses: HeldOutGain
+    loads: HeldOutGain | None
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def _gain(scores: Array, gram: Array, signs: Array | None) -> Array:
     return found
 
 
-def _left_out(rows: _Rows, k: int, fold_of_cell: Index, pose_of_cell: Index) -> LeftOut:
+def _left_out(rows: _Rows, k: int, fold_of_cell: Index, pose_of_cell: Index) -> HeldOutGain:
     """Return how member k does on each fold, all being fitted on the others."""
     fold, pose = fold_of_cell[rows.cell], pose_of_cell[rows.cell]
     without = np.delete(rows.own, rows.members[k], axis=1)
@@ -202,7 +202,7 @@ def _left_out(rows: _Rows, k: int, fold_of_cell: Index, pose_of_cell: Index) -> 
         errors.append(squares)
     gain = errors[1] - errors[0]
     spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
-    return LeftOut(
+    return HeldOutGain(
         explained=float(gain.sum() / errors[1].sum()),
         z=float(gain.mean() / spread) if spread > 0 else 0.0,
     )

@@ -11,11 +11,11 @@ from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.lack_of_fit import (
+    CellResiduals,
     ChannelTest,
     LackOfFit,
-    Left,
-    LeftTorques,
     PureErrorTest,
+    TorqueResiduals,
     lack_of_fit,
 )
 from pa10cal.discovery.linear import by_end, possible_sizes
@@ -46,8 +46,8 @@ def evidence_lack_of_fit(problem: Problem, found: Fit) -> LackOfFit:
     torques = None
     if problem.torque is not None and torque is not None:
         left_Nm = _left_over(problem.torque, torque_rows(problem, at), torque)
-        torques = LeftTorques(left_Nm, problem.noise.torque_Nm)
-    left = Left(at, cells, components, problem.cell_cov, screws)
+        torques = TorqueResiduals(left_Nm, problem.noise.torque_Nm)
+    left = CellResiduals(at, cells, components, problem.cell_cov, screws)
     return lack_of_fit(left, (pose, torque), torques)
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pa10cal.figures.joint_columns import joint_panels, label_below, over_angle
-from pa10cal.figures.joint_errors import Left, joint_errors, running_mean
+from pa10cal.figures.joint_errors import PoseResiduals, joint_errors, running_mean
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
@@ -78,7 +78,7 @@ def draw(results: Results) -> Figure:
     rows = []
     for title, colour, found in _sets(results, case):
         q = joints.of(found.pose.tolist(), found.load_N.tolist())
-        left = Left(q, found.position_mm, found.rotation_deg)
+        left = PoseResiduals(q, found.position_mm, found.rotation_deg)
         error = 1e3 * joint_errors(chain, left, p_ee_target_m)
         rows.append(_Row(title, colour, left.q * to_shown, error, _beyond(found)))
     figure = new_figure(

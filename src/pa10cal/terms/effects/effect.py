@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.arm.state import PoseStates, Seen, StaticLoads
+from pa10cal.arm.state import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.term import Parameter, Report, report_as_solved
 
@@ -186,7 +186,7 @@ def static_loads_in(states: PoseStates, effect: Effect) -> StaticLoads:
     return states.static_loads
 
 
-def seen_in(states: PoseStates, effect: Effect) -> Seen:
+def seen_in(states: PoseStates, effect: Effect) -> ObservedTargets:
     """Return how the poses were read from the instrument's targets.
 
     Raises:
