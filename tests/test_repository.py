@@ -252,3 +252,19 @@ def test_every_decision_has_a_number_of_its_own():
         numbers.append(int(path.name[:4]))
         assert title.startswith(f"# {numbers[-1]}. "), path.name
     assert numbers == list(range(1, len(numbers) + 1))
+
+
+PROSE = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted(ROOT.glob("docs/*/*.md")),
+]
+
+
+@pytest.mark.parametrize("page", PROSE, ids=lambda page: str(page.relative_to(ROOT)))
+def test_no_line_of_prose_is_longer_than_120_characters(page):
+    """Tables and code may be longer, and the address of a link does not count."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
+    prose = [line for line in text.splitlines() if not line.startswith("|")]
+    shown = [re.sub(r"\]\([^)]*\)", "]", line) for line in prose]
+    assert not [line for line in shown if len(line) > 120]
