@@ -75,15 +75,8 @@ def prepared(every: Observations, model: FittedModel, setup: MeasurementSetup) -
     every, from_order = with_arrivals(every)
     readings = every.of_kind("grid").turned(model.R_ee_target)
     held_out = average_repeats(every.of_kind("holdout")).turned(model.R_ee_target)
-    arm = model.model.chain.arm
-    states, torques = with_torques(arm, readings.states, setup.payload)
-    held_out_states, _ = with_torques(arm, held_out.states, setup.payload)
-    if torques == "masses" and setup.payload is not None:
-        # Weights at the nominal posture would leave what an arm sags by to be found as an effect.
-        states, held_out_states = (
-            replace(each, tau_Nm=statics_of(model.model, model.x, each, setup.payload).torque_Nm)
-            for each in (states, held_out_states)
-        )
+    states, torques = with_modelled_torques(readings.states, model, setup)
+    held_out_states, _ = with_modelled_torques(held_out.states, model, setup)
     return Prepared(
         readings=readings.with_states(states),
         held_out=held_out.with_states(held_out_states) if len(held_out) else None,
@@ -92,6 +85,23 @@ def prepared(every: Observations, model: FittedModel, setup: MeasurementSetup) -
         torques=torques,
         arrivals_from_order=from_order,
     )
+
+
+def with_modelled_torques(
+    states: PoseStates, model: FittedModel, setup: MeasurementSetup
+) -> tuple[PoseStates, TorqueSource]:
+    """Return states with torques as logged, else of the masses at the posture modelled.
+
+    Weights at the nominal posture would leave what an arm sags by to be found as an effect.
+    """
+    states, torques = with_torques(model.arm, states, setup.payload)
+    if torques == "masses" and setup.payload is not None:
+        # Effects may need what is not known yet, and move weights by next to nothing.
+        own = [term for term in model.model.terms if not isinstance(term, Effect)]
+        x = np.concatenate([np.zeros(0), *(model.values_of(term) for term in own)])
+        carried = statics_of(Model(model.model.chain, tuple(own)), x, states, setup.payload)
+        states = replace(states, tau_Nm=carried.torque_Nm)
+    return states, torques
 
 
 def complete(poses: Observations, baseline: FittedModel, setup: MeasurementSetup) -> Observations:
