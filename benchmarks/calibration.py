@@ -104,10 +104,10 @@ def solve_by_differences(level: TwoLevel) -> Array:
 
 def _standard_uncertainty(level: TwoLevel, x: Array) -> Array:
     """Return the standard uncertainties (k,) that the residuals imply; inf in open directions."""
-    at = level.linearise(x)
+    at = level.rows(x)
     jacobian = at.jacobian.reshape(-1, len(x)) * level.model.scale
     _, sizes, right = np.linalg.svd(jacobian, full_matrices=False)
-    variance = np.sum(at.residuals**2) / (at.residuals.size - len(x))
+    variance = np.sum(at.residual**2) / (at.residual.size - len(x))
     told = sizes > 1e-9 * sizes[0]
     spread = np.where(told, np.sqrt(variance) / np.where(told, sizes, 1.0), np.inf)
     weights = np.where(np.abs(right) > 1e-9, right, 0.0)
@@ -140,7 +140,7 @@ def rows() -> list[tuple[str, float, str, str]]:
     for poses in _SIZES:
         grown = problem(poses)
         x = nominal_start(grown.model)
-        step.append(seconds(lambda grown=grown, x=x: grown.linearise(x), 9))
+        step.append(seconds(lambda grown=grown, x=x: grown.rows(x), 9))
     exponent = float(np.polyfit(np.log(_SIZES[2:]), np.log(step[2:]), 1)[0])
     whole = seconds(lambda: solve_exactly(problem(10_000)), 1)
     return [

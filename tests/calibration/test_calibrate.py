@@ -9,7 +9,6 @@ from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.accuracy import deviations, summarise
 from pa10cal.calibration.calibrate import (
     calibrate,
-    one_level,
     solve_one_level,
     tolerance_rows,
     weak_directions,
@@ -79,8 +78,8 @@ def test_one_attitude_leaves_two_more_directions_open(model, observe, states, T_
         observations = exact.with_measured(
             T_instr_target=T_instr_base @ chain.forward(chosen.q_rad)
         )
-        level = one_level(TwoLevel(links, observations, np.arange(81)), T_instr_base)
-        jacobian = level.linearise(np.zeros(30)).jacobian.reshape(-1, 30)
+        level = TwoLevel(links, observations, np.arange(81)).one_level(T_instr_base)
+        jacobian = level.rows(np.zeros(30)).jacobian.reshape(-1, 30)
         assert identify(jacobian, level.model.scale).rank == rank
 
 
@@ -256,7 +255,7 @@ def test_nested_finite_differences_give_the_same_answer(model, observe):
 
     def rows(z):
         x = z * model.scale
-        return np.concatenate([exact.level.residuals(x).ravel(), terms @ x])
+        return np.concatenate([exact.level.residual(x).ravel(), terms @ x])
 
     start = exact.solution.x / model.scale + np.random.default_rng(0).normal(size=30)
     tight = {"xtol": 1e-13, "ftol": 1e-13, "gtol": 1e-13}

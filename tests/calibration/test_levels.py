@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.calibrate import one_level
 from pa10cal.calibration.inner_poses import random_poses, rows_of, spread_poses
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.errors import CalibrationError
@@ -17,18 +16,18 @@ def level(model, observe):
 
 def assert_exact(level, x):
     """Fourth-order differences, so that their own error stays below 1e-6."""
-    at = level.linearise(x)
-    scale = level.model.scale
+    at = level.rows(x)
+    scale = np.array([parameter.scale for parameter in level.parameters])
     for k in range(len(x)):
         step = np.zeros(len(x))
         step[k] = 1e-2 * scale[k]
-        near = level.residuals(x + step) - level.residuals(x - step)
-        far = level.residuals(x + 2 * step) - level.residuals(x - 2 * step)
+        near = level.residual(x + step) - level.residual(x - step)
+        far = level.residual(x + 2 * step) - level.residual(x - 2 * step)
         difference = (8 * near - far) / (12 * step[k])
         rounding = 1e-14 / step[k]
         error = np.abs(difference - at.jacobian[:, :, k]).max()
         assert error < 1e-6 * np.abs(at.jacobian[:, :, k]).max() + rounding, k
-    np.testing.assert_allclose(at.residuals, level.residuals(x), atol=1e-15)
+    np.testing.assert_allclose(at.residual, level.residual(x), atol=1e-15)
 
 
 @pytest.mark.parametrize("inner", [8, 27])
@@ -40,7 +39,7 @@ def test_derivative_through_the_inner_level_is_exact(level, truth, inner):
 
 
 def test_derivative_on_one_level_is_exact(level, truth, T_instr_base):
-    whole = one_level(level, T_instr_base)
+    whole = level.one_level(T_instr_base)
     x = np.concatenate([truth, np.random.default_rng(1).normal(scale=3e-3, size=6)])
     assert_exact(whole, x)
 
@@ -56,7 +55,7 @@ def test_residuals_do_not_depend_on_where_the_instrument_stands(level, truth):
         ),
     )
     x = truth + 2 * level.model.scale
-    first, second = level.residuals(x), elsewhere.residuals(x)
+    first, second = level.residual(x), elsewhere.residual(x)
     np.testing.assert_allclose(
         np.linalg.norm(first[:, :3], axis=1), np.linalg.norm(second[:, :3], axis=1), atol=1e-12
     )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.inner_poses import rows_of, spread_poses
-from pa10cal.calibration.levels import Level, OneLevel, TwoLevel
+from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.solve import Solution, random_starts, solve
 from pa10cal.calibration.tolerance_terms import all_terms, null_space_terms, residual_weight
@@ -30,7 +30,6 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import base_frame
 
 Array = NDArray[np.float64]
 
@@ -156,11 +155,11 @@ def describe(
 ) -> Calibration:
     """Compute base frame, rank and uncertainties of a solution."""
     model, observations = level.model, level.observations
-    at_solution = level.linearise(solution.x)
-    whole = one_level(level, at_solution.T_instr_base)
-    everything = whole.linearise(np.concatenate([solution.x, np.zeros(6)]))
-    jacobian = everything.jacobian.reshape(-1, len(solution.x) + 6)
-    identifiability = identify(jacobian, whole.model.scale)
+    at_solution = level.rows(solution.x)
+    whole = level.one_level(at_solution.T_instr_base)
+    everything = whole.rows(np.concatenate([solution.x, np.zeros(6)]))
+    jacobian = (level.weights[:, None] * everything.jacobian).reshape(-1, len(whole.scale))
+    identifiability = identify(jacobian, whole.scale)
     return Calibration(
         level=level,
         solution=solution,
@@ -169,8 +168,8 @@ def describe(
         inner_poses=inner_poses,
         T_instr_base=at_solution.T_instr_base,
         identifiability=identifiability,
-        unidentified_directions=unidentified_directions(identifiability, whole.model.parameters),
-        not_identifiable=not_identifiable(identifiability, whole.model.parameters)
+        unidentified_directions=unidentified_directions(identifiability, whole.parameters),
+        not_identifiable=not_identifiable(identifiability, whole.parameters)
         & {parameter.name for parameter in model.parameters},
         covariances=propagate(
             at_solution,
@@ -192,10 +191,10 @@ def pull_beyond_bounds(calibration: Calibration) -> Array:
     lies near the bound; a missing effect makes it large.
     """
     level, solution = calibration.level, calibration.solution
-    at = level.linearise(solution.x)
+    at = level.rows(solution.x)
     scale = level.model.scale
     rows = np.concatenate([at.jacobian.reshape(-1, len(scale)), calibration.terms]) * scale
-    wanted = np.concatenate([-at.residuals.ravel(), -calibration.terms @ solution.x])
+    wanted = np.concatenate([-at.residual.ravel(), -calibration.terms @ solution.x])
     step = np.linalg.lstsq(rows, wanted, rcond=None)[0] * scale
     std = np.sqrt(np.diag(calibration.covariances.parameters))
     pull = np.divide(np.abs(step), std, out=np.zeros_like(step), where=std > 0)
@@ -230,29 +229,24 @@ def _direction(vector: Array, names: list[str]) -> Direction:
     return Direction({names[k]: float(vector[k]) for k in order if abs(vector[k]) > 0.1})
 
 
-def one_level(level: TwoLevel, T_instr_base: Array) -> OneLevel:
-    """Return the same problem with the base among the unknowns, starting at `T_instr_base`."""
-    model = Model(level.model.chain, (*level.model.terms, base_frame()))
-    return OneLevel(model, level.observations, T_instr_base, level.r_max_m)
-
-
 def solve_one_level(
     level: TwoLevel, T_instr_base: Array, x_start: Array, terms: Array, max_iterations: int
 ) -> Solution:
     """Solve for all unknowns at once, the base frame's six small motions last."""
     padded = np.concatenate([terms, np.zeros((len(terms), 6))], axis=1)
     start = np.concatenate([x_start, np.zeros(6)])
-    return solve(one_level(level, T_instr_base), start, padded, max_iterations)
+    whole = level.one_level(T_instr_base)
+    return solve(whole, start, padded, max_iterations, weights=level.weights)
 
 
-def tolerance_rows(level: Level, x: Array, options: CalibrationOptions) -> Array:
+def tolerance_rows(level: TwoLevel, x: Array, options: CalibrationOptions) -> Array:
     """Return the tolerance rows (r, k) of the options, at parameters x."""
     weight = residual_weight(options.epsilon, options.epsilon_acts_on)
     parameters = level.model.parameters
     if options.tolerance_terms == "all":
         return all_terms(parameters, weight)
     scale = level.model.scale
-    jacobian = level.linearise(x).jacobian.reshape(-1, len(x))
+    jacobian = level.rows(x).jacobian.reshape(-1, len(x))
     return null_space_terms(identify(jacobian, scale), scale, weight)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import deviations, summarise
-from pa10cal.calibration.levels import Level
+from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.solve import solve
 from pa10cal.calibration.tolerance_terms import all_terms
 from pa10cal.results.calibration import LCurvePoint as LCurvePoint
@@ -18,7 +18,7 @@ _PRECISION = 1e-8
 
 
 def l_curve(
-    level: Level, x_start: Array, weights: Array, max_iterations: int
+    level: TwoLevel, x_start: Array, weights: Array, max_iterations: int
 ) -> tuple[LCurvePoint, ...]:
     """Solve once a weight, from small to large, each from the solution before.
 
@@ -38,7 +38,7 @@ def l_curve(
         points.append(
             LCurvePoint(
                 weight=float(weight),
-                misfit=float(np.linalg.norm(level.residuals(x))),
+                misfit=float(np.linalg.norm(level.residual(x))),
                 departure=float(np.linalg.norm(unit @ x)),
                 mean_mm=summarise(found).mean_mm,
             )

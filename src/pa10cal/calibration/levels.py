@@ -1,34 +1,36 @@
-"""Residuals of the calibration and their exact derivative, on two levels and on one.
+"""Residuals of the calibration on two levels, and their exact derivative.
 
 Rows are those of paper equations (2) and (4): position difference over r_max, and the chord of the
-orientation difference, for every pose. On two levels the base frame is the inner minimum for each
-set of outer parameters, so its derivative is that of an implicit function; on one level six
-parameters of the model place the base.
+orientation difference, for every pose. The base frame is the inner minimum for each set of outer
+parameters, so its derivative is that of an implicit function. On one level, where six parameters
+of the model place the base, the problem is `fit.Problem`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.inner import BaseFrame, fit_base_frame
+from pa10cal.fit.problem import Problem, Rows
 from pa10cal.frame.pose_error import pose_error
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import base_frame
+from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Linearisation:
-    """Residuals of N poses at one point and their derivatives there.
+class TwoLevelRows(Rows):
+    """Rows of N poses at one point, through the inner level.
 
     Attributes:
-        residuals: (N, 6) position over r_max, then chord of the orientation.
+        residual: (N, 6) position over r_max, then chord of the orientation.
         jacobian: (N, 6, k) total derivative by the parameters.
         by_base: (N, 6, 6) derivative by the base frame: translation in the instrument's frame
             [m], then a small right rotation.
@@ -36,36 +38,9 @@ class Linearisation:
         base_jacobian: (6, k) derivative of the base frame by the parameters.
     """
 
-    residuals: Array
-    jacobian: Array
     by_base: Array
     T_instr_base: Array
     base_jacobian: Array
-
-
-class Level(Protocol):
-    """What the solver needs of a calibration problem."""
-
-    @property
-    def model(self) -> Model:
-        """Return the model whose parameters are fitted."""
-
-    @property
-    def observations(self) -> Observations[Pose]:
-        """Return the measured poses."""
-
-    @property
-    def inner_rows(self) -> NDArray[np.intp]:
-        """Return the rows of the inner level, none on one level."""
-
-    def base(self, x: Array) -> BaseFrame:
-        """Return the base frame that goes with parameters x."""
-
-    def residuals(self, x: Array) -> Array:
-        """Return (N, 6) residuals."""
-
-    def linearise(self, x: Array) -> Linearisation:
-        """Return residuals and exact derivatives."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +59,26 @@ class TwoLevel:
     inner_rows: NDArray[np.intp]
     r_max_m: float = 1.0
 
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the outer parameters, those of the model."""
+        return self.model.parameters
+
+    @property
+    def weights(self) -> Array:
+        """Return what components [m, rad] are multiplied by in the rows, (6,)."""
+        return np.concatenate([np.full(3, 1.0 / self.r_max_m), np.ones(3)])
+
+    def one_level(self, T_instr_base: Array) -> Problem:
+        """Return the same with the base among the unknowns, as six small motions, the last ones.
+
+        Args:
+            T_instr_base: (4, 4) where the base is when these are zero.
+        """
+        model = Model(self.model.chain, (*self.model.terms, base_frame()))
+        none = np.zeros(0)
+        return Problem(model, none.astype(np.intp), none, T_instr_base, self.observations)
+
     def base(self, x: Array) -> BaseFrame:
         """Return the inner minimum for parameters x."""
         inner = self.observations.take(self.inner_rows)
@@ -93,15 +88,15 @@ class TwoLevel:
             attitude_weight_m2=self.r_max_m**2,
         )
 
-    def residuals(self, x: Array) -> Array:
-        """Return (N, 6) residuals."""
+    def residual(self, x: Array) -> Array:
+        """Return predicted less measured, (N, 6)."""
         T_base_ee = self.model.predict(self.observations.states, x)
         base = self._fit(T_base_ee, None)
         return _residuals(
             base.T_instr_base @ T_base_ee, self.observations.measured.T_instr_target, self.r_max_m
         )
 
-    def linearise(self, x: Array) -> Linearisation:
+    def rows(self, x: Array) -> TwoLevelRows:
         """Return residuals and exact derivatives, by one inner solve."""
         predicted = self.model.predict_with_jacobian(self.observations.states, x)
         base = self._fit(predicted.T_base_ee, predicted.jacobian)
@@ -119,46 +114,6 @@ class TwoLevel:
         )
 
 
-@dataclass(frozen=True)
-class OneLevel:
-    """All unknowns at once; the model's own terms move the base away from `T_instr_base`.
-
-    Attributes:
-        model: chain and terms, a base-frame term among them.
-        observations: N measured poses.
-        T_instr_base: (4, 4) where the base is when its term is zero.
-        r_max_m: length that normalises positions.
-    """
-
-    model: Model
-    observations: Observations[Pose]
-    T_instr_base: Array
-    r_max_m: float = 1.0
-
-    @property
-    def inner_rows(self) -> NDArray[np.intp]:
-        """Return no rows: there is no inner level."""
-        return np.zeros(0, dtype=np.intp)
-
-    def base(self, x: Array) -> BaseFrame:
-        """Return the fixed frame that the model's base term starts from."""
-        return BaseFrame(self.T_instr_base, np.zeros((6, len(x))))
-
-    def residuals(self, x: Array) -> Array:
-        """Return (N, 6) residuals."""
-        T_base_ee = self.model.predict(self.observations.states, x)
-        return _residuals(
-            self.T_instr_base @ T_base_ee, self.observations.measured.T_instr_target, self.r_max_m
-        )
-
-    def linearise(self, x: Array) -> Linearisation:
-        """Return residuals and exact derivatives."""
-        predicted = self.model.predict_with_jacobian(self.observations.states, x)
-        return _linearise(
-            predicted.T_base_ee, predicted.jacobian, self.base(x), self.observations, self.r_max_m
-        )
-
-
 def _residuals(T_predicted: Array, T_measured: Array, r_max_m: float) -> Array:
     error = pose_error(T_predicted, T_measured)
     return np.concatenate([error.position_m / r_max_m, error.chord], axis=1)
@@ -170,10 +125,10 @@ def _linearise(
     base: BaseFrame,
     observations: Observations[Pose],
     r_max_m: float,
-) -> Linearisation:
+) -> TwoLevelRows:
     T_instr_base = base.T_instr_base
     R = T_instr_base[:3, :3]
-    base_jacobian = base.jacobian if base.jacobian is not None else np.zeros((6, 0))
+    assert base.jacobian is not None
     error = pose_error(T_instr_base @ T_base_ee, observations.measured.T_instr_target)
     # R exp([omega]) p + t: the base moves the point by dt + (R omega) x (R p), turns it by R omega.
     p = T_base_ee[:, :3, 3] @ R.T
@@ -184,6 +139,6 @@ def _linearise(
     total = np.empty_like(jacobian)
     total[:, :3] = (R / r_max_m) @ jacobian[:, :3]
     total[:, 3:] = by_base[:, 3:, 3:] @ jacobian[:, 3:]
-    total += by_base @ base_jacobian
+    total += by_base @ base.jacobian
     residuals = np.concatenate([error.position_m / r_max_m, error.chord], axis=1)
-    return Linearisation(residuals, total, by_base, T_instr_base, base_jacobian)
+    return TwoLevelRows(residuals, total, by_base, T_instr_base, base.jacobian)

@@ -19,7 +19,6 @@ from pa10cal.calibration.accuracy import (
 from pa10cal.calibration.calibrate import (
     Calibration,
     calibrate,
-    one_level,
     solve_one_level,
 )
 from pa10cal.calibration.health import Errors, FitSummary, Health, health
@@ -228,11 +227,10 @@ def _health(
 ) -> Health:
     """Judge the calibration, base frame included."""
     level, solution = cubic.level, cubic.solution
-    whole = one_level(level, cubic.T_instr_base)
+    whole = level.one_level(cubic.T_instr_base)
     k = len(solution.x)
-    jacobian = whole.linearise(np.concatenate([solution.x, np.zeros(6)])).jacobian
-    unit = np.concatenate([np.full(3, 1.0 / level.r_max_m), np.ones(3)])
-    whitener = np.linalg.inv(np.linalg.cholesky(noise.measured.cov * np.outer(unit, unit)))
+    jacobian = whole.rows(np.concatenate([solution.x, np.zeros(6)])).jacobian
+    whitener = np.linalg.inv(np.linalg.cholesky(noise.measured.cov))
     covariance = np.zeros((k + 6, k + 6))
     covariance[:k, :k], covariance[k:, k:] = cubic.covariances.parameters, cubic.covariances.base
     held = [
@@ -245,11 +243,11 @@ def _health(
         reason=solution.reason,
         iterations=solution.iterations,
         at_bound=tuple(held),
-        parameters=whole.model.parameters,
+        parameters=whole.parameters,
         covariance=covariance,
         identifiability=cubic.identifiability,
         white=whitener @ jacobian,
-        position=level.r_max_m * jacobian[:, :3],
+        position=jacobian[:, :3],
         not_identifiable=cubic.not_identifiable,
     )
     noise_mm = 1e3 * float(

@@ -336,7 +336,7 @@ def _over_repeats(case: LoadCase) -> float:
     noise_m2 = np.trace(case.noise.measured.cov[:, :3, :3], axis1=1, axis2=2).mean()
     if not noise_m2 > 0:
         return 0.0
-    residuals = level.residuals(case.cubic.solution.x)[:, :3] * level.r_max_m
+    residuals = level.residual(case.cubic.solution.x)[:, :3] * level.r_max_m
     return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)) / noise_m2))
 
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lstsq
 from scipy.optimize import least_squares
 
-from pa10cal.calibration.levels import Level, Linearisation
+from pa10cal.fit.least_squares import Bounds
+from pa10cal.fit.problem import Rows
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
+from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
 
@@ -24,6 +27,17 @@ _NO_WORSE = 1e-9
 #: Distances from a bound, in scales: where a start is moved to, and what counts as being on it.
 _INSIDE = 1e-3
 _NEAR_BOUND = 1e-2
+
+
+class LeastSquares(Protocol):
+    """What the solver needs: the paper's two levels, or a `fit.Problem` on one."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the k unknowns."""
+
+    def rows(self, x: Array) -> Rows:
+        """Return residuals and exact derivatives."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +62,12 @@ class Solution:
 
 
 def solve(
-    level: Level,
+    problem: LeastSquares,
     x_start: Array,
     terms: Array,
     max_iterations: int,
     precision: float = FULL_PRECISION,
+    weights: Array | None = None,
 ) -> Solution:
     """Minimise the data rows plus the tolerance terms from one start.
 
@@ -61,32 +76,36 @@ def solve(
     from Gauss-Newton steps.
 
     Args:
-        level: the problem.
+        problem: the problem.
         x_start: (k,) start, inside the physical range.
         terms: (r, k) tolerance rows; `terms @ x` are residuals.
         max_iterations: bound on the steps tried.
         precision: relative changes at which it has arrived.
+        weights: (6,) by which the components of its rows are multiplied; None for one.
     """
-    scale = level.model.scale
-    parameters = level.model.parameters
-    lower = np.array([-np.inf if p.lower is None else p.lower for p in parameters]) / scale
-    upper = np.array([np.inf if p.upper is None else p.upper for p in parameters]) / scale
-    last: dict[bytes, Linearisation] = {}
+    scale = np.array([parameter.scale for parameter in problem.parameters])
+    bounds = Bounds.of(problem.parameters)
+    lower, upper = bounds.lower / scale, bounds.upper / scale
+    last: dict[bytes, Rows] = {}
 
-    def linearise(z: Array) -> Linearisation:
+    def linearise(z: Array) -> Rows:
         # One linearisation, hence one inner solve, serves residuals and derivative of a step.
         key = z.tobytes()
         if key not in last:
             last.clear()
-            last[key] = level.linearise(z * scale)
+            rows = problem.rows(z * scale)
+            if weights is not None:
+                rows = Rows(weights * rows.residual, weights[:, None] * rows.jacobian)
+            last[key] = rows
         return last[key]
 
     def residuals(z: Array) -> Array:
-        return np.concatenate([linearise(z).residuals.ravel(), terms @ (z * scale)])
+        return np.concatenate([linearise(z).residual.ravel(), terms @ (z * scale)])
 
     def jacobian(z: Array) -> Array:
         rows = linearise(z).jacobian
-        return np.concatenate([rows.reshape(-1, len(z)), terms]) * scale
+        found: Array = np.concatenate([rows.reshape(-1, len(z)), terms]) * scale
+        return found
 
     result = least_squares(
         residuals,

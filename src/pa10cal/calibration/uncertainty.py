@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.calibration.levels import Linearisation
+from pa10cal.calibration.levels import TwoLevelRows
 from pa10cal.observe.averages import (
     average_repeats,
     reading_groups,
@@ -92,7 +92,7 @@ def with_own_scatter(
 
 
 def propagate(
-    at_solution: Linearisation,
+    at_solution: TwoLevelRows,
     observations: Observations[Pose],
     inner_rows: NDArray[np.intp],
     terms: Array,
@@ -104,7 +104,7 @@ def propagate(
     Args:
         at_solution: linearisation at the estimate.
         observations: measured poses with their covariances.
-        inner_rows: rows of the inner level, none on one level.
+        inner_rows: rows of the inner level.
         terms: (r, k) tolerance rows of the solve.
         r_max_m: length that normalises positions.
         u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
@@ -118,12 +118,11 @@ def propagate(
     normal_inverse = np.linalg.pinv(normal, hermitian=True) / np.outer(size, size)
     through = J.transpose(0, 2, 1).copy()  # (N, k, 6): what e_i does to the outer gradient
     base_influence = np.zeros((len(J), 6, 6))
-    if len(inner_rows):
-        inner = by_base[inner_rows]
-        hessian = np.einsum("nij,nik->jk", inner, inner)
-        base_influence[inner_rows] = -np.linalg.solve(hessian, inner.transpose(0, 2, 1))
-        crossed = np.einsum("nij,nik->jk", J, by_base)
-        through += crossed @ base_influence
+    inner = by_base[inner_rows]
+    hessian = np.einsum("nij,nik->jk", inner, inner)
+    base_influence[inner_rows] = -np.linalg.solve(hessian, inner.transpose(0, 2, 1))
+    crossed = np.einsum("nij,nik->jk", J, by_base)
+    through += crossed @ base_influence
     influence = -normal_inverse @ through
     base_influence = base_influence + at_solution.base_jacobian @ influence
     unit = np.concatenate([np.full(3, 1.0 / r_max_m), np.ones(3)])
