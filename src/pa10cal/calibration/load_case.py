@@ -228,11 +228,8 @@ def _health(
     """Judge the calibration, base frame included."""
     level, solution = cubic.level, cubic.solution
     whole = level.one_level(cubic.T_instr_base)
-    k = len(solution.x)
     jacobian = whole.rows(np.concatenate([solution.x, np.zeros(6)])).jacobian
     whitener = np.linalg.inv(np.linalg.cholesky(noise.measured.cov))
-    covariance = np.zeros((k + 6, k + 6))
-    covariance[:k, :k], covariance[k:, k:] = cubic.covariances.parameters, cubic.covariances.base
     held = [
         parameter.name
         for parameter, at_bound in zip(level.model.parameters, solution.at_bound, strict=True)
@@ -244,7 +241,7 @@ def _health(
         iterations=solution.iterations,
         at_bound=tuple(held),
         parameters=whole.parameters,
-        covariance=covariance,
+        covariance=cubic.covariances.together(cubic.T_instr_base),
         identifiability=cubic.identifiability,
         white=whitener @ jacobian,
         position=jacobian[:, :3],
