@@ -92,6 +92,7 @@ def test_singles_have_the_size_that_the_vocabulary_holds_for_plausible():
         time_span_s=(0.0, 3600.0),
     )
     terms = {term.id: term for term in candidates(context) if term.of not in ("joint 2", "joint 3")}
+    assert {name for name, term in terms.items() if not term.generic} == set(vocabulary())
     rng = np.random.default_rng(0)
     for name, effect in vocabulary().items():
         term = terms[name]
@@ -99,12 +100,12 @@ def test_singles_have_the_size_that_the_vocabulary_holds_for_plausible():
         rated_Nm = float(arm.torque_limit_Nm[joint - 1])
         site = Site(term.of, rated_Nm=rated_Nm, typical_Nm=1.0, coulomb_Nm=0.1 * rated_Nm)
         drawn = effect.at_size(site, effect.plausible_size, rng)
-        first = next(iter(drawn.values()))
-        plausible = term.parameters[0].plausible
-        found = 1.0 / first if name == "joint_compliance" else np.abs(first).max()
-        vector = np.size(first) > 1 and name != "joint_error_map"
-        allowed = 0.75 if vector or name == "joint_error_map" else 0.12
-        assert found == pytest.approx(plausible, rel=allowed), name
+        first = np.abs(next(iter(drawn.values())))
+        x = term.starts[-1].copy()
+        x[0] = term.parameters[0].plausible
+        plausible = abs(term.report(x).values[0])
+        allowed = 0.75 if np.size(first) > 1 else 0.12
+        assert first.max() == pytest.approx(plausible, rel=allowed), name
 
 
 def test_wrong_statements_are_those_of_trackers():

@@ -60,7 +60,7 @@ def test_singles_go_through_the_whole_vocabulary_in_either_layout():
 
 
 def test_outside_goes_through_what_has_no_name():
-    assert [hidden(t)[0][0] for t in draw_trials("outside", 4, 3)] == list(outside())
+    assert [hidden(t)[0][0] for t in draw_trials("outside", len(outside()), 3)] == list(outside())
 
 
 @pytest.mark.parametrize(("kind", "members"), [("pair", 2), ("triple", 3)])
@@ -82,16 +82,17 @@ def test_sizes_are_even_in_their_logarithm_within_their_bounds():
 
 
 def test_a_size_can_be_given_and_changes_nothing_else():
-    small, large, drawn = (draw_trials("single", 19, 7, size=size) for size in (0.5, 2.0, None))
-    compliance = [hidden(trial)[0][0] for trial in small].index("joint_compliance")
-    for number, trials in enumerate(zip(small, large, drawn, strict=True)):
+    every = len(vocabulary())
+    small, large, drawn = (draw_trials("single", every, 7, size=size) for size in (0.5, 2.0, None))
+    for trials in zip(small, large, drawn, strict=True):
         assert [trial.size for trial in trials[:2]] == [0.5, 2.0]
         assert len({str(hidden(trial)) for trial in trials}) == 1
         one, two, _ = (
             next(iter(trial.settings.hidden_effects[0].parameters.values())) for trial in trials
         )
-        factor = 0.25 if number == compliance else 4.0
-        assert two == pytest.approx(factor * np.array(one))
+        fields = vocabulary()[hidden(trials[0])[0][0]].model_fields.values()
+        stiffness = "stiffness" in next(iter(fields)).description
+        assert two == pytest.approx((0.25 if stiffness else 4.0) * np.array(one))
         bare = [trial.settings.model_copy(update={"hidden_effects": ()}) for trial in trials]
         assert bare[0] == bare[1] == bare[2]
 
@@ -122,8 +123,8 @@ def test_statements_are_wrong_both_ways():
 
 def test_temperature_drifts_where_it_must_and_in_a_third_of_the_rest():
     drifts = {True: [], False: []}
-    for trial in draw_trials("single", 380, 10):
-        grows = hidden(trial)[0][0] == "thermal_growth"
+    for trial in draw_trials("single", 20 * len(vocabulary()), 10):
+        grows = vocabulary()[hidden(trial)[0][0]].by_temperature
         drifts[grows].append(trial.settings.temperature_drift_C > 0.0)
     assert all(drifts[True])
     assert np.mean(drifts[False]) == pytest.approx(1 / 3, abs=0.08)

@@ -10,6 +10,7 @@ import pytest
 
 from pa10cal.campaign.options import IngestOptions
 from pa10cal.commands.command_line import (
+    CLOSED,
     COMMANDS,
     FAULT,
     INTERRUPTED,
@@ -149,6 +150,37 @@ def test_fault_is_told_from_a_refusal(capsys):
 def test_an_interrupted_command_says_so(capsys):
     assert run_command("seed", ["--load", "0N"], failing(KeyboardInterrupt())) == INTERRUPTED
     assert capsys.readouterr().err == "pa10cal seed: interrupted\n"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "main(['effects'])",
+        "main(['--help'])",
+        "run_command(*LONG)",
+    ],
+)
+def test_output_that_nobody_reads_ends_a_command_quietly(command):
+    script = (
+        "import sys; from pa10cal.commands.command_line import main, run_command\n"
+        "def long() -> None: print('line\\n' * 100_000)\n"
+        "LONG = ('effects', [], long)\n"
+        f"sys.exit({command})"
+    )
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", script], stdout=writing, stderr=subprocess.PIPE
+        )
+    finally:
+        os.close(writing)
+    assert (done.returncode, done.stderr) == (CLOSED, b"")
+
+
+def test_a_pipe_that_breaks_elsewhere_is_a_fault(capsys):
+    assert run_command("seed", ["--load", "0N"], failing(BrokenPipeError())) == FAULT
+    assert "internal fault: BrokenPipeError" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("error", "code"), [(REFUSAL, REFUSED), (KeyError("x"), FAULT)])

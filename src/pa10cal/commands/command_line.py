@@ -13,6 +13,7 @@ import ast
 import inspect
 import os
 import re
+import select
 import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -25,10 +26,12 @@ from pa10cal import __version__
 from pa10cal.errors import Pa10calError
 from pa10cal.near_miss import remedy_for
 
-#: Exit codes: refused input, settings or use; a fault of the program itself; stopped by Ctrl-C.
+#: Exit codes: refused input, settings or use; a fault of the program itself; stopped by Ctrl-C;
+#: stopped because nobody reads the output any more, as by `| head`.
 REFUSED = 2
 FAULT = 3
 INTERRUPTED = 130
+CLOSED = 141
 
 #: Commands in the order of the workflow. Each is a function in a module, both of the same name.
 COMMANDS = (
@@ -40,6 +43,7 @@ COMMANDS = (
     "seed",
     "calibrate",
     "montecarlo",
+    "effects",
     "discover",
     "evaluate",
     "transfer",
@@ -65,6 +69,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: arguments without the program's name; None for the process's own.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        try:
+            return _run(words)
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        return _closed()
+
+
+def _run(words: list[str]) -> int:
+    """Run the command that these words name and return its exit code."""
     if words in (["-h"], ["--help"]):
         print(_usage())
         return 0
@@ -106,7 +121,7 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
         command: the function; None for that of `name`.
 
     Returns:
-        0, `REFUSED`, `FAULT` or `INTERRUPTED`.
+        0, `REFUSED`, `FAULT`, `INTERRUPTED` or `CLOSED`.
     """
     command = command or command_named(name)
     types = get_type_hints(command)
@@ -122,6 +137,8 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
         print(f"pa10cal {name}: {error}", file=sys.stderr)
         return REFUSED
     except Exception as error:
+        if isinstance(error, BrokenPipeError) and _nobody_reads():
+            return _closed()
         _print_traceback(debug)
         print(
             f"pa10cal {name}: internal fault: {type(error).__name__}: {error}; "
@@ -130,6 +147,22 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
         )
         return FAULT
     return 0
+
+
+def _nobody_reads() -> bool:
+    """Return whether standard output is a pipe whose other end is closed."""
+    poll = select.poll()
+    try:
+        poll.register(sys.stdout.fileno(), 0)
+    except OSError:  # not a file at all
+        return False
+    return any(event & select.POLLERR for _, event in poll.poll(0))
+
+
+def _closed() -> int:
+    """Let the rest of the output go nowhere, and return `CLOSED`."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return CLOSED
 
 
 def _print_traceback(debug: bool) -> None:

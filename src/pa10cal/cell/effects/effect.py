@@ -1,7 +1,8 @@
 """The kinds of effects, by what they act on, and what they may depend on.
 
-An effect is one small class in a file of this folder: its fields are its parameters, `id` is its
-name, `places` says where it may sit, and `at_size` how large it usually is. Nothing else lists it.
+An effect is one small class in a file of this folder: its fields are its parameters, the amount
+first, `id` is its name, `places` says where it may sit, and `at_size` how large it usually is.
+Nothing else lists it.
 """
 
 from __future__ import annotations

@@ -8,6 +8,9 @@ from collections.abc import Iterable
 from functools import cache
 from importlib import import_module
 
+import numpy as np
+
+from pa10cal.arm.description import Arm
 from pa10cal.terms import effects
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.term import Term
@@ -37,4 +40,23 @@ def candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Ef
         for kind in every_effect()
         for effect in kind.everywhere(context)
         if (effect.id, effect.of) not in there
+    )
+
+
+def vocabulary_of(arm: Arm) -> tuple[tuple[Effect, ...], ...]:
+    """Return the effects that can be named at an arm of any campaign, each with all its places."""
+    anywhere = CandidateContext(
+        arm=arm,
+        flexible_joints=(),
+        reference_temperature_C=20.0,
+        tau_span_Nm=arm.rated_Nm(np.ones(arm.n)),
+        T_instr_base=np.eye(4),
+        p_instr_middle_m=np.zeros(3),
+        q_span_rad=arm.limits_rad,
+        time_span_s=(0.0, 3600.0),
+    )
+    return tuple(
+        places
+        for kind in every_effect()
+        if not kind.generic and (places := kind.everywhere(anywhere))
     )
