@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,14 +11,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from pa10cal.cell.campaign import instrument_kinds, instrument_of, robot_of
+from pa10cal.cell.instruments.instrument import Truth
+from pa10cal.cell.options import SimulateOptions
+from pa10cal.files.arms import load_arm
 from pa10cal.observe.distance import Distance
 from pa10cal.observe.points import Points
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Stated
 from pa10cal.observe.registry import instruments
 from pa10cal.observe.touched import Touched
+from pa10cal.settings_reading import parse_section
 
-KINDS = ("touch_trigger_cmm", "pose", "points", "distance")
+KINDS = tuple(instruments())
 TARGETS_M = np.array([[0.04, -0.03, 0.11], [-0.06, 0.02, 0.09], [0.01, 0.07, 0.05]])
 seeds = st.integers(0, 2**32 - 1)
 
@@ -55,13 +61,35 @@ def measured(kind, T_instr_ee, rng, off=1e-3):
         hidden[:, 0] = False
         p_m[hidden], cov_m2[hidden] = np.nan, np.nan
         return Points(("T1", "T2", "T3"), p_m, cov_m2, None), TARGETS_M.ravel()
-    u_m = 1e-5 * rng.uniform(1, 2, count)
-    return Distance(np.linalg.norm(p_m[:, 0], axis=1), u_m), TARGETS_M[0]
+    if kind == "distance":
+        u_m = 1e-5 * rng.uniform(1, 2, count)
+        return Distance(np.linalg.norm(p_m[:, 0], axis=1), u_m), TARGETS_M[0]
+    return simulated(kind, seen, rng)
 
 
-def test_every_kind_is_registered_by_its_word():
-    assert set(instruments()) == set(KINDS)
+def simulated(kind, T_instr_ee, rng):
+    """Return what the virtual cell reads of some poses, hardly with noise, and the targets (t,)."""
+    plan = {"instrument": kind, "position_mm": 1e-5, "attitude_rad": 1e-8}
+    settings = parse_section(SimulateOptions, {"robot": "ur10", "without_touches": plan}, where="")
+    cell = instrument_of(settings)
+    robot = replace(robot_of(load_arm("ur10"), settings), T_instr_base=np.eye(4))
+    rest = SimpleNamespace(T_base_ee=T_instr_ee)
+    poses = range(len(T_instr_ee))
+    truth = Truth(robot, (), None, poses, np.zeros(0), rest, np.zeros(0))
+    read = cell.readings(truth, dict.fromkeys(cell.streams, rng))
+    columns = instruments()[kind].raw_columns(list(read))
+    values, u = (
+        np.column_stack([read[name][k] + np.zeros(len(poses)) for name in columns.names])
+        for k in (0, 1)
+    )
+    found = instruments()[kind].from_raw(columns, values, u, Stated(1e-8, {}))
+    return found, robot.targets.p_ee_m.ravel()[: len(found.target_parameters)]
+
+
+def test_every_kind_is_registered_by_its_word_and_simulated():
+    assert {"touch_trigger_cmm", "pose", "points", "distance"} <= set(KINDS)
     assert all(found.kind == kind for kind, found in instruments().items())
+    assert set(instrument_kinds()) == set(KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -137,6 +165,10 @@ def test_base_and_targets_are_found_from_poses(kind):
     np.testing.assert_allclose(off.distance_mm, 0.0, atol=1e-3)
     np.testing.assert_allclose(start.targets_m, targets_m, atol=1e-6)
     if found.directional:
-        np.testing.assert_allclose(start.T_instr_base, T_instr_base, atol=1e-6)
+        at = found.compare(T_instr_base @ T_base_ee, targets_m)
+        along = np.any(at.by_end[:, :, :3], axis=(0, 1))  # shifts along other axes do not show
+        off_m = (start.T_instr_base - T_instr_base)[:3, 3]
+        np.testing.assert_allclose(off_m[along], 0.0, atol=1e-6)
+        np.testing.assert_allclose(start.T_instr_base[:3, :3], T_instr_base[:3, :3], atol=1e-6)
     assert found.misfit(T_base_ee, np.arange(60), np.ones(60)).size_m[0] < 1e-6
     assert found.scale(T_base_ee) == pytest.approx(1.0, rel=0.01)

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, FiniteFloat, NonNegativeInt, ValidationInfo, field_validator
 
-from pa10cal.observe.kinds import TrackerKind
+from pa10cal.observe.kinds import TrackerKind, sees_several
 from pa10cal.settings_section import NonNegative, Positive, Section
 
 #: Keys that have a meaning whatever the instrument.
@@ -93,8 +93,7 @@ class TrackerOptions(Section):
 
     instrument: TrackerKind = Field(
         "pose",
-        description="pose: place and attitude of one target; points: places of several; distance: "
-        "of one target from a fixed point",
+        description="what measures, a word of docs/instruments.md that is not of touches",
     )
     poses: Annotated[int, Field(ge=1)] = Field(
         60, description="configurations, at random within the joint limits"
@@ -126,9 +125,11 @@ class TrackerOptions(Section):
     )
     hardening: bool = Field(True, description="whether springs are cubic; else linear")
     tool_mass_kg: NonNegative = Field(1.0, description="mass of the tool")
-    targets: Annotated[int, Field(ge=1)] = Field(3, description="targets of the instrument points")
+    targets: Annotated[int, Field(ge=1)] = Field(
+        3, description="targets of an instrument that sees several"
+    )
     states_targets: bool = Field(
-        True, description="whether the campaign states where points and distance have their targets"
+        True, description="whether the campaign states where the targets are, but that of pose"
     )
     target_m: NonNegative = Field(
         1e-3, description="places of the targets about those stated, each coordinate"
@@ -137,7 +138,7 @@ class TrackerOptions(Section):
         5e-3, description="attitude of the target of pose about the end-effector's, each axis"
     )
     unseen_share: Annotated[FiniteFloat, Field(ge=0, lt=1)] = Field(
-        0.1, description="share of the targets of points not seen, at least one a pose is"
+        0.1, description="share of several targets not seen, at least one a pose is"
     )
     position_mm: Annotated[FiniteFloat, Field(ge=1e-5)] = Field(
         0.05, description="noise of one coordinate or one distance, stated as it is"
@@ -158,7 +159,7 @@ class TrackerOptions(Section):
     @property
     def target_count(self) -> int:
         """Return the number of targets on the flange."""
-        return self.targets if self.instrument == "points" else 1
+        return self.targets if sees_several(self.instrument) else 1
 
 
 class SimulateOptions(Section):

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
-from pydantic.json_schema import JsonSchemaValue
+from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 
@@ -32,11 +31,6 @@ class _OneOf:
     ) -> CoreSchema:
         return core_schema.no_info_after_validator_function(self._check, handler(source))
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        return handler(schema) | {"enum": self.words()}
-
 
 def _kinds() -> list[str]:
     from pa10cal.observe.registry import instruments  # late: it brings numpy and scipy
@@ -48,6 +42,13 @@ def _trackers() -> list[str]:
     from pa10cal.observe.registry import instruments
 
     return [kind for kind, found in instruments().items() if not found.from_touches]
+
+
+def sees_several(kind: str) -> bool:
+    """Return whether an instrument measures several targets on the end-effector."""
+    from pa10cal.observe.registry import instruments
+
+    return instruments()[kind].several_targets
 
 
 #: A kind of instrument, and one that gives its measurements in `files.poses`.
