@@ -103,8 +103,9 @@ class Surveyed:
 def measured(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT):
     """Let the cell measure a UR10, and return the campaign, its attitudes twisted."""
     count = poses + held_out
+    q_deg = np.degrees(np.random.default_rng(seed).uniform(LOW_RAD, HIGH_RAD, (count, 6)))
     plan = TrackerOptions(
-        poses=count,
+        commanded=q_deg.tolist(),
         holdout_share=held_out / count,
         seconds_a_pose=60.0,
         target_m=0.0,
@@ -118,9 +119,8 @@ def measured(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT):
         without_touches=plan,
         stated_uncertainty_mm=1e3 * POSITION_M,
     )
-    postures = np.random.default_rng(seed).uniform(LOW_RAD, HIGH_RAD, (count, 6))
     turned = Turned(by=hidden.turn).at("joint 1")
-    made = measure_campaign("made-up", options, robot_of(ARM, options), (turned,), postures)
+    made = measure_campaign("made-up", options, robot_of(ARM, options), (turned,))
     robot, schedule = made.truth.robot, made.truth.schedule
     axes = robot.mechanism.T_base_joints(schedule.q)[..., :3, 2].transpose(1, 2, 0)
     twist = hidden.twist(_Came(schedule.q, schedule.arrival), robot.T_instr_base[:3, :3] @ axes)

@@ -78,6 +78,7 @@ MAY_IMPORT = {
         "evaluation",
         "files",
         "fit",
+        "frame.options",
         "observe",
         "terms",
     },

@@ -120,7 +120,7 @@ def test_refuses_poses_out_of_reach_or_beyond_a_limit(arm, robot, change, value)
 
 @pytest.mark.parametrize(
     ("pose_deg", "value"),
-    [((0.0, 0.0), "2 joint angles for 6"), ((0.0, 125.0, 0.0, 0.0, 0.0, 0.0), "joint 2 beyond")],
+    [((0.0, 0.0), "2 joint positions for 6"), ((0.0, 125.0, 0.0, 0.0, 0.0, 0.0), "joint 2 beyond")],
 )
 def test_refuses_further_poses_that_the_arm_cannot_take(arm, robot, pose_deg, value):
     extra = ((0.0,) * 6, pose_deg)

@@ -191,18 +191,29 @@ def test_true_masses_may_differ_from_those_described(arm):
     assert np.abs(more[:, 2:]).max() < 1e-9
 
 
-def test_a_robot_and_postures_may_be_given(arm):
+def test_a_robot_and_its_poses_may_be_stated(arm):
     robot = robot_from_departures(arm, {"delta_a_2": 1e-3})
-    plan = TrackerOptions(poses=5, holdout_share=0.25, **EXACT)
-    asked = SimulateOptions(random_seed=11, without_touches=plan)
     postures = np.random.default_rng(2).uniform(-1.0, 1.0, (8, arm.n))
-    for commanded in (None, postures):
-        campaign = measure_campaign("x", asked, robot, postures=commanded)
+    for commanded in ((), np.degrees(postures).tolist()):
+        plan = TrackerOptions(poses=5, commanded=commanded, holdout_share=0.25, **EXACT)
+        asked = SimulateOptions(random_seed=11, without_touches=plan)
+        campaign = measure_campaign("x", asked, robot)
         assert campaign.truth.robot is robot
         wanted = robot.mechanism.T_base_ee(logged_q(campaign))
         assert seen_T(campaign) == pytest.approx(wanted, abs=1e-6)
     assert logged_q(campaign) == pytest.approx(postures, abs=1e-5)
     assert (campaign.truth.schedule.kind == "holdout").sum() == 2
+
+
+def test_poses_stated_of_a_sliding_joint_are_in_mm_and_keep_its_limits(tmp_path):
+    arm = load_arm("gx4_351s")
+    low, high = arm.limits_rad[2]
+    middle = (10.0, 20.0, 500.0 * (low + high), 30.0)
+    made = track(arm, TrackerOptions(commanded=(middle,), holdout_share=0.0))
+    assert logged_q(made)[0] == pytest.approx([*np.radians([10, 20]), 1e-3 * middle[2], np.pi / 6])
+    beyond = (10.0, 20.0, 1e3 * high + 1.0, 30.0)
+    with pytest.raises(SimulationError, match=r"commanded\[1\]: joint 3 beyond .* mm"):
+        track(arm, TrackerOptions(commanded=(middle, beyond)))
 
 
 def test_rows_alone_may_depart(arm):

@@ -14,8 +14,9 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 from pa10cal.cell.write import write_campaign
+from pa10cal.curve.chain_arm import chain_arm
 from pa10cal.errors import SimulationError
-from pa10cal.files.arms import load_arm
+from pa10cal.files.arms import arm_names, load_arm
 
 
 @pytest.fixture(scope="module")
@@ -173,10 +174,11 @@ def any_tracked(any_arm, request):
 
 def test_folder_of_a_tracker_holds_the_contracts_files_and_no_truth(any_tracked, tmp_path):
     write_campaign(any_tracked, tmp_path / "raw/s", tmp_path / "s.truth.json")
-    assert sorted(path.name for path in (tmp_path / "raw/s").iterdir()) == [
-        "campaign.yaml",
-        "poses.csv",
-    ]
+    described = {f"{any_tracked.truth.robot.arm.name}.yaml"} - {
+        f"{name}.yaml" for name in arm_names()
+    }
+    found = {path.name for path in (tmp_path / "raw/s").iterdir()}
+    assert found == {"campaign.yaml", "poses.csv"} | described
     write_campaign(any_tracked, tmp_path / "raw/t")
     assert sorted(path.name for path in tmp_path.rglob("*.json")) == ["s.truth.json"]
 
@@ -313,3 +315,17 @@ def test_the_reader_of_campaigns_takes_it_as_it_was_seen(tmp_path, name, instrum
     else:
         assert np.abs(1e3 * poses.measured.d_m - 1e3 * seen_m(campaign, "d_mm")[:, 0]).max() < 1e-6
         assert 1e3 * poses.measured.u_m == pytest.approx(0.05)
+
+
+def test_an_arm_that_is_not_shipped_is_described_beside_its_campaign(tmp_path):
+    arm = chain_arm("chain_3", 3, 0.2, 1.0)
+    made = track(arm, TrackerOptions(commanded=((30.0,) * 6, (57.0,) * 6), holdout_share=0.5))
+    for _ in range(2):  # once more into the same folder
+        write_campaign(made, tmp_path / "raw")
+    names = sorted(path.name for path in (tmp_path / "raw").iterdir())
+    assert names == ["campaign.yaml", "chain_3.yaml", "poses.csv"]
+    read = read_campaign(tmp_path / "raw")
+    assert read.arm.a_m == pytest.approx(arm.a_m, abs=0.0)
+    assert np.degrees(read.observations.states.q_rad) == pytest.approx(
+        np.array([[30.0] * 6, [57.0] * 6])
+    )

@@ -6,6 +6,9 @@ import pytest
 import yaml
 
 from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.curve.chain_arm import chain_arm
+from pa10cal.files.arm_text import arm_text
+from pa10cal.files.output import write_text
 
 SHORT = {"repeats": 1, "loads_N": [0], "holdout_points": 2, "holdout_repeats": 1}
 
@@ -60,6 +63,16 @@ def test_reads_settings_from_a_yaml_file(tmp_path):
     path.write_text(yaml.safe_dump({**SHORT, "random_seed": 5}))
     assert run(tmp_path, str(path)) == 0
     assert json.loads((tmp_path / "c1.json").read_text())["random_seed"] == 5
+
+
+def test_an_arm_of_ones_own_is_read_from_its_description(tmp_path):
+    path = tmp_path / "mine.yaml"
+    write_text(path, arm_text(chain_arm("mine", 3, 0.2, 1.0)))
+    asked = {"robot": str(path), "without_touches": {"poses": 4}}
+    assert run(tmp_path, asked) == 0
+    assert (tmp_path / "raw/c1/mine.yaml").read_text() == path.read_text()
+    assert yaml.safe_load((tmp_path / "raw/c1/campaign.yaml").read_text())["robot"] == "mine"
+    assert run(tmp_path, {**asked, "robot": str(tmp_path / "other.yaml")}) == REFUSED
 
 
 @pytest.mark.parametrize("instrument", ["pose", "points", "distance"])

@@ -10,16 +10,19 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.accuracy import align_nominal
 from pa10cal.calibration.general.case import GeneralCase, fitted, work_out_general
-from pa10cal.calibration.general.start import find_start
+from pa10cal.calibration.general.records import general_record
+from pa10cal.calibration.general.start import find_start, start_of
 from pa10cal.calibration.load_case import COMBINED, LoadCase, rows_of_load, work_out
 from pa10cal.calibration.options import CalibrationOptions, takes_general_model
-from pa10cal.calibration.records import fitted_model, fitted_to
+from pa10cal.calibration.records import fitted_model, fitted_to, paper_record
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import average_repeats, poses_of
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
+from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.seed import BaseFrameRecord
 from pa10cal.terms.baseline import nominal
 
 Array = NDArray[np.float64]
@@ -58,6 +61,38 @@ def calibrated(
         model, health = fitted_model(papers.cubic, payload), papers.health
         used = papers.cubic.level.observations
     return replace(model, fitted_to=fitted_to(used, load, health, campaign))
+
+
+def calibration_record(
+    campaign: CampaignDescription,
+    arm: Arm,
+    every: Observations,
+    seed: BaseFrameRecord,
+    load: str,
+    options: CalibrationOptions,
+    *,
+    general: bool,
+) -> CalibrationRecord:
+    """Calibrate a load case, and return its record.
+
+    Args:
+        campaign: description of the campaign.
+        arm: the nominal arm.
+        every: single readings of all kinds.
+        seed: about where base, tool and targets are.
+        load: `combined`, `general`, or a load such as `44N`.
+        options: how to calibrate.
+        general: whether with all that can be identified, or with the paper's unknowns.
+
+    Raises:
+        CalibrationError: see `paper_case` and `general_case`.
+    """
+    if general:
+        start = start_of(seed, every.measured.target_names)
+        case = general_case(campaign, arm, every, start, load, options)
+        return general_record(case, campaign, options)
+    papers = paper_case(campaign, arm, every, seed.T_instr_base, load, options)
+    return paper_record(papers, campaign, campaign.payload(arm), options)
 
 
 def paper_case(

@@ -120,21 +120,14 @@ def work_out(
     chosen = readings.take(rows_of_load(readings.states.load_N, load))
     grid, used = average_repeats(readings), average_repeats(chosen)
     errors = ErrorSources(chosen, 1e-3 * options.apparatus_uncertainty_mm)
-    cubic, linear = (
-        calibrate(
-            baseline(
-                arm,
-                options.flexible_joints,
-                options.tolerances,
-                cubic=is_cubic,
-                tau_ref_Nm=np.abs(used.states.tau_Nm).max(axis=0),
-            ),
-            used,
-            options,
-            errors,
-        )
-        for is_cubic in (True, False)
-    )
+    joints, tau_ref_Nm = options.flexible_joints, np.abs(used.states.tau_Nm).max(axis=0)
+
+    def calibrated(*, cubic: bool) -> Calibration:
+        model = baseline(arm, joints, options.tolerances, cubic=cubic, tau_ref_Nm=tau_ref_Nm)
+        return calibrate(model, used, options, errors)
+
+    cubic = calibrated(cubic=True)
+    linear = calibrated(cubic=False) if joints else cubic
     rigid = nominal(arm)
     T_rigid = rigid.predict(grid.states, np.zeros(0))
     away = np.linalg.inv(T_instr_base_seed) @ cubic.T_instr_base

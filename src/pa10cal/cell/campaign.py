@@ -81,7 +81,6 @@ def measure_campaign(
     settings: SimulateOptions,
     robot: Robot,
     effects: Sequence[Effect] = (),
-    postures: Array | None = None,
 ) -> Campaign:
     """Measure a robot that is already there; see `simulate_campaign`.
 
@@ -90,13 +89,11 @@ def measure_campaign(
         settings: seed, instrument, poses, loads, noise; not used for the robot or its effects.
         robot: the robot as built.
         effects: what it does beyond the paper's model.
-        postures: (P, n) joint positions commanded [rad, or m of a prismatic joint], in place of
-            those of the settings.
     """
     _need_a_drift(effects, settings)
     instrument = instrument_of(settings)
     streams = _streams(instrument, settings.random_seed)
-    schedule, poses = instrument.schedule(robot, streams, postures)
+    schedule, poses = instrument.schedule(robot, streams)
 
     at_rest_s = schedule.start_s + instrument.at_rest_s
     temperature_C = REFERENCE_TEMPERATURE_C + _warming(

@@ -98,6 +98,11 @@ class TrackerOptions(Section):
     poses: Annotated[int, Field(ge=1)] = Field(
         60, description="configurations, at random within the joint limits"
     )
+    commanded: tuple[tuple[FiniteFloat, ...], ...] = Field(
+        (),
+        description="configurations instead of random ones, in this order: joint positions each "
+        "[deg; mm of a sliding joint]",
+    )
     holdout_share: Annotated[FiniteFloat, Field(ge=0, lt=1)] = Field(
         0.25, description="share of them held out, the last ones"
     )
@@ -172,7 +177,9 @@ class SimulateOptions(Section):
         (),
         description="entries {id, of, parameters} in the vocabulary of effects, or outside of it",
     )
-    robot: str = Field("pa10_6ce", description="an arm description with masses")
+    robot: str = Field(
+        "pa10_6ce", description="an arm that is shipped, or the file of its description (.yaml)"
+    )
     built: Literal["table_1", "drawn"] = Field(
         "table_1",
         description="table_1: departures and springs of the paper (its robot only); drawn: from "

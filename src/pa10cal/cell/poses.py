@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,7 @@ LARGEST_ANGLE_RAD = np.radians(150.0)
 FLOOR_M = 0.15
 COLUMN_M = 0.25
 _MOST_DRAWS = 1000  #: for each pose wanted
+_ROUNDING = 1e-9  #: a position at a limit may be beyond it by this [deg, mm]
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,42 @@ def joint_bounds(arm: Arm) -> tuple[Array, Array]:
     return np.maximum(low + unused, -largest), np.minimum(high - unused, largest)
 
 
+def commanded_positions(arm: Arm, wanted: Sequence[Sequence[float]], where: str) -> Array:
+    """Return the (P, n) joint positions that settings list [rad, or m of a prismatic joint].
+
+    Args:
+        arm: gives the joint limits.
+        wanted: P poses, a position a joint each [deg; mm of a prismatic joint].
+        where: the option that lists them, for messages.
+
+    Raises:
+        SimulationError: when a pose has not one position a joint, or is beyond a limit.
+    """
+    low, high = np.where(arm.prismatic, 1e3 * arm.limits_rad.T, np.degrees(arm.limits_rad.T))
+    for number, positions in enumerate(wanted):
+        if len(positions) != arm.n:
+            raise SimulationError(
+                f"{len(positions)} joint positions for {arm.n} joints",
+                where=f"{where}[{number}]",
+                value=positions,
+                allowed=f"{arm.n} positions",
+                remedy="give one position a joint",
+            )
+        beyond = np.maximum(low - positions, np.array(positions) - high)
+        if np.any(beyond > _ROUNDING):
+            joint = int(np.argmax(beyond))
+            unit = "mm" if arm.prismatic[joint] else "deg"
+            raise SimulationError(
+                f"joint {joint + 1} beyond its limits",
+                where=f"{where}[{number}]",
+                value=positions[joint],
+                allowed=f"{low[joint]:.0f} to {high[joint]:.0f} {unit}",
+                remedy="remove the pose",
+            )
+    q = np.array(wanted, dtype=float).reshape(-1, arm.n)
+    return np.asarray(np.where(arm.prismatic, 1e-3 * q, np.radians(q)))
+
+
 def place_poses(
     arm: Arm, nominal: Mechanism, settings: CellPosesOptions, holdout_points: int
 ) -> Poses:
@@ -101,7 +139,7 @@ def place_poses(
     along = np.linspace(-0.5, 0.5, LINE_POINTS)[:, None] * settings.line_length_m
     line_x = reach.joints("LX", along * np.array([1.0, 0.0, 0.0]))
     line_y = reach.joints("LY", along * np.array([0.0, 1.0, 0.0]))
-    extra = _extra_rad(arm, settings)
+    extra = commanded_positions(arm, settings.extra_deg, "poses.extra_deg")
     if settings.layout == "wide":
         wide = neighbours_path(draw_wide(arm, nominal, settings.wide_poses, rng))
         holdout = draw_wide(arm, nominal, holdout_points, rng)
@@ -174,33 +212,6 @@ def _is_clear(T_base_ee: Array) -> bool:
     points_m = in_ee_m @ T_base_ee[:3, :3].T + T_base_ee[:3, 3]
     off_axis_m = np.hypot(points_m[:, 0], points_m[:, 1])
     return bool(points_m[:, 2].min() > FLOOR_M and off_axis_m.min() >= COLUMN_M)
-
-
-def _extra_rad(arm: Arm, settings: CellPosesOptions) -> Array:
-    """Return the (E, n) joint angles that the settings add."""
-    for number, angles_deg in enumerate(settings.extra_deg):
-        where = f"poses.extra_deg[{number}]"
-        if len(angles_deg) != arm.n:
-            raise SimulationError(
-                f"{len(angles_deg)} joint angles for {arm.n} joints",
-                where=where,
-                value=angles_deg,
-                allowed=f"{arm.n} angles",
-                remedy="give one angle a joint",
-            )
-        low, high = np.degrees(arm.limits_rad).T
-        beyond = np.maximum(low - angles_deg, np.array(angles_deg) - high)
-        if np.any(beyond > 0):
-            joint = int(np.argmax(beyond))
-            raise SimulationError(
-                f"joint {joint + 1} beyond its limits",
-                where=where,
-                value=angles_deg[joint],
-                allowed=f"{low[joint]:.0f} to {high[joint]:.0f} deg",
-                remedy="remove the pose",
-            )
-    extra: Array = np.radians(np.array(settings.extra_deg, dtype=float).reshape(-1, arm.n))
-    return extra
 
 
 def _grid_path() -> Array:

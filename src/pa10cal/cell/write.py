@@ -17,6 +17,8 @@ from pa10cal.cell.campaign import REFERENCE_TEMPERATURE_C, Campaign
 from pa10cal.cell.mechanism import GRAVITY_M_S2
 from pa10cal.cell.robot import Robot
 from pa10cal.errors import SimulationError
+from pa10cal.files.arm_text import arm_text
+from pa10cal.files.arms import arm_names
 from pa10cal.files.output import whole_file, write_text
 from pa10cal.results.codec import write
 from pa10cal.results.truth import TrueEffect, TrueParameter, TrueTool, TruthRecord
@@ -33,7 +35,8 @@ _UNITS = {"a_m": "m", "alpha_rad": "rad", "d_m": "m", "theta_rad": "rad", "beta_
 def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) -> None:
     """Write a campaign's folder and, where requested, its truth elsewhere.
 
-    The description comes last, so that a folder with a description is whole.
+    An arm that is not shipped is described in the folder. The campaign's description comes last,
+    so that a folder with a description is whole.
 
     Args:
         campaign: what to write.
@@ -45,11 +48,15 @@ def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) 
             anything that is not a campaign's.
     """
     instrument = campaign.instrument
-    _claim_folder(folder, truth, list(instrument.files.values()))
+    arm = campaign.truth.robot.arm
+    described = {} if arm.name in arm_names() else {f"{arm.name}.yaml": arm_text(arm)}
+    _claim_folder(folder, truth, [*instrument.files.values(), *described])
     if truth is not None:
         write(truth_record(campaign), truth)
     for key, name in instrument.files.items():
         write_table(campaign.tables[key], folder / name, instrument.decimals)
+    for name, text in described.items():
+        write_text(folder / name, text)
     text = yaml.safe_dump(
         campaign_description(campaign), sort_keys=False, default_flow_style=None, width=90
     )

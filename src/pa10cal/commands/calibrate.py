@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from pa10cal.campaign.description import CampaignDescription
     from pa10cal.observe.observations import Observations
     from pa10cal.results.calibration import CalibrationRecord
-    from pa10cal.results.seed import BaseFrameRecord
     from pa10cal.terms.effects.effect import Effect
 
 #: Load case of the general model beside the paper's: all loads together.
@@ -41,6 +40,7 @@ def calibrate(
         named: extended model that discovery wrote, for `effects: named` (.json).
         settings: section calibration.
     """
+    from pa10cal.calibration.campaign import calibration_record
     from pa10cal.calibration.load_case import load_cases
     from pa10cal.calibration.options import takes_general_model
     from pa10cal.campaign.description import read_description
@@ -62,37 +62,15 @@ def calibrate(
     for case in cases:
         by_general = general or case == GENERAL
         try:
-            record = _record(campaign, arm, every, seed, case, settings, general=by_general)
+            record = calibration_record(
+                campaign, arm, every, seed, case, settings, general=by_general
+            )
             records[case] = _with_effects(record, campaign, arm, every, case, settings, named)
         except (CalibrationError, DiscoveryError) as error:
             raise (error if load else error.within(f"load case {case}")) from None
         _say(f"{campaign.name} {case}", records[case])
     for case, record in records.items():
         write(record, out if load else out / f"{case}.json")
-
-
-def _record(
-    campaign: CampaignDescription,
-    arm: Arm,
-    every: Observations,
-    seed: BaseFrameRecord,
-    load: str,
-    options: CalibrationOptions,
-    *,
-    general: bool,
-) -> CalibrationRecord:
-    """Compute a load case, with the paper's unknowns or with all that can be identified."""
-    from pa10cal.calibration.campaign import general_case, paper_case
-    from pa10cal.calibration.general.records import general_record
-    from pa10cal.calibration.general.start import start_of
-    from pa10cal.calibration.records import paper_record
-
-    if general:
-        start = start_of(seed, every.measured.target_names)
-        case = general_case(campaign, arm, every, start, load, options)
-        return general_record(case, campaign, options)
-    papers = paper_case(campaign, arm, every, seed.T_instr_base, load, options)
-    return paper_record(papers, campaign, campaign.payload(arm), options)
 
 
 def _with_effects(

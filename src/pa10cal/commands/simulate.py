@@ -27,8 +27,9 @@ def simulate(
     """
     from pa10cal.cell.campaign import simulate_campaign
     from pa10cal.cell.write import write_campaign
-    from pa10cal.files.arms import load_arm
+    from pa10cal.files.arms import load_arm, read_arm
 
-    arm = load_arm(settings.robot)
+    described = settings.robot.endswith(".yaml")
+    arm = read_arm(Path(settings.robot)) if described else load_arm(settings.robot)
     write_campaign(simulate_campaign(name, arm, settings, kcub_reading), out, truth)
     print(f"{name}: {arm.title} in {out}, what is hidden in {truth}")

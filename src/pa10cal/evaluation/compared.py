@@ -27,9 +27,10 @@ def judged_models(
     extended: Extended | None,
     setup: MeasurementSetup,
     *,
+    kind: str = "holdout",
     elsewhere: bool = False,
 ) -> dict[str, HeldOutModel]:
-    """Judge models on the held-out poses of a campaign.
+    """Judge models on poses of a campaign.
 
     Args:
         every: single readings of the campaign.
@@ -37,16 +38,17 @@ def judged_models(
             for it, its base aligned once on the unloaded positions.
         extended: the model with the effects that are missing, or None.
         setup: what is known of the campaign besides the poses.
+        kind: of the poses to judge by: `holdout`, or `grid` for those of the calibration.
         elsewhere: whether the models are of another campaign, so that base and tool are fitted
             anew.
 
     Returns:
-        Errors by model; none where no poses are held out.
+        Errors by model; none where there are no such poses.
 
     Raises:
         CalibrationError: when base and tool are not determined by the poses.
     """
-    if not (every.kind == "holdout").any():
+    if not (every.kind == kind).any():
         return {}
     if UNCALIBRATED not in models:
         arm = next(iter(models.values())).arm
@@ -57,10 +59,10 @@ def judged_models(
     def judge(model: FittedModel, every: Observations, learnt: Extended | None) -> HeldOutModel:
         if elsewhere:
             model = refit_frames(model, prepared(every, "grid", model, setup))
-        held_out = prepared(every, "holdout", model, setup)
+        poses = prepared(every, kind, model, setup)
         seen = None if learnt is None else learnt.seen
-        beyond = None if seen is None else ~seen.inside(held_out.states.q_rad)
-        return judged(model, held_out, beyond)
+        beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
+        return judged(model, poses, beyond)
 
     found = {name: judge(model, every, None) for name, model in models.items()}
     if extended is not None:

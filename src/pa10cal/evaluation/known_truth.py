@@ -18,6 +18,8 @@ from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.calibration.general.calibrate import GeneralCalibration
 from pa10cal.fit.identifiability import not_identifiable
 from pa10cal.observe.observations import Observations
+from pa10cal.results.calibration import CalibratedParameter
+from pa10cal.results.truth import TrueParameter
 from pa10cal.terms.joint_spring import JointSpring
 
 Array = NDArray[np.float64]
@@ -69,6 +71,17 @@ def parameter_scores(general: GeneralCalibration, truth: KnownTruth) -> dict[str
     for each in general.settled:
         scores[each.parameter.name] = -values.get(each.parameter.name, 0.0) / each.std
     return scores
+
+
+def reported_scores(
+    parameters: Mapping[str, CalibratedParameter], truth: Mapping[str, TrueParameter]
+) -> dict[str, float]:
+    """Return the score of every parameter of a record that the poses identify and the truth has."""
+    return {
+        name: (found.value - truth[name].value) / found.std
+        for name, found in parameters.items()
+        if found.identifiable and found.std and name in truth
+    }
 
 
 def prediction_scores(general: GeneralCalibration, exact: Observations) -> Array:

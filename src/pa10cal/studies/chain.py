@@ -1,91 +1,64 @@
-"""A chain of links on two-axis joints, posed along curves, measured in the cell and calibrated.
+"""A chain of links on two-axis joints, posed along curves: campaigns of it, calibrated and judged.
 
-Each arm is measured as any other: a campaign of a tracker, with the postures given.
+Each arm is a campaign like any other, of an arm that is described and of poses that are commanded:
+simulated under `pose`, written, read, calibrated and judged on its held-out poses.
 
 The two-level model, the paper's, departs by the rows of the chain and has no motions of the tool;
-its inner level has the poses of the settings, and once more all of them. The general
-model has whatever arm and instrument can identify. What an individual hides is looked at
-only after it was calibrated.
+its inner level has the poses of the settings, and once more all of them. The general model has
+whatever arm and instrument can identify. What an individual hides is looked at only after it was
+calibrated.
 """
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.calibration.accuracy import align_nominal, deviations
-from pa10cal.calibration.calibrate import Calibration, calibrate
-from pa10cal.calibration.general.calibrate import (
-    GeneralCalibration,
-    calibrate_general,
-)
-from pa10cal.calibration.general.case import fitted
-from pa10cal.calibration.general.start import find_start
-from pa10cal.calibration.load_case import model_deviations
+from pa10cal.calibration.campaign import calibration_record
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.uncertainty import ErrorSources
-from pa10cal.cell.individual import draw_individual, robot_from_departures
-from pa10cal.cell.options import TrackerOptions
-from pa10cal.cell.robot import Robot
+from pa10cal.calibration.records import models_of
+from pa10cal.campaign.read import Campaign, read_campaign
+from pa10cal.cell import campaign as cell
+from pa10cal.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.cell.write import truth_record, write_campaign
 from pa10cal.curve.chain_arm import chain_arm
 from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.curve.postures import Postures, draw_postures
-from pa10cal.fit.identifiability import Identifiability, unidentified_directions
-from pa10cal.observe.averages import measured_as_poses
+from pa10cal.discovery.options import DiscoveryOptions
+from pa10cal.discovery.setup import setup_of
+from pa10cal.evaluation.compared import UNCALIBRATED, judged_models
+from pa10cal.evaluation.known_truth import reported_scores
+from pa10cal.frame.options import BaseFrameOptions
+from pa10cal.observe.seed import locate_base
 from pa10cal.results import studies as results
 from pa10cal.results.accuracy import Distances
-from pa10cal.studies.simulated import measured, observations_of
-from pa10cal.terms.baseline import baseline, nominal
+from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
+from pa10cal.results.evaluation import HeldOutModel
+from pa10cal.results.truth import TrueParameter
 
-Array = NDArray[np.float64]
+Departs = Literal["rows", "any_way"]
 
+PROVENANCE = "synthetic: virtual cell, no hidden effect"
 #: The mean error after calibration is to be within so many times that of the noise alone.
 BAR = 1.5
-
-
-@dataclass(frozen=True)
-class Departing:
-    """One arm, and how it departs from its description.
-
-    Attributes:
-        key: `rows` or `any_way`.
-        said: in words.
-        robot: the arm as it is, its target on the flange.
-        truth: of the parameters of the rows, by name; none where it departs in any way.
-    """
-
-    key: str
-    said: str
-    robot: Robot
-    truth: dict[str, float]
-
-
-def draw_departing(
-    arm: Arm, plan: TrackerOptions, options: CalibrationOptions, rng: np.random.Generator
-) -> tuple[Departing, Departing]:
-    """Draw one individual that departs by the rows of the chain, and one that departs in any way.
-
-    Both stand in the same place and have the target where it is stated, on the flange.
-
-    Args:
-        arm: its description.
-        plan: spreads of the one that departs in any way.
-        options: tolerances, the spreads of the other.
-        rng: draws them.
-    """
-    rows = baseline(arm, (), options.tolerances).parameters
-    truth = {each.name: float(rng.normal(0.0, each.scale)) for each in rows}
-    free = replace(draw_individual(arm, plan, rng), T_ee_target=np.eye(4))
-    by_rows = robot_from_departures(arm, truth, plan=plan, T_instr_base=free.T_instr_base)
-    return (
-        Departing("rows", "departs by the parameters of its rows", by_rows, truth),
-        Departing("any_way", "departs in any way, axes and flange in six directions", free, {}),
-    )
+#: Noise so far below the instrument's that what is seen counts as exact.
+_EXACT = {"position_mm": 1e-5, "attitude_rad": 1e-8}
+_SAID: dict[Departs, str] = {
+    "rows": "departs by the parameters of its rows",
+    "any_way": "departs in any way, axes and flange in six directions",
+}
+#: Options of each model, in place of those of the settings.
+_MODELS: dict[str, dict[str, Any]] = {
+    "two_level": {"model": "paper"},
+    "two_level_all": {"model": "paper", "inner_poses": "all"},
+    "general": {"model": "general"},
+}
+_NOMINAL = "nominal"
 
 
 def chain_study(
@@ -95,34 +68,31 @@ def chain_study(
 
     Args:
         options: the chain, its postures and the noise.
-        calibration: how to calibrate.
+        calibration: how to calibrate; the chain is rigid.
 
     Raises:
         CurveError: when hardly any shape can be taken.
+        CalibrationError: when there are too few postures.
     """
     limit_rad = float(np.radians(options.limit_deg))
     arm = chain_arm(f"chain_{options.links}", options.links, options.link_m, limit_rad)
-    plan = TrackerOptions(
-        poses=options.postures,
-        holdout_share=options.holdout_share,
-        position_mm=options.position_mm,
-        attitude_rad=options.attitude_rad,
-    )
+    rigid = calibration.model_copy(update={"flexible_joints": (), "inner_subsets": 0})
     # The mean length of a vector of three coordinates with this noise.
     floor_mm = float(options.position_mm * np.sqrt(8.0 / np.pi))
     shapes: list[Postures] = []
     individuals: list[results.Individual] = []
     streams = np.random.default_rng(options.random_seed).spawn(options.individuals)
     for number, stream in enumerate(streams, start=1):
-        postures = draw_postures(options.links, options.link_m, limit_rad, options.postures, stream)
-        shapes.append(postures)
-        noise_seed = int(stream.integers(2**32))
+        shapes.append(
+            draw_postures(options.links, options.link_m, limit_rad, options.postures, stream)
+        )
+        seed = int(stream.integers(2**32))
         individuals += [
-            _individual(number, each, plan, calibration, postures.q_rad, noise_seed)
-            for each in draw_departing(arm, plan, calibration, stream)
+            _individual(number, arm, _settings(arm, options, departs, shapes[-1], seed), rigid)
+            for departs in _SAID
         ]
     return results.CurveCalibrationRecord(
-        provenance="synthetic: virtual cell, no hidden effect",
+        provenance=PROVENANCE,
         settings=options.model_dump(mode="json"),
         joints=arm.n,
         shapes_refused=sum(postures.refused for postures in shapes),
@@ -134,69 +104,113 @@ def chain_study(
     )
 
 
-def _individual(
-    number: int,
-    departing: Departing,
-    plan: TrackerOptions,
-    options: CalibrationOptions,
-    postures: Array,
-    random_seed: int,
-) -> results.Individual:
-    """Measure one arm in postures (P, 2 n) and calibrate it with both models."""
-    robot = departing.robot
-    arm = robot.arm
-    made = measured(robot, plan, random_seed, postures)
-    poses = measured_as_poses(observations_of(made))
-    grid = made.truth.schedule.kind == "grid"
-    exact = poses.with_measured(T_instr_target=robot.T_instr_target(made.truth.rest.T_base_ee))
-
-    two_levels = {
-        model: calibrate(
-            baseline(arm, (), options.tolerances),
-            poses.take(grid),
-            options.model_copy(update={"inner_poses": inside}),
-            ErrorSources(),
-        )
-        for model, inside in (("two_level", options.inner_poses), ("two_level_all", "all"))
-    }
-    start = find_start(arm, poses.take(grid))
-    general = calibrate_general(arm, poses.take(grid), start, None, options.with_springs(()))
-
-    rigid = nominal(arm)
-    T_aligned = align_nominal(rigid, poses.take(grid))
-    T_nominal = rigid.predict(poses.states, np.zeros(0))
-    found_mm, true_mm = (
-        {
-            "nominal": deviations(T_nominal, T_aligned, against).distance_mm,
-            **{
-                model: model_deviations(found, against).distance_mm
-                for model, found in two_levels.items()
-            },
-            "general": fitted(general).deviations(against).distance_mm,
-        }
-        for against in (poses, exact)
+def _settings(
+    arm: Arm, options: CurveStudyOptions, departs: Departs, postures: Postures, seed: int
+) -> SimulateOptions:
+    """Return the campaign of one arm, its target on the flange, where it is stated."""
+    plan = TrackerOptions(
+        commanded=np.degrees(postures.q_rad).tolist(),
+        holdout_share=options.holdout_share,
+        departs=departs,
+        target_m=0.0,
+        target_rad=0.0,
+        position_mm=options.position_mm,
+        attitude_rad=options.attitude_rad,
     )
+    return SimulateOptions(random_seed=seed, robot=arm.name, without_touches=plan)
+
+
+def _individual(
+    number: int, arm: Arm, settings: SimulateOptions, options: CalibrationOptions
+) -> results.Individual:
+    """Measure one arm, calibrate it with every model, and judge these."""
+    plan = settings.without_touches or TrackerOptions()
+    made = cell.simulate_campaign(f"{arm.name}-{number}-{plan.departs}", arm, settings)
+    campaign = _as_read(made)
+    records = _calibrated(campaign, options)
+    models = {name: tuple(models_of(found, name).values())[-1] for name, found in records.items()}
+    setup = setup_of(campaign.description, campaign.arm, options, DiscoveryOptions())
+
+    def judged(campaign: Campaign, kind: str) -> dict[str, HeldOutModel]:
+        found = judged_models(campaign.observations, models, None, setup, kind=kind)
+        return {_NOMINAL if name == UNCALIBRATED else name: each for name, each in found.items()}
+
+    fitted, held_out = judged(campaign, "grid"), judged(campaign, "holdout")
+    without_noise = settings.model_copy(update={"without_touches": plan.model_copy(update=_EXACT)})
+    exact = _as_read(cell.simulate_campaign(made.name, arm, without_noise))
+    true = judged(exact, "holdout")
+    truth = truth_record(made).parameters
+    both = [(fitted[name].rows, held_out[name].rows) for name in fitted]
     return results.Individual(
         number=number,
-        departs=departing.key,
-        said=departing.said,
+        departs=plan.departs,
+        said=_SAID[plan.departs],
         errors={
-            model: results.ErrorsOfModel(
-                fitted=_distances(found_mm[model][grid]),
-                held_out=_distances(found_mm[model][~grid]),
-                held_out_true=_distances(true_mm[model][~grid]),
+            name: results.ErrorsOfModel(
+                fitted=_distances(fitted[name]),
+                held_out=_distances(held_out[name]),
+                held_out_true=_distances(true[name]),
             )
-            for model in found_mm
+            for name in fitted
         },
-        models={
-            **{model: _two_levels(found, departing.truth) for model, found in two_levels.items()},
-            "general": _general(general),
-        },
+        models={name: _fit(found, truth) for name, found in records.items()},
         poses=results.ErrorsByPose(
-            pose=made.truth.schedule.pose,
-            held_out=~grid,
-            **{f"{model}_mm": each for model, each in found_mm.items()},
+            pose=np.concatenate([rows.pose for rows in both[0]]),
+            held_out=np.repeat([False, True], [len(rows.pose) for rows in both[0]]),
+            **{
+                f"{name}_mm": np.concatenate([rows.error_mm for rows in pair])
+                for name, pair in zip(fitted, both, strict=True)
+            },
         ),
+    )
+
+
+def _as_read(made: cell.Campaign) -> Campaign:
+    """Return a simulated campaign as it is read from its files."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_campaign(made, Path(folder) / "raw")
+        return read_campaign(Path(folder) / "raw")
+
+
+def _calibrated(campaign: Campaign, options: CalibrationOptions) -> dict[str, CalibrationRecord]:
+    """Calibrate a campaign with every model."""
+    said, every = campaign.description, campaign.observations
+    seed = locate_base(
+        every, campaign.arm, BaseFrameOptions(), campaign.folder, said.name, said.provenance
+    )
+    (load,) = (f"{load_N:g}N" for load_N in np.unique(every.states.load_N))
+    return {
+        name: calibration_record(
+            said,
+            campaign.arm,
+            every,
+            seed,
+            load,
+            options.model_copy(update=changes),
+            general=changes["model"] == "general",
+        )
+        for name, changes in _MODELS.items()
+    }
+
+
+def _fit(found: CalibrationRecord, truth: Mapping[str, TrueParameter]) -> results.IndividualFit:
+    """Return rank, null directions and, where there is a truth, scores of the parameters."""
+    ended: dict[str, Any] = {
+        "converged": found.status == "converged",
+        "unknowns": found.unknowns,
+        "rank": found.rank,
+        "condition": found.condition,
+        "null_directions": found.null_directions,
+    }
+    if isinstance(found, GeneralCalibrationRecord):
+        redundant = {each.name: each.replaced_by for each in found.redundant}
+        return results.IndividualFit(**ended, redundant=redundant, scores={})
+    return results.IndividualFit(
+        **ended,
+        starts=found.starts,
+        starts_agreeing=found.starts_agreeing,
+        redundant={},
+        scores=reported_scores(found.parameters, truth),
     )
 
 
@@ -239,49 +253,5 @@ def _over_floor(errors: Sequence[Distances], floor_mm: float) -> results.OverFlo
     )
 
 
-def _distances(distance_mm: Array) -> Distances:
-    """Return mean, peak and root mean square of position errors (P,)."""
-    return Distances(
-        mean_mm=float(distance_mm.mean()),
-        peak_mm=float(distance_mm.max()),
-        rms_mm=float(np.sqrt(np.mean(distance_mm**2))),
-    )
-
-
-def _two_levels(found: Calibration, truth: Mapping[str, float]) -> results.IndividualFit:
-    """Return rank, null directions and, where there is a truth, scores of the parameters."""
-    names = [parameter.name for parameter in found.level.model.parameters]
-    std = np.sqrt(np.diag(found.covariances.parameters))
-    return results.IndividualFit(
-        converged=found.converged,
-        starts=len(found.starts),
-        starts_agreeing=found.starts_agreeing,
-        **_rank(found.identifiability),
-        null_directions=tuple(each.weights for each in found.unidentified_directions),
-        redundant={},
-        scores={
-            name: float((value - truth[name]) / sigma)
-            for name, value, sigma in zip(names, found.solution.x, std, strict=True)
-            if name in truth and name not in found.not_identifiable
-        },
-    )
-
-
-def _general(found: GeneralCalibration) -> results.IndividualFit:
-    identifiability = found.fit.identifiability
-    unidentified = unidentified_directions(identifiability, found.problem.parameters)
-    return results.IndividualFit(
-        converged=found.fit.converged,
-        **_rank(identifiability),
-        null_directions=tuple(each.weights for each in unidentified),
-        redundant={each.name: each.replaced_by for each in found.unknowns.redundant},
-        scores={},
-    )
-
-
-def _rank(found: Identifiability) -> dict[str, Any]:
-    return {
-        "unknowns": len(found.singular_values),
-        "rank": found.rank,
-        "condition": found.condition,
-    }
+def _distances(found: HeldOutModel) -> Distances:
+    return Distances(mean_mm=found.mean_mm, peak_mm=found.peak_mm, rms_mm=found.rms_mm)

@@ -34,7 +34,12 @@ from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.cell.write import truth_record, write_campaign
 from pa10cal.evaluation.coverage import Coverage, coverage
-from pa10cal.evaluation.known_truth import class_of, parameter_scores, prediction_scores
+from pa10cal.evaluation.known_truth import (
+    class_of,
+    parameter_scores,
+    prediction_scores,
+    reported_scores,
+)
 from pa10cal.evaluation.options import CoverageCase, CoverageOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.averages import average_repeats, poses_of
@@ -157,12 +162,7 @@ def _touched_scores(simulate: SimulateOptions, options: CalibrationOptions) -> d
         options,
         ErrorSources(readings, 1e-3 * options.apparatus_uncertainty_mm),
     )
-    truth = truth_record(made).parameters
-    return {
-        name: (parameter.value - truth[name].value) / parameter.std
-        for name, parameter in parameter_records(found).items()
-        if parameter.identifiable and parameter.std and name in truth
-    }
+    return reported_scores(parameter_records(found), truth_record(made).parameters)
 
 
 def _ingested(made: Campaign) -> Observations[Pose]:

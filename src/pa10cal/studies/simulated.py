@@ -33,12 +33,10 @@ _TEMPERATURE_C = 20.0
 _EXACT = {"position_mm": 1e-5, "attitude_rad": 1e-8, "unseen_share": 0.0}
 
 
-def measured(
-    robot: Robot, plan: TrackerOptions, random_seed: int, postures: Array | None = None
-) -> Campaign:
+def measured(robot: Robot, plan: TrackerOptions, random_seed: int) -> Campaign:
     """Measure a robot with a tracker, nothing hidden; see `cell.campaign.measure_campaign`."""
     options = SimulateOptions(random_seed=random_seed, without_touches=plan)
-    return measure_campaign("simulated", options, robot, postures=postures)
+    return measure_campaign("simulated", options, robot)
 
 
 def observations_of(campaign: Campaign) -> Observations:

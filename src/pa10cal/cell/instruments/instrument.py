@@ -96,15 +96,12 @@ class Instrument(ABC):
         self.settings = settings
 
     @abstractmethod
-    def schedule(
-        self, robot: Robot, streams: Streams, postures: Array | None
-    ) -> tuple[Schedule, Poses | None]:
+    def schedule(self, robot: Robot, streams: Streams) -> tuple[Schedule, Poses | None]:
         """Return the configurations of a campaign, and their poses by purpose.
 
         Args:
             robot: as built.
             streams: draw what is drawn.
-            postures: (P, n) joint positions commanded, in place of those of the settings.
         """
 
     @property

@@ -63,15 +63,11 @@ class TouchTriggerCmm(Instrument):
         "_C": 2,
     }
 
-    def schedule(
-        self, robot: Robot, streams: Streams, postures: Array | None
-    ) -> tuple[Schedule, Poses]:
+    def schedule(self, robot: Robot, streams: Streams) -> tuple[Schedule, Poses]:
         """Return straight moves, the grid once a load and repeat, and held-out points."""
         settings, arm = self.settings, robot.arm
         nominal = Mechanism.of(arm, Departures.none(arm.n), robot.mechanism.payload)
         poses = place_poses(arm, nominal, settings.poses, settings.holdout_points)
-        if postures is not None:
-            poses = Poses(poses.line_x, poses.line_y, postures, poses.holdout)
         return sweeps(poses, settings, streams["order"]), poses
 
     @property

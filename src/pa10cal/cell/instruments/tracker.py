@@ -21,7 +21,7 @@ from pa10cal.cell.instruments.instrument import (
     position_columns,
 )
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.cell.poses import joint_bounds
+from pa10cal.cell.poses import commanded_positions, joint_bounds
 from pa10cal.cell.robot import Robot
 from pa10cal.cell.schedule import Schedule, one_after_another
 from pa10cal.errors import SimulationError
@@ -79,14 +79,14 @@ class Tracker(Instrument):
         """Return whether the campaign says where the targets are."""
         return self.plan.states_targets
 
-    def schedule(
-        self, robot: Robot, streams: Streams, postures: Array | None
-    ) -> tuple[Schedule, None]:
+    def schedule(self, robot: Robot, streams: Streams) -> tuple[Schedule, None]:
         """Return poses within the joint limits, the last ones held out."""
-        if postures is None:
-            low, high = joint_bounds(robot.arm)
-            postures = streams["poses"].uniform(low, high, (self.plan.poses, robot.arm.n))
-        return one_after_another(as_written(robot.arm, postures), self.plan), None
+        arm, plan = robot.arm, self.plan
+        if plan.commanded:
+            q = commanded_positions(arm, plan.commanded, "without_touches.commanded")
+        else:
+            q = streams["poses"].uniform(*joint_bounds(arm), (plan.poses, arm.n))
+        return one_after_another(as_written(arm, q), plan), None
 
     @property
     def at_rest_s(self) -> float:
