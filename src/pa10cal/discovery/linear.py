@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
@@ -82,6 +83,13 @@ def by_end(at: FittedModel, poses: Observations, T_base_ee: Array) -> Array:
     T_instr_ee, measured = at.T_instr_base @ T_base_ee, poses.measured
     found = measured.ideal(T_instr_ee, at.targets_m).compare(T_instr_ee, at.targets_m)
     return _along_base(found.by_end * measured.components_seen[..., None], at)
+
+
+def by_every_joint(at: FittedModel, poses: Observations) -> Array:
+    """Return how components would follow each joint's position, (P, b, n); see `by_end`."""
+    chain = at.model.chain
+    end = end_pose_with_screws(chain, at.model.chain_coordinates(poses.states, at.x))
+    return np.asarray(by_end(at, poses, end.T) @ end.screws[:, :, chain.joint_columns])
 
 
 def by_targets(at: FittedModel, poses: Observations) -> Array:

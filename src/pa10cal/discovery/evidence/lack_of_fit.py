@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.evidence.problem import Problem
@@ -18,7 +17,7 @@ from pa10cal.discovery.lack_of_fit import (
     TorqueResiduals,
     lack_of_fit,
 )
-from pa10cal.discovery.linear import by_end, possible_sizes
+from pa10cal.discovery.linear import by_every_joint, possible_sizes
 
 Array = NDArray[np.float64]
 
@@ -40,14 +39,11 @@ def evidence_lack_of_fit(problem: Problem, found: Fit) -> LackOfFit:
     cells, at = problem.cells, found.at
     pose, torque = channel_tests(problem, found)
     components = _left_over(problem.pose, pose_rows(problem, at), pose)
-    chain = at.model.chain
-    end = end_pose_with_screws(chain, at.model.chain_coordinates(cells.states, at.x))
-    screws = by_end(at, cells, end.T) @ end.screws[:, :, chain.joint_columns]
     torques = None
     if problem.torque is not None and torque is not None:
         left_Nm = _left_over(problem.torque, torque_rows(problem, at), torque)
         torques = TorqueResiduals(left_Nm, problem.noise.torque_Nm)
-    left = CellResiduals(at, cells, components, problem.cell_cov, screws)
+    left = CellResiduals(at, cells, components, problem.cell_cov, by_every_joint(at, cells))
     return lack_of_fit(left, (pose, torque), torques)
 
 

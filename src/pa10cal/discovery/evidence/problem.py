@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.arm.statics import Payload, Statics
 from pa10cal.discovery.evidence.cells import gather, shared_error
 from pa10cal.discovery.evidence.noise_model import NoiseModel
-from pa10cal.discovery.linear import by_end
+from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import Noise, noise_of_repeats
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import (
@@ -82,28 +81,13 @@ def prepare(
     """
     about = baseline if about is None else about
     readings = complete_about(readings, baseline, about, setup)
-    noise = noise_of_repeats(readings, *_deviation_and_screws(readings, about))
+    noise = noise_of_repeats(readings, -residual(about, readings), by_every_joint(about, readings))
     cells, cell_cov = gather(readings, noise.cov)
     cells = complete_about(cells, baseline, about, setup)
-    shared = shared_error(cells)
-    pose = NoiseModel.of(
-        np.linalg.inv(np.linalg.cholesky(cell_cov)),
-        shared,
-        setup.apparatus_m * cells.measured.by_stated_targets,
-    )
-    torque, left = None, np.zeros_like(cells.states.tau_Nm)
     logged = torques_logged and bool(np.all(np.isfinite(cells.states.tau_Nm)))
-    if setup.payload is not None and logged:
-        weights = static_loads(cells.states, about, setup.payload)
-        left = cells.states.tau_Nm - weights.torque_Nm
-        scale = np.sqrt(cells.readings)[:, None] / noise.torque_Nm
-        loads_N = np.unique(cells.states.load_N)
-        common = common_torques(
-            cells, weights, about, setup.payload, setup.options, loads_N[loads_N > 0]
-        )
-        torque = NoiseModel.of(
-            scale[:, :, None] * np.eye(baseline.model.chain.arm.n), shared, common
-        )
+    pose, torque, of_weights_Nm = noise_models(
+        cells, cell_cov, about, setup, noise.torque_Nm if logged else None, cells.states.load_N
+    )
     return Problem(
         baseline,
         setup,
@@ -113,22 +97,51 @@ def prepare(
         noise,
         pose,
         torque,
-        left,
+        np.zeros_like(of_weights_Nm) if torque is None else cells.states.tau_Nm - of_weights_Nm,
         context_of(cells, baseline, setup),
         logged,
     )
 
 
-def _deviation_and_screws(poses: Observations, at: FittedModel) -> tuple[Array, Array]:
-    """Return measured minus predicted (P, b), and how that follows the joints, (P, b, n)."""
-    chain = at.model.chain
-    end = end_pose_with_screws(chain, at.model.chain_coordinates(poses.states, at.x))
-    error = poses.measured.compare(at.T_instr_base @ end.T, at.targets_m).residual
-    screws = by_end(at, poses, end.T) @ end.screws[:, :, chain.joint_columns]
-    return -error, screws
+def noise_models(
+    cells: Observations,
+    cell_cov: Array,
+    about: FittedModel,
+    setup: MeasurementSetup,
+    torque_u_Nm: Array | None,
+    load_N: Array,
+) -> tuple[NoiseModel, NoiseModel | None, Array]:
+    """Return how rows of poses and of torques are weighed, and the torques of all weights (C, n).
+
+    Args:
+        cells: C cells, with what they carry.
+        cell_cov: (C, b, b) covariance of their means by the noise of readings.
+        about: a model of the arm.
+        setup: what is known besides the poses.
+        torque_u_Nm: (n,) noise of one reading's torques; None where they are not weighed.
+        load_N: loads of the campaign, each of which has an error of its own.
+
+    Returns:
+        The two, that of torques None where these or the masses are not known.
+    """
+    shared = shared_error(cells)
+    pose = NoiseModel.of(
+        np.linalg.inv(np.linalg.cholesky(cell_cov)),
+        shared,
+        setup.apparatus_m * cells.measured.by_stated_targets,
+    )
+    if setup.payload is None or torque_u_Nm is None:
+        return pose, None, np.zeros_like(cells.states.q_rad)
+    weights = static_loads(cells.states, about, setup.payload)
+    scale = np.sqrt(cells.readings)[:, None] / torque_u_Nm
+    common = _common_torques(
+        cells, weights, about, setup.payload, setup.options, np.unique(load_N[load_N > 0])
+    )
+    torque = NoiseModel.of(scale[:, :, None] * np.eye(cells.states.n), shared, common)
+    return pose, torque, weights.torque_Nm
 
 
-def common_torques(
+def _common_torques(
     cells: Observations,
     weights: Statics,
     baseline: FittedModel,

@@ -7,14 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import statics
-from pa10cal.discovery.evidence.cells import shared_error
 from pa10cal.discovery.evidence.fit import Fit
-from pa10cal.discovery.evidence.noise_model import NoiseModel
-from pa10cal.discovery.evidence.problem import Problem, common_torques
-from pa10cal.discovery.linear import by_end
+from pa10cal.discovery.evidence.problem import Problem, noise_models
+from pa10cal.discovery.linear import by_every_joint
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import complete
 from pa10cal.errors import DiscoveryError
@@ -78,22 +74,10 @@ def foresee(problem: Problem, found: Fit, q_rad: Array, load_N: Array, arrival: 
 
 def _weighed(problem: Problem, poses: Observations, cov: Array) -> Problem:
     """Return the problem of other poses, whose means have given covariances."""
-    baseline, setup, shared = problem.baseline, problem.setup, shared_error(poses)
-    pose = NoiseModel.of(
-        np.linalg.inv(np.linalg.cholesky(cov)),
-        shared,
-        setup.apparatus_m * poses.measured.by_stated_targets,
+    torque_u_Nm = None if problem.torque is None else problem.noise.torque_Nm
+    pose, torque, _ = noise_models(
+        poses, cov, problem.baseline, problem.setup, torque_u_Nm, problem.cells.states.load_N
     )
-    torque = None
-    if problem.torque is not None and setup.payload is not None:
-        coordinates = baseline.model.chain_coordinates(poses.states, baseline.x)
-        weights = statics(baseline.model.chain, coordinates, poses.states.load_N, setup.payload)
-        scale = np.sqrt(poses.readings)[:, None] / problem.noise.torque_Nm
-        loads_N = np.unique(problem.cells.states.load_N)
-        common = common_torques(
-            poses, weights, baseline, setup.payload, setup.options, loads_N[loads_N > 0]
-        )
-        torque = NoiseModel.of(scale[:, :, None] * np.eye(poses.states.n), shared, common)
     return replace(
         problem,
         readings=poses,
@@ -121,18 +105,18 @@ def _on_apparatus(poses: Observations, T_instr_ee: Array, problem: Problem) -> O
 def _reading_cov(poses: Observations, T_instr_ee: Array, problem: Problem) -> Array:
     """Return the covariance of one reading of poses, (P, b, b), from its sources."""
     readings, noise, measured = problem.readings, problem.noise, problem.readings.measured
-    by_joint = noise.joint_rad**2
-    of_joints = _spread(_screws(readings, problem), by_joint)
+    at, by_joint = problem.baseline, noise.joint_rad**2
+    of_joints = _spread(by_every_joint(at, readings), by_joint)
     stated = noise.instrument**2 * measured.stated_covariance
     # Noise of neither joints nor instrument is equal in all poses and directions.
     rest = np.mean(np.diagonal(noise.cov - of_joints - stated, axis1=1, axis2=2), axis=0)
-    for _, at in measured.component_kinds:
-        rest[at] = np.maximum(rest[at].mean(), 0.0)
+    for _, columns in measured.component_kinds:
+        rest[columns] = np.maximum(rest[columns].mean(), 0.0)
     turn = measured.axes_of_end(_ends(problem))
     own = np.mean(turn.transpose(0, 2, 1) @ stated @ turn, axis=0)
     turn = poses.measured.axes_of_end(T_instr_ee)
     of_instrument: Array = turn @ own @ turn.transpose(0, 2, 1)
-    total: Array = _spread(_screws(poses, problem), by_joint) + of_instrument + np.diag(rest)
+    total: Array = _spread(by_every_joint(at, poses), by_joint) + of_instrument + np.diag(rest)
     return total
 
 
@@ -147,11 +131,3 @@ def _spread(screws: Array, variance: Array) -> Array:
     """Return what variances (n,) of the joints make of components, (P, b, b)."""
     spread: Array = (screws * variance) @ screws.transpose(0, 2, 1)
     return spread
-
-
-def _screws(poses: Observations, problem: Problem) -> Array:
-    """Return how components follow each joint's position, (P, b, n)."""
-    at, chain = problem.baseline, problem.baseline.model.chain
-    end = end_pose_with_screws(chain, at.model.chain_coordinates(poses.states, at.x))
-    screws: Array = by_end(at, poses, end.T) @ end.screws[:, :, chain.joint_columns]
-    return screws
