@@ -1,5 +1,6 @@
 """The search on campaigns of the virtual cell: who judges, and easy cases of every instrument."""
 
+import numpy as np
 import pytest
 
 from pa10cal.calibration.campaign import calibrated
@@ -54,11 +55,23 @@ def campaign(tmp_path):
     return measured
 
 
-def searched(found):
-    """Return the verdict on a campaign."""
-    model = calibrated(found.description, found.arm, found.observations)
+def searched(found, every=None):
+    """Return the verdict on a campaign, or on other observations of it."""
+    every = found.observations if every is None else every
+    model = calibrated(found.description, found.arm, every)
     setup = setup_of(found.description, found.arm, CalibrationOptions(), DiscoveryOptions())
-    return discover(found.observations, model, setup)
+    return discover(every, model, setup)
+
+
+def with_gross_errors(every, share=0.02, size_m=8e-3):
+    """Return observations with some readings of the poses fitted moved, and which."""
+    generator = np.random.default_rng(0)
+    grid = np.flatnonzero(every.kind == "grid")
+    wrong = np.sort(generator.choice(grid, round(share * len(grid)), replace=False))
+    T = every.measured.T_instr_target.copy()
+    along = generator.standard_normal((len(wrong), 3))
+    T[wrong, :3, 3] += size_m * along / np.linalg.norm(along, axis=1)[:, None]
+    return every.with_measured(T_instr_target=T), wrong
 
 
 def names(verdict):
@@ -107,3 +120,25 @@ def test_where_poses_are_repeated_repeats_are_the_judge(campaign, instrument):
 def test_one_target_is_enough(campaign):
     verdict = searched(campaign("points", ECCENTRIC, targets=1, **MANY))
     assert names(verdict) == [(ECCENTRIC["id"], ECCENTRIC["of"])]
+
+
+@pytest.mark.parametrize("hidden", [(ECCENTRIC,), ()], ids=["an effect", "nothing"])
+def test_gross_errors_of_single_readings_change_no_verdict(campaign, hidden):
+    read = campaign("pose", *hidden, **REPEATED)
+    every, wrong = with_gross_errors(read.observations)
+    clean, verdict = searched(read), searched(read, every)
+    assert not clean.prepared.gross.any()
+    moved = zip(every.pose[wrong], every.repeat[wrong], strict=True)
+    readings, gross = verdict.prepared.readings, verdict.prepared.gross
+    found = zip(readings.pose[gross], readings.repeat[gross], strict=True)
+    assert sorted(found) == sorted(moved)
+    assert (verdict.verdict, names(verdict)) == (clean.verdict, names(clean))
+    # Two of 60 poses were read once less: the mean floor is higher by 0.41 of 2 in 60.
+    assert verdict.noise_floor_mm == pytest.approx(clean.noise_floor_mm, rel=0.03)
+    assert verdict.train.after.mean_mm == pytest.approx(clean.train.after.mean_mm, rel=0.03)
+    assert verdict.train.before.mean_mm == pytest.approx(clean.train.before.mean_mm, rel=0.03)
+    for effect, sound in zip(verdict.effects, clean.effects, strict=True):
+        name = next(iter(sound.parameters))
+        value, true = effect.parameters[name], sound.parameters[name]
+        assert abs(value.value - true.value) < 0.5 * true.std
+        assert value.std < 1.1 * true.std

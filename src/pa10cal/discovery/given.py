@@ -96,7 +96,8 @@ def calibrate_with(
     logged = campaign.torques == "logged"
     fitted: ModelWithEffects
     if judged_by_blocks(campaign.readings):
-        judged = survey(campaign.readings, campaign.baseline, setup, torques_logged=logged)
+        readings = campaign.readings
+        judged = survey(readings, campaign.baseline, setup, torques_logged=logged)
         chosen = _effects(effects, judged.context)
         rows = weighted_rows(judged, computable(judged)[0], SPACINGS[-1][0])
         fitted = found = refit(
@@ -106,7 +107,8 @@ def calibrate_with(
         root = np.sqrt(found.weighing.weight)[:, None, None]
         whitener, off_m = root * found.weighing.whitener, np.zeros(0)
     else:
-        problem = prepare(campaign.readings, campaign.baseline, setup, torques_logged=logged)
+        readings = campaign.trusted
+        problem = prepare(readings, campaign.baseline, setup, torques_logged=logged)
         problem, fit = fit_given(problem, _effects(effects, problem.context))
         fitted, used = fit, problem.cells
         covariance, off_m = covariance_of(problem, fit), apparatus_m(problem, fit)
@@ -116,7 +118,7 @@ def calibrate_with(
     def ready(poses: Observations) -> Observations:
         return complete_about(poses, campaign.baseline, calibrated, setup)
 
-    poses = ready(average_repeats(campaign.readings))
+    poses = ready(average_repeats(readings))
     deviations = calibrated.deviations(poses)
     held_out = None
     if campaign.held_out is not None:

@@ -65,7 +65,7 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
         screws: (P, b, n) how the components follow each joint's position.
 
     Raises:
-        DiscoveryError: when too little is repeated.
+        DiscoveryError: when too little is repeated, or repeats show no noise.
     """
     order, pairs = _successive(readings)
     if len(pairs) < LEAST_DIFFERENCES:
@@ -93,7 +93,16 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
         0.5 * (sources[first] + sources[second]),
         0.0,
     )
-    variances = _variance_components(np.where(both, difference, 0.0), compared, both)
+    try:
+        variances = _variance_components(np.where(both, difference, 0.0), compared, both)
+    except np.linalg.LinAlgError:
+        raise DiscoveryError(
+            "the scatter of repeats shows no noise in some component of the readings",
+            where="grid poses",
+            value=f"largest difference of two readings {np.abs(difference).max():.3g} m or rad",
+            allowed="repeats that differ by the noise of joints and instrument",
+            remedy="look for readings with a gross error, and for readings that were copied",
+        ) from None
     n = screws.shape[2]
     torque = readings.states.tau_Nm
     torque_difference = (torque[second] - torque[first]) / np.sqrt(2.0)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, Statics
+from pa10cal.discovery.gross_errors import gross_errors
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
@@ -62,6 +64,16 @@ class Prepared:
     setup: MeasurementSetup
     torques: TorqueSource
     arrivals_from_order: bool
+
+    @cached_property
+    def gross(self) -> NDArray[np.bool_]:
+        """Return which readings are suspected of a gross error, (P,)."""
+        return gross_errors(complete(self.readings, self.baseline, self.setup), self.baseline)
+
+    @property
+    def trusted(self) -> Observations:
+        """Return the readings that may be averaged: those not suspected of a gross error."""
+        return self.readings.take(~self.gross) if self.gross.any() else self.readings
 
 
 def prepared(every: Observations, model: FittedModel, setup: MeasurementSetup) -> Prepared:

@@ -185,6 +185,7 @@ def _search(found: Verdict[object]) -> parts.SearchByRepeats | parts.SearchByBlo
             before=shared_error_mm(found.problem, search.nothing.pose_variance),
             after=shared_error_mm(found.problem, search.score.pose_variance),
         ),
+        readings_excluded=int(found.prepared.gross.sum()),
     )
 
 

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 _SAME_SCATTER = 1e-3
 #: Share of undisturbed poses that weigh less than fully.
 _TAIL = 1e-3
+#: Probability that any pose is suspected in a campaign without a wrong one.
+_ERROR_RATE = 0.01
 #: Readings for each unknown from which on typical residuals are about as large as their errors.
 _ENOUGH = 2.0
 #: Smallest uncertainty of a reading [m, rad], so that exact ones have a finite weight.
@@ -117,6 +119,16 @@ def weighted_rows(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) 
     weighted = _times(root[:, None, None] * whitener, rows.jacobian)
     flat = weighted.reshape(-1, weighted.shape[2])
     return WeightedRows(root[:, None] * white, weighted, flat.T @ flat, weights, distance, whitener)
+
+
+def suspect_beyond(seen: NDArray[np.bool_]) -> Array:
+    """Return the Mahalanobis distance (P,) beyond which a pose is suspected of a gross error.
+
+    Args:
+        seen: (P, b) which components were seen.
+    """
+    square = chdtri(np.maximum(seen.sum(axis=1), 1), _ERROR_RATE / len(seen))
+    return np.asarray(np.sqrt(square), dtype=np.float64)
 
 
 def _times(matrices: Array, rows: Array) -> Array:

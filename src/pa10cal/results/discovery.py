@@ -211,6 +211,7 @@ class SearchByRepeats(Part):
     error_rate: float = Field(description="rate of false names allowed")
     needed_nats: float = Field(description="log evidence needed of an effect")
     shared_error_mm: SharedError = Field(description="position error shared by readings of a pose")
+    readings_excluded: int = Field(description="readings suspected of a gross error")
 
 
 class Needed(Part):

@@ -5,8 +5,8 @@ import pytest
 
 from made_up_survey import Hidden, at_joint, observe
 from pa10cal.discovery.blocked_cv.refit import refit
-from pa10cal.discovery.blocked_cv.weighing import unweighted
 from pa10cal.discovery.linear import residual
+from pa10cal.discovery.weighing import unweighted
 from pa10cal.discovery.with_effects import at_unknowns, moved_base
 from pa10cal.terms.effects.encoder import EncoderEccentricity
 from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap

@@ -11,8 +11,8 @@ from made_up_survey import observe
 from pa10cal.discovery.blocked_cv.family import computable, family
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
-from pa10cal.discovery.blocked_cv.weighing import unweighted
 from pa10cal.discovery.linear import by_joints, by_terms, residual
+from pa10cal.discovery.weighing import unweighted
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.joint_error_map import (
     Fading,

@@ -4,25 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from pa10cal.calibration.general.fit import Fit
 from pa10cal.fit.problem import Problem
+from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.results.calibration import SuspectedOutlier as SuspectedOutlier
 
 Array = NDArray[np.float64]
 
-#: Probability that any pose is suspected in a campaign without a wrong one.
-_ERROR_RATE = 0.01
 #: A pose with less weight than this is listed in any case.
 _LITTLE_WEIGHT = 0.5
 
 
 def suspected_outliers(problem: Problem, fit: Fit) -> tuple[SuspectedOutlier, ...]:
     """List the poses a fit doubts, the worst first."""
-    count = len(fit.distance)
-    seen = problem.components_seen.sum(axis=1)
-    limit = np.sqrt(chdtri(np.maximum(seen, 1), _ERROR_RATE / count))
+    limit = suspect_beyond(problem.components_seen)
     rows = np.flatnonzero((fit.distance > limit) | (fit.weights < _LITTLE_WEIGHT))
     rows = rows[np.argsort(-fit.distance[rows])]
     sizes = {

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
-from pa10cal.discovery.blocked_cv.weighing import pose_weights, unweighted
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.noise import Noise
+from pa10cal.discovery.weighing import pose_weights, unweighted
 from pa10cal.terms.effects.joint_error_map import Fading, harmonic_orders
 
 Array = NDArray[np.float64]

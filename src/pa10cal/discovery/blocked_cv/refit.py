@@ -12,8 +12,8 @@ from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.selection import no_wider_than
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.blocked_cv.weighing import PoseWeights, pose_weights
 from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes, residual
+from pa10cal.discovery.weighing import PoseWeights, pose_weights
 from pa10cal.discovery.with_effects import ModelWithEffects
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.least_squares import Bounds, Equations, Step, minimise

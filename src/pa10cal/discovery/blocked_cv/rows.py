@@ -13,8 +13,8 @@ from scipy.sparse import csr_array
 
 from pa10cal.discovery.blocked_cv.products import Products, in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
-from pa10cal.discovery.blocked_cv.weighing import PoseWeights
 from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes, residual
+from pa10cal.discovery.weighing import PoseWeights
 from pa10cal.discovery.with_effects import unknowns
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations

@@ -117,7 +117,7 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
         DiscoveryError: when there are too few poses, or too little is repeated.
         CalibrationError: when a joint with a spring has no torque.
     """
-    readings, baseline = campaign.readings, campaign.baseline
+    readings, baseline = campaign.trusted, campaign.baseline
     _check_enough(readings, baseline)
     check_torques(baseline.model, readings)
     problem = prepare(

@@ -1,0 +1,61 @@
+"""Which readings are suspected of a gross error."""
+
+import numpy as np
+import pytest
+
+from made_up_survey import observe
+from pa10cal.discovery.gross_errors import gross_errors
+from pa10cal.observe.touched import Touched
+
+WRONG_M = 8e-3
+
+
+@pytest.fixture(scope="module")
+def survey():
+    return observe(poses=120, held_out=0)
+
+
+@pytest.fixture
+def thrice(survey):
+    """Each pose read three times, with the scatter of single readings."""
+    poses = survey.survey.poses
+    readings = poses.take(np.repeat(np.arange(len(poses)), 3))
+    T = readings.measured.T_instr_target.copy()
+    T[:, :3, 3] += 2e-5 * np.random.default_rng(1).standard_normal((len(T), 3))
+    return readings.with_measured(T_instr_target=T)
+
+
+def moved(readings, rows):
+    T = readings.measured.T_instr_target.copy()
+    T[rows, 2, 3] += WRONG_M
+    return readings.with_measured(T_instr_target=T)
+
+
+def test_of_sound_readings_none_is_suspected(survey, thrice):
+    assert not gross_errors(thrice, survey.baseline).any()
+
+
+def test_a_reading_that_no_other_of_its_pose_confirms_is_suspected(survey, thrice):
+    found = gross_errors(moved(thrice, [7, 100]), survey.baseline)
+    np.testing.assert_array_equal(np.flatnonzero(found), [7, 100])
+
+
+def test_of_two_readings_the_one_far_from_the_model_is_suspected(survey, thrice):
+    pairs = thrice.take(np.arange(len(thrice)) % 3 < 2)
+    found = gross_errors(moved(pairs, [9]), survey.baseline)
+    np.testing.assert_array_equal(np.flatnonzero(found), [9])
+
+
+def test_readings_that_agree_are_what_the_model_lacks(survey, thrice):
+    assert not gross_errors(moved(thrice, [30, 31, 32]), survey.baseline).any()
+
+
+def test_a_pose_read_once_is_suspected_as_in_its_calibration(survey):
+    found = gross_errors(moved(survey.survey.poses, [5]), survey.baseline)
+    np.testing.assert_array_equal(np.flatnonzero(found), [5])
+
+
+def test_poses_of_touches_are_not_suspected(survey, thrice, monkeypatch):
+    wrong = moved(thrice, [7])
+    monkeypatch.setattr(type(wrong.measured), "from_touches", Touched.from_touches)
+    assert not gross_errors(wrong, survey.baseline).any()
