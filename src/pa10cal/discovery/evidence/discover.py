@@ -117,9 +117,10 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
         DiscoveryError: when there are too few poses, or too little is repeated.
         CalibrationError: when a joint with a spring has no torque.
     """
-    readings, baseline = campaign.trusted, campaign.baseline
+    baseline = campaign.baseline
+    check_torques(baseline.model, campaign.readings)
+    readings = campaign.trusted
     _check_enough(readings, baseline)
-    check_torques(baseline.model, readings)
     problem = prepare(
         readings, baseline, campaign.setup, torques_logged=campaign.torques == "logged"
     )
