@@ -11,9 +11,7 @@ calibrated.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -22,10 +20,10 @@ from pa10cal.arm.description import Arm
 from pa10cal.calibration.campaign import calibration_record
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.records import models_of
-from pa10cal.campaign.read import Campaign, read_campaign
-from pa10cal.cell import campaign as cell
+from pa10cal.campaign.read import Campaign
+from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.cell.write import truth_record, write_campaign
+from pa10cal.cell.write import truth_record
 from pa10cal.curve.chain_arm import chain_arm
 from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.curve.postures import Postures, draw_postures
@@ -40,6 +38,7 @@ from pa10cal.results.accuracy import Distances
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.evaluation import HeldOutModel
 from pa10cal.results.truth import TrueParameter
+from pa10cal.studies.simulated import as_read
 
 Departs = Literal["rows", "any_way"]
 
@@ -125,8 +124,8 @@ def _individual(
 ) -> results.Individual:
     """Measure one arm, calibrate it with every model, and judge these."""
     plan = settings.without_touches or TrackerOptions()
-    made = cell.simulate_campaign(f"{arm.name}-{number}-{plan.departs}", arm, settings)
-    campaign = _as_read(made)
+    made = simulate_campaign(f"{arm.name}-{number}-{plan.departs}", arm, settings)
+    campaign = as_read(made)
     records = _calibrated(campaign, options)
     models = {name: tuple(models_of(found, name).values())[-1] for name, found in records.items()}
     setup = setup_of(campaign.description, campaign.arm, options, DiscoveryOptions())
@@ -137,7 +136,7 @@ def _individual(
 
     fitted, held_out = judged(campaign, "grid"), judged(campaign, "holdout")
     without_noise = settings.model_copy(update={"without_touches": plan.model_copy(update=_EXACT)})
-    exact = _as_read(cell.simulate_campaign(made.name, arm, without_noise))
+    exact = as_read(simulate_campaign(made.name, arm, without_noise))
     true = judged(exact, "holdout")
     truth = truth_record(made).parameters
     both = [(fitted[name].rows, held_out[name].rows) for name in fitted]
@@ -163,13 +162,6 @@ def _individual(
             },
         ),
     )
-
-
-def _as_read(made: cell.Campaign) -> Campaign:
-    """Return a simulated campaign as it is read from its files."""
-    with tempfile.TemporaryDirectory() as folder:
-        write_campaign(made, Path(folder) / "raw")
-        return read_campaign(Path(folder) / "raw")
 
 
 def _calibrated(campaign: Campaign, options: CalibrationOptions) -> dict[str, CalibrationRecord]:

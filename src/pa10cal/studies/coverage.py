@@ -11,10 +11,8 @@ from __future__ import annotations
 
 import csv
 import io
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +25,11 @@ from pa10cal.calibration.general.unknowns import Unknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.records import parameter_records
 from pa10cal.calibration.uncertainty import ErrorSources
-from pa10cal.campaign.read import read_campaign
-from pa10cal.cell.campaign import Campaign, simulate_campaign
+from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.individual import draw_individual
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.robot import Robot
-from pa10cal.cell.write import truth_record, write_campaign
+from pa10cal.cell.write import truth_record
 from pa10cal.evaluation.coverage import Coverage, coverage
 from pa10cal.evaluation.known_truth import (
     class_of,
@@ -43,11 +40,10 @@ from pa10cal.evaluation.known_truth import (
 from pa10cal.evaluation.options import CoverageCase, CoverageOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.averages import average_repeats, poses_of
-from pa10cal.observe.observations import Observations
-from pa10cal.observe.pose import Pose
 from pa10cal.observe.registry import instruments
 from pa10cal.results import studies as results
 from pa10cal.studies.simulated import (
+    as_read,
     draw_by_unknowns,
     exact_observations,
     measured,
@@ -155,7 +151,7 @@ def _touched_scores(simulate: SimulateOptions, options: CalibrationOptions) -> d
     """Simulate, ingest and calibrate one campaign; score every identifiable parameter."""
     arm = load_arm(simulate.robot)
     made = simulate_campaign("coverage", arm, simulate, "text_e7")
-    readings = _ingested(made)
+    readings = poses_of(as_read(made).observations, average=False)
     found = calibrate(
         baseline(arm, options.flexible_joints, options.tolerances),
         average_repeats(readings),
@@ -163,14 +159,6 @@ def _touched_scores(simulate: SimulateOptions, options: CalibrationOptions) -> d
         ErrorSources(readings, 1e-3 * options.apparatus_uncertainty_mm),
     )
     return reported_scores(parameter_records(found), truth_record(made).parameters)
-
-
-def _ingested(made: Campaign) -> Observations[Pose]:
-    """Take a campaign through its files to single readings of the calibration poses."""
-    with tempfile.TemporaryDirectory() as folder:
-        raw = Path(folder) / "raw"
-        write_campaign(made, raw)
-        return poses_of(read_campaign(raw).observations, average=False)
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,14 @@
 """Individuals of the virtual cell and what an instrument sees of them, as the estimator takes it.
 
-A campaign goes from the cell to the estimator in memory, as it would through its files.
+A campaign goes from the cell to the estimator through its files, or in memory where many do.
 """
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +17,13 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.unknowns import Unknowns
+from pa10cal.campaign import read
 from pa10cal.cell.campaign import Campaign, measure_campaign
 from pa10cal.cell.individual import draw_individual, robot_from_departures
 from pa10cal.cell.mechanism import GRAVITY_M_S2
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.robot import Robot
+from pa10cal.cell.write import write_campaign
 from pa10cal.evaluation.known_truth import KnownTruth
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.observations import Observations
@@ -37,6 +41,13 @@ def measured(robot: Robot, plan: TrackerOptions, random_seed: int) -> Campaign:
     """Measure a robot with a tracker, nothing hidden; see `cell.campaign.measure_campaign`."""
     options = SimulateOptions(random_seed=random_seed, without_touches=plan)
     return measure_campaign("simulated", options, robot)
+
+
+def as_read(made: Campaign) -> read.Campaign:
+    """Return a campaign as it is read from its files."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_campaign(made, Path(folder) / "raw")
+        return read.read_campaign(Path(folder) / "raw")
 
 
 def observations_of(campaign: Campaign) -> Observations:
@@ -66,8 +77,8 @@ def observations_of(campaign: Campaign) -> Observations:
     said = campaign.instrument.description(campaign.truth.robot)
     targets_m = {name: 1e-3 * np.array(p) for name, p in said["tool"].get("balls_mm", {}).items()}
     stated = Stated(1e-3 * said["instrument"]["uncertainty_mm"], targets_m)
-    read = kind.from_raw(columns, values, u, stated)
-    return Observations.single(table["pose"].to_numpy(dtype=str), states, read)
+    seen = kind.from_raw(columns, values, u, stated)
+    return Observations.single(table["pose"].to_numpy(dtype=str), states, seen)
 
 
 def exact_observations(
