@@ -5,11 +5,11 @@ import pytest
 
 from pa10cal.curve.angles import first_axes
 from pa10cal.curve.feasible import JointLimits
-from pa10cal.curve.gait import follow, given_rolls, rolling_helix, small_angles, travelling
+from pa10cal.curve.gait import follow, given_rolls, small_angles, travelling
 from pa10cal.curve.polynomial import spline_through
 from pa10cal.curve.roll import smallest_angle
 from pa10cal.curve.roll_map import RollMap
-from pa10cal.curve.shapes import serpenoid
+from pa10cal.curve.shapes import helix, serpenoid
 from pa10cal.errors import CurveError
 
 LINK_M, LINKS, PERIOD_S = 0.1, 10, 2.0
@@ -73,7 +73,8 @@ def test_a_serpenoid_stays_flat_at_the_roll_given():
 
 def test_a_rolling_helix_bends_every_joint_to_all_sides_in_turn():
     time_s = np.linspace(0.0, 2.0 * PERIOD_S, 81)
-    gait = rolling_helix(0.2, 0.4, time_s, PERIOD_S, LINK_M, LINKS)
+    rolls = given_rolls(2.0 * np.pi * time_s / PERIOD_S)
+    gait = follow([helix(0.2, 0.4, 1.5)] * 81, time_s, LINK_M, LINKS, rolls)
     bend = RollMap.of(gait.points[0].directions).bend_rad
     np.testing.assert_allclose(bend, bend[0], atol=1e-9)
     assert gait.a_rad.max(axis=0) == pytest.approx(bend, rel=0.02)

@@ -18,13 +18,9 @@ from pa10cal.curve.feasible import JointLimits
 from pa10cal.curve.points import Points, lay_points
 from pa10cal.curve.roll import room_at, smallest_angle, smallest_angle_near
 from pa10cal.curve.roll_map import RollMap
-from pa10cal.curve.shapes import helix
 from pa10cal.errors import CurveError
 
 Array = NDArray[np.float64]
-
-#: An arc of a circle is no longer than this many times its chord, up to half a circle.
-_ARC = np.pi / 2.0
 
 
 @dataclass(frozen=True)
@@ -166,30 +162,6 @@ def travelling(shape: Callable[[float], Curve], time_s: Array, period_s: float) 
         period_s: time of a wave; negative for one that travels the other way.
     """
     return [shape(phase) for phase in 2.0 * np.pi * time_s / period_s]
-
-
-def rolling_helix(
-    radius_m: float, pitch_m: float, time_s: Array, period_s: float, link_m: float, links: int
-) -> Gait:
-    """Return the gait of a helix that stays as it is while all links turn about themselves.
-
-    Every joint then bends in turn to all sides, which is how it rolls along the ground.
-
-    Args:
-        radius_m: radius of the helix.
-        pitch_m: its rise a turn.
-        time_s: (T,) times.
-        period_s: time of a turn of the first link.
-        link_m: length of a link.
-        links: how many.
-
-    Raises:
-        CurveError: when the shape's measures are none, or a link is longer than the helix is wide.
-    """
-    per_turn_m = float(np.hypot(2.0 * np.pi * radius_m, pitch_m))
-    curve = helix(radius_m, pitch_m, turns=(links * _ARC + 1.0) * link_m / per_turn_m)
-    rolls_rad = 2.0 * np.pi * time_s / period_s
-    return follow([curve] * len(time_s), time_s, link_m, links, given_rolls(rolls_rad))
 
 
 def _fitting(curve: Curve, link_m: float, links: int) -> Points:

@@ -38,8 +38,6 @@ class HandEye:
         T_ee_targets: (B, 4, 4) end-effector from target [m]; the attitude is the identity where
             only positions were seen.
         residuals_m: (P, B, 3) seen less modelled positions, along base axes, nan where not seen.
-        residuals_rad: (P, 3) rotation from modelled to seen attitude, along base axes; 0 where only
-            positions were seen.
         rms_m: root mean square distance of seen from modelled positions.
         rms_rad: root mean square angle between seen and modelled attitudes.
         held: directions of the targets that the poses do not identify, held as stated.
@@ -49,7 +47,6 @@ class HandEye:
     axis_u_rad: Array
     T_ee_targets: Array
     residuals_m: Array
-    residuals_rad: Array
     rms_m: float
     rms_rad: float
     held: tuple[str, ...]
@@ -190,7 +187,6 @@ def _best(
         axis_u_rad=np.sqrt(across),
         T_ee_targets=T_ee_targets,
         residuals_m=residuals_m,
-        residuals_rad=residuals_rad,
         rms_m=_rms(residuals_m[problem.pose, problem.target], problem.weights[problem.pose]),
         rms_rad=_rms(residuals_rad, problem.weights) if turning else 0.0,
         held=tuple(_said(direction, names) for direction in split.unidentified.T),

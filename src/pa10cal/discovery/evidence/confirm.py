@@ -67,7 +67,6 @@ class _Rows:
         members: columns of each member in `own`.
         data: (R,) measured minus predicted.
         family: rows of each candidate.
-        in_family: which candidate each member is.
         cell: (R,) the cell of each row.
     """
 
@@ -75,7 +74,6 @@ class _Rows:
     members: tuple[slice, ...]
     data: Array
     family: tuple[Array, ...]
-    in_family: tuple[int, ...]
     cell: Index
 
 
@@ -143,7 +141,6 @@ def _weighed(problem: Problem, found: EndOfSearch, *, turned: bool) -> _Rows:
         members=tuple(slice(a, b) for a, b in pairwise(stops)),
         data=both(lin.pose_data[:, None], lin.torque_data[:, None])[:, 0],
         family=tuple(block(candidate, 1.0) for candidate in lin.blocks) if turned else (),
-        in_family=tuple(found.family.index(effect) for effect in found.fit.effects),
         cell=np.concatenate(cells),
     )
 
