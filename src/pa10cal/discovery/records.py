@@ -113,6 +113,9 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
         effects=tuple(found_effect(finding, found) for finding in found.effects),
         unexplained=all_unexplained(found.effects, found.unexplained),
         not_testable=not_testable(found.not_testable),
+        below_detection_limit=None
+        if found.below_detection_limit is None
+        else not_testable(found.below_detection_limit),
         indistinguishable=tuple(
             tuple(name_of(effect) for effect in group) for group in found.indistinguishable
         ),

@@ -177,6 +177,8 @@ class Verdict(ABC, Generic[P_co]):
         effects: effects of the vocabulary that were found, in the order found.
         unexplained: what remains without a name.
         not_testable: effects that these data cannot show.
+        below_detection_limit: effects sought that would be missed too often at their plausible
+            size; settled before residuals are looked at. None known where judged by repeats.
         indistinguishable: groups of named candidates that these poses cannot separate.
         extended: the calibrated model with the effects found, and nothing generic in it.
         noise_floor_mm: mean position error that noise alone would leave.
@@ -191,6 +193,7 @@ class Verdict(ABC, Generic[P_co]):
     effects: tuple[Finding[P_co], ...]
     unexplained: tuple[Unexplained, ...]
     not_testable: tuple[NotTestable, ...]
+    below_detection_limit: tuple[NotTestable, ...] | None = None
     indistinguishable: tuple[tuple[Effect, ...], ...] = ()
     extended: ModelWithEffects
     noise_floor_mm: float

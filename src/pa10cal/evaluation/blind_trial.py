@@ -79,7 +79,7 @@ class Verdict:
         word: `none`, `named`, `ambiguous` or `unexplained`.
         effects: what was named, in order.
         places: where something without a name sits; None where it is unknown.
-        not_testable: what the data cannot show.
+        not_testable: what the data cannot show, or not surely at its plausible size.
         indistinguishable: groups that the poses cannot separate.
         springs: joints with a spring in the judged model, from 1.
         noise_floor_mm: mean position error of repeatability alone.
@@ -152,7 +152,7 @@ class BlindTrial:
         return hidden.name.id != _TORQUE_ALONE
 
     def is_testable(self, hidden: Hidden) -> bool:
-        """Return whether the verdict lists an effect as testable.
+        """Return whether the verdict lists an effect as testable, at its plausible size.
 
         A compliance at a joint to which the judged model gives a spring is in the model already.
         """

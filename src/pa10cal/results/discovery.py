@@ -287,6 +287,10 @@ class VerdictKeys(Part):
     not_testable: tuple[NotTestable, ...] = Field(
         description="effects that these data cannot show, found before residuals are looked at"
     )
+    below_detection_limit: tuple[NotTestable, ...] | None = optional(
+        "effects that are sought, but would be missed in more than 5 of 100 such campaigns at "
+        "their plausible size; found likewise"
+    )
     indistinguishable: tuple[tuple[EffectName, ...], ...] = Field(
         description="effects that these poses cannot separate, found likewise"
     )

@@ -121,7 +121,9 @@ def _verdict(said: JudgedTrialRecord) -> Verdict:
             for effect in said.effects
         ),
         places=_places(said),
-        not_testable=frozenset(_name(effect) for effect in said.not_testable),
+        not_testable=frozenset(
+            _name(effect) for effect in (*said.not_testable, *(said.below_detection_limit or ()))
+        ),
         indistinguishable=tuple(frozenset(map(_name, group)) for group in said.indistinguishable),
         springs=said.springs,
         noise_floor_mm=said.gap.noise_floor_mm,

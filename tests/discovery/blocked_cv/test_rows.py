@@ -8,9 +8,11 @@ import pytest
 from scipy.sparse import csr_array
 
 from made_up_survey import observe
-from pa10cal.discovery.blocked_cv.family import computable, family
+from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable, family
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
+from pa10cal.discovery.blocked_cv.search import Search
+from pa10cal.discovery.blocked_cv.survey import survey
 from pa10cal.discovery.linear import by_joints, by_terms, residual
 from pa10cal.discovery.weighing import unweighted
 from pa10cal.fit.fitted_model import FittedModel
@@ -20,6 +22,7 @@ from pa10cal.terms.effects.joint_error_map import (
     b_splines_by_knots,
     harmonics_at_knots,
 )
+from pa10cal.terms.effects.joint_torque import TorqueGain
 
 
 @pytest.fixture(scope="module")
@@ -124,8 +127,39 @@ def test_the_family_has_every_map_in_every_form_and_says_what_it_lacks(few):
     assert all(isinstance(each, ShapedEffect) for each in shaped)
     assert {entry.why for entry in unknown} == {"the torques were not logged"}
     rows = Rows(few, unweighted(few.poses.measured), shaped, 144)
-    found, hidden = family(rows, rows.products())
-    maps = [each for each in found if each.is_map]
+    found = family(rows, rows.products())
+    maps = [each for each in found.shown if each.is_map]
     assert len(maps) == 6 * 9
     assert {each.effect.of for each in maps} == {f"joint {joint}" for joint in range(1, 7)}
-    assert ("joint_compliance", "joint 1") in {(e.effect.id, e.effect.of) for e in hidden}
+    assert ("joint_compliance", "joint 1") in {(e.effect.id, e.effect.of) for e in found.hidden}
+
+
+def test_a_gain_of_logged_torques_is_taken_up_by_the_springs_that_take_the_log(few):
+    friction_Nm = 0.5 * np.sign(np.sin(17.0 * np.arange(len(few.poses))))[:, None]
+    log_Nm = few.poses.states.tau_Nm + friction_Nm
+    poses = replace(few.poses, states=replace(few.poses.states, tau_Nm=log_Nm))
+    logged, masses = (
+        survey(poses, few.baseline, few.setup, torques_logged=torques_logged).poses.states
+        for torques_logged in (True, False)
+    )
+    gain = TorqueGain("joint 2")
+    np.testing.assert_array_equal(gain.per_unit(logged), logged.tau_Nm[:, 1])
+    assert np.median(np.abs(gain.per_unit(masses) - masses.tau_Nm[:, 1])) > 0.4
+
+
+def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(few):
+    shaped, _ = computable(few)
+    rows = Rows(few, unweighted(few.poses.measured), shaped, 36)
+    weights = replace(rows.weighing, weight=np.full(len(few.poses), 2e-3))
+    name, found = ("cmm_squareness", "instrument"), []
+    for each in (rows, replace(rows, weighing=weights)):
+        products = each.products()
+        known = family(each, products)
+        search = Search(products, each.own, known.shown, 0.0, 0.05)
+        below = below_detection_limit(known, search.is_surely_found)
+        assert name in {candidate.name for candidate in known.shown}
+        found.append((known.gains[name], name in {(e.effect.id, e.effect.of) for e in below}))
+    (large, shown), (small, missed) = found
+    assert small == pytest.approx(2e-3 * large, rel=1e-3)
+    assert large > 87.0 > small
+    assert (shown, missed) == (False, True)

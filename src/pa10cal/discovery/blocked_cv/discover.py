@@ -13,7 +13,7 @@ from typing_extensions import override
 from pa10cal.discovery import verdict
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate
 from pa10cal.discovery.blocked_cv.compare import compare, errors_by_name
-from pa10cal.discovery.blocked_cv.family import computable, family
+from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable, family
 from pa10cal.discovery.blocked_cv.finest import Level, finest
 from pa10cal.discovery.blocked_cv.judge import (
     Prediction,
@@ -157,6 +157,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         effects=findings,
         unexplained=unexplained(remaining, searched.nameless, searched.tried),
         not_testable=(*unknown, *searched.hidden),
+        below_detection_limit=searched.below_detection_limit,
         extended=extended,
         noise_floor_mm=floor_mm,
         train=compare(judged, fitted, seen, poses, floor_mm),
@@ -189,6 +190,7 @@ class _Searched:
     alternatives: tuple[tuple[Effect, ...], ...]
     errors_mm: Array
     hidden: tuple[NotTestable, ...]
+    below_detection_limit: tuple[NotTestable, ...]
     steps: tuple[Step, ...]
     candidates: int
     least_gain: float
@@ -197,10 +199,10 @@ class _Searched:
 def _search(rows: Rows, error_rate: float) -> _Searched:
     """Search, and judge what was found."""
     products = rows.products()
-    candidates, hidden = family(rows, products)
+    known = family(rows, products)
     poses = rows.survey.poses
     noise = noise_squares(rows, noise_of_near_poses(poses, residual(rows.place, poses)))
-    search = Search(products, rows.own, candidates, noise, error_rate)
+    search = Search(products, rows.own, known.shown, noise, error_rate)
     chosen = search.run()
     others = tried(search, chosen)
     nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
@@ -215,9 +217,10 @@ def _search(rows: Rows, error_rate: float) -> _Searched:
             alternatives(search, chosen, member) for member in range(len(chosen.members))
         ),
         errors_mm=errors_mm,
-        hidden=hidden,
+        hidden=known.hidden,
+        below_detection_limit=below_detection_limit(known, search.is_surely_found),
         steps=tuple(search.steps),
-        candidates=len({candidate.name for candidate in candidates}),
+        candidates=len(known.gains),
         least_gain=search.least_gain,
     )
 

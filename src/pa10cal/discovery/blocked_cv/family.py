@@ -5,7 +5,8 @@ All of it is settled before residuals are looked at.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,34 +46,73 @@ def computable(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[NotTesta
     return tuple(shaped), tuple(refused)
 
 
-def family(rows: Rows, products: Products) -> tuple[tuple[Candidate, ...], tuple[NotTestable, ...]]:
+@dataclass(frozen=True)
+class Family:
+    """The candidates of a survey.
+
+    Attributes:
+        shown: candidates that these poses can show, all forms of each.
+        hidden: effects that they cannot.
+        gains: of each effect shown, by name: sum of squares of all poses that it is expected to
+            take away at its plausible size, beside the model's own parameters.
+    """
+
+    shown: tuple[Candidate, ...]
+    hidden: tuple[NotTestable, ...]
+    gains: dict[tuple[str, str], float]
+
+
+def family(rows: Rows, products: Products) -> Family:
     """Return the candidates that these poses can show, and the effects that they cannot."""
     total = products.summed().gram
     own = rows.own
     shown, refused = [], {}
+    gains: dict[tuple[str, str], float] = {}
     named = [
         Candidate(shaped, Columns(at, np.ones(len(at))))
         for shaped, at in zip(rows.shaped, rows.of_shaped(), strict=True)
     ]
     for candidate in (*named, *map_candidates(rows)):
-        why = _hidden(rows, total, own, candidate)
+        whole, left = _beside(total, own, candidate.columns)
+        why = _hidden(rows, candidate, whole, left)
         if why is None:
             shown.append(candidate)
+            gains[candidate.name] = max(gains.get(candidate.name, 0.0), float(np.trace(left)))
         else:
             refused[candidate.name] = NotTestable(_plain(candidate.effect), why)
-    names = {candidate.name for candidate in shown}
-    return tuple(shown), tuple(found for name, found in refused.items() if name not in names)
+    hidden = tuple(found for name, found in refused.items() if name not in gains)
+    return Family(tuple(shown), hidden, gains)
 
 
-def _hidden(rows: Rows, gram: Array, own: Index, candidate: Candidate) -> str | None:
-    """Return why the poses cannot show a candidate, None where they can."""
-    at, sizes = candidate.columns.at, candidate.columns.sizes
+def below_detection_limit(
+    found: Family, is_surely_found: Callable[[float], bool]
+) -> tuple[NotTestable, ...]:
+    """Return effects of which the plausible size may well be missed, though they are sought."""
+    effects = {candidate.name: _plain(candidate.effect) for candidate in found.shown}
+    return tuple(
+        NotTestable(
+            effects[name],
+            f"at its plausible size it stands {np.sqrt(gain):.1f} standard deviations out of the "
+            "noise of all poses together, too little to be found in 95 of 100 such campaigns",
+        )
+        for name, gain in found.gains.items()
+        if not is_surely_found(gain)
+    )
+
+
+def _beside(gram: Array, own: Index, columns: Columns) -> tuple[Array, Array]:
+    """Return the products of columns in their sizes, whole and beside the model's parameters."""
+    at, sizes = columns.at, columns.sizes
     across = gram[np.ix_(own, at)] * sizes
     whole = gram[np.ix_(at, at)] * np.outer(sizes, sizes)
+    followed = solve(gram[np.ix_(own, own)], across, np.eye(len(own)))
+    return whole, whole - across.T @ followed
+
+
+def _hidden(rows: Rows, candidate: Candidate, whole: Array, left: Array) -> str | None:
+    """Return why the poses cannot show a candidate, None where they can."""
     if not np.trace(whole) > 0.0:
         return _why_silent(rows.survey.poses.states, candidate.shaped)
-    followed = solve(gram[np.ix_(own, own)], across, np.eye(len(own)))
-    left = whole - across.T @ followed
     share = float(np.sqrt(max(np.trace(left), 0.0) / np.trace(whole)))
     signal = float(np.sqrt(max(np.linalg.eigvalsh(left)[-1], 0.0)))
     return why_hidden(share, signal)

@@ -35,6 +35,8 @@ Index = NDArray[np.intp]
 STANDARD_ERRORS = 3.0
 #: Part of the remaining error over the noise that an effect must be worth.
 LEAST_SHARE = 0.05
+#: Standard deviations below which 5 of 100 lie.
+_NEARLY_ALWAYS = 1.645
 _MOST_ROUNDS = 3
 _MOST_NAMES = 4
 #: Standard errors by which all names of a place together may fall behind a map, to be tried.
@@ -101,6 +103,15 @@ class Search:
         return total > max(
             self.least_gain, LEAST_SHARE * left_over
         ) and total > STANDARD_ERRORS * standard_error(gain)
+
+    def is_surely_found(self, gain: float) -> bool:
+        """Return whether an expected gain helps enough in 95 of 100 campaigns.
+
+        A gain in squares of unit noise scatters by twice its root.
+        """
+        scatter = 2.0 * np.sqrt(gain)
+        least = max(self.least_gain, STANDARD_ERRORS * scatter)
+        return bool(gain - _NEARLY_ALWAYS * scatter >= least)
 
     def others(self, chosen: Chosen) -> list[Candidate]:
         """Return the candidates of which no form is in the set."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,8 @@ def survey(
         )
     poses = readings.take(np.argsort(readings.states.time_s, kind="stable"))
     poses = complete(poses, baseline, setup)
+    if torques_logged:
+        poses = _as_springs_take_them(poses)
     return Survey(
         poses=poses,
         block=np.arange(len(poses)) * BLOCKS // len(poses),
@@ -90,6 +92,19 @@ def survey(
         context=context_of(poses, baseline, setup),
         torques_logged=torques_logged,
     )
+
+
+def _as_springs_take_them(poses: Observations) -> Observations:
+    """Return poses in which an error of the log is one of what the springs are given: the log.
+
+    With the weights' torques in its place, a gain would take the noise and the friction of the log
+    out of the springs, and be preferred for that.
+    """
+    loads = poses.states.static_loads
+    if loads is None:
+        return poses
+    loads = replace(loads, joint_Nm=poses.states.tau_Nm)
+    return replace(poses, states=replace(poses.states, static_loads=loads))
 
 
 def enough(poses: int) -> bool:

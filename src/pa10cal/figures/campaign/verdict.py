@@ -99,6 +99,10 @@ def _shown(found: VerdictRecord) -> Iterator[Shown]:
     if found.not_testable:
         entries = [(entry.id, entry.of, entry.why) for entry in found.not_testable]
         yield shown(("effect", "of", "why"), entries, "Effects that these data cannot show")
+    if found.below_detection_limit:
+        entries = [(entry.id, entry.of, entry.why) for entry in found.below_detection_limit]
+        title = "Effects below the detection limit at their plausible size: sought all the same"
+        yield shown(("effect", "of", "why"), entries, title)
 
 
 def _effect_row(effect: FoundEffect) -> Row:
@@ -204,6 +208,8 @@ def _data_rows(found: VerdictRecord) -> Iterator[Row]:
         yield ("unexplained", "", place.of or "", "", "", "", "", place.why)
     for entry in found.not_testable:
         yield ("not_testable", entry.id, entry.of, "", "", "", "", entry.why)
+    for entry in found.below_detection_limit or ():
+        yield ("below_detection_limit", entry.id, entry.of, "", "", "", "", entry.why)
     for poses, gap in _sets(found):
         parts: dict[str, BeforeAfter] = {"all": gap, **gap.per_load, **dict(_parts(gap))}
         for load, at_load in parts.items():
