@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 _LINES = {"geometry": "--", "cubic": "-."}
 #: Wide below the others and a larger mark, so that what coincides with it is seen beside it.
 _WIDE, _LARGE = {"linear": 2.2}, {"geometry": 6.0}
-_MARKERS = {"uncalibrated": "^", "geometry": "D", "linear": "s", "cubic": "o", "extended": "v"}
+MARKERS = {"uncalibrated": "^", "geometry": "D", "linear": "s", "cubic": "o", "extended": "v"}
 _NAMES = {
     "uncalibrated": "nominal, frames fitted",
     "geometry": "geometry",
@@ -58,7 +58,7 @@ class Judged:
             "color": MODELS[self.name],
             "linestyle": ":" if beyond else _LINES.get(self.name, "-"),
             "linewidth": _WIDE.get(self.name, 1.0),
-            "marker": _MARKERS[self.name],
+            "marker": MARKERS[self.name],
             "markersize": _LARGE.get(self.name, 4.0),
             "markerfacecolor": "white" if beyond else MODELS[self.name],
         }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from pa10cal.results.accuracy import Parameter
@@ -69,6 +70,11 @@ def written(name: str) -> str:
                 return kind.written(joint)
             return f"{kind.symbol} joint {joint}"
     return _FRAME.get(name, name.replace("_", " "))
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return parameters' names as readers see them, one after the other, or that there are none."""
+    return ", ".join(map(written, names)) or "none"
 
 
 def written_load(load: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from textwrap import wrap
@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
@@ -161,6 +162,13 @@ def evenly(count: int, most: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
 
 
+def round_down(value: float) -> float:
+    """Return the largest of 1, 2, 3 and 5 times a power of ten that is not above the value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    steps = (1.0, 2.0, 3.0, 5.0)
+    return float(power * max(step for step in steps if step * power <= value * 1.000001))
+
+
 def power_of_ten(power: int) -> str:
     """Return a power of ten as it is written."""
     return "10" + str(power).translate(_SUPERSCRIPTS)
@@ -169,6 +177,35 @@ def power_of_ten(power: int) -> str:
 def write_text_at(figure: Figure, x_mm: float, y_mm: float, text: str, **options: Any) -> None:
     """Write text into the figure, placed in millimetres from the lower left."""
     figure.text(x_mm / WIDTH_MM, y_mm / height_of(figure), text, **options)
+
+
+def legend_at(
+    figure: Figure, x_mm: float, y_mm: float, handles: Sequence[Artist], **options: Any
+) -> None:
+    """Put a legend into the figure, its lower left corner in millimetres from the lower left."""
+    corner = (x_mm / WIDTH_MM, y_mm / height_of(figure))
+    figure.legend(handles=handles, loc="lower left", bbox_to_anchor=corner, **options)
+
+
+def name_rows(axes: Axes, names: Sequence[str], room: float = 0.5, *, lines: bool = True) -> None:
+    """Let rows run downward from 0, each with its name.
+
+    Args:
+        axes: to change.
+        names: of the rows.
+        room: above the first and below the last.
+        lines: whether the grid has a line a row.
+    """
+    axes.set_ylim(len(names) - 1.0 + room, -room)
+    axes.set_yticks(range(len(names)), names)
+    axes.tick_params(axis="y", length=0.0)
+    if not lines:
+        axes.grid(visible=False, axis="y")
+
+
+def write_beside(axes: Axes, y: float, text: str, x: float = 1.02, **options: Any) -> None:
+    """Write text level with a row, at a part of the width of the axes: right of them above 1."""
+    axes.text(x, y, text, transform=axes.get_yaxis_transform(), va="center", **options)
 
 
 def write_figure(figure: Figure, footer: str, folder: Path, name: str, png_dpi: int) -> None:

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pa10cal.figures import published
+from pa10cal.figures.held_out_models import MARKERS
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.results import COMBINED, Results
 from pa10cal.figures.style import (
@@ -16,9 +17,11 @@ from pa10cal.figures.style import (
     GREY,
     MODELS,
     SEPARATOR,
+    name_rows,
     new_figure,
     panel,
     plain_log,
+    write_beside,
     write_text_at,
 )
 from pa10cal.results.evaluation import HeldOutModel, HoldoutRecord
@@ -38,7 +41,6 @@ the cubic term.
 )
 
 _TITLE = "Error at held-out points and loads, which no fit uses (compare Fig. 6)"
-_MARKERS = {"uncalibrated": "^", "linear": "s", "cubic": "o", "extended": "v"}
 _NAMES = {
     "uncalibrated": "uncalibrated",
     "linear": "linear springs",
@@ -118,10 +120,7 @@ def _draw_summary(axes: Axes, held_out: HoldoutRecord, with_paper: bool) -> None
     shown = [*held_out.models.values(), *(published.HELD_OUT.values() if with_paper else ())]
     lowest, highest = min(e.mean_mm for e in shown), max(e.peak_mm for e in shown)
     plain_log(axes, "x", lowest / 1.5, highest * 1.5)
-    axes.set_ylim(len(names) - 0.4, -0.6)
-    axes.set_yticks(range(len(names)), [_NAMES[name] for name in names])
-    axes.tick_params(axis="y", length=0.0)
-    axes.grid(visible=False, axis="y")
+    name_rows(axes, [_NAMES[name] for name in names], 0.6, lines=False)
     axes.set_title(
         "Mean and peak over all held-out configurations: ours filled, the paper's hollow"
     )
@@ -140,18 +139,11 @@ def _draw_range(
     axes.plot([errors.mean_mm, errors.peak_mm], [y, y], color=MODELS[name], linewidth=1.4)
     axes.plot(errors.peak_mm, y, color=MODELS[name], marker="|", markersize=7.0)
     axes.plot(errors.mean_mm, y, **style)
-    axes.text(
-        1.03,
-        y,
-        text,
-        transform=axes.get_yaxis_transform(),
-        va="center",
-        color=GREY if face else BLACK,
-    )
+    write_beside(axes, y, text, 1.03, color=GREY if face else BLACK)
 
 
 def _dots(name: str) -> dict[str, Any]:
-    return {"color": MODELS[name], "marker": _MARKERS[name], "linestyle": "none"}
+    return {"color": MODELS[name], "marker": MARKERS[name], "linestyle": "none"}
 
 
 def _text(errors: HeldOutModel | published.PublishedError, digits: str) -> str:

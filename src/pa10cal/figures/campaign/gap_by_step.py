@@ -16,11 +16,12 @@ from pa10cal.figures.style import (
     BLUE,
     GREY,
     ORANGE,
-    WIDTH_MM,
-    height_of,
+    legend_at,
+    name_rows,
     new_figure,
     panel,
     plain_log,
+    write_beside,
     write_text_at,
 )
 from pa10cal.results.accuracy import Accuracy
@@ -66,10 +67,7 @@ def draw(results: Results) -> Figure:
     lowest = min(floor, *(errors.mean_mm for errors in everything))
     plain_log(axes, "x", lowest / 1.5, max(errors.peak_mm for errors in everything) * 1.4)
     axes.axvline(floor, **_FLOOR_LINE)
-    axes.set_ylim(len(steps) - 0.5, -0.5)
-    axes.set_yticks(range(len(steps)), [_name(step) for step in steps])
-    axes.tick_params(axis="y", length=0.0)
-    axes.grid(visible=False, axis="y")
+    name_rows(axes, [_name(step) for step in steps], lines=False)
     axes.set_xlabel("position error [mm]: mean, rms (bar) and peak (end)")
     write_text_at(figure, 133.0, _BELOW_MM + rows + 2.0, "mean / rms / peak [mm]")
     _draw_legend(figure, steps)
@@ -86,10 +84,13 @@ def _beyond(found: AnalysisRecord) -> str:
     if held_out is None or beyond is None or not beyond.any():
         return ""
     error_mm = np.linalg.norm(held_out.after_mm, axis=1)
-    inside, outside = (np.sqrt(np.mean(error_mm[rows] ** 2)) for rows in (~beyond, beyond))
+    outside_mm = np.sqrt(np.mean(error_mm[beyond] ** 2))
+    if beyond.all():
+        return f"Held out, last step: rms {outside_mm:.3f} mm; all poses are extrapolated."
+    inside_mm = np.sqrt(np.mean(error_mm[~beyond] ** 2))
     return (
-        f"Held out, last step: rms {inside:.3f} mm inside the angles of the fit, {outside:.3f} mm "
-        f"in {beyond.sum()} of {len(beyond)} poses, which are extrapolated."
+        f"Held out, last step: rms {inside_mm:.3f} mm inside the angles of the fit, "
+        f"{outside_mm:.3f} mm in {beyond.sum()} of {len(beyond)} poses, which are extrapolated."
     )
 
 
@@ -106,13 +107,8 @@ def _draw_errors(axes: Axes, y: float, errors: Accuracy, look: dict[str, Any]) -
     for value, size in ((errors.rms_mm, 7.0), (errors.peak_mm, 4.0)):
         axes.plot(value, y, color=look["color"], marker="|", markersize=size)
     axes.plot(errors.mean_mm, y, **look)
-    axes.text(
-        1.035,
-        y,
-        f"{errors.mean_mm:.3f} / {errors.rms_mm:.3f} / {errors.peak_mm:.3f}",
-        transform=axes.get_yaxis_transform(),
-        va="center",
-    )
+    said = f"{errors.mean_mm:.3f} / {errors.rms_mm:.3f} / {errors.peak_mm:.3f}"
+    write_beside(axes, y, said, 1.035)
 
 
 def _draw_legend(figure: Figure, steps: tuple[NamingStep, ...]) -> None:
@@ -120,7 +116,4 @@ def _draw_legend(figure: Figure, steps: tuple[NamingStep, ...]) -> None:
     if steps[0].holdout is not None:
         handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
     handles.append(Line2D([], [], label="repeatability alone", **_FLOOR_LINE))
-    height = height_of(figure)
-    figure.legend(
-        handles=handles, loc="lower left", bbox_to_anchor=(10.0 / WIDTH_MM, 11.0 / height), ncols=3
-    )
+    legend_at(figure, 10.0, 11.0, handles, ncols=3)

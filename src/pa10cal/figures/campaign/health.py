@@ -8,9 +8,9 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pa10cal.figures.parameter_names import written
+from pa10cal.figures.parameter_names import listed, written
 from pa10cal.figures.registry import Picture
-from pa10cal.figures.results import Results
+from pa10cal.figures.results import MODELS, Results
 from pa10cal.figures.style import (
     BLACK,
     BLUE,
@@ -19,11 +19,12 @@ from pa10cal.figures.style import (
     ORANGE,
     PURPLE,
     VERMILLION,
-    WIDTH_MM,
-    height_of,
+    legend_at,
+    name_rows,
     new_figure,
     panel,
     plain_log,
+    write_beside,
     write_text_at,
 )
 from pa10cal.results.health import Health, PosesNeeded
@@ -64,18 +65,13 @@ def draw(results: Results) -> Figure:
     text_mm = _LINE_MM * lines
     figure = new_figure(
         _BELOW_MM + text_mm + _PANELS_MM + _ABOVE_MM,
-        f"Health of the calibration with the {_MODELS[case.model]}, all loads together",
+        f"Health of the calibration with the {MODELS[case.model]}, all loads together",
     )
     bottom = _BELOW_MM + text_mm
     curve = panel(figure, 22.0, bottom + 28.0, 75.0, _PANELS_MM - 30.0)
     error = results.words.error
     _draw_poses(curve, health)
-    figure.legend(
-        *curve.get_legend_handles_labels(),
-        loc="lower left",
-        bbox_to_anchor=(4.0 / WIDTH_MM, (bottom + 3.0) / height_of(figure)),
-        ncols=2,
-    )
+    legend_at(figure, 4.0, bottom + 3.0, curve.get_legend_handles_labels()[0], ncols=2)
     errors = panel(figure, 134.0, bottom + 28.0, 22.0, _PANELS_MM - 30.0)
     _draw_errors(errors, health)
     errors.set_xlabel(f"{error} [mm]")
@@ -86,9 +82,6 @@ def draw(results: Results) -> Figure:
         for k, line in enumerate(column, start=len(verdict)):
             write_text_at(figure, x_mm, top - 1.5 - k * _LINE_MM, line, color=GREY)
     return figure
-
-
-_MODELS = {"paper": "paper's model", "general": "general model"}
 
 
 def _draw_poses(axes: Axes, health: Health) -> None:
@@ -135,10 +128,8 @@ def _draw_errors(axes: Axes, health: Health) -> None:
         if value:
             axes.plot(value, y, color=colour, marker=marker, linestyle="none")
         text = "not known" if value is None else f"{value:.3f}"
-        axes.text(1.08, y, text, transform=axes.get_yaxis_transform(), va="center")
-    axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set_yticks(range(len(rows)), [name for name, _, _, _ in rows])
-    axes.tick_params(axis="y", length=0.0)
+        write_beside(axes, y, text, 1.08)
+    name_rows(axes, [name for name, _, _, _ in rows])
     axes.set_title("rms [mm]", loc="right")
 
 
@@ -147,8 +138,8 @@ def _facts(health: Health) -> list[str]:
     said = [
         f"Rank {health.rank} of {health.unknowns}; condition number {health.condition:.0f}.",
         f"Terminated after {health.iterations} steps: {reason}.",
-        f"At a bound: {_names(health.at_bounds)}.",
-        f"Not identifiable: {_names(health.not_identifiable)}.",
+        f"At a bound: {listed(health.at_bounds)}.",
+        f"Not identifiable: {listed(health.not_identifiable)}.",
     ]
     return [line for text in said for line in wrap(text, _HALF_LETTERS)]
 
@@ -164,7 +155,3 @@ def _pairs(health: Health) -> list[str]:
     if len(pairs) > _MOST_PAIRS:
         lines.append(f"and {len(pairs) - _MOST_PAIRS} more, see the table")
     return lines
-
-
-def _names(names: tuple[str, ...]) -> str:
-    return ", ".join(map(written, names)) or "none"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pa10cal.figures.parameter_names import written
+from pa10cal.figures.parameter_names import listed, written
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import MODELS, Results
 from pa10cal.figures.table import Row, Shown, Table, frame_of, shown
@@ -68,8 +68,8 @@ def _said(case: CalibrationRecord) -> dict[str, str]:
         "termination": f"after {health.iterations} steps: {health.reason}",
         "rank": f"{health.rank} of {health.unknowns} unknowns",
         "condition number": f"{health.condition:.4g}",
-        "at a bound": _names(health.at_bounds),
-        "not identifiable from these poses": _names(health.not_identifiable),
+        "at a bound": listed(health.at_bounds),
+        "not identifiable from these poses": listed(health.not_identifiable),
         "error of the fitted poses, rms [mm]": _number(health.train_rms_mm),
         "error of the held-out poses, rms [mm]": _number(health.held_out_rms_mm),
         "error that the noise of the readings explains, rms [mm]": _number(health.noise_mm),
@@ -133,10 +133,6 @@ def _data_rows(case: CalibrationRecord) -> Iterator[Row]:
             yield (model, quantity, f"{expected.poses} poses", value, "mm")
     for k, pose in enumerate(poses.d_optimal_order, start=1):
         yield (model, "d_optimal_order", str(k), pose, "")
-
-
-def _names(names: tuple[str, ...]) -> str:
-    return ", ".join(map(written, names)) or "none"
 
 
 def _number(value: float | None) -> str:

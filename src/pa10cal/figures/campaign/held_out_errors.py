@@ -13,9 +13,8 @@ from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.results import COMBINED, Results
 from pa10cal.figures.style import (
     GREY,
-    WIDTH_MM,
     evenly,
-    height_of,
+    legend_at,
     new_figure,
     panel,
     plain_log,
@@ -67,12 +66,8 @@ def draw(results: Results) -> Figure:
         _draw_shares(orientation, angles)
         orientation.set_xlabel("orientation error [deg]")
         orientation.tick_params(labelleft=False)
-    figure.legend(
-        handles=[Line2D([], [], label=_said(model), **model.look) for model in models],
-        loc="lower left",
-        bbox_to_anchor=(4.0 / WIDTH_MM, 14.0 / height_of(figure)),
-        handlelength=4.0,
-    )
+    handles = [Line2D([], [], label=_said(model), **model.look) for model in models]
+    legend_at(figure, 4.0, 14.0, handles, handlelength=4.0)
     for k, line in enumerate((words.of, _fitted(held_out))):
         write_text_at(figure, 2.0, 10.0 - 4.0 * k, line, color=GREY)
     return figure

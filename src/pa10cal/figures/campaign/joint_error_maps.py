@@ -20,8 +20,7 @@ from pa10cal.figures.style import (
     GREY,
     SEPARATOR,
     SKY,
-    WIDTH_MM,
-    height_of,
+    legend_at,
     new_figure,
     panel,
     write_text_at,
@@ -169,12 +168,6 @@ def _draw_legend(figure: Figure) -> None:
         Line2D([], [], color=AFTER, linestyle=":", label="extrapolated"),
         Patch(color=SEPARATOR, alpha=0.45, label="angles without fitted poses"),
     ]
-    figure.legend(
-        handles=handles,
-        loc="lower left",
-        bbox_to_anchor=(4.0 / WIDTH_MM, 11.0 / height_of(figure)),
-        ncols=4,
-        columnspacing=1.4,
-    )
+    legend_at(figure, 4.0, 11.0, handles, ncols=4, columnspacing=1.4)
     said = "A map shows at which joint an error is and how it depends on the angle, not its cause."
     write_text_at(figure, 2.0, 6.5, said, color=GREY)

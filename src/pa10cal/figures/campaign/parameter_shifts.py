@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 from pa10cal.figures.parameter_names import K_CUB, K_LIN, LINKS, Kind, joints_of
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.style import AFTER, GREY, SEPARATOR, new_figure, panel, write_text_at
+from pa10cal.figures.style import (
+    AFTER,
+    GREY,
+    SEPARATOR,
+    name_rows,
+    new_figure,
+    panel,
+    write_text_at,
+)
 from pa10cal.results.analysis import AnalysisRecord, ParameterShift
 
 PICTURE = Picture(
@@ -94,10 +102,7 @@ def _draw_shifts(axes: Axes, found: list[ParameterShift], unit: Array, names: li
     axes.barh(y, moved, height=0.55, color=AFTER, alpha=0.35)
     axes.errorbar(moved, y, xerr=half, capsize=2.0, **_FOUND)
     axes.axvline(0.0, color=GREY, linewidth=0.6)
-    axes.set_ylim(len(found) - 0.4, -0.6)
-    axes.set_yticks(y, names)
-    axes.tick_params(axis="y", length=0.0)
-    axes.grid(visible=False, axis="y")
+    name_rows(axes, names, 0.6, lines=False)
     reach = 1.15 * max(float(np.abs(moved).max() + half.max()), 0.01)
     axes.set_xlim(-reach, reach)
 

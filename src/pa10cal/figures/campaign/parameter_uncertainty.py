@@ -22,9 +22,11 @@ from pa10cal.figures.style import (
     ORANGE,
     PAPER,
     VERMILLION,
+    name_rows,
     new_figure,
     panel,
     plain_log,
+    write_beside,
     write_text_at,
 )
 from pa10cal.results.calibration import PaperCalibrationRecord
@@ -137,15 +139,9 @@ def _draw_values(
     for y, kind in headings.items():
         first = next(row for row in rows if row.kind is kind)
         tolerance = kind.scale * _tolerance(case, first)
-        axes.text(
-            0.01,
-            y + 0.1,
-            f"{kind.title} {kind.symbol}, tolerance {tolerance:g} {kind.unit}",
-            transform=axes.get_yaxis_transform(),
-            va="center",
-            color=GREY,
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
-        )
+        said = f"{kind.title} {kind.symbol}, tolerance {tolerance:g} {kind.unit}"
+        bare = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+        write_beside(axes, y + 0.1, said, 0.01, color=GREY, bbox=bare)
     axes.axvline(0.0, color=GREY, linewidth=0.6)
     axes.set_xlabel("departure from nominal / tolerance")
 
@@ -160,14 +156,7 @@ def _draw_widths(axes: Axes, rows: list[_Row], case: PaperCalibrationRecord) -> 
     axes.plot(half, y, color=BLUE, marker="o", linestyle="none")
     for row in rows:
         if row not in known:
-            axes.text(
-                0.03,
-                row.y,
-                "not identifiable: set by the tolerance",
-                transform=axes.get_yaxis_transform(),
-                va="center",
-                color=_OPEN,
-            )
+            write_beside(axes, row.y, "not identifiable: set by the tolerance", 0.03, color=_OPEN)
     shown = np.concatenate([half, spread])
     shown = shown[shown > 0.0]
     if len(shown):
@@ -235,9 +224,7 @@ def _draw_stiffness(axes: Axes, kind: Kind, case: PaperCalibrationRecord, result
         f"joint {joint}" + ("\nat bound" if case.parameters[kind.name(joint)].at_bound else "")
         for joint in joints
     ]
-    axes.set_ylim(len(joints) - 0.4, -0.6)
-    axes.set_yticks(range(len(joints)), labels)
-    axes.tick_params(axis="y", length=0.0)
+    name_rows(axes, labels, 0.6)
     axes.set_xlabel(f"{kind.symbol.rstrip(',')} [{kind.unit}]")
 
 
@@ -253,10 +240,8 @@ def _draw_base(axes: Axes, case: PaperCalibrationRecord) -> None:
     }
     half = [1e6 * _HALF_WIDTH_95 * std_of(case.parameters[name]) for name in shown.values()]
     axes.plot(half, range(len(shown)), color=BLUE, marker="o", linestyle="none")
-    axes.set_ylim(len(shown) - 0.5, -0.5)
-    axes.set_yticks(range(len(shown)), list(shown))
+    name_rows(axes, list(shown))
     axes.set_xlim(0.0, 1.15 * max(half))
-    axes.tick_params(axis="y", length=0.0)
     axes.set_title("base frame")
     axes.set_xlabel("half width of interval")
 

@@ -20,11 +20,12 @@ from pa10cal.figures.style import (
     BLUE,
     GREY,
     ORANGE,
-    WIDTH_MM,
     evenly,
     height_of,
+    legend_at,
     new_figure,
     panel,
+    round_down,
     write_text_at,
 )
 from pa10cal.results.accuracy import ResidualRows
@@ -98,7 +99,7 @@ def draw(results: Results) -> Figure:
     places = np.vstack([arrows.place_mm for arrows in sets for _ in columns])
     longest = float(np.linalg.norm(vectors, axis=1).max())
     reach_mm = max(_LONGEST_ARROW_MM, _LONGEST_PART * float(np.ptp(places, axis=0).max()))
-    scale = _round_down(reach_mm / longest)
+    scale = round_down(reach_mm / longest)
     ends = np.vstack([places, places + scale * vectors])
     low, high = ends.min(axis=0) - _MARGIN_MM, ends.max(axis=0) + _MARGIN_MM
     alone = len(columns) == 1  # then the views stand side by side, else one below the other
@@ -125,7 +126,7 @@ def draw(results: Results) -> Figure:
             axes.tick_params(labelleft=alone or not column, labelbottom=bottom == below)
             if bottom == below:
                 axes.set_xlabel("x [mm]")
-    key_mm = _round_down(longest)
+    key_mm = round_down(longest)
     axes.quiverkey(
         arrows,
         0.64,
@@ -202,11 +203,7 @@ def _draw_legend(figure: Figure, every: list[_Arrows], sets: list[_Arrows]) -> N
         Line2D([], [], linestyle="none", label=_label(arrows, shown), **arrows.look)
         for arrows, shown in zip(every, sets, strict=True)
     ]
-    figure.legend(
-        handles=handles,
-        loc="lower left",
-        bbox_to_anchor=(16.0 / WIDTH_MM, 10.5 / height_of(figure)),
-    )
+    legend_at(figure, 16.0, 10.5, handles)
 
 
 def _label(arrows: _Arrows, shown: _Arrows) -> str:
@@ -217,10 +214,3 @@ def _label(arrows: _Arrows, shown: _Arrows) -> str:
     text = f"{arrows.name}, every load: mean {', '.join(means)}"
     total, some = len(arrows.place_mm), len(shown.place_mm)
     return text if some == total else f"{text}; {some} of {total} drawn"
-
-
-def _round_down(value: float) -> float:
-    """Return the largest of 1, 2, 3 and 5 times a power of ten that is not above the value."""
-    power = 10.0 ** np.floor(np.log10(value))
-    steps = (1.0, 2.0, 3.0, 5.0)
-    return float(power * max(step for step in steps if step * power <= value * 1.000001))

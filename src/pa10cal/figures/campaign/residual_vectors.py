@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.style import BLACK, BLUE, ORANGE, new_figure, panel, write_text_at
+from pa10cal.figures.style import BLACK, BLUE, ORANGE, new_figure, panel, round_down, write_text_at
 from pa10cal.results.accuracy import ResidualRows
 
 PICTURE = Picture(
@@ -62,7 +62,7 @@ class _Frame:
 
     @property
     def grid_mm(self) -> float:
-        return _round_down(float(np.min(self.high_mm - self.low_mm)) / _GRID_LINES)
+        return round_down(float(np.min(self.high_mm - self.low_mm)) / _GRID_LINES)
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def draw(results: Results) -> Figure:
     """Draw arrows from predicted to measured positions of the combined calibration."""
     cases = _by_load(results.calibration().residuals)
     longest = max(float(case.length_mm.max()) for case in cases)
-    frame = _frame(cases, _round_down(_LONGEST_ARROW_MM / longest))
+    frame = _frame(cases, round_down(_LONGEST_ARROW_MM / longest))
     figure = new_figure(
         190.0,
         "Remaining position error after calibration: from the predicted to the measured position",
@@ -108,7 +108,7 @@ def draw(results: Results) -> Figure:
             else:
                 axes.set_ylabel("")
                 axes.tick_params(labelleft=False)
-    key_mm = _round_down(longest)
+    key_mm = round_down(longest)
     axes.quiverkey(
         arrows,
         0.09,
@@ -189,11 +189,3 @@ def _draw_view(axes: Axes, case: _Arrows, view: _View, frame: _Frame) -> Quiver:
     axes.yaxis.set_major_locator(MultipleLocator(frame.grid_mm))
     axes.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]")
     return arrows
-
-
-def _round_down(value: float) -> float:
-    """Return the largest of 1, 2, 3 and 5 times a power of ten that is not above the value."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(
-        power * max(step for step in (1.0, 2.0, 3.0, 5.0) if step * power <= value * 1.000001)
-    )

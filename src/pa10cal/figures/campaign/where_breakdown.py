@@ -17,7 +17,7 @@ from pa10cal.figures.style import (
     BEFORE,
     BLACK,
     GREY,
-    WIDTH_MM,
+    legend_at,
     new_figure,
     panel,
     plain_log,
@@ -92,16 +92,12 @@ def draw(results: Results) -> Figure:
     _draw_drifts(drift, found)
     drift.set_title("drift over the whole campaign")
     write_text_at(figure, 18.0, 8.0, _against_pure_error(found))
-    figure.legend(
-        handles=[
-            Line2D([], [], label="before: without the effects", **_BEFORE),
-            Line2D([], [], label="after: with the named effects", **_AFTER),
-            Line2D([], [], label="repeatability alone", **_FLOOR),
-        ],
-        loc="lower left",
-        bbox_to_anchor=(18.0 / WIDTH_MM, 18.5 / _HEIGHT_MM),
-        ncols=3,
-    )
+    handles = [
+        Line2D([], [], label="before: without the effects", **_BEFORE),
+        Line2D([], [], label="after: with the named effects", **_AFTER),
+        Line2D([], [], label="repeatability alone", **_FLOOR),
+    ]
+    legend_at(figure, 18.0, 18.5, handles, ncols=3)
     return figure
 
 

@@ -16,7 +16,7 @@ from pa10cal.figures.style import (
     BEFORE,
     BLACK,
     GREY,
-    WIDTH_MM,
+    legend_at,
     new_figure,
     points,
 )
@@ -76,15 +76,11 @@ def draw(results: Results) -> Figure:
         12.5,
         "order: cycles a turn of the joint (N: gear ratio, cycles a turn of the motor)",
     )
-    figure.legend(
-        handles=[
-            Line2D([], [], color=BEFORE, marker="o", label="before: without the effects"),
-            Line2D([], [], color=AFTER, marker="o", label="after: with the named effects"),
-        ],
-        loc="lower left",
-        bbox_to_anchor=(LEFT_MM / WIDTH_MM, 6.0 / _HEIGHT_MM),
-        ncols=2,
-    )
+    handles = [
+        Line2D([], [], color=BEFORE, marker="o", label="before: without the effects"),
+        Line2D([], [], color=AFTER, marker="o", label="after: with the named effects"),
+    ]
+    legend_at(figure, LEFT_MM, 6.0, handles, ncols=2)
     return figure
 
 

@@ -12,14 +12,7 @@ from matplotlib.lines import Line2D
 from pa10cal.figures.joint_columns import LEFT_MM, joint_panels, label_below, over_angle
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    SEPARATOR,
-    WIDTH_MM,
-    new_figure,
-)
+from pa10cal.figures.style import BLUE, GREY, ORANGE, SEPARATOR, legend_at, new_figure
 from pa10cal.results.analysis import CellJoint, LackOfFit
 
 PICTURE = Picture(
@@ -65,12 +58,7 @@ def draw(results: Results) -> Figure:
             axes.set_ylim(-limit, limit)
             axes.set_title(f"joint {joint.joint}" if when == "before" else "")
     label_below(figure, 13.5, "joint angle [deg]")
-    figure.legend(
-        handles=_legend(found.before),
-        loc="lower left",
-        bbox_to_anchor=(LEFT_MM / WIDTH_MM, 6.0 / _HEIGHT_MM),
-        ncols=4,
-    )
+    legend_at(figure, LEFT_MM, 6.0, _legend(found.before), ncols=4)
     return figure
 
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from pa10cal.figures.rates import draw_rates
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.style import (
     BLACK,
-    BLUE,
-    GREY,
-    SKY,
+    name_rows,
     new_figure,
     panel,
     write_text_at,
@@ -81,34 +80,13 @@ def _not(found: Rate) -> Rate:
 
 
 def _draw_rates(axes: Axes, rows: list[tuple[str, Rate, float | None]]) -> None:
-    highest = 5.0
-    for y, (_, found, allowed) in enumerate(rows):
-        share = 100.0 * (found.share or 0.0)
-        low, high = 100.0 * found.low, 100.0 * found.high
-        highest = max(highest, min(high, 40.0))
-        axes.errorbar(
-            share,
-            y,
-            xerr=[[share - low], [high - share]],
-            color=BLUE,
-            ecolor=SKY,
-            marker="o",
-            capsize=2.0,
-        )
+    draw_rates(axes, [found for _, found, _ in rows])
+    for y, (_, _, allowed) in enumerate(rows):
         if allowed is not None:
             axes.plot(
                 100.0 * allowed, y, color=BLACK, marker="|", markersize=10.0, linestyle="none"
             )
-        axes.text(
-            1.02,
-            y,
-            f"{found.count} of {found.of}",
-            transform=axes.get_yaxis_transform(),
-            va="center",
-            color=GREY,
-        )
+    highest = max(5.0, *(min(100.0 * found.high, 40.0) for _, found, _ in rows))
     axes.set_xlim(-0.02 * highest, highest)
-    axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set_yticks(range(len(rows)), [name for name, _, _ in rows])
-    axes.tick_params(axis="y", length=0.0)
+    name_rows(axes, [name for name, _, _ in rows])
     axes.set_xlabel("share of trials [%]")

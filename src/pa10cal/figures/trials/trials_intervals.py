@@ -7,12 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtri
 
+from pa10cal.figures.rates import draw_rates
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.style import (
     BLACK,
     BLUE,
     GREY,
-    SKY,
+    name_rows,
     new_figure,
     panel,
     write_text_at,
@@ -59,30 +60,10 @@ def draw(scores: TrialScoresRecord) -> Figure:
 
 def _draw_parameters(axes: Axes, scores: TrialScoresRecord) -> None:
     rows = scores.intervals.by_parameter
-    for y, row in enumerate(rows):
-        share = row.share or 0.0
-        axes.errorbar(
-            100.0 * share,
-            y,
-            xerr=[[100.0 * (share - row.low)], [100.0 * (row.high - share)]],
-            color=BLUE,
-            ecolor=SKY,
-            marker="o",
-            capsize=2.0,
-        )
-        axes.text(
-            1.02,
-            y,
-            f"{row.count} of {row.of}",
-            transform=axes.get_yaxis_transform(),
-            va="center",
-            color=GREY,
-        )
+    draw_rates(axes, rows)
     axes.axvline(95.0, color=BLACK, linewidth=0.8)
     axes.set_xlim(0.0, 102.0)
-    axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set_yticks(range(len(rows)), [f"{row.id} {row.parameter}" for row in rows])
-    axes.tick_params(axis="y", length=0.0)
+    name_rows(axes, [f"{row.id} {row.parameter}" for row in rows])
     axes.set_xlabel("inside, 95 % interval [%]")
 
 

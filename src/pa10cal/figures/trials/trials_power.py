@@ -15,6 +15,7 @@ from pa10cal.figures.style import (
     GREY,
     SKY,
     VERMILLION,
+    name_rows,
     new_figure,
     panel,
     plain_log,
@@ -68,9 +69,7 @@ def _draw_sizes(axes: Axes, trials: list[JudgedTrial], names: list[str]) -> None
         y = names.index(hidden.id) + (-0.17 if trial.layout == "grid" else 0.17)
         axes.plot(hidden.size, y, marker=_MARKERS[trial.layout], **_look(hidden))
     plain_log(axes, "x", 0.085, 3.5)
-    axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_yticks(range(len(names)), names)
-    axes.tick_params(axis="y", length=0.0)
+    name_rows(axes, names)
     axes.set_xlabel("size, in the reference size of the effect")
     axes.set_title("every trial")
 
