@@ -15,7 +15,7 @@ from pa10cal.figures.campaign import (
     joint_error_maps,
     residual_field,
 )
-from pa10cal.figures.joint_errors import PoseResiduals, joint_errors, running_mean
+from pa10cal.figures.campaign.error_by_joint import PoseResiduals, joint_errors, running_mean
 from pa10cal.figures.registry import NothingToShowError
 from pa10cal.figures.style import looks, write_figure
 
