@@ -9,6 +9,7 @@ import pytest
 from pa10cal.figures.draw import draw_all, summary
 from pa10cal.figures.registry import FOLDERS, Picture, entries
 from pa10cal.figures.report import Captions, caption, titles
+from pa10cal.figures.results import FILES
 from pa10cal.figures.sources import of_campaign
 
 PACKAGE = Path(__file__).parents[2] / "src/pa10cal/figures"
@@ -19,6 +20,11 @@ EVERY = [(folder, name) for folder in FOLDERS for name in entries(folder)]
 def test_every_module_of_a_folder_is_a_picture(folder):
     modules = {path.stem for path in (PACKAGE / folder).glob("*.py")} - {"__init__"}
     assert set(entries(folder)) == modules
+
+
+@pytest.mark.parametrize("name", entries("campaign"))
+def test_every_need_of_a_campaign_is_one_that_there_is(name):
+    assert {*entries("campaign")[name].picture.needs} <= {"positions", "gap", *FILES}
 
 
 def test_names_differ_as_files_do():

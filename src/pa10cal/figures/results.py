@@ -46,7 +46,7 @@ CONVERGED = "converged"
 #: What pictures call the models.
 MODELS = {"paper": "paper's model", "general": "general model"}
 #: Where results are, by the names that pictures need them by.
-_FILES = {
+FILES = {
     "calibration": "calibration/combined.json",
     "papers_calibration": "calibration/combined.json",
     "general_calibration": "calibration/combined.json",
@@ -155,8 +155,8 @@ class Results:
             return None if seen else "a distance alone does not show where the arm is"
         if need == "gap":  # of the poses fitted, also where no effects are sought
             need = "analysis" if self.seeks_effects else "calibration"
-        if not (self.folder / _FILES[need]).exists():
-            return f"there is no {_FILES[need]}"
+        if not (self.folder / FILES[need]).exists():
+            return f"there is no {FILES[need]}"
         if need in ("papers_calibration", "general_calibration"):
             model = self.any_calibration().model
             return None if need.startswith(model) else f"calibrated with the {MODELS[model]}"

@@ -107,7 +107,7 @@ def _draw_parts(axes: Axes, names: list[str], rms: list[list[float]], floor: lis
     axes.plot(at, floor, **_FLOOR)
     for values, aside, look in zip(rms, (-_ASIDE, _ASIDE), (_BEFORE, _AFTER), strict=True):
         axes.plot(at + aside, values, **look)
-    everything = [*floor, *rms[0], *rms[1]]
+    everything = [each for each in (*floor, *rms[0], *rms[1]) if each > 0.0]  # 0: not measured
     low, high = min(everything) / _ROOM, max(everything) * _ROOM
     aside = max(np.sqrt(_LEAST_RATIO * low / high), 1.0)
     plain_log(axes, "y", low / aside, high * aside)
