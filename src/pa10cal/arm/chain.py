@@ -188,8 +188,8 @@ def end_pose_with_screws(
         axes[k], origins[k] = frame[chain.motions[k].axis], origin
 
     frame, end = _walk(chain, coordinates, note)
-    wanted = range(m) if columns is None else columns
-    turning = [k for k in wanted if chain.motions[k].turns]
+    chosen = range(m) if columns is None else columns
+    turning = [k for k in chosen if chain.motions[k].turns]
     screws = np.zeros((m, 6, count))
     if turning:
         axis = np.concatenate([axes[k] for k in turning]).reshape(len(turning), 3, count)
@@ -197,7 +197,7 @@ def end_pose_with_screws(
         screws[turning, 3:] = axis
         for row, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
             screws[turning, row] = axis[:, j] * arm[:, k] - axis[:, k] * arm[:, j]
-    for k in wanted:
+    for k in chosen:
         if not chain.motions[k].turns:
             screws[k, :3] = axes[k]
     return EndPose(_homogeneous(frame, end), screws.transpose(2, 1, 0))

@@ -216,10 +216,10 @@ def _differences(arm: Arm, posed: _Posed) -> tuple[float, float]:
     low, high = arm.limits_rad.T
     q = np.random.default_rng(_SEED).uniform(low, high, (_CHECKS, arm.n))
     found = Chain.of(arm).forward(q)
-    wanted = np.array([posed.T_base_ee(positions) for positions in q])
-    off_m = np.linalg.norm(found[:, :3, 3] - wanted[:, :3, 3], axis=1).max()
+    expected = np.array([posed.T_base_ee(positions) for positions in q])
+    off_m = np.linalg.norm(found[:, :3, 3] - expected[:, :3, 3], axis=1).max()
     # Twice the sine of half the angle between two attitudes, over the square root of two.
-    apart = np.linalg.norm(found[:, :3, :3] - wanted[:, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
+    apart = np.linalg.norm(found[:, :3, :3] - expected[:, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
     return float(off_m), float(2.0 * np.arcsin(np.clip(apart / 2.0, 0.0, 1.0)).max())
 
 

@@ -194,8 +194,8 @@ def pull_beyond_bounds(calibration: Calibration) -> Array:
     at = level.rows(solution.x)
     scale = level.model.scale
     rows = np.concatenate([at.jacobian.reshape(-1, len(scale)), calibration.terms]) * scale
-    wanted = np.concatenate([-at.residual.ravel(), -calibration.terms @ solution.x])
-    step = np.linalg.lstsq(rows, wanted, rcond=None)[0] * scale
+    target = np.concatenate([-at.residual.ravel(), -calibration.terms @ solution.x])
+    step = np.linalg.lstsq(rows, target, rcond=None)[0] * scale
     std = np.sqrt(np.diag(calibration.covariances.parameters))
     pull = np.divide(np.abs(step), std, out=np.zeros_like(step), where=std > 0)
     return np.where(solution.at_bound, pull, 0.0)

@@ -163,8 +163,8 @@ def ingest_campaign(
             allowed="rows of kind grid",
             remedy="check the column kind",
         )
-    wanted = (*(LINES if instrument.uses_lines else ()), "holdout")
-    missing = [kind for kind in wanted if kind not in kinds]
+    useful = (*(LINES if instrument.uses_lines else ()), "holdout")
+    missing = [kind for kind in useful if kind not in kinds]
     return replace(
         ingested,
         observations=every,

@@ -158,10 +158,10 @@ def _normal_of_first_bend(directions: Array) -> Array:
     return normals[bent[0]] if len(bent) else np.array([0.0, 0.0, 1.0])
 
 
-def _square_to(x: Array, wanted: Array) -> Array:
-    """Return the unit vector square to x that is nearest to the wanted one."""
-    off = wanted - (wanted @ x) * x
-    if np.linalg.norm(off) < _BENT * max(1e-300, float(np.linalg.norm(wanted))):
+def _square_to(x: Array, direction: Array) -> Array:
+    """Return the unit vector square to x that is nearest to a direction."""
+    off = direction - (direction @ x) * x
+    if np.linalg.norm(off) < _BENT * max(1e-300, float(np.linalg.norm(direction))):
         off = np.eye(3)[np.argmin(np.abs(x))]
         off = off - (off @ x) * x
     off = off / np.linalg.norm(off)

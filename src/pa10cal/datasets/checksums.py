@@ -65,9 +65,9 @@ def differing_files(folder: Path, published: Mapping[str, str]) -> tuple[Differi
     """
     found = {name: sha256((folder / name).read_bytes()) for name in published}
     return tuple(
-        Differing(str(folder / name), found[name], wanted)
-        for name, wanted in published.items()
-        if found[name] != wanted
+        Differing(str(folder / name), found[name], expected)
+        for name, expected in published.items()
+        if found[name] != expected
     )
 
 

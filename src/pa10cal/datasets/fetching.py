@@ -42,24 +42,24 @@ def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[st
             allowed="a data set that is published at an address",
             remedy="import a folder of your own",
         )
-    wanted = {
+    expected = {
         name: checksum
         for name, checksum in published.sha256.items()
         if not (folder / name).is_file() or sha256((folder / name).read_bytes()) != checksum
     }
     base = published.address if source is None else _address(source)
-    contents = {name: _content(base + name) for name in wanted}
+    contents = {name: _content(base + name) for name in expected}
     differing = tuple(
-        Differing(base + name, sha256(content), wanted[name])
+        Differing(base + name, sha256(content), expected[name])
         for name, content in contents.items()
-        if sha256(content) != wanted[name]
+        if sha256(content) != expected[name]
     )
     if differing:
         raise refusal_of(differing, published.version, "fetch it again, or from another source")
-    with whole_files(*(folder / name for name in wanted)) as besides:
+    with whole_files(*(folder / name for name in expected)) as besides:
         for beside, content in zip(besides, contents.values(), strict=True):
             beside.write_bytes(content)
-    return tuple(wanted)
+    return tuple(expected)
 
 
 def _address(source: str) -> str:

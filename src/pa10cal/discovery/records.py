@@ -72,10 +72,10 @@ def discovery_records(
         seconds: time taken.
     """
     name, provenance = campaign.name, campaign.provenance
-    said, from_order = verdict_keys(found, ahead), found.prepared.arrivals_from_order
+    keys, from_order = verdict_keys(found, ahead), found.prepared.arrivals_from_order
     return DiscoveryRecords(
         VerdictRecord(
-            **dict(said),
+            **dict(keys),
             campaign=name,
             provenance=provenance,
             arrival_from_order=from_order,
@@ -87,7 +87,7 @@ def discovery_records(
             provenance=provenance,
             robot=campaign.robot,
             calibration=calibration,
-            verdict=said.verdict,
+            verdict=keys.verdict,
             arrival_from_order=from_order,
             named=tuple(
                 NamedEffect(
@@ -96,9 +96,9 @@ def discovery_records(
                     parameters=effect.parameters,
                     alternatives=effect.alternatives,
                 )
-                for effect in said.effects
+                for effect in keys.effects
             ),
-            warnings=warnings_of(said),
+            warnings=warnings_of(keys),
         ),
         AnalysisRecord(**dict(analysis_keys(found)), campaign=name, provenance=provenance),
     )

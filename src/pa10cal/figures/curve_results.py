@@ -64,11 +64,11 @@ def read_curve(folder: Path) -> CurveResults:
     record = read(CurveRecord, folder / "curve.json")
     shapes = len(record.shapes)
 
-    def columns(name: str, wanted: list[str]) -> Array:
+    def columns(name: str, names: list[str]) -> Array:
         path = folder / f"{name}.csv"
         try:
-            found = pd.read_csv(path)[wanted].to_numpy(dtype=np.float64)
-            return found.reshape(shapes, len(found) // shapes, len(wanted))
+            found = pd.read_csv(path)[names].to_numpy(dtype=np.float64)
+            return found.reshape(shapes, len(found) // shapes, len(names))
         except (OSError, ValueError, KeyError) as error:
             raise RecordError(
                 "a table of the curve cannot be used",

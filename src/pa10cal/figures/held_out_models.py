@@ -69,13 +69,13 @@ def judged(held_out: HoldoutRecord) -> list[Judged]:
     return [
         Judged(
             name,
-            f"{title(name, held_out)}{said}",
+            f"{title(name, held_out)}{part}",
             where,
             model.rows.error_mm[rows],
             None if model.rows.rotation_deg is None else _lengths(model.rows.rotation_deg[rows]),
         )
         for name, model in held_out.models.items()
-        for where, said, rows in _parts(model.rows)
+        for where, part, rows in _parts(model.rows)
         if rows.any()
     ]
 

@@ -199,12 +199,12 @@ def _monte_carlo_rows(found: Found) -> Iterator[Compared]:
 
 def _difference_remark(plane: PlaneRecord, other: PlaneRecord) -> str:
     """Return whether two parallel planes differ as little as the paper says, and why not."""
-    said = (
+    text = (
         "95 % interval of each mean for the choice of positions: "
         f"± {other.half_width95_positions_mm:.4f}"
     )
     if abs(other.mean_mm - plane.mean_mm) < published.MONTE_CARLO_PLANES_DIFFER_MM:
-        return said
+        return text
     reason = ""
     if other.rejected_positions != plane.rejected_positions:
         reason = (
@@ -212,21 +212,21 @@ def _difference_remark(plane: PlaneRecord, other: PlaneRecord) -> str:
             f"{other.rejected_positions} positions were drawn again in this plane, "
             f"{plane.rejected_positions} in that at {plane.plane_mm} mm; "
         )
-    return f"does not reproduce: {reason}{said}"
+    return f"does not reproduce: {reason}{text}"
 
 
 def _systematic_remark(found: Found) -> str:
     """Say why the Monte Carlo is a lower bound in the paper's sense only."""
-    said = (
+    text = (
         "resolver error repeats with the joint angles, so it is systematic and in principle "
         "calibratable: a lower bound only in the paper's sense"
     )
     plane = found.paper_plane
     if plane is None or not found.scatter:
-        return said
+        return text
     scatter_mm = max(scatter.mean_mm for scatter in found.scatter.values())
     return (
-        f"{said}; repeats scatter by {_three_figures(scatter_mm)} mm on average, "
+        f"{text}; repeats scatter by {_three_figures(scatter_mm)} mm on average, "
         f"{_three_figures(plane.mean_mm / scatter_mm)} times less"
     )
 

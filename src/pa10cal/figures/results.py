@@ -87,11 +87,11 @@ class JointPositions:
         Raises:
             RecordError: when one of them was not measured.
         """
-        wanted = pd.MultiIndex.from_arrays([list(poses), list(loads_N)])
-        found = self.q.reindex(wanted).to_numpy(dtype=float)
+        rows = pd.MultiIndex.from_arrays([list(poses), list(loads_N)])
+        found = self.q.reindex(rows).to_numpy(dtype=float)
         unknown = np.isnan(found).any(axis=1)
         if unknown.any():
-            pose, load_N = wanted[int(np.argmax(unknown))]
+            pose, load_N = rows[int(np.argmax(unknown))]
             raise RecordError(
                 "a pose of the results is not in the table of poses",
                 where="ingest/poses.parquet",
@@ -174,9 +174,9 @@ class Results:
     @property
     def footer(self) -> str:
         """What a picture was drawn from: the provenance in its own words, the first of many."""
-        said = self.provenance.strip()
-        kind = " Synthetic data." if _SYNTHETIC.match(said) else ""
-        return f"Campaign {self.campaign}.{kind} Provenance: {_first_sentences(said)}"
+        text = self.provenance.strip()
+        kind = " Synthetic data." if _SYNTHETIC.match(text) else ""
+        return f"Campaign {self.campaign}.{kind} Provenance: {_first_sentences(text)}"
 
     @property
     def words(self) -> Words:
@@ -358,22 +358,22 @@ class Results:
         return cast(_T, self._read_once[key])
 
     def _other_model(
-        self, load: str, found: CalibrationRecord, wanted: str, remedy: str
+        self, load: str, found: CalibrationRecord, model: str, remedy: str
     ) -> RecordError:
         return RecordError(
-            f"the picture is of the {MODELS[wanted]}",
+            f"the picture is of the {MODELS[model]}",
             where=str(self.folder / "calibration" / f"{load}.json"),
             value=f"a calibration with the {MODELS[found.model]}",
-            allowed=f"a calibration with the {MODELS[wanted]}",
+            allowed=f"a calibration with the {MODELS[model]}",
             remedy=remedy,
         )
 
 
-def _first_sentences(said: str) -> str:
+def _first_sentences(text: str) -> str:
     """Return a text that ends with a full stop, cut after a sentence where it is long."""
-    if len(said) <= _MOST_LETTERS:
-        return f"{said.removesuffix('.')}."
-    first, *others = _SENTENCE_END.split(said)
+    if len(text) <= _MOST_LETTERS:
+        return f"{text.removesuffix('.')}."
+    first, *others = _SENTENCE_END.split(text)
     for sentence in others:
         if len(first) + len(sentence) > _MOST_LETTERS:
             return f"{first.removesuffix('.')}. More in its campaign.yaml."

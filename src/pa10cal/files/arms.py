@@ -163,8 +163,8 @@ def _all_or_none(values: list[Any]) -> Array | None:
 def _check_hayati(arm: Arm, stated: list[bool | None], where: str) -> None:
     """Refuse a row that states Hayati's parameter against its axes."""
     axes_of = {axes.row: axes for axes in neighbouring_axes(arm)}
-    for row, (said, found) in enumerate(zip(stated, arm.hayati, strict=True), start=1):
-        if said is None or said == found:
+    for row, (given, found) in enumerate(zip(stated, arm.hayati, strict=True), start=1):
+        if given is None or given == found:
             continue
         limit = f"{np.degrees(NEARLY_PARALLEL_RAD):g} deg"
         if row not in axes_of:
@@ -176,7 +176,7 @@ def _check_hayati(arm: Arm, stated: list[bool | None], where: str) -> None:
                 f"{np.degrees(axes.angle_rad):.3g} deg from parallel"
             )
         raise ArmError(
-            f"hayati: {str(said).lower()} contradicts the row: {why}",
+            f"hayati: {str(given).lower()} contradicts the row: {why}",
             where=f"{where}: row {row}",
             allowed=f"beta in place of d where neighbouring axes are within {limit} of parallel, "
             "and only there: elsewhere it says what theta says already, and without it a small "

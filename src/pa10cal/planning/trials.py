@@ -41,13 +41,13 @@ def _declared() -> dict[str, bool]:
     for path in sorted(_EFFECTS.glob("*.py")):
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.ClassDef):
-                said = {
+                stated = {
                     entry.target.id: entry.value.value
                     for entry in node.body
                     if isinstance(entry, ast.AnnAssign)
                     and isinstance(entry.target, ast.Name)
                     and isinstance(entry.value, ast.Constant)
                 }
-                if isinstance(said.get("id"), str):
-                    found[str(said["id"])] = said.get("named", True) is not False
+                if isinstance(stated.get("id"), str):
+                    found[str(stated["id"])] = stated.get("named", True) is not False
     return found

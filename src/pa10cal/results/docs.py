@@ -155,8 +155,8 @@ def _rows(
         words = [_holds(option, shared, in_table=issubclass(part, Table)) for option in options]
         if field.default is None and not field.is_required():
             words = [*words[:-1], "may be absent"]
-        said = (field.description or "").replace("|", "\\|")
-        yield key, ", ".join(dict.fromkeys(words)), said
+        meaning = (field.description or "").replace("|", "\\|")
+        yield key, ", ".join(dict.fromkeys(words)), meaning
         for option in options:
             model, _ = _bare(option)
             if _is_part(model) and model not in shared:

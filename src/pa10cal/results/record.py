@@ -210,7 +210,7 @@ def _columns(table: type[Table], rows: Any) -> dict[str, Any]:
 
 def _entry(column: JsonSchemaValue) -> JsonSchemaValue:
     """Return the schema of an entry of a column from that of the column."""
-    said: JsonSchemaValue = {k: column[k] for k in ("description", "title") if k in column}
+    described: JsonSchemaValue = {k: column[k] for k in ("description", "title") if k in column}
     if "anyOf" in column:  # a column that may be unknown as a whole
-        return {"anyOf": [_entry(option) for option in column["anyOf"]], **said}
-    return {**cast(JsonSchemaValue, column.get("items", column)), **said}
+        return {"anyOf": [_entry(option) for option in column["anyOf"]], **described}
+    return {**cast(JsonSchemaValue, column.get("items", column)), **described}

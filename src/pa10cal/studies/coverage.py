@@ -128,8 +128,8 @@ def coverage_table(record: results.CoverageRecord) -> str:
 
 
 def _line(title: str, shares: dict[str, results.Coverage]) -> str:
-    said = (f"{what} {100 * s.inside:.1f} % ({s.rms:.2f})" for what, s in shares.items())
-    return f"{title}: {', '.join(said)} inside (rms score)"
+    shown = (f"{what} {100 * s.inside:.1f} % ({s.rms:.2f})" for what, s in shares.items())
+    return f"{title}: {', '.join(shown)} inside (rms score)"
 
 
 def _papers_model(

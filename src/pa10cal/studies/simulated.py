@@ -74,9 +74,11 @@ def observations_of(campaign: Campaign) -> Observations:
         table[[f"{prefix}{name}" for name in columns.names]].to_numpy(dtype=float)
         for prefix in ("", "u_")
     )
-    said = campaign.instrument.description(campaign.truth.robot)
-    targets_m = {name: 1e-3 * np.array(p) for name, p in said["tool"].get("balls_mm", {}).items()}
-    stated = Stated(1e-3 * said["instrument"]["uncertainty_mm"], targets_m)
+    description = campaign.instrument.description(campaign.truth.robot)
+    targets_m = {
+        name: 1e-3 * np.array(p) for name, p in description["tool"].get("balls_mm", {}).items()
+    }
+    stated = Stated(1e-3 * description["instrument"]["uncertainty_mm"], targets_m)
     seen = kind.from_raw(columns, values, u, stated)
     return Observations.single(table["pose"].to_numpy(dtype=str), states, seen)
 

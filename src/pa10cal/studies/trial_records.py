@@ -61,9 +61,9 @@ def read_trials(verdicts: Sequence[Path], truths: Sequence[Path]) -> list[BlindT
     Raises:
         RecordError: when a file cannot be read, or a trial has not one of each.
     """
-    said = _by_name(TrialVerdictRecord, verdicts)
+    records = _by_name(TrialVerdictRecord, verdicts)
     hidden = _by_name(TrialTruthRecord, truths)
-    if odd := sorted(set(said) ^ set(hidden)):
+    if odd := sorted(set(records) ^ set(hidden)):
         raise RecordError(
             "a trial has a verdict or a truth, but not both",
             where=", ".join(map(str, (*verdicts, *truths))),
@@ -71,7 +71,7 @@ def read_trials(verdicts: Sequence[Path], truths: Sequence[Path]) -> list[BlindT
             allowed="verdicts and truths of the same trials",
             remedy="give all files that pa10cal blind_trials wrote",
         )
-    return [_trial(said[name], truth) for name, truth in hidden.items()]
+    return [_trial(records[name], truth) for name, truth in hidden.items()]
 
 
 def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
@@ -90,7 +90,7 @@ def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
     return records
 
 
-def _trial(said: TrialVerdictRecord, truth: TrialTruthRecord) -> BlindTrial:
+def _trial(record: TrialVerdictRecord, truth: TrialTruthRecord) -> BlindTrial:
     return BlindTrial(
         campaign=truth.campaign,
         kind=truth.kind,
@@ -103,41 +103,42 @@ def _trial(said: TrialVerdictRecord, truth: TrialTruthRecord) -> BlindTrial:
             for effect in truth.hidden_effects
         ),
         seconds_twin=truth.seconds_twin,
-        verdict=_verdict(said) if isinstance(said, JudgedTrialRecord) else None,
-        failed=said.failed if isinstance(said, FailedTrialRecord) else None,
+        verdict=_verdict(record) if isinstance(record, JudgedTrialRecord) else None,
+        failed=record.failed if isinstance(record, FailedTrialRecord) else None,
     )
 
 
-def _verdict(said: JudgedTrialRecord) -> Verdict:
-    held_out = said.gap.holdout
+def _verdict(record: JudgedTrialRecord) -> Verdict:
+    held_out = record.gap.holdout
     return Verdict(
-        word=said.verdict,
+        word=record.verdict,
         effects=tuple(
             Named(
                 _name(effect),
                 tuple(_name(rival) for rival in effect.alternatives),
                 {name: (entry.value, entry.std) for name, entry in effect.parameters.items()},
             )
-            for effect in said.effects
+            for effect in record.effects
         ),
-        places=_places(said),
+        places=_places(record),
         not_testable=frozenset(
-            _name(effect) for effect in (*said.not_testable, *(said.below_detection_limit or ()))
+            _name(effect)
+            for effect in (*record.not_testable, *(record.below_detection_limit or ()))
         ),
-        indistinguishable=tuple(frozenset(map(_name, group)) for group in said.indistinguishable),
-        springs=said.springs,
-        noise_floor_mm=said.gap.noise_floor_mm,
+        indistinguishable=tuple(frozenset(map(_name, group)) for group in record.indistinguishable),
+        springs=record.springs,
+        noise_floor_mm=record.gap.noise_floor_mm,
         held_out_after_mm=None if held_out is None else held_out.after.mean_mm,
-        seconds=said.seconds,
-        seconds_simulating=said.seconds_simulating,
+        seconds=record.seconds,
+        seconds_simulating=record.seconds_simulating,
     )
 
 
-def _places(said: JudgedTrialRecord) -> tuple[str | None, ...]:
+def _places(record: JudgedTrialRecord) -> tuple[str | None, ...]:
     """Return the places of unnamed effects; those of maps follow from the verdict's effects."""
-    if said.verdict != "unexplained" or said.unexplained is None:
+    if record.verdict != "unexplained" or record.unexplained is None:
         return ()
-    return tuple(place.of for place in said.unexplained.all)
+    return tuple(place.of for place in record.unexplained.all)
 
 
 def _name(effect: EffectName) -> Name:

@@ -140,24 +140,24 @@ def _springs(
     arm: Arm,
     observations: Observations,
     source: TorqueSource,
-    wanted: tuple[int, ...] | Literal["auto"],
+    springs: tuple[int, ...] | Literal["auto"],
 ) -> tuple[int, ...]:
     """Return the joints to give a spring."""
-    if wanted == ():
+    if springs == ():
         return ()
     if source == "none":
-        if wanted == "auto":
+        if springs == "auto":
             return ()
         raise CalibrationError(
-            f"joint {wanted[0]} has a spring, but its torques are not known",
-            where=f"tau{wanted[0]}_Nm",
+            f"joint {springs[0]} has a spring, but its torques are not known",
+            where=f"tau{springs[0]}_Nm",
             allowed="torques logged in every pose, or the masses of the links in the arm's "
             "description",
             remedy=f"log the torques, describe mass_kg and com_m of {arm.name}, or remove the "
             "joint from general.springs (an empty list calibrates a rigid arm)",
         )
-    if wanted != "auto":
-        for joint in wanted:
+    if springs != "auto":
+        for joint in springs:
             if not 1 <= joint <= arm.n or arm.prismatic[joint - 1]:
                 raise CalibrationError(
                     "no such revolute joint",
@@ -175,7 +175,7 @@ def _springs(
                     allowed="joints that weights load",
                     remedy="remove the joint from general.springs, or measure with a load on it",
                 )
-        return tuple(sorted(set(wanted)))
+        return tuple(sorted(set(springs)))
     span = np.ptp(observations.states.tau_Nm, axis=0)
     turning = ~arm.prismatic
     least = _LEAST_TORQUE_SHARE * float(np.max(span[turning], initial=0.0))

@@ -125,8 +125,8 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
         readings, baseline, campaign.setup, torques_logged=campaign.torques == "logged"
     )
     start = fit(problem, (), (), (0.0, 0.0))
-    wanted = candidates(problem.context, baseline.model.terms)
-    family, refused = testable(problem, start, wanted)
+    every = candidates(problem.context, baseline.model.terms)
+    family, refused = testable(problem, start, every)
     judgement = judge(search(problem, family, error_rate, start))
     problem = judgement.found.problem
     extended = _extended(problem, judgement)

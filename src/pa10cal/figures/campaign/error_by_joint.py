@@ -138,10 +138,10 @@ def _sets(
 ) -> Iterator[tuple[str, str, ResidualRows | HeldOutRows]]:
     """Yield the poses of each row: what they are, their colour, their residuals."""
     models = results.held_out().models
-    said = "{}, before" if "extended" in models else "calibrated model, {}"
-    yield said.format("fitted"), ORANGE, case.residuals
+    label = "{}, before" if "extended" in models else "calibrated model, {}"
+    yield label.format("fitted"), ORANGE, case.residuals
     if "linear" in models:
-        yield said.format("held out"), BEFORE, models["linear"].rows
+        yield label.format("held out"), BEFORE, models["linear"].rows
     if "extended" in models:
         yield "held out, after", AFTER, models["extended"].rows
 

@@ -108,10 +108,10 @@ def _draw_poses(axes: Axes, health: Health) -> None:
 
 
 def _wanted(poses: PosesNeeded) -> str:
-    said = f"needed: {poses.u_needed_mm:.3g} mm"
+    needed = f"needed: {poses.u_needed_mm:.3g} mm"
     if poses.needed is None:
-        return f"{said}, not reached with {len(poses.d_optimal_order)} chosen poses"
-    return f"{said}, reached with {poses.needed} chosen poses"
+        return f"{needed}, not reached with {len(poses.d_optimal_order)} chosen poses"
+    return f"{needed}, reached with {poses.needed} chosen poses"
 
 
 def _draw_errors(axes: Axes, health: Health) -> None:
@@ -135,13 +135,13 @@ def _draw_errors(axes: Axes, health: Health) -> None:
 
 def _facts(health: Health) -> list[str]:
     reason = health.reason.rstrip(".").replace("`", "")
-    said = [
+    lines = [
         f"Rank {health.rank} of {health.unknowns}; condition number {health.condition:.0f}.",
         f"Terminated after {health.iterations} steps: {reason}.",
         f"At a bound: {listed(health.at_bounds)}.",
         f"Not identifiable: {listed(health.not_identifiable)}.",
     ]
-    return [line for text in said for line in wrap(text, _HALF_LETTERS)]
+    return [line for text in lines for line in wrap(text, _HALF_LETTERS)]
 
 
 def _pairs(health: Health) -> list[str]:

@@ -169,5 +169,5 @@ def _draw_legend(figure: Figure) -> None:
         Patch(color=SEPARATOR, alpha=0.45, label="angles without fitted poses"),
     ]
     legend_at(figure, 4.0, 11.0, handles, ncols=4, columnspacing=1.4)
-    said = "A map shows at which joint an error is and how it depends on the angle, not its cause."
-    write_text_at(figure, 2.0, 6.5, said, color=GREY)
+    note = "A map shows at which joint an error is and how it depends on the angle, not its cause."
+    write_text_at(figure, 2.0, 6.5, note, color=GREY)

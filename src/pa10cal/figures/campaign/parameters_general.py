@@ -108,8 +108,8 @@ def _combination(entry: Redundant) -> str:
 def _data_rows(case: GeneralCalibrationRecord) -> Iterator[tuple[object, ...]]:
     for name, found in case.parameters.items():
         numbers = (figures(found.value, 8), figures(found.std, 4), figures(found.tolerance, 6))
-        said = (str(found.identifiable).lower(), str(found.at_bound).lower(), "false", "")
-        yield (name, found.unit, *numbers, *said)
+        words = (str(found.identifiable).lower(), str(found.at_bound).lower(), "false", "")
+        yield (name, found.unit, *numbers, *words)
     for entry in case.redundant:
         by = "; ".join(f"{part:.6g} {name}" for name, part in entry.replaced_by.items())
         yield (entry.name, "", None, None, None, "", "", "true", by)

@@ -138,8 +138,8 @@ def draw(results: Results) -> Figure:
         color=BLACK,
     )
     _draw_legend(figure, every, sets)
-    said = results.words.arrows if alone else _SAME_SCALE
-    write_text_at(figure, 2.0, 6.0, said, color=GREY)
+    note = results.words.arrows if alone else _SAME_SCALE
+    write_text_at(figure, 2.0, 6.0, note, color=GREY)
     return figure
 
 

@@ -29,14 +29,14 @@ def tabulate(results: Results) -> Table:
         (each.pose, each.load_N, round(each.distance, 2), round(each.weight, 3), each.why)
         for each in case.suspected_outliers
     ]
-    said = [
+    cells = [
         (pose, f"{load_N:g}", f"{distance:.2f}", f"{weight:.3f}", why)
         for pose, load_N, distance, weight, why in rows
     ]
     return Table(
         title="Suspected outliers",
         data=frame_of(_HEADER, rows),
-        shown=(shown(_SHOWN, said),),
+        shown=(shown(_SHOWN, cells),),
         notes=(
             f"{len(rows)} of {case.health.poses.measured} poses. None was removed: each stayed in "
             "the fit with the weight given, 1 being that of the others.",

@@ -174,8 +174,8 @@ def _gap_rows(found: VerdictRecord) -> Iterator[Row]:
 
 def _gap_row(poses: str, load: str, gap: LoadGap) -> Row:
     low, high = gap.reduction.interval95_mm
-    said = f"{low:.4f} to {high:.4f} ({gap.reduction.poses} poses)"
-    return (poses, load, *_errors(gap), said)
+    interval = f"{low:.4f} to {high:.4f} ({gap.reduction.poses} poses)"
+    return (poses, load, *_errors(gap), interval)
 
 
 def _errors(gap: BeforeAfter) -> list[str]:

@@ -92,9 +92,9 @@ def _draw_poses(axes: Axes, study: CurveCalibrationRecord) -> None:
         ("two-level", poses.two_level_mm, _OF_MODEL["two_level"], "o"),
         ("general", poses.general_mm, _OF_MODEL["general"], "s"),
     )
-    for said, errors_mm, colour, mark in shown:
+    for label, errors_mm, colour, mark in shown:
         look: dict[str, Any] = {"color": colour, "marker": mark, "ms": 2.2, "linestyle": "none"}
-        axes.plot(place[~held_out], errors_mm[~held_out], label=said, **look)
+        axes.plot(place[~held_out], errors_mm[~held_out], label=label, **look)
         axes.plot(place[held_out], errors_mm[held_out], markerfacecolor="white", **look)
     axes.axhline(study.noise_floor_mm, color=BLACK, linestyle="--", label="noise floor")
     axes.axvline(float((~held_out).sum()) + 0.5, color=GREY, linewidth=0.6)

@@ -60,9 +60,9 @@ def draw(scores: TrialScoresRecord) -> Figure:
     rows += [(name, outside[name]) for name in sorted(outside)]
     if not rows:
         raise NothingToShowError("no trial hid one effect")
-    said = {outcome for _, counts in rows for outcome in counts}
-    ids = sorted({*inside, *(said - set(_WORDS))})
-    columns = [*ids, *(word for word in _WORDS if word in said)]
+    given = {outcome for _, counts in rows for outcome in counts}
+    ids = sorted({*inside, *(given - set(_WORDS))})
+    columns = [*ids, *(word for word in _WORDS if word in given)]
     width, height = _CELL_MM * (len(columns) + 1), _CELL_MM * len(rows)
     figure = new_figure(_TOP_MM + height + _BOTTOM_MM, _TITLE)
     axes = panel(figure, _LEFT_MM, _BOTTOM_MM, width, height)
