@@ -101,11 +101,11 @@ def calibrate_with(
         chosen = _effects(effects, judged.context)
         rows = weighted_rows(judged, computable(judged)[0], SPACINGS[-1][0])
         fitted = found = refit(
-            judged, chosen, tuple(effect.starts[0] for effect in chosen), rows.weighing
+            judged, chosen, tuple(effect.starts[0] for effect in chosen), rows.weights
         )
         used, covariance = judged.poses, found.covariance
-        root = np.sqrt(found.weighing.weight)[:, None, None]
-        whitener, off_m = root * found.weighing.whitener, np.zeros(0)
+        root = np.sqrt(found.weights.weight)[:, None, None]
+        whitener, off_m = root * found.weights.whitener, np.zeros(0)
     else:
         readings = campaign.trusted
         problem = prepare(readings, campaign.baseline, setup, torques_logged=logged)

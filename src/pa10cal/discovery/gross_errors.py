@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.discovery.linear import residual
-from pa10cal.discovery.weighing import pose_weights
+from pa10cal.discovery.weights import pose_weights
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.observe.averages import reading_groups

@@ -175,7 +175,7 @@ def _search(found: Verdict[object]) -> parts.SearchByRepeats | parts.SearchByBlo
                 sum_of_squares=found.least_gain,
                 part_of_remaining_error_over_noise=LEAST_SHARE,
             ),
-            poses_down_weighted=int(np.sum(found.extended.weighing.weight < 1.0)),
+            poses_down_weighted=int(np.sum(found.extended.weights.weight < 1.0)),
             refit_converged=bool(found.extended.converged),
         )
     assert isinstance(found, VerdictByRepeats)

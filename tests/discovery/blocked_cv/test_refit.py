@@ -6,7 +6,7 @@ import pytest
 from made_up_survey import Hidden, at_joint, observe
 from pa10cal.discovery.blocked_cv.refit import refit
 from pa10cal.discovery.linear import residual
-from pa10cal.discovery.weighing import unweighted
+from pa10cal.discovery.weights import unweighted
 from pa10cal.discovery.with_effects import at_unknowns, moved_base
 from pa10cal.terms.effects.encoder import EncoderEccentricity
 from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
@@ -27,8 +27,8 @@ def hidden():
 
 @pytest.fixture(scope="module")
 def found(hidden):
-    weighing = unweighted(hidden.readings.measured)
-    return refit(hidden.survey, (DISK, FINE), (np.zeros(2), np.zeros(24)), weighing)
+    weights = unweighted(hidden.readings.measured)
+    return refit(hidden.survey, (DISK, FINE), (np.zeros(2), np.zeros(24)), weights)
 
 
 def test_it_comes_to_rest_at_the_truth(hidden, found):
@@ -46,7 +46,7 @@ def test_it_comes_to_rest_at_the_truth(hidden, found):
 
 def test_nothing_near_fits_better(hidden, found):
     survey = hidden.survey
-    whiten = found.weighing.whiteners(np.arange(len(survey.poses)))
+    whiten = found.weights.whiteners(np.arange(len(survey.poses)))
 
     def cost(x):
         left = residual(at_unknowns(found.at, x), survey.poses)
@@ -61,8 +61,8 @@ def test_nothing_near_fits_better(hidden, found):
 
 def test_a_parameter_stays_within_its_physical_range(hidden):
     spring = JointCompliance("joint 4", 56.0)
-    weighing = unweighted(hidden.readings.measured)
-    found = refit(hidden.survey, (DISK, spring), (np.zeros(2), np.zeros(1)), weighing)
+    weights = unweighted(hidden.readings.measured)
+    found = refit(hidden.survey, (DISK, spring), (np.zeros(2), np.zeros(1)), weights)
     assert found.x[found.columns_of(spring)][0] >= 0.0
 
 

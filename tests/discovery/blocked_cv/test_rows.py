@@ -14,7 +14,7 @@ from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import survey
 from pa10cal.discovery.linear import by_joints, by_terms, residual
-from pa10cal.discovery.weighing import unweighted
+from pa10cal.discovery.weights import unweighted
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.joint_error_map import (
     Fading,
@@ -100,7 +100,7 @@ def test_left_of_is_the_data_less_what_the_columns_say(rows):
     found = rows.products()
     x = 1e-2 * rng.standard_normal((len(found.projection[0]), 2))
     here = np.flatnonzero(rows.survey.block == 3)
-    whitened = rows.weighing.whiteners(here) @ rows.left_of(3, x)
+    whitened = rows.weights.whiteners(here) @ rows.left_of(3, x)
     for k in range(2):
         squares = float(np.sum(whitened[:, :, k] ** 2))
         said = found.squares[3] - 2.0 * found.projection[3] @ x[:, k]
@@ -150,9 +150,9 @@ def test_a_gain_of_logged_torques_is_taken_up_by_the_springs_that_take_the_log(f
 def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(few):
     shaped, _ = computable(few)
     rows = Rows(few, unweighted(few.poses.measured), shaped, 36)
-    weights = replace(rows.weighing, weight=np.full(len(few.poses), 2e-3))
+    weights = replace(rows.weights, weight=np.full(len(few.poses), 2e-3))
     name, found = ("cmm_squareness", "instrument"), []
-    for each in (rows, replace(rows, weighing=weights)):
+    for each in (rows, replace(rows, weights=weights)):
         products = each.products()
         known = family(each, products)
         search = Search(products, each.own, known.shown, 0.0, 0.05)

@@ -136,7 +136,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
     fine, finer_steps = finest(rows, searched.members)
     effects = tuple(member.effect for member in fine.members)
     _, amounts = fine.fit(len(effects))
-    extended = refit(judged, effects, amounts, rows.weighing)
+    extended = refit(judged, effects, amounts, rows.weights)
     fitted, poses = extended.fitted(), judged.poses
     noise = noise_of_near_poses(poses, residual(fitted, poses))
     floor_mm = _floor_mm(judged, noise)

@@ -10,7 +10,7 @@ from pa10cal.discovery.blocked_cv.selection import solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.noise import Noise
-from pa10cal.discovery.weighing import pose_weights, unweighted
+from pa10cal.discovery.weights import pose_weights, unweighted
 from pa10cal.terms.effects.joint_error_map import Fading, harmonic_orders
 
 Array = NDArray[np.float64]
@@ -35,11 +35,11 @@ def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) 
     measured = survey.poses.measured
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
     rows = Rows(survey, unweighted(measured), named, _KNOTS)
-    weighing = pose_weights(residual(rows.place, survey.poses), float(len(rows.own)), measured)
+    weights = pose_weights(residual(rows.place, survey.poses), float(len(rows.own)), measured)
     for _ in range(_REWEIGHTED):
-        rows = Rows(survey, weighing, named, _KNOTS)
-        weighing = pose_weights(*_left_by_everything(rows), measured)
-    return Rows(survey, weighing, shaped, knots)
+        rows = Rows(survey, weights, named, _KNOTS)
+        weights = pose_weights(*_left_by_everything(rows), measured)
+    return Rows(survey, weights, shaped, knots)
 
 
 def noise_squares(rows: Rows, noise: Noise) -> float:
@@ -47,10 +47,10 @@ def noise_squares(rows: Rows, noise: Noise) -> float:
 
     No more than the whole scatter of a row: a stated uncertainty may be too large.
     """
-    whitener = rows.weighing.whitener
+    whitener = rows.weights.whitener
     noisy = np.einsum("pij,pjk,pik->pi", whitener, noise.cov, whitener, optimize=True)
     seen = rows.survey.poses.measured.components_seen
-    return float(np.sum(rows.weighing.weight[:, None] * seen * np.minimum(noisy, 1.0)))
+    return float(np.sum(rows.weights.weight[:, None] * seen * np.minimum(noisy, 1.0)))
 
 
 def _left_by_everything(rows: Rows) -> tuple[Array, float]:

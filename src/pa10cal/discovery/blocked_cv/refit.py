@@ -13,7 +13,7 @@ from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, prod
 from pa10cal.discovery.blocked_cv.selection import no_wider_than
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes, residual
-from pa10cal.discovery.weighing import PoseWeights, pose_weights
+from pa10cal.discovery.weights import PoseWeights, pose_weights
 from pa10cal.discovery.with_effects import ModelWithEffects
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.least_squares import Bounds, Equations, Step, minimise
@@ -36,15 +36,15 @@ class Refit(ModelWithEffects):
 
     Attributes:
         covariance: (k, k) of all unknowns.
-        weighing: what each pose counted.
+        weights: what each pose counted.
     """
 
     covariance: Array
-    weighing: PoseWeights
+    weights: PoseWeights
 
 
 def refit(
-    survey: Survey, effects: tuple[Effect, ...], starts: tuple[Array, ...], weighing: PoseWeights
+    survey: Survey, effects: tuple[Effect, ...], starts: tuple[Array, ...], weights: PoseWeights
 ) -> Refit:
     """Fit the calibrated model with effects to all poses of a survey.
 
@@ -52,13 +52,13 @@ def refit(
         survey: the campaign.
         effects: what to add.
         starts: parameters of each to set out from.
-        weighing: what each pose counts at first.
+        weights: what each pose counts at first.
     """
     fit = _Fit(survey, effects)
     baseline = survey.baseline
     x = np.concatenate([baseline.x, *starts, np.zeros(6), baseline.targets_m])
     bounds = fit.bounds
-    counts = weighing
+    counts = weights
 
     def reweighted(x: Array, taken: Step) -> Equations:
         nonlocal counts
@@ -133,10 +133,10 @@ class _Fit:
         k = len(self._model.parameters)
         return replace(self._survey.baseline, model=self._model, x=x[:k], targets_m=x[k:])
 
-    def equations(self, x: Array, weighing: PoseWeights) -> Equations:
+    def equations(self, x: Array, weights: PoseWeights) -> Equations:
         """Return the problem at a point."""
         at, poses = self.place(x), self._survey.poses
-        whiten = weighing.whiteners(np.arange(len(poses)))
+        whiten = weights.whiteners(np.arange(len(poses)))
         points = [x[place] for place in self._dense_at]
         of_terms = by_terms(at, poses, self._dense, points)
         dense = whiten @ np.concatenate([*of_terms, by_targets(at, poses)], axis=2)
@@ -160,10 +160,10 @@ class _Fit:
         """Return how many parameters the data determine, the others being as expected."""
         return float(len(covariance) - np.sum(self.prior * covariance))
 
-    def cost(self, x: Array, weighing: PoseWeights) -> float:
+    def cost(self, x: Array, weights: PoseWeights) -> float:
         """Return the sum of squares at a point."""
         every = np.arange(len(self._survey.poses))
-        white = weighing.whiteners(every) @ residual(self.place(x), self._survey.poses)[:, :, None]
+        white = weights.whiteners(every) @ residual(self.place(x), self._survey.poses)[:, :, None]
         off = x - self._middle
         return float(np.sum(white**2) + off @ self.prior @ off)
 

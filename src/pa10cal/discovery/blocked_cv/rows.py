@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 from pa10cal.discovery.blocked_cv.products import Products, in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
 from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes, residual
-from pa10cal.discovery.weighing import PoseWeights
+from pa10cal.discovery.weights import PoseWeights
 from pa10cal.discovery.with_effects import unknowns
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -70,13 +70,13 @@ class Rows:
 
     Attributes:
         survey: the campaign.
-        weighing: what each pose counts.
+        weights: what each pose counts.
         shaped: effects, in the order of their columns.
         knots: K of the maps, whose columns are the K - 1 harmonics of each revolute joint.
     """
 
     survey: Survey
-    weighing: PoseWeights
+    weights: PoseWeights
     shaped: tuple[ShapedEffect, ...]
     knots: int
 
@@ -139,7 +139,7 @@ class Rows:
     def block(self, b: int) -> BlockRows:
         """Return the rows of one block."""
         here = np.flatnonzero(self.survey.block == b)
-        poses, whiten = self.survey.poses.take(here), self.weighing.whiteners(here)
+        poses, whiten = self.survey.poses.take(here), self.weights.whiteners(here)
         dense = whiten @ np.concatenate([self._own(poses), *self._effects(poses)], axis=2)
         screws = whiten @ by_joints(self.place, poses, self.joints)
         q_rad = poses.states.q_rad[:, [joint - 1 for joint in self.joints]]
@@ -159,7 +159,7 @@ class Rows:
         columns = rows.maps([self.knots] * len(self.joints))
         maps = columns @ splines.reshape(columns.shape[1], x.shape[1])
         left_over = rows.data[:, None] - rows.dense @ x[:first] - maps
-        whiteners = self.weighing.whiteners(np.flatnonzero(self.survey.block == b))
+        whiteners = self.weights.whiteners(np.flatnonzero(self.survey.block == b))
         found: Array = np.linalg.solve(whiteners, left_over.reshape(*whiteners.shape[:2], -1))
         return found
 

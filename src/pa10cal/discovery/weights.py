@@ -44,7 +44,7 @@ class PoseWeights:
 
 
 def unweighted(measured: Instrument) -> PoseWeights:
-    """Return the weighing by what the instrument states alone."""
+    """Return the weights by what the instrument states alone."""
     stated = measured.stated_covariance
     return PoseWeights(np.linalg.inv(np.linalg.cholesky(stated)), np.ones(len(stated)))
 
