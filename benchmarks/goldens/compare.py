@@ -15,7 +15,7 @@ RELATIVE = 1e-9
 #: Differences below this are zero, whatever the unit: covariances [m²] of micrometres are 1e-12.
 ABSOLUTE = 1e-18
 
-WHATS = ("rename file", "rename key", "rename value", "ignore", "within")
+WHATS = ("rename file", "rename key", "rename value", "ignore", "gone", "within")
 COLUMNS = ("what", "files", "old", "new", "reason")
 
 
@@ -124,7 +124,7 @@ def compare(
     for path, old in sorted(renamed.items()):
         rows = [row for row in intended if row.files.search(path)]
         if path not in run:
-            if not partial and not _ignored(rows, "file"):
+            if not partial and not _intended_as("gone", rows, "file"):
                 result.differences[path] = ["file is missing"]
             continue
         result.files += 1
@@ -149,9 +149,9 @@ def _renamed(name: str, run: Container[str], what: str, rows: list[Intended]) ->
     return new
 
 
-def _ignored(rows: list[Intended], key: str) -> bool:
+def _intended_as(what: str, rows: list[Intended], key: str) -> bool:
     for row in rows:
-        if row.what == "ignore" and row.old.search(key):
+        if row.what == what and row.old.search(key):
             row.used += 1
             return True
     return False
@@ -166,7 +166,7 @@ def _compare_file(
         difference = _missing(key, new) if key not in new else _compare_group(group, new[key], ())
         if difference is None:
             continue
-        if _ignored(rows, key):
+        if _intended_as("ignore" if _is_there(key, new) else "gone", rows, key):
             continue
         withins = [row for row in rows if row.what == "within" and row.old.search(key)]
         values = [row for row in rows if row.what == "rename value"]
@@ -175,6 +175,15 @@ def _compare_file(
         if difference is not None:
             lines.append(f"{key or 'value'}: {difference}")
     return lines, [key for key in new if key not in old]
+
+
+def _is_there(key: str, new: FileDigest) -> bool:
+    """Return whether the key is there, or is in a list or mapping that is empty on either side."""
+    parts = re.split(r"(?=\.|\[\])", key)
+    around = {"".join(parts[:count]) for count in range(1, len(parts) + 1)}
+    return bool(around & set(new)) or any(
+        other.startswith((f"{key}.", f"{key}[]")) for other in new
+    )
 
 
 def _missing(key: str, new: FileDigest) -> str:

@@ -153,6 +153,20 @@ def test_intended_differences_are_taken_into_account_and_counted(folder):
     assert len(differences(folder, after, intended)) == 4
 
 
+def test_what_is_ignored_is_there_all_the_same(folder):
+    after = changed(folder)
+    path = after / "verdict/complete.json"
+    seconds = [row("ignore", "^(seconds|effects)")]
+    path.write_text(json.dumps(VERDICT | {"seconds": 9.0, "effects": []}))
+    assert differences(folder, after, seconds) == []  # an empty list has none of its keys
+    path.write_text(json.dumps({key: VERDICT[key] for key in VERDICT if key != "seconds"}))
+    assert differences(folder, after, seconds) == ["verdict/complete.json: seconds: key is missing"]
+    assert differences(folder, after, [row("gone", "^seconds$")]) == []
+    path.unlink()
+    assert differences(folder, after, seconds) == ["verdict/complete.json: file is missing"]
+    assert differences(folder, after, [row("gone", "^file$")]) == []
+
+
 def test_the_command_freezes_compares_and_refuses(folder, tmp_path, capsys):
     records = ["--records", str(tmp_path / "records")]
     assert main(["freeze", f"default={folder}", *records]) == 0

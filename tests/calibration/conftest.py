@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from made_up_parameters import solved_parameters
 from made_up_poses import measured_poses
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.tolerances import Tolerances
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.terms.baseline import baseline, solved_parameters
+from pa10cal.terms.baseline import baseline
 from pa10cal.terms.model import Model
 
 

@@ -62,20 +62,3 @@ def baseline(
 def nominal(arm: Arm) -> Model:
     """Build the nominal rigid model, without any parameter."""
     return Model(Chain.of(arm), ())
-
-
-def solved_parameters(model: Model, reported: dict[str, float]) -> Array:
-    """Return the parameters (k,) a model is solved in, from those it reports.
-
-    Args:
-        model: a baseline model.
-        reported: name to value, as `Model.report` names them.
-    """
-    parts = []
-    for term in model.terms:
-        if isinstance(term, JointSpring):
-            k_lin = reported[f"K_lin_{term.joint}"]
-            parts.append(term.solved(k_lin, reported[f"K_cub_{term.joint}"]))
-        else:
-            parts.append(np.array([reported[parameter.name] for parameter in term.parameters]))
-    return np.concatenate(parts)
