@@ -87,8 +87,8 @@ def prepared(every: Observations, model: FittedModel, setup: MeasurementSetup) -
     every, from_order = with_arrivals(every)
     readings = every.of_kind("grid").turned(model.R_ee_target)
     held_out = average_repeats(every.of_kind("holdout")).turned(model.R_ee_target)
-    states, torques = with_modelled_torques(readings.states, model, setup)
-    held_out_states, _ = with_modelled_torques(held_out.states, model, setup)
+    states, torques = with_torques(model.model, model.x, readings.states, setup.payload)
+    held_out_states, _ = with_torques(model.model, model.x, held_out.states, setup.payload)
     return Prepared(
         readings=readings.with_states(states),
         held_out=held_out.with_states(held_out_states) if len(held_out) else None,
@@ -97,23 +97,6 @@ def prepared(every: Observations, model: FittedModel, setup: MeasurementSetup) -
         torques=torques,
         arrivals_from_order=from_order,
     )
-
-
-def with_modelled_torques(
-    states: PoseStates, model: FittedModel, setup: MeasurementSetup
-) -> tuple[PoseStates, TorqueSource]:
-    """Return states with torques as logged, else of the masses at the posture modelled.
-
-    Weights at the nominal posture would leave what an arm sags by to be found as an effect.
-    """
-    states, torques = with_torques(model.arm, states, setup.payload)
-    if torques == "masses" and setup.payload is not None:
-        # Effects may need what is not known yet, and move weights by next to nothing.
-        own = [term for term in model.model.terms if not isinstance(term, Effect)]
-        x = np.concatenate([np.zeros(0), *(model.values_of(term) for term in own)])
-        carried = statics_of(Model(model.model.chain, tuple(own)), x, states, setup.payload)
-        states = replace(states, tau_Nm=carried.torque_Nm)
-    return states, torques
 
 
 def complete(poses: Observations, baseline: FittedModel, setup: MeasurementSetup) -> Observations:

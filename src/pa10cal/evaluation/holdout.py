@@ -7,13 +7,10 @@ from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import summarise, summarise_by_load
 from pa10cal.calibration.records import by_load
-from pa10cal.discovery.preparation import (
-    MeasurementSetup,
-    complete_about,
-    with_modelled_torques,
-)
+from pa10cal.discovery.preparation import MeasurementSetup, complete_about
 from pa10cal.evaluation.tool_twist import constant_tool_twist
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.loads import with_torques
 from pa10cal.observe.averages import average_repeats, measured_as_poses
 from pa10cal.observe.observations import Observations
 from pa10cal.results.accuracy import Accuracy
@@ -35,7 +32,7 @@ def prepared(
         setup: what is known of the campaign besides the poses.
     """
     poses = average_repeats(every.of_kind(kind))
-    states, _ = with_modelled_torques(poses.states, model, setup)
+    states, _ = with_torques(model.model, model.x, poses.states, setup.payload)
     poses = poses.with_states(states)
     if not poses.measured.measures_pose:
         return poses

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.calibration.general.calibrate import GeneralCalibration
 from pa10cal.fit.identifiability import not_identifiable
+from pa10cal.fit.loads import with_torques
 from pa10cal.observe.observations import Observations
 from pa10cal.results.calibration import CalibratedParameter
 from pa10cal.results.truth import TrueParameter
@@ -89,9 +90,13 @@ def prediction_scores(general: GeneralCalibration, exact: Observations) -> Array
 
     Args:
         general: a calibrated model.
-        exact: poses with torques where springs need them, seen without error.
+        exact: poses seen without error.
     """
-    problem = replace(general.problem, observations=exact.turned(general.start.R_ee_target))
+    problem = general.problem
+    x_model = problem.of_model(general.fit.x)
+    states, _ = with_torques(problem.model, x_model, exact.states, general.payload)
+    exact = exact.with_states(states).turned(general.start.R_ee_target)
+    problem = replace(problem, observations=exact)
     rows = problem.rows(general.fit.x)
     spread = rows.jacobian @ general.fit.covariance
     std = np.sqrt(np.sum(spread * rows.jacobian, axis=2))

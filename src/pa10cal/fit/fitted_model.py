@@ -153,9 +153,9 @@ class FittedModel:
         """Return measured poses as the model predicts them.
 
         Attitudes are those of the end-effector in place of the target's; torques that were not
-        logged are those of the masses described.
+        logged are those of the masses described, at the posture modelled.
         """
-        states, _ = with_torques(self.arm, observations.states, self.payload)
+        states, _ = with_torques(self.model, self.x, observations.states, self.payload)
         return observations.turned(self.R_ee_target).with_states(states)
 
     def rigid_part(self) -> tuple[Chain, Array]:
@@ -290,7 +290,7 @@ class FittedModel:
             temperature_C=np.full(count, temperature_C),
             time_s=np.full(count, time_s),
         )
-        states, source = with_torques(self.arm, states, self.payload)
+        states, source = with_torques(self.model, self.x, states, self.payload)
         physical, x, _ = self._physical
         if source == "none" or self.payload is None:
             self._refuse_springs()

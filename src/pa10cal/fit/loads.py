@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import BASE, TOOL, Chain
-from pa10cal.arm.description import Arm
+from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, Statics, statics
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
@@ -21,24 +21,34 @@ TorqueSource = Literal["logged", "masses", "none"]
 
 
 def with_torques(
-    arm: Arm, states: PoseStates, payload: Payload | None
+    model: Model, x: Array, states: PoseStates, payload: Payload | None
 ) -> tuple[PoseStates, TorqueSource]:
     """Return states with torques, and where those come from.
 
-    Logged ones where every pose has them; else those of the masses described; else none (nan).
+    Logged ones where every pose has them; else those of the masses described, at the posture that
+    the model says; else none (nan). At the nominal posture, departures and sag of an arm would
+    leave up to 15 um of a UR10 to be found as an effect.
 
     Args:
-        arm: the nominal arm.
+        model, x: chain and terms, with the parameters of these. Effects play no part: they may
+            need what is not known yet, and move weights by next to nothing.
         states: P states.
         payload: what the arm carries; None where it is not known.
     """
     if np.all(np.isfinite(states.tau_Nm)):
         return states, "logged"
-    if payload is None or arm.mass_kg is None:
+    chain = model.chain
+    if payload is None or chain.arm.mass_kg is None:
         return states, "none"
-    chain = Chain.of(arm)
-    weights = statics(chain, chain.coordinates(states.q_rad), states.load_N, payload)
-    return replace(states, tau_Nm=weights.torque_Nm), "masses"
+    # What springs give way by needs torques itself: those of the nominal arm, near enough.
+    nominal = statics_of(Model(chain, ()), np.zeros(0), states, payload)
+    states = replace(states, tau_Nm=nominal.torque_Nm)
+    own = tuple(term for term in model.terms if not isinstance(term, Effect))
+    if own:
+        x = np.concatenate([x[model.columns_of(term)] for term in own])
+        modelled = statics_of(Model(chain, own), x, states, payload)
+        states = replace(states, tau_Nm=modelled.torque_Nm)
+    return states, "masses"
 
 
 def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> Statics:

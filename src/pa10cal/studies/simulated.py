@@ -25,7 +25,6 @@ from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.cell.write import write_campaign
 from pa10cal.evaluation.known_truth import KnownTruth
-from pa10cal.fit.loads import with_torques
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Stated
 from pa10cal.observe.registry import instruments
@@ -86,7 +85,7 @@ def observations_of(campaign: Campaign) -> Observations:
 def exact_observations(
     individual: Robot, plan: TrackerOptions, poses: int, random_seed: int
 ) -> Observations:
-    """Return other poses of an individual, seen all but exactly, with torques where it has masses.
+    """Return other poses of an individual, seen all but exactly.
 
     Args:
         individual: the arm as it is.
@@ -95,9 +94,7 @@ def exact_observations(
         random_seed: draws them.
     """
     wanted = plan.model_copy(update={"poses": poses, **_EXACT})
-    found = observations_of(measured(individual, wanted, random_seed))
-    states, _ = with_torques(individual.arm, found.states, payload_of_individual(individual))
-    return replace(found, states=states)
+    return observations_of(measured(individual, wanted, random_seed))
 
 
 def payload_of_individual(individual: Robot) -> Payload | None:

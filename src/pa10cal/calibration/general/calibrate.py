@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.fit import Fit, fit
 from pa10cal.calibration.general.tilts import Settled, tilts_not_shown
@@ -21,6 +22,7 @@ from pa10cal.fit.loads import TorqueSource, with_torques
 from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
+from pa10cal.terms.baseline import nominal
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
@@ -31,6 +33,10 @@ Array = NDArray[np.float64]
 _LEAST_TORQUE_SHARE = 0.02
 #: Less than this is none.
 _NO_TORQUE_NM = 1e-9
+#: Weights have moved on where they move a pose by more than this [m] ...
+_MOVES_NOTHING_M = 1e-7
+#: ... and one fit more brings them to rest: what sag moves weights by is a thousandth of the sag.
+_MOST_REFITS = 3
 #: A usual stiffness, from which springs start [N m/rad].
 _USUAL_STIFFNESS = 5e4
 
@@ -91,8 +97,9 @@ def calibrate_general(
     began = time.perf_counter()
     options = options or CalibrationOptions()
     robust, max_iterations = options.general.robust, options.max_iterations
-    states, source = with_torques(arm, observations.states, payload)
-    observations = replace(observations, states=states)
+    unweighed = observations.states
+    states, source = with_torques(nominal(arm), np.zeros(0), unweighed, payload)
+    observations = observations.with_states(states)
     springs = _springs(arm, observations, source, options.general.springs)
     tau_Nm = np.abs(observations.states.tau_Nm).max(axis=0)
     observations = observations.turned(start.R_ee_target)
@@ -108,18 +115,42 @@ def calibrate_general(
     x_start = problem.start(_model_start(problem.model, start))
     found = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
     settled = tilts_not_shown(problem, found)
+    by_masses = bool(springs) and source == "masses"
     if settled:
         names = {each.parameter.name for each in settled}
         kept = np.array([parameter.name not in names for parameter in problem.parameters])
         problem, x_start = _without(problem, names), found.x[kept]
         unknowns = replace(unknowns, links=_links_of(problem))
+        if by_masses:
+            problem = _weighed(problem, x_start, unweighed, payload)
         fewer = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
         # That they are zero is not known: what the others are known to is what it was with them.
         found = replace(fewer, covariance=found.covariance[np.ix_(kept, kept)])
+    for _ in range(_MOST_REFITS if by_masses else 0):
+        weighed = _weighed(problem, found.x, unweighed, payload)
+        if weighed is problem:
+            break
+        problem = weighed
+        anew = fit(
+            problem,
+            found.x,
+            robust=robust,
+            max_iterations=max_iterations,
+            scatter_start=found.scatter,
+        )
+        found = replace(anew, covariance=found.covariance) if settled else anew
     seconds = time.perf_counter() - began
     return GeneralCalibration(
         arm, start, unknowns, settled, springs, source, payload, problem, found, seconds
     )
+
+
+def _weighed(problem: Problem, x: Array, unweighed: PoseStates, payload: Payload | None) -> Problem:
+    """Return the problem with the torques of weights at a point; itself if that moves nothing."""
+    states, _ = with_torques(problem.model, problem.of_model(x), unweighed, payload)
+    weighed = replace(problem, observations=problem.observations.with_states(states))
+    moved = weighed.predict(x)[:, :3, 3] - problem.predict(x)[:, :3, 3]
+    return weighed if np.abs(moved).max() > _MOVES_NOTHING_M else problem
 
 
 def _without(problem: Problem, names: set[str]) -> Problem:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,14 +102,18 @@ def work_out_general(
     if full.springs:
         geometry = calibrate_general(arm, used, start, payload, options.with_springs(()))
     nominal = calibrate_general(arm, used, start, payload, options.with_springs(()), links=False)
-    grid = replace(grid, states=with_torques(arm, grid.states, payload)[0])
-    load_N = grid.states.load_N
-    found = fitted(full).deviations(grid)
+    calibrated, load_N = fitted(full), grid.states.load_N
+
+    def weighed(poses: Observations) -> Observations:
+        states, _ = with_torques(calibrated.model, calibrated.x, poses.states, payload)
+        return poses.with_states(states)
+
+    grid = weighed(grid)
+    found = calibrated.deviations(grid)
     _refuse_another_arm(full, summarise(found.take(rows)).rms_mm, used.measured.spread_mm)
     off = None
     if held_out is not None and len(held_out):
-        held_out = replace(held_out, states=with_torques(arm, held_out.states, payload)[0])
-        off = summarise(fitted(full).deviations(held_out))
+        off = summarise(calibrated.deviations(weighed(held_out)))
     parameters = full.problem.parameters
     names = {parameter.name for parameter in parameters}
     openly = not_identifiable(full.fit.identifiability, parameters) & names

@@ -8,7 +8,7 @@ count as not identifiable.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +74,14 @@ class Fit:
     reason: str
 
 
-def fit(problem: Problem, x_start: Array, *, robust: bool = True, max_iterations: int = 50) -> Fit:
+def fit(
+    problem: Problem,
+    x_start: Array,
+    *,
+    robust: bool = True,
+    max_iterations: int = 50,
+    scatter_start: dict[str, float] | None = None,
+) -> Fit:
     """Fit the general model.
 
     Args:
@@ -82,9 +89,10 @@ def fit(problem: Problem, x_start: Array, *, robust: bool = True, max_iterations
         x_start: (k,) where to set out.
         robust: whether poses far outside the scatter weigh less.
         max_iterations: bound on the steps.
+        scatter_start: scatter of each kind to set out with [m, rad]; None for that at the start.
     """
     span = _Span.about(problem, x_start)
-    weighting = _WeightedProblem(problem, span, robust)
+    weighting = _WeightedProblem(problem, span, robust, scatter_start)
     found = minimise(
         span.start,
         weighting.equations,
@@ -154,10 +162,13 @@ class _Span:
 class _WeightedProblem:
     """The weighted problem: weights stay while a step is tried, and are renewed at its end."""
 
-    def __init__(self, problem: Problem, span: _Span, robust: bool) -> None:
+    def __init__(
+        self, problem: Problem, span: _Span, robust: bool, scatter: dict[str, float] | None
+    ) -> None:
         self._problem, self._span, self._robust = problem, span, robust
         self._last: tuple[Array, Rows] | None = None
-        self.scatter = first_scatter(problem, self.rows(span.start))
+        first = first_scatter(problem, self.rows(span.start))
+        self.scatter = first if scatter is None else replace(first, size=scatter)
         self.weighted = weighted_rows(problem, self.rows(span.start), self.scatter, robust)
         self._length = np.inf
         self._settled = False
