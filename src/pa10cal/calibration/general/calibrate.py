@@ -138,6 +138,7 @@ def calibrate_general(
             max_iterations=max_iterations,
             scatter_start=found.scatter,
         )
+        anew = replace(anew, iterations=found.iterations + anew.iterations)
         found = replace(anew, covariance=found.covariance) if settled else anew
     seconds = time.perf_counter() - began
     return GeneralCalibration(
