@@ -9,7 +9,7 @@ from pa10cal.cell.effects.vocabulary import vocabulary
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.trials import TrialScoresRecord, TrialTruthRecord
-from pa10cal.studies.touched_judging import TouchedCampaign
+from pa10cal.studies.judging import CalibratedCampaign
 
 SEED = 20081
 #: Modules of effects that the trials below hide; with others, the same numbers hide other effects.
@@ -172,7 +172,7 @@ def test_the_same_trials_come_out_of_any_division_into_jobs(run, reduced):
 
 
 def test_a_trial_that_fails_is_recorded_and_the_others_go_on(run, monkeypatch):
-    judge, seen = TouchedCampaign.verdict, []
+    judge, seen = CalibratedCampaign.verdict, []
 
     def fail_first(known, seconds):
         seen.append(known)
@@ -180,7 +180,7 @@ def test_a_trial_that_fails_is_recorded_and_the_others_go_on(run, monkeypatch):
             raise KeyError("a fault of the program")
         return judge(known, seconds)
 
-    monkeypatch.setattr(TouchedCampaign, "verdict", fail_first)
+    monkeypatch.setattr(CalibratedCampaign, "verdict", fail_first)
     code, verdicts, truths = run("null", 2)
     assert code == 0
     failed, judged = lines(verdicts)
@@ -193,7 +193,7 @@ def test_when_all_trials_fail_the_command_does(run, monkeypatch, capsys):
     def fail(known, seconds):
         raise KeyError("a fault of the program")
 
-    monkeypatch.setattr(TouchedCampaign, "verdict", fail)
+    monkeypatch.setattr(CalibratedCampaign, "verdict", fail)
     code, verdicts, _ = run("null", 1)
     assert code == REFUSED
     assert "every trial failed" in capsys.readouterr().err

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,31 +24,14 @@ from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.results.trials import (
     FailedTrialRecord,
-    JudgedTrialRecord,
     TrialTruthRecord,
     TrialVerdictRecord,
 )
-from pa10cal.studies.touched_judging import touched_campaign
-from pa10cal.studies.tracked_judging import tracked_campaign
+from pa10cal.studies.judging import CalibratedCampaign, calibrated_campaign
 from pa10cal.studies.trial_records import truth_record
 
 Array = NDArray[np.float64]
 Measured = Literal["touched", "tracked"]
-
-
-class Calibrated(Protocol):
-    """A raw campaign with its calibrated baseline, ready to be judged."""
-
-    @property
-    def seconds(self) -> float:
-        """Return the time that ingesting and calibrating took."""
-
-    @property
-    def residual_mm(self) -> Array:
-        """Return the baseline's residual at the poses fitted, along base axes, (C, 3)."""
-
-    def verdict(self, seconds_simulating: float) -> JudgedTrialRecord:
-        """Return the verdict on it."""
 
 
 def draw(
@@ -107,13 +88,13 @@ def try_trial(trial: Trial, options: JudgingOptions) -> tuple[TrialVerdictRecord
     seconds = 0.0
     began = time.perf_counter()
     try:
-        with _measured(trial.name, trial.settings, options) as known:
-            simulating = time.perf_counter() - began - known.seconds
-            verdict: TrialVerdictRecord = known.verdict(simulating)
-            began = time.perf_counter()
-            residual_mm = known.residual_mm
+        known = _measured(trial.name, trial.settings, options)
+        simulating = time.perf_counter() - began - known.seconds
+        verdict: TrialVerdictRecord = known.verdict(simulating)
+        began = time.perf_counter()
         moved_mm = [
-            _moved_mm(trial, number, residual_mm, options) for number in range(len(trial.sizes))
+            _moved_mm(trial, number, known.residual_mm, options)
+            for number in range(len(trial.sizes))
         ]
         seconds = time.perf_counter() - began
     except Exception as error:
@@ -122,15 +103,12 @@ def try_trial(trial: Trial, options: JudgingOptions) -> tuple[TrialVerdictRecord
     return verdict, truth_record(trial, moved_mm, seconds)
 
 
-@contextmanager
-def _measured(name: str, cell: SimulateOptions, options: JudgingOptions) -> Iterator[Calibrated]:
+def _measured(name: str, cell: SimulateOptions, options: JudgingOptions) -> CalibratedCampaign:
     """Write a raw campaign without the record of what it hides, and calibrate with that."""
     made = simulate_campaign(name, load_arm(cell.robot), cell)
-    calibrated = touched_campaign if cell.without_touches is None else tracked_campaign
     with tempfile.TemporaryDirectory() as place:
         write_campaign(made, Path(place) / "raw")
-        with calibrated(Path(place) / "raw", options) as known:
-            yield known
+        return calibrated_campaign(Path(place) / "raw", options)
 
 
 def _moved_mm(trial: Trial, number: int, residual_mm: Array, options: JudgingOptions) -> float:
@@ -142,6 +120,5 @@ def _moved_mm(trial: Trial, number: int, residual_mm: Array, options: JudgingOpt
     effects = trial.settings.hidden_effects
     others = (*effects[:number], *effects[number + 1 :])
     without = trial.settings.model_copy(update={"hidden_effects": others})
-    with _measured(trial.name, without, options) as known:
-        moved_mm = residual_mm - known.residual_mm
+    moved_mm = residual_mm - _measured(trial.name, without, options).residual_mm
     return float(np.sqrt(np.mean(np.sum(moved_mm**2, axis=1))))

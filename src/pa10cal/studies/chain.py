@@ -17,7 +17,6 @@ from typing import Any, Literal
 import numpy as np
 
 from pa10cal.arm.description import Arm
-from pa10cal.calibration.campaign import calibration_record
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.records import models_of
 from pa10cal.campaign.read import Campaign
@@ -31,13 +30,12 @@ from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.setup import setup_of
 from pa10cal.evaluation.compared import UNCALIBRATED, judged_models
 from pa10cal.evaluation.known_truth import reported_scores
-from pa10cal.frame.options import BaseFrameOptions
-from pa10cal.observe.seed import locate_base
 from pa10cal.results import studies as results
 from pa10cal.results.accuracy import Distances
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.evaluation import HeldOutModel
 from pa10cal.results.truth import TrueParameter
+from pa10cal.studies.judging import record_of
 from pa10cal.studies.simulated import as_read
 
 Departs = Literal["rows", "any_way"]
@@ -57,7 +55,7 @@ _MODELS: dict[str, dict[str, Any]] = {
     "two_level_all": {"model": "paper", "inner_poses": "all"},
     "general": {"model": "general"},
 }
-_NOMINAL = "nominal"
+_NOMINAL, _LOAD = "nominal", "0N"
 
 
 def chain_study(
@@ -126,7 +124,10 @@ def _individual(
     plan = settings.without_touches or TrackerOptions()
     made = simulate_campaign(f"{arm.name}-{number}-{plan.departs}", arm, settings)
     campaign = as_read(made)
-    records = _calibrated(campaign, options)
+    records = {
+        name: record_of(campaign, options.model_copy(update=changes), _LOAD)
+        for name, changes in _MODELS.items()
+    }
     models = {name: tuple(models_of(found, name).values())[-1] for name, found in records.items()}
     setup = setup_of(campaign.description, campaign.arm, options, DiscoveryOptions())
 
@@ -162,27 +163,6 @@ def _individual(
             },
         ),
     )
-
-
-def _calibrated(campaign: Campaign, options: CalibrationOptions) -> dict[str, CalibrationRecord]:
-    """Calibrate a campaign with every model."""
-    said, every = campaign.description, campaign.observations
-    seed = locate_base(
-        every, campaign.arm, BaseFrameOptions(), campaign.folder, said.name, said.provenance
-    )
-    (load,) = (f"{load_N:g}N" for load_N in np.unique(every.states.load_N))
-    return {
-        name: calibration_record(
-            said,
-            campaign.arm,
-            every,
-            seed,
-            load,
-            options.model_copy(update=changes),
-            general=changes["model"] == "general",
-        )
-        for name, changes in _MODELS.items()
-    }
 
 
 def _fit(found: CalibrationRecord, truth: Mapping[str, TrueParameter]) -> results.IndividualFit:
