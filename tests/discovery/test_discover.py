@@ -12,7 +12,7 @@ from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.evidence.discover import VerdictByRepeats
 from pa10cal.discovery.options import DiscoveryOptions
-from pa10cal.discovery.records import discovery_records
+from pa10cal.discovery.records import discovery_records, verdict_keys, warnings_of
 from pa10cal.discovery.setup import setup_of
 from pa10cal.files.arms import load_arm
 from pa10cal.results.discovery import VerdictKeys
@@ -74,6 +74,10 @@ def with_gross_errors(every, share=0.02, size_m=8e-3):
     return every.with_measured(T_instr_target=T), wrong
 
 
+def notes(verdict):
+    return warnings_of(verdict_keys(verdict))
+
+
 def names(verdict):
     return [(effect.id, effect.of) for effect in verdict.effects]
 
@@ -133,6 +137,8 @@ def test_gross_errors_of_single_readings_change_no_verdict(campaign, hidden):
     found = zip(readings.pose[gross], readings.repeat[gross], strict=True)
     assert sorted(found) == sorted(moved)
     assert (verdict.verdict, names(verdict)) == (clean.verdict, names(clean))
+    assert any(f"{len(wrong)} readings are excluded" in note for note in notes(verdict))
+    assert not any("excluded" in note for note in notes(clean))
     # Two of 60 poses were read once less: the mean floor is higher by 0.41 of 2 in 60.
     assert verdict.noise_floor_mm == pytest.approx(clean.noise_floor_mm, rel=0.03)
     assert verdict.train.after.mean_mm == pytest.approx(clean.train.after.mean_mm, rel=0.03)

@@ -68,7 +68,10 @@ class Prepared:
     @cached_property
     def gross(self) -> NDArray[np.bool_]:
         """Return which readings are suspected of a gross error, (P,)."""
-        return gross_errors(complete(self.readings, self.baseline, self.setup), self.baseline)
+        readings = self.readings
+        if not readings.measured.from_touches:
+            readings = complete(readings, self.baseline, self.setup)
+        return gross_errors(readings, self.baseline)
 
     @property
     def trusted(self) -> Observations:

@@ -257,6 +257,13 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
             "held-out poses have larger errors than before: do not use the extended model; the "
             "poses fitted are too few or too similar for the effects in it"
         )
+    search = verdict.search
+    if isinstance(search, parts.SearchByRepeats) and search.readings_excluded:
+        many = "s are" if search.readings_excluded > 1 else " is"
+        found.append(
+            f"{search.readings_excluded} reading{many} excluded, far from the model and from all "
+            "others of the pose: a gross error"
+        )
     return tuple(found)
 
 

@@ -22,7 +22,6 @@ from pa10cal.fit.loads import TorqueSource, with_torques
 from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
-from pa10cal.terms.baseline import nominal
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
@@ -97,8 +96,8 @@ def calibrate_general(
     began = time.perf_counter()
     options = options or CalibrationOptions()
     robust, max_iterations = options.general.robust, options.max_iterations
-    unweighed = observations.states
-    states, source = with_torques(nominal(arm), np.zeros(0), unweighed, payload)
+    chain, unweighed = Chain.of(arm), observations.states
+    states, source = with_torques(Model(chain, ()), np.zeros(0), unweighed, payload)
     observations = observations.with_states(states)
     springs = _springs(arm, observations, source, options.general.springs)
     tau_Nm = np.abs(observations.states.tau_Nm).max(axis=0)
@@ -109,7 +108,7 @@ def calibrate_general(
     if not links:
         unknowns = replace(unknowns, links=Offsets((), ()))
     terms = tuple(JointSpring(joint, float(tau_Nm[joint - 1]), cubic=False) for joint in springs)
-    model = Model(Chain.of(arm), (unknowns.links, *terms, unknowns.tool, unknowns.base))
+    model = Model(chain, (unknowns.links, *terms, unknowns.tool, unknowns.base))
     problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, observations)
     _check_enough(problem)
     x_start = problem.start(_model_start(problem.model, start))
