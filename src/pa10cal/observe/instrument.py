@@ -107,11 +107,6 @@ class Instrument(ABC):
         """Return where B targets were measured (P, B, 3), or how far (P, 1, 1); nan where not."""
 
     @property
-    def R_instr_target(self) -> Array | None:
-        """Return the measured attitudes (P, 3, 3); None where none is measured."""
-        return None
-
-    @property
     def counts(self) -> tuple[str, ...]:
         """Return what was counted of its targets, in words, for the summary of ingest."""
         return ()

@@ -160,12 +160,6 @@ class Pose(Instrument):
         """Return the target's position, (P, 1, 3)."""
         return self.T_instr_target[:, None, :3, 3]
 
-    @property
-    @override
-    def R_instr_target(self) -> Array:
-        """Return the measured attitudes, (P, 3, 3)."""
-        return self.T_instr_target[:, :3, :3]
-
     @override
     def locate(self, T_base_ee: Array) -> Located:
         """Find base and target by hand-eye calibration."""
