@@ -58,7 +58,7 @@ class BlindTrialsOptions(Section):
     )
     tracked: TrialCounts = Field(
         TrialCounts(
-            null=156, single=8, pair=24, triple=12, outside=6, wrong_noise=12, wrong_mass=12
+            null=156, single=10, pair=24, triple=12, outside=6, wrong_noise=12, wrong_mass=12
         ),
         description="what it runs of trackers, with many different poses and none repeated",
     )
