@@ -42,11 +42,12 @@ def _declared() -> dict[str, bool]:
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.ClassDef):
                 stated = {
-                    entry.target.id: entry.value.value
+                    name.id: entry.value.value
                     for entry in node.body
-                    if isinstance(entry, ast.AnnAssign)
-                    and isinstance(entry.target, ast.Name)
+                    if isinstance(entry, ast.Assign | ast.AnnAssign)
                     and isinstance(entry.value, ast.Constant)
+                    for name in ast.walk(entry)
+                    if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store)
                 }
                 if isinstance(stated.get("id"), str):
                     found[str(stated["id"])] = stated.get("named", True) is not False

@@ -1,5 +1,9 @@
 """From settings entries to effects."""
 
+import inspect
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -50,6 +54,12 @@ def test_every_parameter_says_what_it_is_and_its_unit():
     for effect in all_effects().values():
         for name, field in effect.model_fields.items():
             assert field.description, f"{effect.id}.{name}"
+
+
+def test_the_class_in_the_docs_is_the_one_that_there_is():
+    page = Path(__file__).parents[3] / "docs/virtual-cell.md"
+    (text,) = re.findall(r"^```python\n(.*?)^```", page.read_text("utf-8"), re.M | re.S)
+    assert text == inspect.getsource(vocabulary()["gear_ratio_error"])
 
 
 BAD = [

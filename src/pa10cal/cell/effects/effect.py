@@ -1,13 +1,14 @@
 """The kinds of effects, by what they act on, and what they may depend on.
 
 An effect is one small class in a file of this folder: its fields are its parameters, the amount
-first, `id` is its name, `places` says where it may sit, and `at_size` how large it usually is.
-Nothing else lists it.
+first, `id` is its name, `places` says where it may sit, `usual` how large it usually is, and one
+method its formula. Nothing else lists it.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
@@ -33,14 +34,20 @@ class Motion:
     """How the joints came to stand in P configurations.
 
     Attributes:
-        q_rad: (P, n) motor-side joint positions.
-        arrival: (P, n) direction in which each joint arrived: -1, 0 (did not move) or +1.
-        gear_ratio: (n,) motor turns a joint turn.
+        q_rad: (P, n) motor-side joint positions; (P,) of one joint.
+        arrival: (P, n) direction in which each joint arrived: -1, 0 (did not move) or +1; (P,) of
+            one joint.
+        gear_ratio: (n,) motor turns a joint turn; (1,) of one joint.
     """
 
     q_rad: Array
     arrival: Array
     gear_ratio: Array
+
+    def of(self, joint: int) -> Motion:
+        """Return how one joint, from 0, came to stand."""
+        ratio = self.gear_ratio[joint : joint + 1]
+        return Motion(self.q_rad[:, joint], self.arrival[:, joint], ratio)
 
 
 @dataclass(frozen=True)
@@ -102,6 +109,30 @@ def any_direction(length: float, rng: np.random.Generator) -> list[float]:
     return components
 
 
+#: Draws one parameter of an effect at a site, at some times its usual size.
+Draw = Callable[[Site, float, np.random.Generator], Any]
+
+
+def draws(**each: Draw) -> Mapping[str, Draw]:
+    """Return the draws of an effect's parameters by their names, in the order drawn."""
+    return each
+
+
+def sized(usual: float) -> Draw:
+    """Return what draws a parameter that usually is so large."""
+    return lambda _site, size, _rng: size * usual
+
+
+def signed(usual: float) -> Draw:
+    """Return what draws a parameter that usually is so large, with either sign."""
+    return lambda _site, size, rng: either_sign(size * usual, rng)
+
+
+def directed(usual: float) -> Draw:
+    """Return what draws a vector that usually is so long, in any direction."""
+    return lambda _site, size, rng: any_direction(size * usual, rng)
+
+
 class Effect(Section):
     """Something that moves the arm, its log or its measurement off the paper's model.
 
@@ -122,6 +153,8 @@ class Effect(Section):
     by_spring: ClassVar[bool] = False
     #: Whether it does nothing at constant temperature.
     by_temperature: ClassVar[bool] = False
+    #: How each parameter is drawn, in turn, at some times the size that robots usually have.
+    usual: ClassVar[Mapping[str, Draw]] = draws()
     #: The size that the vocabulary holds for plausible, as a factor of the usual size.
     plausible_size: ClassVar[float] = 1.0
 
@@ -136,7 +169,7 @@ class Effect(Section):
             size: factor of the usual size.
             rng: draws phases, signs and directions.
         """
-        raise NotImplementedError
+        return {name: draw(site, size, rng) for name, draw in cls.usual.items()}
 
     def at(self, place: str) -> Self:
         """Return the effect sitting at `place`: `joint 2`, `forearm`, `base`, ..."""
@@ -164,11 +197,23 @@ class Effect(Section):
 class DriveEffect(Effect):
     """Turns a link against its motor, whatever the torque."""
 
-    places: ClassVar[tuple[str, ...]] = ("turning joint",)
-
     @abstractmethod
     def turn_rad(self, motion: Motion) -> Array:
         """Return the (P, n) angles to add to the motor angles, before springs deflect."""
+
+
+class JointDriveEffect(DriveEffect):
+    """An error of the angle of the joint it sits in."""
+
+    places: ClassVar[tuple[str, ...]] = ("turning joint",)
+
+    @abstractmethod
+    def error_rad(self, motion: Motion) -> Array:
+        """Return what to add to the joint's angle, (P,), by how that joint came to stand."""
+
+    def turn_rad(self, motion: Motion) -> Array:
+        """Return the error in the column of the joint, (P, n)."""
+        return self.at_joint(self.error_rad(motion.of(self.joint)), motion.q_rad.shape[1])
 
 
 class WindupEffect(Effect):
@@ -177,8 +222,12 @@ class WindupEffect(Effect):
     by_weights: ClassVar[bool] = True
 
     @abstractmethod
+    def bent_rad(self, tau_Nm: Array) -> Array:
+        """Return the deflection of the joint under its torques `tau_Nm`, (P,)."""
+
     def deflection_rad(self, tau_Nm: Array) -> Array:
         """Return the (P, n) deflections under the torques `tau_Nm` (P, n)."""
+        return self.at_joint(self.bent_rad(tau_Nm[:, self.joint]), tau_Nm.shape[1])
 
 
 class LostMotionEffect(Effect):
@@ -188,14 +237,24 @@ class LostMotionEffect(Effect):
     places: ClassVar[tuple[str, ...]] = ("turning joint",)
 
     @abstractmethod
+    def lag_rad(self, load: Array, arrival: Array) -> Array:
+        """Return what to add to the angle of the link, (P,).
+
+        Args:
+            load: (P,) torque carried, in parts of the rated torque.
+            arrival: (P,) direction of arrival: -1, 0 or +1.
+        """
+
     def lost_rad(self, tau_Nm: Array, arrival: Array, rated_Nm: Array) -> Array:
         """Return the (P, n) angles to add to those of the links.
 
         Args:
             tau_Nm: (P, n) torques carried.
-            arrival: (P, n) directions of arrival: -1, 0 or +1.
+            arrival: (P, n) directions of arrival.
             rated_Nm: (n,) rated torques.
         """
+        load = tau_Nm[:, self.joint] / rated_Nm[self.joint]
+        return self.at_joint(self.lag_rad(load, arrival[:, self.joint]), tau_Nm.shape[1])
 
 
 class CarriedTorqueEffect(Effect):
@@ -209,8 +268,14 @@ class CarriedTorqueEffect(Effect):
     places: ClassVar[tuple[str, ...]] = ("turning joint",)
 
     @abstractmethod
+    def pull_Nm(self, q_rad: Array) -> Array:
+        """Return the torque (...) that the motor holds besides, with the link at `q_rad` (...)."""
+
     def carried_Nm(self, q_rad: Array) -> Array:
         """Return the (..., n) torques that the motors hold besides, with the links at `q_rad`."""
+        carried = np.zeros_like(q_rad)
+        carried[..., self.joint] = self.pull_Nm(q_rad[..., self.joint])
+        return carried
 
 
 class TorqueLogEffect(Effect):
@@ -221,8 +286,13 @@ class TorqueLogEffect(Effect):
     places: ClassVar[tuple[str, ...]] = ("turning joint",)
 
     @abstractmethod
+    def too_much_Nm(self, tau_Nm: Array, arrival: Array) -> Array:
+        """Return what the log of the joint adds to the true torque `tau_Nm`, (P,)."""
+
     def logged_too_much_Nm(self, tau_Nm: Array, arrival: Array) -> Array:
         """Return the (P, n) torques that the log adds to the true `tau_Nm` (P, n)."""
+        own = self.too_much_Nm(tau_Nm[:, self.joint], arrival[:, self.joint])
+        return self.at_joint(own, tau_Nm.shape[1])
 
 
 class StructureEffect(Effect):

@@ -14,11 +14,14 @@ from pa10cal.cell.effects.effect import (
     DriveEffect,
     Finite,
     FinitePositive,
+    JointDriveEffect,
     Motion,
     Site,
     TorqueLogEffect,
     WindupEffect,
-    either_sign,
+    draws,
+    signed,
+    sized,
 )
 from pa10cal.errors import SimulationError
 
@@ -30,10 +33,11 @@ _MAP_ORDERS = 3
 STIFFNESS_PER_RATED = 120.0
 
 
-class Harmonic(DriveEffect):
-    """A sine of the joint's angle."""
+class Harmonic(JointDriveEffect):
+    """A sine of the joint's angle, of the usual amplitude and in any phase."""
 
     usual_arc_seconds: ClassVar[float] = 30.0
+    cycles: ClassVar[float]
 
     A: Finite = Field(description="amplitude [rad]")
     phi: Finite = Field(description="phase [rad]")
@@ -47,27 +51,32 @@ class Harmonic(DriveEffect):
             "phi": float(rng.uniform(-np.pi, np.pi)),
         }
 
-    def sine(self, motion: Motion, cycles: float) -> Array:
-        """Return A sin(cycles q_j + phi) in the column of the joint."""
-        phase = cycles * motion.q_rad[:, self.joint] + self.phi
-        return self.at_joint(self.A * np.sin(phase), motion.q_rad.shape[1])
+    def cycles_of(self, motion: Motion) -> float:
+        """Return the cycles a turn of the joint."""
+        del motion
+        return self.cycles
+
+    def error_rad(self, motion: Motion) -> Array:
+        """Return A sin(cycles q_j + phi)."""
+        error: Array = self.A * np.sin(self.cycles_of(motion) * motion.q_rad + self.phi)
+        return error
 
 
 class TransmissionError(Harmonic):
     """Kinematic error of a harmonic drive: two cycles a turn of the wave generator."""
 
-    id: ClassVar[str] = "transmission_error"
-    trial_places: ClassVar[tuple[str, ...]] = ("geared joint",)
-    usual_arc_seconds: ClassVar[float] = 20.0
-    plausible_size: ClassVar[float] = 3.1
+    id = "transmission_error"
+    trial_places = ("geared joint",)
+    usual_arc_seconds = 20.0
+    plausible_size = 3.1
 
-    def turn_rad(self, motion: Motion) -> Array:
-        """Return A sin(2 N_j q_j + phi), N_j the gear ratio.
+    def cycles_of(self, motion: Motion) -> float:
+        """Return twice the gear ratio.
 
         Raises:
             SimulationError: when the gear ratio is not known.
         """
-        ratio = float(motion.gear_ratio[self.joint])
+        ratio = float(motion.gear_ratio[0])
         if np.isnan(ratio):
             raise SimulationError(
                 "the gear ratio is not known",
@@ -75,39 +84,33 @@ class TransmissionError(Harmonic):
                 allowed="an arm description with gear_ratio in the joint's row",
                 remedy="add it, or hide another effect",
             )
-        return self.sine(motion, 2.0 * ratio)
+        return 2.0 * ratio
 
 
 class EncoderEccentricity(Harmonic):
     """An encoder disk off its centre: one cycle a turn of the joint."""
 
-    id: ClassVar[str] = "encoder_eccentricity"
-    plausible_size: ClassVar[float] = 2.1
-
-    def turn_rad(self, motion: Motion) -> Array:
-        """Return A sin(q_j + phi)."""
-        return self.sine(motion, 1.0)
+    id = "encoder_eccentricity"
+    cycles = 1.0
+    plausible_size = 2.1
 
 
 class EncoderEllipticity(Harmonic):
     """An encoder disk out of round: two cycles a turn of the joint."""
 
-    id: ClassVar[str] = "encoder_ellipticity"
-    plausible_size: ClassVar[float] = 2.1
-
-    def turn_rad(self, motion: Motion) -> Array:
-        """Return A sin(2 q_j + phi)."""
-        return self.sine(motion, 2.0)
+    id = "encoder_ellipticity"
+    cycles = 2.0
+    plausible_size = 2.1
 
 
-class JointErrorMap(DriveEffect):
+class JointErrorMap(JointDriveEffect):
     """An error that depends on the joint's angle, smooth and periodic in a turn.
 
     The knots are evenly spaced over one turn from q_j = 0; a cubic spline joins them.
     """
 
-    id: ClassVar[str] = "joint_error_map"
-    plausible_size: ClassVar[float] = 2.1
+    id = "joint_error_map"
+    plausible_size = 2.1
 
     knots: Annotated[tuple[Finite, ...], Field(min_length=3)] = Field(
         description="errors at the knots [rad]"
@@ -122,153 +125,126 @@ class JointErrorMap(DriveEffect):
         waves = np.cos(np.outer(angle, np.arange(1, _MAP_ORDERS + 1)) + phase).sum(axis=1)
         return {"knots": (size * 30.0 * ARC_SECOND * waves / np.abs(waves).max()).tolist()}
 
-    def turn_rad(self, motion: Motion) -> Array:
+    def error_rad(self, motion: Motion) -> Array:
         """Return the periodic spline through the knots at q_j."""
         closed = [*self.knots, self.knots[0]]
         angles = np.linspace(0.0, 2.0 * np.pi, len(closed))
         spline = CubicSpline(angles, closed, bc_type="periodic")
-        q_rad = motion.q_rad[:, self.joint]
-        return self.at_joint(spline(q_rad), motion.q_rad.shape[1])
+        error: Array = spline(motion.q_rad)
+        return error
 
 
-class GearRatioError(DriveEffect):
+class GearRatioError(JointDriveEffect):
     """A joint that turns by a little more than its ratio says."""
 
-    id: ClassVar[str] = "gear_ratio_error"
-    plausible_size: ClassVar[float] = 1.5
+    id = "gear_ratio_error"
+    usual = draws(eps=signed(2e-4))
+    plausible_size = 1.5
 
     eps: Finite = Field(description="relative excess")
 
-    @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
-        """Return 2e-4 either way."""
-        del site
-        return {"eps": either_sign(size * 2e-4, rng)}
-
-    def turn_rad(self, motion: Motion) -> Array:
+    def error_rad(self, motion: Motion) -> Array:
         """Return eps q_j."""
-        q_rad = motion.q_rad[:, self.joint]
-        return self.at_joint(self.eps * q_rad, motion.q_rad.shape[1])
+        return self.eps * motion.q_rad
 
 
-class Backlash(DriveEffect):
+class Backlash(JointDriveEffect):
     """Lost motion: the link leads or lags by the direction in which the joint arrived."""
 
-    id: ClassVar[str] = "backlash"
-    plausible_size: ClassVar[float] = 3.1
+    id = "backlash"
+    usual = draws(b=signed(20.0 * ARC_SECOND))
+    plausible_size = 3.1
 
     b: Finite = Field(description="half the lost motion [rad]")
 
-    @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
-        """Return 20 arc seconds either way."""
-        del site
-        return {"b": either_sign(size * (20.0 * ARC_SECOND), rng)}
-
-    def turn_rad(self, motion: Motion) -> Array:
+    def error_rad(self, motion: Motion) -> Array:
         """Return b s_j."""
-        s = motion.arrival[:, self.joint]
-        return self.at_joint(self.b * s, motion.q_rad.shape[1])
+        return self.b * motion.arrival
 
 
 class FrictionTorque(TorqueLogEffect):
-    """Friction holds part of the load or adds to it, by the direction of arrival."""
+    """Friction holds part of the load or adds to it, by the direction of arrival.
 
-    id: ClassVar[str] = "friction_torque"
-    plausible_size: ClassVar[float] = 2.0
+    It usually is a part of the joint's Coulomb friction.
+    """
+
+    id = "friction_torque"
+    usual = draws(tau_c=lambda site, size, _rng: size * 0.15 * site.coulomb_Nm)
+    plausible_size = 2.0
 
     tau_c: Finite = Field(description="torque that friction holds [N m]")
 
-    @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
-        """Return a part of the joint's Coulomb friction."""
-        del rng
-        return {"tau_c": size * 0.15 * site.coulomb_Nm}
-
-    def logged_too_much_Nm(self, tau_Nm: Array, arrival: Array) -> Array:
+    def too_much_Nm(self, tau_Nm: Array, arrival: Array) -> Array:
         """Return tau_c s_j."""
-        return self.at_joint(self.tau_c * arrival[:, self.joint], tau_Nm.shape[1])
+        del tau_Nm
+        return self.tau_c * arrival
 
 
 class TorqueGain(TorqueLogEffect):
     """The motor's torque constant is not what the log assumes."""
 
-    id: ClassVar[str] = "torque_gain"
-    trial_places: ClassVar[tuple[str, ...]] = ("loaded joint",)
-    plausible_size: ClassVar[float] = 1.25
+    id = "torque_gain"
+    trial_places = ("loaded joint",)
+    usual = draws(g=signed(0.04))
+    plausible_size = 1.25
 
     g: Finite = Field(description="relative excess of the logged torque")
 
-    @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
-        """Return 4 % either way."""
-        del site
-        return {"g": either_sign(size * 0.04, rng)}
-
-    def logged_too_much_Nm(self, tau_Nm: Array, arrival: Array) -> Array:
+    def too_much_Nm(self, tau_Nm: Array, arrival: Array) -> Array:
         """Return g tau_j."""
         del arrival
-        return self.at_joint(self.g * tau_Nm[:, self.joint], tau_Nm.shape[1])
+        return self.g * tau_Nm
 
 
 class JointCompliance(WindupEffect):
-    """A joint held rigid by the paper's model yields after all."""
+    """A joint held rigid by the paper's model yields after all.
 
-    id: ClassVar[str] = "joint_compliance"
-    places: ClassVar[tuple[str, ...]] = ("rigid joint",)
-    trial_places: ClassVar[tuple[str, ...]] = ("rigid loaded joint",)
-    plausible_size: ClassVar[float] = 1.2
+    It usually is as stiff as joints known to yield are, for its rated torque.
+    """
+
+    id = "joint_compliance"
+    places = ("rigid joint",)
+    trial_places = ("rigid loaded joint",)
+    usual = draws(K=lambda site, size, _rng: STIFFNESS_PER_RATED * site.rated_Nm / size)
+    plausible_size = 1.2
 
     K: FinitePositive = Field(description="stiffness [N m/rad]")
 
-    @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
-        """Return the stiffness that joints known to yield have, for the rated torque."""
-        del rng
-        return {"K": STIFFNESS_PER_RATED * site.rated_Nm / size}
-
-    def deflection_rad(self, tau_Nm: Array) -> Array:
+    def bent_rad(self, tau_Nm: Array) -> Array:
         """Return tau_j / K."""
-        return self.at_joint(tau_Nm[:, self.joint] / self.K, tau_Nm.shape[1])
+        return tau_Nm / self.K
 
 
 class SoftWindup(WindupEffect):
-    """Extra deflection, softer near zero torque."""
+    """Extra deflection, softer near zero torque: most of it below a fifth of the typical one."""
 
-    id: ClassVar[str] = "soft_windup"
-    places: ClassVar[tuple[str, ...]] = ("turning joint",)
-    trial_places: ClassVar[tuple[str, ...]] = ("loaded joint",)
-    plausible_size: ClassVar[float] = 3.0
+    id = "soft_windup"
+    places = ("turning joint",)
+    trial_places = ("loaded joint",)
+    usual = draws(
+        A=sized(1e-4),
+        tau0=lambda site, _size, _rng: 0.2 * site.typical_Nm,
+    )
+    plausible_size = 3.0
 
     A: Finite = Field(description="extra deflection under large torque [rad]")
     tau0: FinitePositive = Field(description="torque by which most of it has come [N m]")
 
-    @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
-        """Return 0.1 mrad, most of it below a fifth of the joint's typical torque."""
-        del rng
-        return {"A": size * 1e-4, "tau0": 0.2 * site.typical_Nm}
-
-    def deflection_rad(self, tau_Nm: Array) -> Array:
+    def bent_rad(self, tau_Nm: Array) -> Array:
         """Return A tanh(tau_j / tau0)."""
-        bent = self.A * np.tanh(tau_Nm[:, self.joint] / self.tau0)
-        return self.at_joint(bent, tau_Nm.shape[1])
+        bent: Array = self.A * np.tanh(tau_Nm / self.tau0)
+        return bent
 
 
 class WristCoupling(DriveEffect):
     """The last joint turns along with the joint before it."""
 
-    id: ClassVar[str] = "wrist_coupling"
-    places: ClassVar[tuple[str, ...]] = ("wrist",)
-    plausible_size: ClassVar[float] = 2.0
+    id = "wrist_coupling"
+    places = ("wrist",)
+    usual = draws(c=signed(5e-4))
+    plausible_size = 2.0
 
     c: Finite = Field(description="turn of the last joint a turn of the one before")
-
-    @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
-        """Return 5e-4 either way."""
-        del site
-        return {"c": either_sign(size * 5e-4, rng)}
 
     def turn_rad(self, motion: Motion) -> Array:
         """Return c q_(n-1) for joint n."""

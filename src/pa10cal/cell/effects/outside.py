@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
@@ -15,9 +15,10 @@ from pa10cal.cell.effects.effect import (
     FinitePositive,
     InstrumentEffect,
     LostMotionEffect,
-    Motion,
     Site,
+    draws,
     either_sign,
+    signed,
 )
 from pa10cal.cell.effects.joint import Harmonic
 
@@ -30,19 +31,16 @@ BOW_CUBIC = 0.2
 class ThirdHarmonic(Harmonic):
     """An error of three cycles a turn of the joint, as of a disk clamped by three screws."""
 
-    id: ClassVar[str] = "third_harmonic"
-    named: ClassVar[bool] = False
-
-    def turn_rad(self, motion: Motion) -> Array:
-        """Return A sin(3 q_j + phi)."""
-        return self.sine(motion, 3.0)
+    id = "third_harmonic"
+    named = False
+    cycles = 3.0
 
 
 class BowedAxis(InstrumentEffect):
     """A guideway that is not straight: one axis reads a bow along another."""
 
-    id: ClassVar[str] = "bowed_axis"
-    named: ClassVar[bool] = False
+    id = "bowed_axis"
+    named = False
 
     axis: Axis = Field(description="axis that reads wrong, 0 to 2")
     along: Axis = Field(description="axis along which it does, another one, 0 to 2")
@@ -78,43 +76,37 @@ class BowedAxis(InstrumentEffect):
 
 
 class DressPack(CarriedTorqueEffect):
-    """Cables and hoses along the arm pull a joint towards the angle at which they hang free."""
+    """Cables and hoses along the arm pull a joint towards the angle at which they hang free.
 
-    id: ClassVar[str] = "dress_pack"
-    named: ClassVar[bool] = False
-    trial_places: ClassVar[tuple[str, ...]] = ("rated joint",)
+    The pull usually is 2 % of the rated torque a radian.
+    """
+
+    id = "dress_pack"
+    named = False
+    trial_places = ("rated joint",)
+    usual = draws(
+        k=lambda site, size, _rng: size * 0.02 * site.rated_Nm,
+        q0=lambda _site, _size, rng: float(rng.uniform(-0.5, 0.5)),
+    )
 
     k: FinitePositive = Field(description="stiffness of the pull [N m/rad]")
     q0: Finite = Field(description="angle of the joint without pull [rad]")
 
-    @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
-        """Return a pull of 2 % of the rated torque a radian."""
-        return {"k": size * 0.02 * site.rated_Nm, "q0": float(rng.uniform(-0.5, 0.5))}
-
-    def carried_Nm(self, q_rad: Array) -> Array:
+    def pull_Nm(self, q_rad: Array) -> Array:
         """Return k (q_j - q0)."""
-        carried = np.zeros_like(q_rad)
-        carried[..., self.joint] = self.k * (q_rad[..., self.joint] - self.q0)
-        return carried
+        return self.k * (q_rad - self.q0)
 
 
 class Hysteresis(LostMotionEffect):
     """The link lags behind the motor by more where the joint carries more."""
 
-    id: ClassVar[str] = "hysteresis"
-    named: ClassVar[bool] = False
-    trial_places: ClassVar[tuple[str, ...]] = ("loaded joint",)
+    id = "hysteresis"
+    named = False
+    trial_places = ("loaded joint",)
+    usual = draws(h=signed(60.0 * ARC_SECOND))
 
     h: Finite = Field(description="lag under the rated torque [rad]")
 
-    @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
-        """Return an arc minute either way under the rated torque."""
-        del site
-        return {"h": either_sign(size * (60.0 * ARC_SECOND), rng)}
-
-    def lost_rad(self, tau_Nm: Array, arrival: Array, rated_Nm: Array) -> Array:
+    def lag_rad(self, load: Array, arrival: Array) -> Array:
         """Return h s_j |tau_j| / rated torque."""
-        load = np.abs(tau_Nm[:, self.joint]) / rated_Nm[self.joint]
-        return self.at_joint(self.h * arrival[:, self.joint] * load, tau_Nm.shape[1])
+        return self.h * arrival * np.abs(load)

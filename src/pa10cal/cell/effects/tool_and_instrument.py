@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
 import numpy as np
 from pydantic import Field
 
@@ -11,11 +9,12 @@ from pa10cal.cell.effects.effect import (
     Array,
     Finite,
     InstrumentEffect,
-    Site,
     ToolEffect,
     Triple,
-    any_direction,
-    either_sign,
+    directed,
+    draws,
+    signed,
+    sized,
 )
 from pa10cal.cell.mechanism import GRAVITY_M_S2
 
@@ -23,16 +22,10 @@ from pa10cal.cell.mechanism import GRAVITY_M_S2
 class ToolSag(ToolEffect):
     """The tool sags across its axis, the flange's z."""
 
-    id: ClassVar[str] = "tool_sag"
-    plausible_size: ClassVar[float] = 1.0
+    id = "tool_sag"
+    usual = draws(c=sized(1e-4))
 
     c: Finite = Field(description="sag with the tool held level [m]")
-
-    @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
-        """Return 0.1 mm."""
-        del site, rng
-        return {"c": size * 1e-4}
 
     def shift_m(self, R_base_ee: Array) -> Array:
         """Return c times the part of the unit gravity vector across the tool axis."""
@@ -43,18 +36,13 @@ class ToolSag(ToolEffect):
 
 
 class CmmScale(InstrumentEffect):
-    """Scales of the instrument's axes are off."""
+    """Scales of the instrument's axes are off, by 5e-5 an axis in the mean."""
 
-    id: ClassVar[str] = "cmm_scale"
-    plausible_size: ClassVar[float] = 2.0
+    id = "cmm_scale"
+    usual = draws(s=directed(5e-5 * float(np.sqrt(3.0))))
+    plausible_size = 2.0
 
     s: Triple = Field(description="relative excess of each axis")
-
-    @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
-        """Return 5e-5 an axis in the mean, in any direction."""
-        del site
-        return {"s": any_direction(size * (5e-5 * float(np.sqrt(3.0))), rng)}
 
     def read_too_much_m(self, p_instr_m: Array) -> Array:
         """Return s_k times coordinate k."""
@@ -65,16 +53,11 @@ class CmmScale(InstrumentEffect):
 class CmmSquareness(InstrumentEffect):
     """The instrument's y axis is not square to its x axis."""
 
-    id: ClassVar[str] = "cmm_squareness"
-    plausible_size: ClassVar[float] = 2.0
+    id = "cmm_squareness"
+    usual = draws(xy=signed(5e-5))
+    plausible_size = 2.0
 
     xy: Finite = Field(description="angle off square [rad]")
-
-    @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
-        """Return 5e-5 rad either way."""
-        del site
-        return {"xy": either_sign(size * 5e-5, rng)}
 
     def read_too_much_m(self, p_instr_m: Array) -> Array:
         """Return x + xy y in place of x."""
