@@ -82,6 +82,9 @@ def test_what_cannot_be_is_refused(tmp_path, path, capsys):
     argv = ["--settings", '{"postures": 8}', "--out", str(out)]
     assert run_command("curve_calibration", argv) == REFUSED
     assert "fewer equations than unknowns" in capsys.readouterr().err
+    argv = ["--settings", '{"holdout_share": 0.001}', "--out", str(out)]
+    assert run_command("curve_calibration", argv) == REFUSED
+    assert "a holdout_share that holds out one posture or more" in capsys.readouterr().err
     argv = ["--figure", "curve", "--results", str(path.parent), "--out-dir", str(tmp_path)]
     assert run_command("figures", argv) == REFUSED
     assert "no such figure or table" in capsys.readouterr().err

@@ -38,6 +38,12 @@ class CurveStudyOptions(Section):
         2e-4, description="noise of an attitude about each axis, stated as it is"
     )
 
+    @model_validator(mode="after")
+    def _some_held_out(self) -> CurveStudyOptions:
+        if not round(self.holdout_share * self.postures):
+            raise ValueError("a holdout_share that holds out one posture or more")
+        return self
+
 
 class LineShape(Section):
     """A straight line."""
