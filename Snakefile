@@ -36,7 +36,7 @@ rule all:
     input:
         expand(rules.calibrate.output, campaign=SETTINGS.campaigns),
         every(planes_of),
-        every(verdict_of),
+        expand(rules.discover.output.verdict, campaign=SETTINGS.campaigns),
         expand(rules.export.output.model, campaign=SETTINGS.campaigns),
         expand(rules.evaluate.output, campaign=SETTINGS.campaigns),
         rules.figures.input,

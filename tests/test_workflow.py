@@ -191,7 +191,7 @@ def test_pictures_wait_for_what_a_campaign_has(checkout, kind):
     assert code == 0, text
     results = checkout.place / "results/c1"
     assert (results / "pictures.json").exists()
-    assert (results / "discovery").exists() is (kind == "pose")
+    assert (results / "discovery/verdict.json").exists()
     assert not (results / "montecarlo").exists()
 
 

@@ -58,10 +58,12 @@ def discover(
 
     Returns:
         The verdict: `verdict.verdict` in a word, `verdict.effects`, `verdict.model` with the
-        effects in it, `verdict.holdout` and `verdict.train` for the gap.
+        effects in it, `verdict.holdout` and `verdict.train` for the gap. With too few poses or
+        repeats the word is `not_sought`, `verdict.why` and `verdict.remedy` say what is lacking,
+        and `verdict.model` is the calibrated model.
 
     Raises:
-        DiscoveryError: when there are too few poses, or too little is repeated.
+        CalibrationError: when a joint with a spring has no torque.
     """
     from pa10cal.discovery.discover import discover as search
     from pa10cal.discovery.setup import setup_of

@@ -9,7 +9,7 @@ import yaml
 
 from made_up_survey import Hidden, measured, rough
 from pa10cal.cell.write import write_campaign
-from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.commands.command_line import run_command
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.codec import read as read_record
 
@@ -171,14 +171,6 @@ def test_the_model_holds_the_angles_seen(work):
     seen = record["fitted_model"]["seen"]
     assert [entry["turns"] for entry in seen] == [e["turns"] for e in record["angles_seen"]]
     assert [e["intervals"] for e in seen] == [e["stretches"] for e in record["angles_seen"]]
-
-
-def test_few_poses_without_repeats_are_refused(tmp_path, capsys):
-    write_campaign(measured(poses=60, held_out=10), tmp_path / "raw")
-    calibrated(tmp_path)
-    assert discovered(tmp_path) == REFUSED
-    assert "too few repeats" in capsys.readouterr().err
-    assert not any(path.exists() for path in _outputs(tmp_path))
 
 
 @pytest.mark.slow

@@ -103,6 +103,7 @@ def test_the_floor_is_the_mean_length_of_a_vector_with_alike_components():
     ("said", "named_share", "unexplained_share"),
     [
         (verdict(), 0.0, 0.0),
+        (verdict(word="not_sought"), 0.0, 0.0),
         (verdict(named(WAVE)), 1.0, 0.0),
         (verdict(named(WAVE, DISK)), 1.0, 0.0),
         (verdict(word="unexplained", places=("base",)), 0.0, 1.0),
@@ -125,6 +126,7 @@ def test_nothing_hidden(said, named_share, unexplained_share):
         (verdict(named(LOST)), 0.0, 0.0, 0.0, 1.0),
         (verdict(named(Name("transmission_error", "joint 3"))), 0.0, 0.0, 0.0, 1.0),
         (verdict(), 0.0, 0.0, 0.0, 0.0),
+        (verdict(word="not_sought"), 0.0, 0.0, 0.0, 0.0),
         (verdict(word="unexplained", places=("joint 2",)), 0.0, 0.0, 0.0, 0.0),
         (None, 0.0, 0.0, 0.0, 1.0),
     ],

@@ -34,13 +34,13 @@ def _run(command, *words):
     assert run_command(command, [str(word) for word in words]) == 0
 
 
-def _discover(place):
+def _discover(place, raw=CAMPAIGN):
     given = ("--poses", place / "ingest/poses.parquet")
     given += ("--calibration", place / "calibration/combined.json")
     out = {name: place / f"discovery/{name}.json" for name in ("verdict", "analysis", "extended")}
     out["suggested"] = place / "discovery/suggested_poses.csv"
     words = [word for name, path in out.items() for word in (f"--{name}", path)]
-    _run("discover", "--campaign-dir", CAMPAIGN, *given, *words)
+    _run("discover", "--campaign-dir", raw, *given, *words)
 
 
 def _results(folder, raw, settings=None) -> Results:
@@ -114,7 +114,10 @@ SIGHTED = {
 
 @pytest.fixture(scope="session")
 def sighted(tmp_path_factory) -> dict[str, Results]:
-    """Campaigns calibrated with the general model, by what the instrument sees."""
+    """Campaigns calibrated with the general model, by what the instrument sees.
+
+    Their poses are too few for effects to be sought.
+    """
     return {kind: _sighted(kind, tmp_path_factory.mktemp(kind)) for kind in SIGHTED}
 
 
@@ -133,8 +136,10 @@ def _sighted(kind, place) -> Results:
     combined = folder / "calibration/combined.json"
     begun = ("--base-frame", base_frame, "--load", "combined")
     _run("calibrate", *given, *begun, "--out", combined)
+    _discover(folder, raw)
+    extended = ("--extended", folder / "discovery/extended.json")
     out = folder / "evaluation/holdout.json"
-    _run("evaluate", *given, "--calibration", combined, "--out", out)
+    _run("evaluate", *given, "--calibration", combined, *extended, "--out", out)
     return _results(folder, raw)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.quiver import Quiver, QuiverKey
 from matplotlib.text import Text
 
@@ -229,7 +230,19 @@ class TestResidualField:
         np.testing.assert_allclose(arrows[2].X, rows.place_mm[:5, 0])
         error = np.linalg.norm(rows.after_mm[:5], axis=1)
         said = f"{np.sqrt(np.mean(error**2)):.3f} mm in 5 of {len(rows)}"
-        assert any(said in text for text in texts_of(gap_by_step.draw(source)))
+        drawn = gap_by_step.draw(source)
+        (line,) = (text for text in drawn.findobj(Text) if said in text.get_text())
+        FigureCanvasAgg(drawn).draw()
+        assert line.get_window_extent().x1 < drawn.bbox.x1
+
+    def test_where_all_extrapolate_it_is_said(self, changed):
+        def beyond(record):
+            for row in record["gap"]["holdout"]:
+                row["extrapolated"] = True
+
+        texts = texts_of(gap_by_step.draw(changed("discovery/analysis.json", beyond)))
+        assert any("mm; all poses are extrapolated." in text for text in texts)
+        assert not any("nan" in text for text in texts)
 
 
 class TestParameterShifts:
@@ -316,6 +329,19 @@ class TestVerdictTable:
         assert "| held out, extrapolated | all |" in text
         assert "| joint_error_map | joint 3 | 24 knots a turn, rms 0.000212 rad | none |" in text
         assert "0.300 mm without, 0.100 mm with it; better in 9 of 10 blocks, z 8.0" in text
+
+    @pytest.mark.parametrize("kind", ["points", "distance"])
+    def test_says_why_effects_were_not_sought_and_what_would_do(self, sighted, kind, tmp_path):
+        found = sighted[kind].verdict()
+        first, *rows = self.rows(sighted[kind], tmp_path)
+        assert (first["value"], first["remark"]) == ("not_sought", f"{found.why}; {found.remedy}")
+        assert {row["kind"] for row in rows} == {"gap"}
+        text = (tmp_path / "verdict.md").read_text("utf-8")
+        assert f"| {found.why} | {found.remedy} |" in text
+        assert "| poses | load | mean | rms | peak |" in text
+        assert "| held out | all |" in text
+        assert "reduction" not in text
+        assert "The noise is that of the instrument's stated uncertainty" in text
 
     def test_says_when_nothing_was_named(self, results, tmp_path):
         rows = self.rows(results, tmp_path)

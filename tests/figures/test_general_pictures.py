@@ -299,8 +299,9 @@ class TestJointErrorMaps:
 
 class TestResidualField:
     @pytest.mark.parametrize("kind", ["points", "distance"])
-    def test_without_discovery_the_calibrated_model_is_drawn(self, sighted, kind):
+    def test_where_effects_are_not_sought_the_calibrated_model_is_drawn(self, sighted, kind):
         source = sighted[kind]
+        assert source.verdict().verdict == "not_sought"
         figure = residual_field.draw(source)
         arrows = [artist for axes in figure.axes for artist in axes.findobj(Quiver)]
         rows = source.general().residuals

@@ -1,6 +1,7 @@
 """What the tables of health and of the general model hold is what the records say."""
 
 import csv
+import json
 
 import numpy as np
 import pytest
@@ -117,6 +118,14 @@ class TestAccuracy:
             assert float(row["rms_mm"]) == pytest.approx(model.rms_mm, rel=1e-5)
             assert float(row["orientation_deg"]) == pytest.approx(model.orientation_deg, rel=1e-5)
         assert "| geometry and springs | all |" in text
+
+    def test_a_model_to_which_nothing_was_added_is_not_listed_twice(self, sighted, tmp_path):
+        source = sighted["points"]
+        record = json.loads((source.folder / "evaluation/holdout.json").read_text("utf-8"))
+        assert record["models"]["extended"] == record["models"]["linear"]
+        rows, text = rows_of(accuracy_general, source, tmp_path)
+        assert "extended" not in {row["model"] for row in rows}
+        assert "discovered effects" not in text
 
     def test_what_is_extrapolated_stands_apart(self, learnt, tmp_path):
         rows, text = rows_of(accuracy_general, learnt, tmp_path)

@@ -93,8 +93,8 @@ class TestAll:
         ("source", "expected"),
         [
             ("results", ALWAYS | PAPER | SOUGHT | {"where_torque"}),
-            ("points", ALWAYS | GENERAL | {"error_by_joint"}),
-            ("distance", ALWAYS | GENERAL),
+            ("points", ALWAYS | GENERAL | {"error_by_joint", "verdict"}),
+            ("distance", ALWAYS | GENERAL | {"verdict"}),
         ],
     )
     def test_what_is_drawn_follows_from_what_the_campaign_is(

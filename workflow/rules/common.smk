@@ -10,7 +10,6 @@ from pa10cal.errors import SettingsError
 from pa10cal.planning.campaign import (
     arm_files,
     campaign_name,
-    can_seek_effects,
     instrument_kind,
     missing_campaign,
     raw_files,
@@ -159,29 +158,6 @@ def by_general_model(campaign):
     return planned_by_general_model(
         SETTINGS.calibration.model, instrument_kind(Path(SETTINGS.raw_dir, campaign))
     )
-
-
-def seeks_effects(campaign):
-    """Whether missing effects are sought: positions and attitudes are needed for it."""
-    if campaign in IMPORTED:
-        return True
-    return can_seek_effects(instrument_kind(Path(SETTINGS.raw_dir, campaign)))
-
-
-def verdict_of(campaign):
-    """The verdict on a campaign in which missing effects are sought."""
-    return expand(result("discovery/verdict.json"), campaign=campaign) * seeks_effects(campaign)
-
-
-def extended_model(wildcards):
-    """The model with the effects that were missing, where they are sought."""
-    campaign = wildcards.campaign
-    return expand(result("discovery/extended.json"), campaign=campaign) * seeks_effects(campaign)
-
-
-def extended_option(wildcards, input):
-    """The option that names that model."""
-    return f"--extended {shlex.quote(str(input.extended))}" if input.extended else ""
 
 
 def every(results_of):

@@ -8,13 +8,6 @@ def found_of(*names):
     return lambda campaign: expand(result("{name}"), campaign=campaign, name=names)
 
 
-def discovered(name):
-    """A result of discovery, where effects are sought."""
-    return lambda campaign: found_of("calibration", f"discovery/{name}.json")(campaign)[
-        : 2 * seeks_effects(campaign)
-    ]
-
-
 # The files behind what modules call their needs; what is left out is a property of the campaign.
 NEEDS = {
     **dict.fromkeys(
@@ -24,10 +17,16 @@ NEEDS = {
     "poses": found_of("ingest/poses.parquet"),
     "base_frame": found_of("seed/base_frame.json"),
     "planes": planes_of,
-    **dict.fromkeys(("evaluation", "held_out"), found_of("calibration", "evaluation/holdout.json")),
-    "analysis": discovered("analysis"),
-    "verdict": discovered("verdict"),
-    "gap": lambda campaign: [*discovered("analysis")(campaign), *found_of("calibration")(campaign)],
+    **dict.fromkeys(
+        ("evaluation", "held_out"),
+        found_of("calibration", "evaluation/holdout.json", "discovery/verdict.json"),
+    ),
+    # The verdict says whether effects were sought, and the calibration whether it converged.
+    **dict.fromkeys(
+        ("analysis", "gap"),
+        found_of("calibration", "discovery/analysis.json", "discovery/verdict.json"),
+    ),
+    "verdict": found_of("calibration", "discovery/verdict.json"),
 }
 
 

@@ -5,7 +5,7 @@ rule evaluate:
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         calibration=result("calibration"),
-        extended=extended_model,
+        extended=result("discovery/extended.json"),
     output:
         result("evaluation/holdout.json"),
     log:
@@ -14,8 +14,7 @@ rule evaluate:
         calibration=evaluated_calibration,
         code=code_of("commands.evaluate"),
         folder=campaign_folder,
-        extended=extended_option,
     shell:
         "python -m pa10cal evaluate --campaign-dir {params.folder:q} --poses {input.poses:q}"
-        " --calibration {params.calibration:q} {params.extended} --out {output:q}"
+        " --calibration {params.calibration:q} --extended {input.extended:q} --out {output:q}"
         " 2>&1 | tee {log:q} >&2"

@@ -2,7 +2,7 @@ rule export:
     """The calibrated model for other programs: all parameters, and the geometry as URDF."""
     input:
         calibration=result("calibration"),
-        extended=extended_model,
+        extended=result("discovery/extended.json"),
     output:
         model=result("model/model.yaml"),
         covariance=result("model/model.covariance.npz"),
@@ -12,7 +12,6 @@ rule export:
     params:
         calibration=evaluated_calibration,
         code=code_of("commands.export"),
-        extended=extended_option,
     shell:
-        "python -m pa10cal export --calibration {params.calibration:q} {params.extended}"
+        "python -m pa10cal export --calibration {params.calibration:q} --extended {input.extended:q}"
         " --model {output.model:q} --urdf {output.urdf:q} 2>&1 | tee {log:q} >&2"

@@ -29,7 +29,7 @@ rule ur10:
             path
             for campaign in IMPORTED
             for path in (
-                *verdict_of(campaign),
+                *expand(rules.discover.output.verdict, campaign=campaign),
                 *expand(rules.export.output.model, campaign=campaign),
                 *expand(result("pictures.json"), campaign=campaign),
             )

@@ -96,6 +96,8 @@ def _with_effects(
     from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.discovery.setup import setup_of
     from pa10cal.errors import CalibrationError
+    from pa10cal.results.codec import read
+    from pa10cal.results.discovery import ExtendedRecord
 
     if options.effects != "named":
         effects: list[Place | Effect] = [Place(each.id, each.of) for each in options.effects]
@@ -109,6 +111,9 @@ def _with_effects(
         )
     else:
         effects = [*effects_of(read_extended(named, campaign.name).model)]
+    if named is not None and not effects:
+        word = read(ExtendedRecord, named, campaign.name).verdict
+        print(f"{campaign.name} {load}: the verdict {word} names no effects to calibrate with")
     if not effects:
         return record
     case = COMBINED if load == GENERAL else load

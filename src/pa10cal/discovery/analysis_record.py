@@ -121,9 +121,7 @@ def lack_of_fit_part(found: domain.LackOfFit) -> parts.LackOfFit:
             parts.Drift(
                 axis=drift.axis,
                 by_time_mm_per_h=_estimate(drift.mm_per_h),
-                by_temperature_mm_per_K=None
-                if drift.mm_per_K is None
-                else _estimate(drift.mm_per_K),
+                by_temperature_mm_per_K=_estimate(drift.mm_per_K),
             )
             for drift in found.drifts
         ),
@@ -185,7 +183,9 @@ def _parts(found: Iterable[domain.Part]) -> tuple[parts.ErrorPart, ...]:
     )
 
 
-def _estimate(found: Estimate) -> accuracy.Estimate:
+def _estimate(found: Estimate | None) -> accuracy.Estimate | None:
+    if found is None:
+        return None
     return accuracy.Estimate(value=found.value, std=_known(found.std))
 
 

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+#: What differs by a smaller part than this is the same.
+_ROUNDING = 1e-9
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -27,8 +30,13 @@ def mean(values: Array, weight: Array, pose: NDArray[np.str_]) -> Estimate:
     return _last_coefficient(np.ones((len(values), 1)), values, weight, pose)
 
 
-def slope(by: Array, values: Array, weight: Array, pose: NDArray[np.str_]) -> Estimate:
-    """Return the slope of (C,) values by (C,) another quantity, beside a constant."""
+def slope(by: Array, values: Array, weight: Array, pose: NDArray[np.str_]) -> Estimate | None:
+    """Return the slope of (C,) values by (C,) another quantity, beside a constant.
+
+    None where that quantity is the same in all of them, but for rounding, or not known.
+    """
+    if not np.ptp(by) > _ROUNDING * np.abs(by).max():
+        return None
     columns = np.column_stack([np.ones(len(by)), by - by.mean()])
     return _last_coefficient(columns, values, weight, pose)
 

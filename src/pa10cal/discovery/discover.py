@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pa10cal.discovery.blocked_cv.survey import enough
+import numpy as np
+
+from pa10cal.calibration.calibrate import check_torques
+from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
 from pa10cal.discovery.noise import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
+from pa10cal.discovery.not_sought import TooLittle, not_sought
 from pa10cal.discovery.preparation import MeasurementSetup, prepared
+from pa10cal.errors import DiscoveryError
 
 if TYPE_CHECKING:
     from pa10cal.discovery.verdict import Verdict
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.observe.observations import Observations
+
+#: Components of different poses that there must be for every unknown of the model, where repeats
+#: are the judge: else the model's own parameters follow the poses wherever they are.
+_ROWS_AN_UNKNOWN = 1.25
 
 
 def discover(
@@ -21,7 +30,8 @@ def discover(
 ) -> Verdict[object]:
     """Find which effects are missing from a calibrated model.
 
-    Held-out poses serve nothing but the gap.
+    Held-out poses serve nothing but the gap. In a campaign with too few poses or repeats nothing is
+    sought, and the verdict says so.
 
     Args:
         every: single readings of a campaign, of all kinds, with the instrument's covariance.
@@ -29,17 +39,24 @@ def discover(
         setup: what is known of the campaign besides its readings, and the options of the search.
 
     Raises:
-        DiscoveryError: when there are too few poses, or too little is repeated.
         CalibrationError: when a joint with a spring has no torque.
     """
     campaign = prepared(every, model, setup)
+    error_rate = setup.options.error_rate
     if judged_by_blocks(campaign.readings):
         from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
 
-        return discover_by_blocks(campaign, setup.options.error_rate)
+        return discover_by_blocks(campaign, error_rate)
+    check_torques(campaign.baseline.model, campaign.readings)
+    if lacking := too_little(campaign.trusted, campaign.baseline):
+        return not_sought(campaign, model, lacking, error_rate)
     from pa10cal.discovery.evidence.discover import discover_by_repeats
 
-    return discover_by_repeats(campaign, setup.options.error_rate)
+    try:
+        return discover_by_repeats(campaign, error_rate)
+    except DiscoveryError as error:  # repeats show no noise, as where readings were copied
+        lacking = TooLittle(f"{error.what} ({error.value})", error.remedy or "measure them again")
+        return not_sought(campaign, model, lacking, error_rate)
 
 
 def judged_by_blocks(readings: Observations) -> bool:
@@ -52,3 +69,31 @@ def judged_by_blocks(readings: Observations) -> bool:
     return enough(len(readings)) and repeats < max(
         LEAST_DIFFERENCES, LEAST_REPEATED * len(readings)
     )
+
+
+def too_little(readings: Observations, baseline: FittedModel) -> TooLittle | None:
+    """Return what a campaign lacks for a search that is judged by repeats; None for nothing.
+
+    Args:
+        readings: single readings of the poses fitted, without gross errors.
+        baseline: the calibrated model.
+    """
+    repeats = repeated(readings)
+    if repeats < LEAST_DIFFERENCES:
+        return TooLittle(
+            f"{len(readings)} readings of calibration poses are too few to hold out blocks of "
+            f"them, and with {repeats} repeats the repeatability is not known",
+            f"measure at least {LEAST_FOR_BLOCKS} calibration poses, or repeat at least "
+            f"{LEAST_DIFFERENCES} readings at the same pose, load and direction of arrival",
+        )
+    poses = len(np.unique(readings.pose))
+    unknowns = len(baseline.model.parameters) + 6 + len(baseline.targets_m)
+    components = float(readings.measured.components_seen.sum(axis=1).mean())
+    needed = int(np.ceil(_ROWS_AN_UNKNOWN * unknowns / components))
+    if poses < needed:
+        return TooLittle(
+            f"{poses} calibration poses are too few to separate an effect from the {unknowns} "
+            "unknowns of the model",
+            f"measure at least {needed} calibration poses, well spread over the joints' ranges",
+        )
+    return None

@@ -14,7 +14,13 @@ from scipy.special import fdtrc
 from pa10cal.arm.description import Arm
 from pa10cal.discovery.clustered import Estimate, mean, slope
 from pa10cal.discovery.joint_space import JointErrors, Periodogram, joint_errors, periodogram
-from pa10cal.discovery.linear import error_mm, position_m, position_noise
+from pa10cal.discovery.linear import (
+    by_joints,
+    error_mm,
+    position_m,
+    position_noise,
+    residual,
+)
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 
@@ -142,12 +148,13 @@ class Drift:
 
     Attributes:
         axis: `x`, `y` or `z`.
-        mm_per_h: with time.
+        mm_per_h: with time; None where the cells have the same mean time, as with a way there and
+            back.
         mm_per_K: with temperature, None where it was not logged or did not change.
     """
 
     axis: str
-    mm_per_h: Estimate
+    mm_per_h: Estimate | None
     mm_per_K: Estimate | None
 
 
@@ -202,6 +209,12 @@ class CellResiduals:
     components: Array
     cov: Array
     screws: Array
+
+    @classmethod
+    def about(cls, at: FittedModel, poses: Observations, cov: Array) -> CellResiduals:
+        """Return the residuals of complete poses, whose components have a covariance (P, b, b)."""
+        joints = range(1, poses.states.n + 1)
+        return cls(at, poses, -residual(at, poses), cov, by_joints(at, poses, joints))
 
 
 @dataclass(frozen=True)
@@ -300,11 +313,10 @@ def _arrivals(cells: Observations, values: Array, weight: Array, j: int) -> tupl
 def _drift(cells: Observations, axis: str, position_mm: Array) -> Drift:
     weight = cells.readings.astype(float)
     hours, kelvin = cells.states.time_s / _HOUR_S, cells.states.temperature_C
-    logged = bool(np.isfinite(kelvin).all()) and float(np.ptp(kelvin)) > 0.0
     return Drift(
         axis=axis,
         mm_per_h=slope(hours, position_mm, weight, cells.pose),
-        mm_per_K=slope(kelvin, position_mm, weight, cells.pose) if logged else None,
+        mm_per_K=slope(kelvin, position_mm, weight, cells.pose),
     )
 
 

@@ -163,6 +163,17 @@ def mean_length(covariance: Array) -> Array:
     return lengths
 
 
+def mean_error_of_noise_mm(measured: Instrument, cov: Array) -> float:
+    """Return the mean position error that noise alone leaves, the same noise in all poses.
+
+    Args:
+        measured: what was measured.
+        cov: (P, b, b) covariance of the components.
+    """
+    mean = position_noise(measured, cov).mean(axis=0, keepdims=True)
+    return float(1e3 * mean_length(mean)[0])
+
+
 def _along_base(by_end: Array, at: FittedModel) -> Array:
     """Return a derivative (P, b, 6) by the end along base axes from one along the instrument's."""
     R = at.T_instr_base[:3, :3]

@@ -30,6 +30,8 @@ LEAST_DIFFERENCES = 20
 LEAST_REPEATED = 0.25
 #: Poses closer than this in every joint count as the same [rad; m of a prismatic joint].
 NEARLY_SAME = 2e-3
+#: Scatter of a torque, as part of the largest torque, that rounding alone makes.
+_QUIET = 1e-6
 _REWEIGHTED = 2
 MEDIAN_TO_SIGMA = 1.0 / float(ndtri(0.75))
 
@@ -45,7 +47,8 @@ class Noise:
         joint_rad: (n,) standard deviation of each joint that the scatter shows; none where the
             scatter was not attributed to its sources.
         instrument: factor on the instrument's stated standard uncertainty that the scatter shows.
-        torque_Nm: (n,) standard deviation of a reading's torques (nan where none is logged).
+        torque_Nm: (n,) standard deviation of a reading's torques (nan where none is logged; zero
+            where none scatters, as in a log that was calculated).
     """
 
     cov: Array
@@ -53,6 +56,16 @@ class Noise:
     joint_rad: Array = field(default_factory=lambda: np.zeros(0))
     instrument: float = 1.0
     torque_Nm: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def origin(self) -> str:
+        """Return what noise that was not found from repeats was found from."""
+        if not self.differences:
+            return "the instrument's stated uncertainty: repeats do not show the noise"
+        return (
+            f"{self.differences} pairs of poses closer than {1e3 * NEARLY_SAME:g} mrad in every "
+            "joint"
+        )
 
 
 def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) -> Noise:
@@ -111,8 +124,23 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
         differences=len(pairs),
         joint_rad=np.sqrt(variances[:n]),
         instrument=float(np.sqrt(variances[n])),
-        torque_Nm=np.sqrt(np.mean(torque_difference**2, axis=0)),
+        torque_Nm=_torque_noise_Nm(torque_difference, torque),
     )
+
+
+def _torque_noise_Nm(difference_Nm: Array, torque_Nm: Array) -> Array:
+    """Return the standard deviation (n,) of a reading's torques.
+
+    A joint whose log does not scatter, such as one that always reads zero, counts as scattering by
+    as much as the joint that scatters most: nothing else is known of it.
+
+    Args:
+        difference_Nm: (D, n) of successive readings of a pose, of the variance of one reading.
+        torque_Nm: (P, n) of all readings.
+    """
+    noise_Nm = np.sqrt(np.mean(difference_Nm**2, axis=0))
+    quiet = noise_Nm <= _QUIET * np.abs(torque_Nm).max()
+    return np.where(quiet, 0.0 if quiet.all() else noise_Nm.max(), noise_Nm)
 
 
 def noise_of_near_poses(poses: Observations, residual: Array) -> Noise:
@@ -135,6 +163,8 @@ def noise_of_near_poses(poses: Observations, residual: Array) -> Noise:
     variance = np.zeros(residual.shape[1])
     for _, at in measured.component_kinds:
         variance[at] = np.square(MEDIAN_TO_SIGMA * np.median(difference[:, at][both[:, at]]))
+    if not variance.all():  # readings that were copied
+        return Noise(measured.stated_covariance, 0)
     return Noise(np.tile(np.diag(variance), (len(poses), 1, 1)), len(first))
 
 

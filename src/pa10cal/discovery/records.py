@@ -109,6 +109,8 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
     by_blocks = found if isinstance(found, VerdictByBlocks) else None
     return VerdictKeys(
         verdict=found.verdict,
+        why=found.why,
+        remedy=found.remedy,
         method=found.method,
         effects=tuple(found_effect(finding, found) for finding in found.effects),
         unexplained=all_unexplained(found.effects, found.unexplained),
@@ -163,8 +165,10 @@ def _suggested(pose: NextPose) -> parts.SuggestedPose:
     )
 
 
-def _search(found: Verdict[object]) -> parts.SearchByRepeats | parts.SearchByBlocks:
-    """Return how effects were searched for."""
+def _search(found: Verdict[object]) -> parts.SearchByRepeats | parts.SearchByBlocks | None:
+    """Return how effects were searched for; None where they were not."""
+    if found.method is None:
+        return None
     if isinstance(found, VerdictByBlocks):
         return parts.SearchByBlocks(
             candidates=found.candidates,
@@ -268,7 +272,9 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
 
 
 def summary(verdict: VerdictKeys) -> list[str]:
-    """Return the verdict in a few lines."""
+    """Return the verdict in a few lines; in one where effects were not sought."""
+    if verdict.verdict == "not_sought":
+        return [f"effects were not sought: {verdict.why}; {verdict.remedy}"]
     lines: list[str] = [verdict.verdict]
     for effect in verdict.effects:
         values = (

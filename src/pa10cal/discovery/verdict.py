@@ -22,7 +22,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 
 Array = NDArray[np.float64]
-Word = Literal["none", "named", "ambiguous", "unexplained"]
+Word = Literal["none", "named", "ambiguous", "unexplained", "not_sought"]
 P_co = TypeVar("P_co", covariant=True)
 
 MAP = "joint_error_map"
@@ -201,13 +201,23 @@ class Verdict(ABC, Generic[P_co]):
     holdout: Gap | None
     steps: tuple[Step, ...]
 
-    #: How effects are judged.
-    method: ClassVar[str]
+    #: How effects are judged; None where they are not sought.
+    method: ClassVar[str | None]
 
     @property
     def verdict(self) -> Word:
         """Return the verdict in a word."""
         return word_of(self.effects, self.unexplained)
+
+    @property
+    def why(self) -> str | None:
+        """Return why effects cannot be sought; None where they were."""
+        return None
+
+    @property
+    def remedy(self) -> str | None:
+        """Return what would do, where effects cannot be sought; else None."""
+        return None
 
     @property
     def baseline(self) -> FittedModel:
@@ -221,7 +231,7 @@ class Verdict(ABC, Generic[P_co]):
 
     @property
     def seen(self) -> AnglesSeen | None:
-        """Return the joint positions seen by the fit; None where it is not needed."""
+        """Return the joint positions that maps have learnt from; None without a map of its own."""
         return None
 
     @property

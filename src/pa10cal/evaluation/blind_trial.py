@@ -76,7 +76,7 @@ class Verdict:
     """The verdict on a trial.
 
     Attributes:
-        word: `none`, `named`, `ambiguous` or `unexplained`.
+        word: `none`, `named`, `ambiguous`, `unexplained` or `not_sought`.
         effects: what was named, in order.
         places: where something without a name sits; None where it is unknown.
         not_testable: what the data cannot show, or not surely at its plausible size.
@@ -102,7 +102,7 @@ class Verdict:
     @property
     def says_something(self) -> bool:
         """Whether anything was found, with a name or without."""
-        return self.word != "none" or bool(self.effects)
+        return self.word not in ("none", "not_sought") or bool(self.effects)
 
 
 @dataclass(frozen=True)

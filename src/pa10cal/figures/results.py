@@ -153,8 +153,10 @@ class Results:
         if need == "positions":
             seen = instruments()[self.instrument].directional
             return None if seen else "a distance alone does not show where the arm is"
-        if need == "gap":  # of the poses fitted, also where no effects are sought
-            need = "analysis" if self.seeks_effects else "calibration"
+        if need == "gap":  # of the calibrated model where there is no other
+            need = "analysis" if self.has_gap else "calibration"
+        if need == "analysis" and (verdict := self._not_sought):
+            return f"effects were not sought: {verdict.why}"
         if not (self.folder / FILES[need]).exists():
             return f"there is no {FILES[need]}"
         if need in ("papers_calibration", "general_calibration"):
@@ -189,9 +191,17 @@ class Results:
         return self.robot == published.ROBOT
 
     @property
-    def seeks_effects(self) -> bool:
-        """Whether effects are sought, which needs an instrument that measures poses."""
-        return instruments()[self.instrument].measures_pose
+    def has_gap(self) -> bool:
+        """Whether there is a model with effects to be compared with the calibrated one."""
+        return (self.folder / FILES["analysis"]).exists() and self._not_sought is None
+
+    @property
+    def _not_sought(self) -> VerdictRecord | None:
+        """Return the verdict where it is that effects cannot be sought."""
+        if not (self.folder / FILES["verdict"]).exists():
+            return None
+        found = self._read(VerdictRecord)
+        return found if found.verdict == "not_sought" else None
 
     def published(self, parameter: str) -> float | None:
         """Return the paper's value of a parameter [SI], None where there is none to compare."""
@@ -262,14 +272,17 @@ class Results:
         return {load: self.calibration(load) for load in loads}
 
     def held_out(self) -> HoldoutRecord:
-        """Read `evaluation/holdout.json`.
+        """Read `evaluation/holdout.json`, without an extended model that is the calibrated one.
 
         Raises:
             RecordError: when what was evaluated did not converge.
         """
         found = self._read(HoldoutRecord)
         self.any_calibration(found.calibration)
-        return found
+        if self._not_sought is None:
+            return found
+        models = {name: model for name, model in found.models.items() if name != "extended"}
+        return found.model_copy(update={"models": models})
 
     def analysis(self) -> AnalysisRecord:
         """Read `discovery/analysis.json`.

@@ -67,14 +67,6 @@ def by_general_model(model: str, instrument: str) -> bool:
     return takes_general_model(model, from_touches=found is not None and found.from_touches)
 
 
-def can_seek_effects(instrument: str) -> bool:
-    """Return whether missing effects can be sought in campaigns of an instrument, by its kind."""
-    from pa10cal.observe.registry import instruments
-
-    found = instruments().get(instrument)
-    return found is not None and found.measures_pose
-
-
 def campaign_name(folder: Path) -> str:
     """Return the name that `campaign.yaml` gives, or else that of the folder."""
     return str(_description(folder).get("name", folder.name))

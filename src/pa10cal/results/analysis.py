@@ -105,7 +105,9 @@ class Drift(Part):
     """Slope of the position error along one axis of the instrument."""
 
     axis: str = Field(description="`x`, `y` or `z`")
-    by_time_mm_per_h: Estimate = Field(description="slope against time [mm/h]")
+    by_time_mm_per_h: Estimate | None = Field(
+        description="slope against time [mm/h]; null where the cells have the same mean time"
+    )
     by_temperature_mm_per_K: Estimate | None = Field(
         description="slope against temperature [mm/K]; null where it was not measured"
     )
@@ -198,8 +200,8 @@ class GapRows(Table):
     before_mm: VectorColumn = Field(description="position residual before [mm]")
     after_mm: VectorColumn = Field(description="position residual after [mm]")
     extrapolated: FlagColumn | None = Field(
-        description="whether a joint leaves the angles that the fit has seen; null where effects "
-        "were judged by repeats"
+        description="whether a joint leaves the angles that maps have learnt from; null where "
+        "effects were judged by repeats or no map was found"
     )
 
 

@@ -22,7 +22,7 @@ from pa10cal.results.record import (
     optional,
 )
 
-Verdict = Literal["none", "named", "ambiguous", "unexplained"]
+Verdict = Literal["none", "named", "ambiguous", "unexplained", "not_sought"]
 
 
 class EffectName(Part):
@@ -156,14 +156,17 @@ class SetGap(LoadGap):
     )
     per_load: Mapping[LoadKey, LoadGap] = Field(description="the gap at each load")
     inside: BeforeAfter | None = Field(
-        description="inside the joint angles that the fit has seen; null where effects were judged "
-        "by repeats, or no configuration is"
+        description="inside the joint angles that maps have learnt from; null where effects were "
+        "judged by repeats, no map was found, or no configuration is"
     )
     outside: BeforeAfter | None = Field(description="outside them; null likewise")
 
 
 class Gap(Part):
-    """The error before (calibrated model) and after (with the named effects)."""
+    """The error before (calibrated model) and after (with the named effects).
+
+    Where effects were not sought, both are those of the calibrated model.
+    """
 
     noise_floor_mm: float = Field(
         description="mean position error that repeatability alone leaves [mm]"
@@ -275,10 +278,13 @@ class VerdictKeys(Part):
     verdict: Verdict = Field(
         description="`named` when every effect found stands alone; `ambiguous` when one at least "
         "has alternatives; `unexplained` when a significant gap remains that no effect closes; "
-        "`none` when model and data agree within the repeatability"
+        "`none` when model and data agree within the repeatability; `not_sought` when the campaign "
+        "has too few poses or repeats for a search"
     )
-    method: Literal["evidence of repeats", "cross-validation over blocks"] = Field(
-        description="how effects were judged"
+    why: str | None = optional("why effects cannot be sought, where `not_sought`")
+    remedy: str | None = optional("what would do, where `not_sought`")
+    method: Literal["evidence of repeats", "cross-validation over blocks"] | None = Field(
+        description="how effects were judged; null where they were not sought"
     )
     effects: tuple[FoundEffect, ...] = Field(description="effects named, in the order found")
     unexplained: AllUnexplained | None = Field(
@@ -296,8 +302,13 @@ class VerdictKeys(Part):
     )
     gap: Gap = Field(description="the error before and after")
     remaining: Remaining | None = optional("remaining error of blocks held out of the fit")
-    search: SearchByRepeats | SearchByBlocks = Field(description="how effects were searched for")
-    angles_seen: tuple[AnglesSeen, ...] | None = optional("values of each joint seen by the fit")
+    search: SearchByRepeats | SearchByBlocks | None = Field(
+        description="how effects were searched for; null where they were not"
+    )
+    angles_seen: tuple[AnglesSeen, ...] | None = optional(
+        "values of each joint seen by the fit, where effects were judged by blocks and a map was "
+        "found: it holds there"
+    )
     suggested_poses: tuple[SuggestedPose, ...] = Field(
         description="configurations to measure next, the most useful first"
     )
@@ -330,7 +341,10 @@ class ExtendedKeys(Part):
         description="the fitted model as `model.yaml` holds it (schema pa10cal-model/2); its "
         "covariance is in `extended.covariance.npz`"
     )
-    angles_seen: tuple[AnglesSeen, ...] | None = optional("values of each joint seen by the fit")
+    angles_seen: tuple[AnglesSeen, ...] | None = optional(
+        "values of each joint seen by the fit, where effects were judged by blocks and a map was "
+        "found: it holds there"
+    )
 
 
 class ExtendedRecord(ExtendedKeys, MeasuredRecord):

@@ -56,9 +56,6 @@ class CalibratedCampaign:
 
         Args:
             seconds_simulating: time that simulating the campaign took.
-
-        Raises:
-            DiscoveryError: when the data do not allow a search.
         """
         began = time.perf_counter()
         campaign, options, terms = self.campaign, self.options, self.model.model.terms

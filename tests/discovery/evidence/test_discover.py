@@ -168,13 +168,6 @@ def test_a_campaign_without_repeats_is_refused(null):
         null.discovered(readings=null.readings.take(first), held_out=None)
 
 
-def test_too_few_poses_are_refused(null):
-    readings = null.problem.readings
-    few = readings.take(np.isin(readings.pose, np.unique(readings.pose)[:5]))
-    with pytest.raises(DiscoveryError, match="too few poses"):
-        null.discovered(readings=few, held_out=None)
-
-
 def test_a_spring_without_torque_is_refused(null):
     readings = null.problem.readings
     silent = replace(readings.states, tau_Nm=np.full_like(readings.states.tau_Nm, np.nan))

@@ -23,7 +23,7 @@ from pa10cal.terms.model import Model
 def compare(
     campaign: Survey,
     extended: FittedModel,
-    seen: AnglesSeen,
+    seen: AnglesSeen | None,
     poses: Observations,
     noise_floor_mm: float,
 ) -> Gap:
@@ -32,7 +32,7 @@ def compare(
     Args:
         campaign: whose model it is.
         extended: the model with effects.
-        seen: joint positions that its fit has seen.
+        seen: joint positions that its maps have learnt from; None without a map.
         poses: measured poses, attitudes and torques as the model has them.
         noise_floor_mm: mean error that noise alone would leave.
     """

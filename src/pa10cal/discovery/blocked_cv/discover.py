@@ -33,13 +33,12 @@ from pa10cal.discovery.blocked_cv.search import Search, Step
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.gap import Named
 from pa10cal.discovery.lack_of_fit import CellResiduals, LackOfFit, lack_of_fit
-from pa10cal.discovery.linear import by_joints, mean_length, position_noise, residual
+from pa10cal.discovery.linear import mean_error_of_noise_mm, residual
 from pa10cal.discovery.next_poses.fill import fill
-from pa10cal.discovery.noise import NEARLY_SAME, Noise, noise_of_near_poses
+from pa10cal.discovery.noise import Noise, noise_of_near_poses
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.verdict import Finding, NotTestable, Plan, Verdict, reported
+from pa10cal.discovery.verdict import MAP, Finding, NotTestable, Plan, Verdict, reported
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
-from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -79,31 +78,26 @@ class VerdictByBlocks(Verdict[Prediction]):
 
     @cached_property
     @override
-    def seen(self) -> AnglesSeen:
-        """Return the joint positions that the fit has seen."""
-        return _seen(self.survey)
+    def seen(self) -> AnglesSeen | None:
+        """Return the joint positions that maps have learnt from; None without a map."""
+        return _seen(self.survey, self.extended.effects)
 
     @property
     @override
     def noise_floor_from(self) -> str:
         """Return what the noise floor was found from."""
-        if self.noise.differences:
-            return (
-                f"{self.noise.differences} pairs of poses closer than {1e3 * NEARLY_SAME:g} mrad "
-                "in every joint"
-            )
-        return "the instrument's stated uncertainty: hardly any pose is repeated"
+        return self.noise.origin
 
     @override
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
         """Return configurations that take joints to positions not seen."""
-        return Plan(fill(self.survey, self.seen, count, random_seed))
+        return Plan(fill(self.survey, _every_seen(self.survey), count, random_seed))
 
     @override
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
         """Return where data and model disagree, before and after."""
         before, after = (
-            _lack_of_fit(self.survey, at, self.noise)
+            lack_of_fit(CellResiduals.about(at, self.survey.poses, self.noise.cov))
             for at in (self.baseline, self.extended.fitted())
         )
         return before, after
@@ -139,7 +133,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
     extended = refit(judged, effects, amounts, rows.weights)
     fitted, poses = extended.fitted(), judged.poses
     noise = noise_of_near_poses(poses, residual(fitted, poses))
-    floor_mm = _floor_mm(judged, noise)
+    floor_mm = mean_error_of_noise_mm(poses.measured, noise.cov)
     remaining = remaining_error(rows, searched.errors_mm, floor_mm)
     findings = tuple(
         Finding(effect, *_reported(extended, effect), others, proof)
@@ -147,7 +141,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
             effects, searched.alternatives, searched.predictions, strict=True
         )
     )
-    seen, held_out = _seen(judged), campaign.held_out
+    seen, held_out = _seen(judged, effects), campaign.held_out
     components = poses.measured.components_seen.size
     return VerdictByBlocks(
         prepared=campaign,
@@ -231,18 +225,10 @@ def _reported(extended: Refit, effect: Effect) -> tuple[Array, Array]:
     return reported(effect, extended.x[columns], extended.covariance[columns, columns])
 
 
-def _seen(judged: Survey) -> AnglesSeen:
+def _seen(judged: Survey, effects: tuple[Effect, ...]) -> AnglesSeen | None:
+    """Return the joint positions seen where the model has learnt an error by them: in a map."""
+    return _every_seen(judged) if any(effect.id == MAP for effect in effects) else None
+
+
+def _every_seen(judged: Survey) -> AnglesSeen:
     return angles_seen(judged.poses.states.q_rad, ~judged.context.arm.prismatic)
-
-
-def _floor_mm(judged: Survey, noise: Noise) -> float:
-    """Return the mean position error that noise alone leaves."""
-    mean = position_noise(judged.poses.measured, noise.cov).mean(axis=0, keepdims=True)
-    return float(1e3 * mean_length(mean)[0])
-
-
-def _lack_of_fit(judged: Survey, at: FittedModel, noise: Noise) -> LackOfFit:
-    poses = judged.poses
-    joints = range(1, poses.states.n + 1)
-    left = CellResiduals(at, poses, -residual(at, poses), noise.cov, by_joints(at, poses, joints))
-    return lack_of_fit(left)

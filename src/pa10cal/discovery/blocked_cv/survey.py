@@ -22,6 +22,8 @@ Index = NDArray[np.intp]
 BLOCKS = 10
 #: A block of fewer poses says too little of how well it is predicted.
 _LEAST_POSES = 10
+#: Poses below which blocks of them cannot be held out.
+LEAST_FOR_BLOCKS = BLOCKS * _LEAST_POSES
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def survey(
             "too few poses to judge effects by blocked cross-validation",
             where="grid poses",
             value=len(readings),
-            allowed=f"at least {BLOCKS * _LEAST_POSES} poses",
+            allowed=f"at least {LEAST_FOR_BLOCKS} poses",
             remedy="measure more poses, or measure poses repeatedly",
         )
     poses = readings.take(np.argsort(readings.states.time_s, kind="stable"))
@@ -109,4 +111,4 @@ def _as_springs_take_them(poses: Observations) -> Observations:
 
 def enough(poses: int) -> bool:
     """Return whether there are so many poses that blocks of them can be held out."""
-    return poses >= BLOCKS * _LEAST_POSES
+    return poses >= LEAST_FOR_BLOCKS

@@ -25,7 +25,6 @@ from pa10cal.discovery.next_poses.separate import plan
 from pa10cal.discovery.preparation import Prepared, complete_about
 from pa10cal.discovery.verdict import Plan, Verdict
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
@@ -33,8 +32,6 @@ from pa10cal.terms.effects.family import candidates
 
 Array = NDArray[np.float64]
 
-#: Components of different poses that there must be for every unknown of the model.
-_ROWS_AN_UNKNOWN = 1.25
 #: Pairs for which configurations are chosen, the found ones first.
 _MOST_PAIRS = 8
 
@@ -73,9 +70,15 @@ class VerdictByRepeats(Verdict[Confirmation]):
 
     @override
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
-        """Return the configurations that best separate what the data cannot."""
+        """Return the configurations that best separate what the data cannot.
+
+        None where nothing can be foreseen, as without the masses that make the logged torques.
+        """
         found = self.judgement.found.fit
-        return plan(self.problem, found, self.unresolved(), count, random_seed)
+        try:
+            return plan(self.problem, found, self.unresolved(), count, random_seed)
+        except DiscoveryError:  # the verdict stands without it
+            return Plan((), ())
 
     @override
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
@@ -114,13 +117,12 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
         error_rate: probability allowed of naming anything where nothing is missing.
 
     Raises:
-        DiscoveryError: when there are too few poses, or too little is repeated.
+        DiscoveryError: when too little is repeated.
         CalibrationError: when a joint with a spring has no torque.
     """
     baseline = campaign.baseline
     check_torques(baseline.model, campaign.readings)
     readings = campaign.trusted
-    _check_enough(readings, baseline)
     problem = prepare(
         readings, baseline, campaign.setup, torques_logged=campaign.torques == "logged"
     )
@@ -150,22 +152,6 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
         family=family,
         judgement=judgement,
     )
-
-
-def _check_enough(readings: Observations, baseline: FittedModel) -> None:
-    """Refuse poses that the model's own parameters could follow wherever they are."""
-    poses = len(np.unique(readings.pose))
-    unknowns = len(baseline.model.parameters) + 6 + len(baseline.targets_m)
-    a_pose = float(readings.measured.components_seen.sum(axis=1).mean())
-    needed = int(np.ceil(_ROWS_AN_UNKNOWN * unknowns / a_pose))
-    if poses < needed:
-        raise DiscoveryError(
-            "too few poses to separate an effect from the model's own parameters",
-            where="grid poses",
-            value=poses,
-            allowed=f"at least {needed} poses for {unknowns} unknowns",
-            remedy="measure more poses, well spread over the joints' ranges",
-        )
 
 
 def compare(problem: Problem, extended: Fit, poses: Observations) -> Gap:

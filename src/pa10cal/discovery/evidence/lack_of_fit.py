@@ -69,7 +69,7 @@ def _channel_test(channel: NoiseModel, squares: Array, dof: Array, pure: int) ->
     shared = channel.shared_size > _NO_PART
     tests = [
         PureErrorTest(float(squares[rows].sum()), float(dof[rows].sum()), pure)
-        if rows.any()
+        if float(dof[rows].sum()) > _NO_PART
         else None
         for rows in (shared, ~shared)
     ]

@@ -42,7 +42,7 @@ class Problem:
         torque: rows of the torques, None where they or the masses are not known.
         torque_left_Nm: (C, n) logged torques less those of all weights (zero where not known).
         context: where effects may sit.
-        torques_logged: whether the torques are those of a log.
+        torques_logged: whether the torques are those of a log, and scatter.
     """
 
     baseline: FittedModel
@@ -84,7 +84,9 @@ def prepare(
     noise = noise_of_repeats(readings, -residual(about, readings), by_every_joint(about, readings))
     cells, cell_cov = gather(readings, noise.cov)
     cells = complete_about(cells, baseline, about, setup)
-    logged = torques_logged and bool(np.all(np.isfinite(cells.states.tau_Nm)))
+    # A log that never scatters was calculated, and tells nothing of the joints.
+    scatters = bool(np.any(noise.torque_Nm > 0.0))
+    logged = torques_logged and scatters and bool(np.all(np.isfinite(cells.states.tau_Nm)))
     pose, torque, of_weights_Nm = noise_models(
         cells, cell_cov, about, setup, noise.torque_Nm if logged else None, cells.states.load_N
     )

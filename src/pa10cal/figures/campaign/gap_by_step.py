@@ -90,7 +90,7 @@ def _beyond(found: AnalysisRecord) -> str:
     inside_mm = np.sqrt(np.mean(error_mm[~beyond] ** 2))
     return (
         f"Held out, last step: rms {inside_mm:.3f} mm inside the angles of the fit, "
-        f"{outside_mm:.3f} mm in {beyond.sum()} of {len(beyond)} poses, which are extrapolated."
+        f"{outside_mm:.3f} mm in {beyond.sum()} of {len(beyond)} (extrapolated)."
     )
 
 

@@ -145,8 +145,8 @@ def draw(results: Results) -> Figure:
 
 def _sets(results: Results) -> list[_Arrows]:
     """Return the arrows of the poses fitted and held out; before alone where none is after."""
-    if not results.seeks_effects:
-        return [_calibrated(results.general().residuals)]
+    if not results.has_gap:
+        return [_calibrated(results.any_calibration().residuals)]
     found = results.analysis().gap
     every = np.ones(len(found.train), dtype=bool)
     sets = [_before_and_after("poses fitted", found.train, every, _TRAIN)]

@@ -31,7 +31,8 @@ poses, and the share it explains of omitted poses and loads. Without repeats: th
 omitted blocks of poses without and with it, and the errors inside the joint angles of the fit
 and beyond. Then the gap that it closes, load by load, and effects that these poses cannot
 distinguish or cannot show at all, which is a statement about the measurement, not about the
-arm. The CSV holds the same, one number a row.
+arm. With too few poses or repeats effects are not sought; the table then says what would do.
+The CSV holds the same, one number a row.
 """,
 )
 
@@ -48,6 +49,7 @@ _GAP_HEADER = (
     "after",
     "reduction of the mean, 95 % interval",
 )
+_ERROR_HEADER = ("poses", "load", "mean", "rms", "peak")
 _PARTS = {"inside": "angles seen in the fit", "extrapolated": "extrapolated"}
 _BY_REPEATS = (
     "Evidence: log evidence lost without the effect (nats); the probability that sign flips over "
@@ -65,6 +67,7 @@ _MEANINGS = {
     "named": "Named: every effect found is distinguishable from all others.",
     "ambiguous": "Ambiguous: at least one effect cannot be distinguished from its alternatives.",
     "unexplained": "Unexplained: a gap remains that no effect of the vocabulary closes.",
+    "not_sought": "Not sought: whether the model lacks an effect is not known.",
 }
 
 
@@ -80,6 +83,13 @@ def tabulate(results: Results) -> Table:
 
 
 def _shown(found: VerdictRecord) -> Iterator[Shown]:
+    if found.verdict == "not_sought":
+        reason = [(found.why or "", found.remedy or "")]
+        yield shown(("why", "what would do"), reason, "Effects not sought")
+        errors = [(*row[:2], *row[2:-1:2]) for row in _gap_rows(found)]
+        noise = f"noise alone leaves {found.gap.noise_floor_mm:.4f} mm"
+        yield shown(_ERROR_HEADER, errors, f"Position error [mm] as calibrated; {noise}")
+        return
     yield shown(
         ("effect", "of", "parameters, with 95 % intervals", "alternatives", "evidence"),
         map(_effect_row, found.effects),
@@ -195,7 +205,8 @@ def _parts(gap: SetGap) -> list[tuple[str, BeforeAfter]]:
 
 
 def _data_rows(found: VerdictRecord) -> Iterator[Row]:
-    yield ("verdict", "", "", "verdict", found.verdict, "", "", "")
+    why = f"{found.why}; {found.remedy}" if found.why else ""
+    yield ("verdict", "", "", "verdict", found.verdict, "", "", why)
     for effect in found.effects:
         rivals = _together(effect.alternatives)
         remark = f"alternatives: {rivals}" if rivals else "stands alone"
@@ -222,12 +233,15 @@ def _data_rows(found: VerdictRecord) -> Iterator[Row]:
 
 
 def _notes(found: VerdictRecord) -> tuple[str, ...]:
+    meaning = _MEANINGS.get(found.verdict, found.verdict)
+    if found.verdict == "not_sought":
+        return (meaning, f"The noise is that of {found.gap.noise_floor_from}.")
     return (
-        _MEANINGS.get(found.verdict, found.verdict),
+        meaning,
         "Before: the calibrated model. After: the same with the effects found, recalibrated, and "
         "with the positions of the targets on the apparatus from that fit; without an effect the "
         "whole difference is due to them. Held-out poses are used for nothing else.",
-        _BY_REPEATS if found.angles_seen is None else _BY_BLOCKS,
+        _BY_REPEATS if found.method == "evidence of repeats" else _BY_BLOCKS,
         "The unit of the reduction's interval is the pose: loads and repeats of a pose share its "
         "errors and count once.",
     )

@@ -1,0 +1,165 @@
+"""Which campaigns are too small for a search, and what is said of them all the same."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_up_arm import Missing, measure
+from pa10cal.discovery.discover import discover, too_little
+from pa10cal.discovery.evidence.lack_of_fit import evidence_lack_of_fit
+from pa10cal.discovery.gap import left_by
+from pa10cal.discovery.noise import same_circumstances
+from pa10cal.discovery.records import discovery_records, summary
+from pa10cal.observe.averages import reading_groups
+
+
+@pytest.fixture(scope="module")
+def made():
+    """30 poses, two loads, four readings each, in two directions."""
+    return measure(Missing())
+
+
+def of_poses(made, count):
+    readings = made.readings
+    return readings.take(np.isin(readings.pose, np.unique(readings.pose)[:count]))
+
+
+def once(made):
+    _, first = np.unique(made.readings.pose, return_index=True)
+    return made.readings.take(first)
+
+
+class TestTooLittle:
+    def test_nothing_is_lacking(self, made):
+        assert too_little(made.readings, made.baseline) is None
+        assert too_little(of_poses(made, 8), made.baseline) is None
+
+    def test_without_repeats_poses_are_too_few(self, made):
+        found = too_little(once(made), made.baseline)
+        assert found.why == (
+            "30 readings of calibration poses are too few to hold out blocks of them, and with 0 "
+            "repeats the repeatability is not known"
+        )
+        assert "at least 100 calibration poses, or repeat at least 20 readings" in found.remedy
+
+    def test_a_few_repeats_are_no_more(self, made):
+        assert "with 12 repeats" in too_little(of_poses(made, 3), made.baseline).why
+
+    def test_repeats_of_few_poses_separate_nothing(self, made):
+        found = too_little(of_poses(made, 7), made.baseline)
+        assert "7 calibration poses are too few to separate an effect from the 34" in found.why
+        assert found.remedy.startswith("measure at least 8 calibration poses")
+
+
+@pytest.fixture(scope="module")
+def found(made):
+    return discover(once(made), made.baseline, made.setup)
+
+
+class TestVerdict:
+    def test_it_is_the_calibrated_model(self, made, found):
+        assert found.verdict == "not_sought"
+        assert found.why == too_little(once(made), made.baseline).why
+        assert found.model is made.baseline
+        assert found.effects == found.next_poses(3).poses == ()
+        assert found.holdout is None
+        assert found.train.before == found.train.after
+        expected = left_by(made.baseline, found.poses).distance_mm
+        assert found.train.before.mean_mm == pytest.approx(expected.mean())
+
+    def test_it_shows_itself_in_a_notebook(self, found):
+        assert found.why in found._repr_html_()
+        assert "effects were not sought" in found._repr_html_()
+
+    def test_what_remains_is_stated_the_same_before_and_after(self, found):
+        before, after = found.lack_of_fit()
+        assert before is after
+        assert before.pose is before.torque is None
+        assert before.floor_mm > 0.0
+
+    def test_repeats_say_what_the_noise_is_where_poses_are_too_few(self, made):
+        found = discover(of_poses(made, 7), made.baseline, made.setup)
+        assert found.verdict == "not_sought"
+        assert "pairs of poses closer than 2 mrad" in found.noise_floor_from
+        # Eight readings at two loads: four in each mean.
+        single = discover(once(made), made.baseline, made.setup).noise_floor_mm
+        assert 0.3 < found.noise_floor_mm / single < 0.9
+
+    def test_its_records_are_whole(self, found):
+        class Campaign:
+            name, robot, provenance = "made up", "pa10_6ce", "made up"
+
+        # The covariance of the made-up baseline is not known; that of a calibrated one is.
+        known = replace(found.calibrated, covariance=1e-12 * np.eye(len(found.calibrated.x) + 6))
+        records = discovery_records(
+            replace(found, calibrated=known), found.next_poses(0), Campaign(), "combined", 1.0
+        )
+        assert records.verdict.verdict == records.extended.verdict == "not_sought"
+        (line,) = summary(records.verdict)
+        assert line == f"effects were not sought: {found.why}; {found.remedy}"
+        assert len(records.analysis.naming) == 1
+        assert all(s.before == pytest.approx(s.after) for s in records.analysis.parameter_shifts)
+
+
+def there_and_back(readings, group):
+    """Return readings in an order in which all groups have the same mean time."""
+    time_s = np.empty(len(readings))
+    for k in np.unique(group):
+        rows = np.flatnonzero(group == k)
+        away = 10.0 * (k + 1.0 + len(readings) * np.arange(len(rows) // 2))
+        time_s[rows] = 1e4 + np.concatenate([-away, away])
+    return readings.with_states(replace(readings.states, time_s=time_s))
+
+
+def test_cells_of_the_same_mean_time_have_no_drift(made):
+    order = there_and_back(made.readings, same_circumstances(made.readings))
+    again = replace(made, readings=order)
+    found = evidence_lack_of_fit(again.problem, again.start)
+    assert [drift.mm_per_h for drift in found.drifts] == [None] * 3
+    few = of_poses(made, 3)
+    verdict = discover(there_and_back(few, reading_groups(few)), made.baseline, made.setup)
+    assert verdict.verdict == "not_sought"
+    assert [drift.mm_per_h for drift in verdict.lack_of_fit()[0].drifts] == [None] * 3
+
+
+class TestLogsThatDoNotScatter:
+    """Calculated torques in place of logged ones."""
+
+    def searched(self, made, tau_Nm):
+        readings = made.readings.with_states(replace(made.readings.states, tau_Nm=tau_Nm))
+        return discover(readings, made.baseline, made.setup)
+
+    def test_a_joint_that_always_reads_zero_tells_nothing(self, made):
+        tau_Nm = made.readings.states.tau_Nm.copy()
+        tau_Nm[:, 0] = 0.0
+        with np.errstate(all="raise"):
+            found = self.searched(made, tau_Nm)
+        noise_Nm = found.problem.noise.torque_Nm
+        assert noise_Nm[0] == noise_Nm.max()
+        assert found.problem.torques_logged
+        assert found.verdict == "none"
+
+    def test_a_log_without_any_scatter_is_none(self, made):
+        _, group = np.unique(reading_groups(made.readings), return_inverse=True)
+        tau_Nm = made.readings.states.tau_Nm.copy()
+        first = np.unique(group, return_index=True)[1]
+        found = self.searched(
+            made, tau_Nm[first][group] * (1.0 + 1e-12 * np.arange(len(group)))[:, None]
+        )
+        assert not found.problem.torques_logged
+        assert found.problem.torque is None
+        assert found.verdict == "none"
+
+
+def test_readings_that_were_copied_are_no_repeats(made):
+    group = reading_groups(made.readings)
+    first = np.unique(group, return_index=True)[1]
+    copied = made.readings.take(first[group])
+    copied = copied.with_states(replace(copied.states, time_s=made.readings.states.time_s))
+    found = discover(copied, made.baseline, made.setup)
+    assert found.verdict == "not_sought"
+    assert found.why.startswith("the scatter of repeats shows no noise in some component")
+    assert "readings that were copied" in found.remedy
+    assert found.noise_floor_from.startswith("the instrument's stated uncertainty")
+    assert np.isfinite(found.lack_of_fit()[0].floor_mm)
