@@ -10,7 +10,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from made_up_records import accuracy, effect, made_up_gap, set_gap, stretches_deg, verdict_keys
-from pa10cal.campaign.description import read_description
 from pa10cal.commands.command_line import run_command
 from pa10cal.figures.options import PictureOptions
 from pa10cal.figures.results import Results
@@ -44,17 +43,7 @@ def _discover(place, raw=CAMPAIGN):
 
 
 def _results(folder, raw, settings=None) -> Results:
-    campaign = read_description(raw)
-    return Results(
-        folder=folder,
-        raw=raw,
-        campaign=campaign.name,
-        provenance=campaign.provenance,
-        robot=campaign.robot,
-        instrument=campaign.instrument.kind,
-        instrument_uncertainty_mm=campaign.instrument.uncertainty_mm,
-        settings=settings or PictureOptions(),
-    )
+    return Results.of(raw, folder, settings or PictureOptions())
 
 
 @pytest.fixture(scope="session")

@@ -18,6 +18,23 @@ _LONGEST_M = 10.0
 _LEAST_RATED = 0.05
 
 
+#: Fields of an arm with one entry a row.
+ROW_FIELDS = (
+    "theta_rad",
+    "d_m",
+    "a_m",
+    "alpha_rad",
+    "beta_rad",
+    "hayati",
+    "prismatic",
+    "limits_rad",
+    "gear_ratio",
+    "torque_limit_Nm",
+    "mass_kg",
+    "com_m",
+)
+
+
 @dataclass(frozen=True)
 class Arm:
     """A serial arm of n joints as its maker describes it.
@@ -88,19 +105,7 @@ class Arm:
         n = len(self.theta_rad)
         if not len(self.beta_rad):
             object.__setattr__(self, "beta_rad", np.zeros(n))
-        for name in (
-            "d_m",
-            "a_m",
-            "alpha_rad",
-            "hayati",
-            "prismatic",
-            "limits_rad",
-            "gear_ratio",
-            "torque_limit_Nm",
-            "mass_kg",
-            "com_m",
-            "beta_rad",
-        ):
+        for name in ROW_FIELDS:
             value = getattr(self, name)
             if value is not None and len(value) != n:
                 raise ArmError(

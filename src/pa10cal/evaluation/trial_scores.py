@@ -219,22 +219,16 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
 
 
 def _share(what: str, found: Rate, limit: float, *, at_least: bool = True) -> Bar:
-    return Bar(
-        what=what,
-        at_least=at_least,
-        limit=limit,
-        reached=found.share,
-        low=found.low,
-        high=found.high,
-        trials=found.of,
-        share=True,
-        met=_met(found.share, limit, at_least=at_least),
-    )
+    bar = _number(what, found.share, limit, found.of, at_least=at_least)
+    return bar.model_copy(update={"low": found.low, "high": found.high, "share": True})
 
 
 def _number(
     what: str, reached: float | None, limit: float, trials: int, *, at_least: bool = False
 ) -> Bar:
+    met = None  # where no trial counts
+    if reached is not None:
+        met = reached >= limit if at_least else reached <= limit
     return Bar(
         what=what,
         at_least=at_least,
@@ -244,12 +238,5 @@ def _number(
         high=None,
         trials=trials,
         share=False,
-        met=_met(reached, limit, at_least=at_least),
+        met=met,
     )
-
-
-def _met(reached: float | None, limit: float, *, at_least: bool) -> bool | None:
-    """Return whether a limit is reached, None where no trial counts."""
-    if reached is None:
-        return None
-    return reached >= limit if at_least else reached <= limit

@@ -12,7 +12,7 @@ import yaml
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE, TOOL, Chain
-from pa10cal.arm.description import Arm
+from pa10cal.arm.description import ROW_FIELDS, Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
@@ -31,20 +31,6 @@ _CONVENTIONS = {
     "modified": "T_base_row1, then Ry(beta) Rx(alpha) Tx(a) Rz(theta) Tz(d) of every row, then "
     "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
 }
-_ROWS = (
-    "theta_rad",
-    "d_m",
-    "a_m",
-    "alpha_rad",
-    "beta_rad",
-    "hayati",
-    "prismatic",
-    "limits_rad",
-    "gear_ratio",
-    "torque_limit_Nm",
-    "mass_kg",
-    "com_m",
-)
 
 
 def save_model(model: FittedModel, path: Path, **about: Any) -> None:
@@ -269,7 +255,7 @@ def _term_from_plain(content: Mapping[str, Any], where: str) -> tuple[Term, Arra
 
 def _arm_to_plain(model: FittedModel) -> dict[str, Any]:
     arm = model.arm
-    columns = {name: getattr(arm, name) for name in _ROWS}
+    columns = {name: getattr(arm, name) for name in ROW_FIELDS}
     bends = {name for motion in model.model.chain.motions for name in [motion.coordinate]}
     return {
         "name": arm.name,

@@ -53,11 +53,16 @@ class ErrorPart(Part):
     floor_mm: float = Field(description="root mean square error that noise leaves [mm]")
 
 
-class JointArrival(Part):
-    """Mean angle error of a joint that arrived from one side."""
+class Arrival(Part):
+    """Cells in which a joint arrived from one side."""
 
     direction: int = Field(description="-1: the angle fell, +1: it rose, 0: not known")
     cells: int = Field(description="number of cells")
+
+
+class JointArrival(Arrival):
+    """Mean angle error of a joint that arrived from one side."""
+
     mean_rad: float = Field(description="mean angle error [rad]")
     std_rad: float | None = Field(description="its standard error [rad]; null where not known")
 
@@ -83,11 +88,9 @@ class JointPart(Part):
     )
 
 
-class TorqueArrival(Part):
+class TorqueArrival(Arrival):
     """Mean torque residual of a joint that arrived from one side."""
 
-    direction: int = Field(description="-1: the angle fell, +1: it rose, 0: not known")
-    cells: int = Field(description="number of cells")
     mean_Nm: float = Field(description="mean torque residual [N m]")
     std_Nm: float | None = Field(description="its standard error [N m]; null where not known")
 
@@ -160,10 +163,15 @@ class LackOfFit(Part):
     cells: Cells = Field(description="every cell, six digits; a sample where there are very many")
 
 
-class SearchStep(Part):
-    """A step of the search."""
+class Step(Part):
+    """A model on the way to the named effects."""
 
     effects: tuple[EffectName, ...] = Field(description="effects in the model by then")
+
+
+class SearchStep(Step):
+    """A step of the search."""
+
     gain_nats: float | None = optional("gain in log evidence, by repeats")
     rms_mm: float | None = optional("root mean square position error [mm], by repeats")
     squared_error_of_a_row: float | None = optional(
@@ -171,10 +179,9 @@ class SearchStep(Part):
     )
 
 
-class NamingStep(Part):
+class NamingStep(Step):
     """Errors with the first few of the named effects in the model."""
 
-    effects: tuple[EffectName, ...] = Field(description="effects in the model by then")
     train: Accuracy = Field(description="errors over the poses fitted")
     holdout: Accuracy | None = Field(description="errors over held-out poses; null without any")
 

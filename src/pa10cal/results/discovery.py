@@ -207,11 +207,16 @@ class SharedError(Part):
     after: float = Field(description="with the effects [mm]")
 
 
-class SearchByRepeats(Part):
-    """How effects were searched for, against the scatter of repeats."""
+class Search(Part):
+    """How effects were searched for."""
 
     candidates: int = Field(description="effects tried")
     error_rate: float = Field(description="rate of false names allowed")
+
+
+class SearchByRepeats(Search):
+    """How effects were searched for, against the scatter of repeats."""
+
     needed_nats: float = Field(description="log evidence needed of an effect")
     shared_error_mm: SharedError = Field(description="position error shared by readings of a pose")
     readings_excluded: int = Field(description="readings suspected of a gross error")
@@ -227,11 +232,9 @@ class Needed(Part):
     )
 
 
-class SearchByBlocks(Part):
+class SearchByBlocks(Search):
     """How effects were searched for, by blocks of poses."""
 
-    candidates: int = Field(description="effects tried")
-    error_rate: float = Field(description="rate of false names allowed")
     blocks: int = Field(description="blocks of poses")
     needed: Needed = Field(description="what an effect must bring")
     poses_down_weighted: int = Field(description="poses with a robust weight below 1")

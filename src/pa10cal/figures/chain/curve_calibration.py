@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pa10cal.figures.chain_words import DEPARTS
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.style import (
     AFTER,
@@ -42,6 +41,8 @@ right, the errors of its parameters in standard uncertainties.
 """,
 )
 
+#: How individuals depart, in short.
+DEPARTS = {"rows": "by its rows", "any_way": "in any way"}
 _MOST_POSTURES = 24
 _COLOURS = {"spline": BLUE, "helix": ORANGE, "wave": GREEN}
 _OF_MODEL = {"two_level": AFTER, "two_level_all": AFTER_COMBINED, "general": GREEN}

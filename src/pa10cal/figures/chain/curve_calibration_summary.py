@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pa10cal.figures.chain_words import DEPARTS, MODELS
+from pa10cal.figures.chain.curve_calibration import DEPARTS
 from pa10cal.figures.parameter_names import written
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.table import Row, Shown, Table, frame_of, shown
@@ -23,6 +23,11 @@ positions, of fitted and of held-out poses.
 """,
 )
 
+_MODELS = {
+    "two_level": "two-level (paper)",
+    "two_level_all": "two-level, all poses inside",
+    "general": "general",
+}
 _HEADER = (
     "arm departs",
     "model",
@@ -75,7 +80,7 @@ def tabulate(study: CurveCalibrationRecord) -> Table:
 def _row(found: CurveStudySummary) -> Row:
     return (
         DEPARTS[found.departs],
-        MODELS[found.model],
+        _MODELS[found.model],
         str(found.unknowns),
         str(found.rank),
         _of(found.converged, found),
@@ -88,11 +93,11 @@ def _row(found: CurveStudySummary) -> Row:
 
 
 def _error_rows(each: Individual) -> list[Row]:
-    said = {"nominal": "nominal", **MODELS}
+    names = {"nominal": "nominal", **_MODELS}
     return [
         (
             DEPARTS[each.departs],
-            said[model],
+            names[model],
             *(
                 f"{value:.4f}"
                 for value in (
@@ -110,7 +115,7 @@ def _error_rows(each: Individual) -> list[Row]:
 
 def _directions(study: CurveCalibrationRecord) -> tuple[Row, ...]:
     return tuple(
-        (MODELS[found.model], _said(weights))
+        (_MODELS[found.model], _said(weights))
         for found in study.summaries
         if found.departs == study.summaries[0].departs and found.model != "two_level_all"
         for weights in found.null_directions
