@@ -136,3 +136,41 @@ def test_a_model_judged_in_another_place_goes_on(work, tmp_path):
 def test_effects_that_are_listed_all_the_same_are_refused(work, tmp_path, capsys):
     assert calibrate(work, tmp_path / "combined.json", [EFFECT]) == REFUSED
     assert "too few repeats to determine the repeatability" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def touched(tmp_path_factory):
+    """Touched balls, every pose once at each load: two models, calibrated and searched."""
+    folder = tmp_path_factory.mktemp("touched")
+    plan = json.dumps({"repeats": 1, "loads_N": [0.0, 44.0], "holdout_points": 4})
+    made = ("--out", folder / "raw", "--truth", folder / "truth.json")
+    assert run("simulate", "--name", NAME, "--settings", plan, *made) == 0
+    logs = ("--campaign-dir", folder / "raw", "--quarantine", folder / "quarantine.csv")
+    assert run("ingest", *logs, "--out", folder / "poses.parquet") == 0
+    assert run("seed", *table(folder), "--out", folder / "base.json") == 0
+    quick = ("--settings", json.dumps({"starts": 1, "inner_subsets": 1}))
+    for load in ("combined", "general"):
+        begun = ("--base-frame", folder / "base.json", "--out", folder / f"{load}.json")
+        assert run("calibrate", *table(folder), *begun, "--load", load, *quick) == 0
+    words = [f"--{key}={folder / name}" for key, name in OUTPUTS.items()]
+    calibration = ("--calibration", folder / "combined.json")
+    assert run("discover", *table(folder), *calibration, *words) == 0
+    return folder
+
+
+def test_touched_balls_without_repeats_keep_the_papers_model(touched, tmp_path):
+    found = read(VerdictRecord, touched / "verdict.json", NAME)
+    assert found.verdict == "not_sought"
+    assert found.why.startswith("54 readings of calibration poses are too few")
+    given = ("--calibration", touched / "combined.json", "--extended", touched / "extended.json")
+    out = tmp_path / "holdout.json"
+    assert run("evaluate", *table(touched), *given, "--out", out) == 0
+    models = json.loads(out.read_text("utf-8"))["models"]
+    assert models["extended"]["rms_mm"] == pytest.approx(models["cubic"]["rms_mm"], rel=1e-9)
+
+
+def test_the_general_model_beside_it_converges(touched):
+    """The scatter found about a fit, and that about the next, once took turns for ever."""
+    found = json.loads((touched / "general.json").read_text("utf-8"))
+    assert found["status"] == "converged"
+    assert found["health"]["iterations"] < 60

@@ -9,7 +9,7 @@ none is omitted.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -54,6 +54,14 @@ class Scatter:
             abs(size - other.size[kind]) <= _SAME_SCATTER * max(size, self.stated[kind])
             for kind, size in self.size.items()
         )
+
+    def halfway(self, other: Scatter) -> Scatter:
+        """Return the scatter whose variances are the means of both."""
+        between = {
+            kind: float(np.sqrt(0.5 * (size**2 + other.size[kind] ** 2)))
+            for kind, size in self.size.items()
+        }
+        return replace(self, size=between)
 
     @property
     def stated_part(self) -> float:

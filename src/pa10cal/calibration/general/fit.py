@@ -170,8 +170,9 @@ class _WeightedProblem:
         first = first_scatter(problem, self.rows(span.start))
         self.scatter = first if scatter is None else replace(first, size=scatter)
         self.weighted = weighted_rows(problem, self.rows(span.start), self.scatter, robust)
+        self._before = self.scatter
         self._length = np.inf
-        self._settled = False
+        self._settled = self._turns = False
 
     def rows(self, x: Array) -> Rows:
         """Return the rows at a point, those of the last one looked at kept."""
@@ -195,7 +196,11 @@ class _WeightedProblem:
         weighted = weighted_rows(problem, rows, self.scatter, self._robust)
         parts = span.reach[:, None] * _inverse_root(weighted.normal, span.reach)
         found = refreshed(problem, rows, weighted, parts, self.scatter)
-        self._settled, self.scatter = found.is_about(self.scatter), found
+        self._settled = found.is_about(self.scatter)
+        # A scatter that leaves a fit from which the one before is found would go on for ever.
+        self._turns |= not self._settled and found.is_about(self._before)
+        self._before = self.scatter
+        self.scatter = found.halfway(self.scatter) if self._turns else found
         self.weighted = weighted_rows(problem, rows, found, self._robust)
         gained = max(0.0, -float(taken.before.gradient @ taken.step))
         self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
