@@ -66,22 +66,21 @@ class Product:
     Attributes:
         component: (P, rows) matrix of the component; None where it is one row as it stands.
         rows: the rows it is made of, or that row.
-        turns: the joint's sine and versine, which multiply it.
-        into: the two rows that hold the products.
+        turns: the rows of the joint's sine and versine, which multiply it, each with the row that
+            holds the product.
     """
 
     component: Array | None
     rows: slice
-    turns: slice
-    into: slice
+    turns: tuple[tuple[int, int], tuple[int, int]]
 
 
 @dataclass(frozen=True)
 class DisplacementPlan:
     """Everything constant in the displacement of the flange at P positions.
 
-    The rows are: products with sines, the last first; n sines; versines of the joints `moving`;
-    products with versines.
+    The rows are: `before` products, sines of the joints up to the last that moves something,
+    versines of the joints `moving`, other products.
 
     Attributes:
         joints: n, all of which are drawn.
@@ -89,6 +88,7 @@ class DisplacementPlan:
             tip and to the base: groups of joints with parallel axes that follow each other, from
             that link outwards. Joints that move nothing are omitted.
         moving: range of joints whose sines and versines are needed.
+        before: how many rows stand before the sines.
         products: in the order they are computed.
         matrix: (P, 3, rows) from rows to displacements [m], in a frame in which most vanishes.
         ranges: for each of the three components the rows that are not zero at every position.
@@ -98,6 +98,7 @@ class DisplacementPlan:
     joints: int
     chains: tuple[tuple[tuple[int, ...], ...], tuple[tuple[int, ...], ...]]
     moving: slice
+    before: int
     products: tuple[Product, ...]
     matrix: Array
     ranges: tuple[slice, ...]
@@ -119,8 +120,10 @@ def plan_displacement(motion: JointMotion, sigma_rad: float) -> DisplacementPlan
 class _Layout:
     """Computes rows and matrices for one link from which the displacement is seen.
 
-    While rows are still being added, sines count from 0, versines and products with versines
-    follow, and products with sines count down from -1 (from the end of an array with room enough).
+    While rows are still being added, sines count from 0, versines and products follow. Products
+    that move the point along the axis of the largest group count down from -1 (from the end of an
+    array with room enough). Other joints' sines do the same and versines hardly ever, so rows that
+    one component needs stand close together.
     """
 
     def __init__(self, motion: JointMotion, split: int) -> None:
@@ -134,10 +137,12 @@ class _Layout:
         self._all_groups = [group for chain in self._chains for group in chain]
         used = [joint for group in self._all_groups for joint in group]
         self._moving = slice(min(used, default=0), max(used, default=0) + 1)
-        self._versine = n - self._moving.start
-        self._room = self._versine + self._moving.stop + 4 * n * n
-        #: Component, its rows and the joint of every product; scale of a row is set by its kind.
-        self._products: list[tuple[Array | None, list[int], int]] = []
+        self._versine = self._moving.stop - self._moving.start
+        self._first, self._end = 0, self._versine + self._moving.stop
+        self._room = self._end + 4 * n * n
+        self._axis = motion.axes[:, max(self._all_groups, key=len, default=(0,))[0]]
+        #: Component, its rows and the joint of every product, and the rows with sine and versine.
+        self._products: list[tuple[Array | None, list[int], int, tuple[int, int]]] = []
         # Seen from the link, the joints before it turn the other way.
         tip = self._displacement(self._chains[0], 1.0, positions)
         base = self._displacement(self._chains[1], -1.0, positions)
@@ -145,37 +150,36 @@ class _Layout:
 
     def passes(self) -> int:
         """Count, roughly, how often memory is passed over beyond what every layout does."""
-        components = sum(component is not None for component, _, _ in self._products)
+        components = sum(component is not None for component, *_ in self._products)
         added = sum(len(group) - 1 for group in self._all_groups)
         return 3 * components + 6 * len(self._products) + 4 * added
 
     def plan(self, sigma_rad: float) -> DisplacementPlan:
         """Return the plan, with the scales of sines and versines taken into its matrices."""
         turns = turns_of(sigma_rad, max(map(len, self._all_groups), default=1))
-        n, count = self._motion.axes.shape[1], len(self._products)
-        order = self._order()
-        scale = np.ones(self._room)
-        scale[:n] = turns.sine_scale
-        scale[n : order[-1] + 1 - count] = turns.versine_scale
+        order, before = self._order(), -self._first
+        scale = np.full(self._room, turns.versine_scale)
+        scale[: self._moving.stop] = turns.sine_scale
         for group in self._all_groups:
             scale[[self._versine + joint for joint in group[1:]]] = turns.refined_scale
         products = []
-        for k, (component, rows, joint) in enumerate(self._products):
-            sine, versine = -1 - k, order[-1] + 1 - count + k
-            scale[sine], scale[versine] = scale[joint], scale[self._versine + joint]
+        for component, rows, joint, into in self._products:
+            turning = joint, self._versine + joint
+            scale[list(into)] = scale[list(turning)]
             if component is None:
-                scale[[sine, versine]] *= scale[rows[0]]
+                scale[list(into)] *= scale[rows[0]]
             else:
                 component = component * scale[rows]
-            turning = _pair(joint, self._versine + joint, count)
-            into = _pair(sine, versine, count)
-            products.append(Product(component, _run(rows, count), turning, into))
-        matrix = _sparse_frame(self._motion, self._all_groups) @ self._matrix
+            (sine, to_sine), (versine, to_versine) = zip(turning, into, strict=True)
+            pairs = (sine + before, to_sine + before), (versine + before, to_versine + before)
+            products.append(Product(component, _run(rows, before), pairs))
+        matrix = _sparse_frame(self._axis) @ self._matrix
         needed = np.abs(matrix[:, :, order]).max(axis=0) > _PARALLEL
         return DisplacementPlan(
-            joints=n,
+            joints=self._motion.axes.shape[1],
             chains=self._chains,
             moving=self._moving,
+            before=before,
             products=tuple(products),
             matrix=np.ascontiguousarray((matrix * scale)[:, :, order]),
             ranges=tuple(_range(np.flatnonzero(row)) for row in needed),
@@ -184,8 +188,7 @@ class _Layout:
 
     def _order(self) -> list[int]:
         """Rows that are used so far, as they will stand."""
-        count = len(self._products)
-        return list(range(-count, self._versine + self._moving.stop + count))
+        return list(range(self._first, self._end))
 
     def _displacement(
         self, chain: tuple[tuple[int, ...], ...], sign: float, positions: int
@@ -227,34 +230,35 @@ class _Layout:
         self, u: Array, product: tuple[Array | None, list[int], int], turned: Array, axis: Array
     ) -> None:
         """Add a product; `turned` (P, 3) is ẑ× the direction of its component."""
-        sine, versine = self._order()[0] - 1, self._order()[-1] + 1
-        self._products.append(product)
-        u[:, :, sine] = turned
-        u[:, :, versine] = np.cross(axis, turned)
+        component, rows, joint = product
+        into = self._new_row(u, turned), self._new_row(u, np.cross(axis, turned))
+        self._products.append((component, rows, joint, into))
 
-
-def _pair(first: int, second: int, before: int) -> slice:
-    """Return the two rows, with `before` rows put in front of row 0."""
-    return slice(first + before, second + before + 1, second - first)
+    def _new_row(self, u: Array, direction: Array) -> int:
+        """Add a row that moves the point in a direction (P, 3)."""
+        if np.abs(np.cross(self._axis, direction)).max() < _PARALLEL:
+            row = self._first = self._first - 1
+        else:
+            row, self._end = self._end, self._end + 1
+        u[:, :, row] = direction
+        return row
 
 
 def _run(rows: list[int], before: int) -> slice:
     """Return consecutive or two or one row, with `before` rows put in front of row 0."""
-    if len(rows) == 2:
-        return _pair(rows[0], rows[1], before)
-    return slice(rows[0] + before, rows[-1] + before + 1)
+    step = rows[1] - rows[0] if len(rows) == 2 else 1
+    return slice(rows[0] + before, rows[-1] + before + 1, step)
 
 
 def _range(needed: NDArray[np.intp]) -> slice:
     return slice(int(needed[0]), int(needed[-1]) + 1) if len(needed) else slice(0, 1)
 
 
-def _sparse_frame(motion: JointMotion, groups: list[tuple[int, ...]]) -> Array:
+def _sparse_frame(axis: Array) -> Array:
     """Return (P, 3, 3) rotations into a frame along the axis of the largest group.
 
     Along its axis, a group moves nothing.
     """
-    axis = motion.axes[:, max(groups, key=len, default=(0,))[0]]
     least = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
     x = np.cross(least, axis)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
@@ -284,56 +288,61 @@ def _parallel(one: Array, other: Array) -> bool:
 class DisplacementBlock:
     """One block of cycles: from drawn normals to lengths of displacements, without allocating.
 
+    A block fills the processor's cache, so no row is kept longer than it is needed: the normals of
+    the last joints, if these move nothing, make way for versines, and the work of one stage is
+    written over that of the stage before.
+
     Attributes:
         normals: (n, cycles), one row a joint: to be filled with standard normals before every
             `displace`, which uses it up.
         error_m: (cycles,) lengths of the displacements, after `displace`.
-        squared_m2: (cycles,) their squares.
     """
 
     def __init__(self, plan: DisplacementPlan, cycles: int) -> None:
-        n, first, count = plan.joints, len(plan.products), plan.moving.stop - plan.moving.start
-        rows = np.zeros((plan.matrix.shape[2], cycles))
-        # The work of one stage is written over that of the stage before.
-        work = np.empty((max(5, count), cycles))
-        sines, versines = rows[first : first + n], rows[first + n : first + n + count]
-        self.normals = sines
-        self.error_m, self.squared_m2 = work[3], work[4]
-        self._plan = plan
-        self._added = [(sines[outer], sines[inner]) for inner, outer in plan.added]
-        self._turned = sines[plan.moving], versines, work[:count]
-        self._refined = [versines[outer - plan.moving.start] for _, outer in plan.added]
+        moving, used = plan.moving, plan.matrix.shape[2]
+        count, after = moving.stop - moving.start, plan.before + moving.stop
+        # Three rows of work come last; `fill` needs `count` and takes rows of products as well.
+        room = max(used + 3, after + 2 * count, plan.before + plan.joints)
+        rows = np.zeros((room, cycles))
+        versines = rows[after:][:count]
+        self.normals = rows[plan.before :][: plan.joints]
+        self.error_m = rows[-3]
+        self._turns = plan.turns
+        self._added = [(self.normals[outer], self.normals[inner]) for inner, outer in plan.added]
+        self._turned = self.normals[moving], versines, rows[-count:]
+        self._work = rows[-1]
+        self._refined = [versines[outer - moving.start] for _, outer in plan.added]
         self._products = [
             (
                 product.component,
                 rows[product.rows],
-                rows[product.rows.start] if product.component is None else work[0],
-                rows[product.turns],
-                rows[product.into],
+                rows[product.rows.start] if product.component is None else self._work,
+                [(rows[turn], rows[into]) for turn, into in product.turns],
             )
             for product in plan.products
         ]
-        self._displacement = work[:3]
-        self._work = work[0]
-        self._outputs = [(part, rows[part], work[k]) for k, part in enumerate(plan.ranges)]
+        self._components = [
+            (plan.matrix[:, k, part], rows[part], rows[k - 3]) for k, part in enumerate(plan.ranges)
+        ]
+        self._displacement = rows[-3:]
 
     def displace(self, position: int) -> None:
         """Turn the drawn normals into displacements at one position of the plan."""
-        turns = self._plan.turns
         for outer, inner in self._added:
-            np.add(outer, inner, out=outer)
-        turns.fill(*self._turned)
+            np.add(outer, inner, outer)
+        self._turns.fill(*self._turned)
         for versine in self._refined:
-            turns.refine(versine, self._work)
-        for component, rows, factor, turning, out in self._products:
+            self._turns.refine(versine, self._work)
+        for component, rows, factor, products in self._products:
             if component is not None:
-                np.matmul(component[position], rows, out=factor)
-            np.multiply(turning, factor, out=out)
-        matrix = self._plan.matrix[position]
-        for k, (part, rows, out) in enumerate(self._outputs):
-            np.matmul(matrix[k, part], rows, out=out)
-        squares, squared_m2 = self._displacement, self.squared_m2
-        np.square(squares, out=squares)
-        np.add(squares[0], squares[1], out=squared_m2)
-        np.add(squared_m2, squares[2], out=squared_m2)
-        np.sqrt(squared_m2, out=self.error_m)
+                np.matmul(component[position], rows, factor)
+            # Row by row: rows that stand apart take longer in one call.
+            for turn, product in products:
+                np.multiply(turn, factor, product)
+        for matrix, rows, out in self._components:
+            matrix[position].dot(rows, out)
+        squares, error_m = self._displacement, self.error_m
+        np.square(squares, squares)
+        np.add(squares[0], squares[1], error_m)
+        np.add(error_m, squares[2], error_m)
+        np.sqrt(error_m, error_m)

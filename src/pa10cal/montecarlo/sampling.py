@@ -8,6 +8,7 @@ definition of the draws and is therefore a constant.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -76,21 +77,21 @@ def sample_errors(
     work = []
     for start in starts:
         block = blocks[min(BLOCK_CYCLES, cycles - int(start))]
-        inside = np.flatnonzero((cuts >= start) & (cuts < start + BLOCK_CYCLES))
-        bounds = [*(cuts[inside] - start), len(block.error_m)]
+        inside = cuts[(cuts >= start) & (cuts < start + BLOCK_CYCLES)]
+        bounds = [*(inside - start), len(block.error_m)]
         parts = [
-            (int(cut), block.error_m[first:last], ones[: last - first])
-            for cut, first, last in zip(inside, bounds, bounds[1:], strict=False)
+            (block.error_m[first:last], ones[: last - first])
+            for first, last in itertools.pairwise(bounds)
         ]
         work.append((block, parts))
     progress(0, len(streams))
     for position, source in enumerate(streams):
+        drawn = []
         for block, parts in work:
             source.standard_normal(out=block.normals)
             block.displace(position)
-            for cut, error_m, one in parts:
-                sums[0, position, cut] = error_m.dot(one)
-                sums[1, position, cut] = error_m.dot(error_m)
+            drawn += [(error_m.dot(one), error_m.dot(error_m)) for error_m, one in parts]
+        sums[:, position] = np.transpose(drawn)
         progress(position + 1, len(streams))
     ends = np.searchsorted(np.append(cuts[1:], cycles), counts)
     error_m, squared_m2 = np.cumsum(sums, axis=2)[:, :, ends]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -73,14 +74,24 @@ class SeriesTurns:
 
     def fill(self, normals: Array, versine: Array, work: Array) -> None:
         """Write z (z² - 6/σ²) and z²."""
-        np.square(normals, out=versine)
-        np.subtract(versine, 6.0 / self.sigma_rad**2, out=work)
-        np.multiply(normals, work, out=normals)
+        np.square(normals, versine)
+        np.subtract(versine, self._six, work)
+        np.multiply(normals, work, normals)
 
     def refine(self, versine: Array, work: Array) -> None:
         """Make z² into z² (12/σ² - z²)."""
-        np.subtract(12.0 / self.sigma_rad**2, versine, out=work)
-        np.multiply(versine, work, out=versine)
+        np.subtract(self._twelve, versine, work)
+        np.multiply(versine, work, versine)
+
+    # Arrays, because numpy would convert a number at every call.
+
+    @cached_property
+    def _six(self) -> Array:
+        return np.array(6.0 / self.sigma_rad**2)
+
+    @cached_property
+    def _twelve(self) -> Array:
+        return np.array(12.0 / self.sigma_rad**2)
 
 
 @dataclass(frozen=True)
@@ -94,11 +105,11 @@ class LibraryTurns:
 
     def fill(self, normals: Array, versine: Array, work: Array) -> None:
         """Write sin σz and sin² σz/2."""
-        np.multiply(normals, 0.5 * self.sigma_rad, out=work)
-        np.sin(work, out=work)
-        np.multiply(work, work, out=versine)
-        np.multiply(normals, self.sigma_rad, out=normals)
-        np.sin(normals, out=normals)
+        np.multiply(normals, 0.5 * self.sigma_rad, work)
+        np.sin(work, work)
+        np.multiply(work, work, versine)
+        np.multiply(normals, self.sigma_rad, normals)
+        np.sin(normals, normals)
 
     def refine(self, versine: Array, work: Array) -> None:
         """Leave the row as it is: exact already."""
