@@ -201,7 +201,7 @@ class _WeightedProblem:
         self._turns |= not self._settled and found.is_about(self._before)
         self._before = self.scatter
         self.scatter = found.halfway(self.scatter) if self._turns else found
-        self.weighted = weighted_rows(problem, rows, found, self._robust)
+        self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
         gained = max(0.0, -float(taken.before.gradient @ taken.step))
         self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
         return self.equations(x)
