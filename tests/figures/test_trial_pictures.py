@@ -10,6 +10,7 @@ from matplotlib.text import Text
 
 from made_up_records import accuracy, effect, made_up_gap, set_gap, verdict_keys
 from pa10cal.cell.effects.vocabulary import outside, vocabulary
+from pa10cal.cell.tracker_trials import BENCHES
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.errors import RecordError
 from pa10cal.figures.registry import NothingToShowError
@@ -36,7 +37,10 @@ LEAST_POINTS = 8.0
 COUNTS = {"null": 9, "wrong_noise": 3, "wrong_mass": 3, "pair": 6, "triple": 5}
 
 
-def trial(rng, number, kind, names):
+LAYOUTS = {"touched": ("grid", "wide"), "tracked": tuple(bench.name for bench in BENCHES)}
+
+
+def trial(rng, number, kind, names, measured):
     """Return a made-up verdict and its truth; larger effects are named more often."""
     campaign = f"blind-{number:04d}"
     size = float(np.exp(rng.uniform(np.log(0.1), np.log(3.0))))
@@ -53,8 +57,8 @@ def trial(rng, number, kind, names):
     truth = TrialTruthRecord(
         campaign=campaign,
         kind=kind,
-        measured="touched",
-        layout=("grid", "wide")[number % 2],
+        measured=measured,
+        layout=LAYOUTS[measured][number % len(LAYOUTS[measured])],
         path="same",
         temperature_drift_C=0.0,
         flexible_joints=(2, 3, 5),
@@ -99,10 +103,10 @@ def trial(rng, number, kind, names):
     return said, truth
 
 
-def write_scores(folder, kinds):
+def write_scores(folder, kinds, measured="touched"):
     """Write scores of trials of (kind, hidden names); return the path."""
     rng = np.random.default_rng(7)
-    both = [trial(rng, number, *what) for number, what in enumerate(kinds)]
+    both = [trial(rng, number, *what, measured) for number, what in enumerate(kinds)]
     paths = [folder / f"{name}.jsonl" for name in ("verdicts", "truths")]
     for path, records in zip(paths, zip(*both, strict=True), strict=True):
         path.write_text(lines(records), "utf-8")
@@ -112,15 +116,15 @@ def write_scores(folder, kinds):
     return out
 
 
-@pytest.fixture(scope="module")
-def full(tmp_path_factory):
+@pytest.fixture(scope="module", params=LAYOUTS)
+def full(request, tmp_path_factory):
     several = {"pair": 2, "triple": 3}
     names = sorted(vocabulary())
     kinds = [("single", (name,)) for name in names for _ in range(4)]
     kinds += [("outside", (name,)) for name in sorted(outside()) for _ in range(3)]
     for kind, count in COUNTS.items():
         kinds += [(kind, tuple(names[: several.get(kind, 0)]))] * count
-    return write_scores(tmp_path_factory.mktemp("full"), kinds)
+    return write_scores(tmp_path_factory.mktemp("full"), kinds, request.param)
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import cycle
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -38,7 +40,20 @@ there.
 
 _TITLE = "How large an effect must be: blind trials with one hidden effect"
 _ROW_MM = 4.8
-_MARKERS = {"grid": "o", "wide": "s"}
+#: Markers of layouts, in order of their names, and what they are called.
+_MARKERS = {
+    "o": "dots",
+    "s": "squares",
+    "^": "triangles up",
+    "v": "triangles down",
+    "D": "diamonds",
+    "P": "crosses",
+}
+#: How far the rows of the first and of the last layout are apart.
+_SPREAD = {1: 0.0, 2: 0.34}
+_WIDEST_SPREAD = 0.6
+#: Characters of a line below the panels.
+_LINE = 96
 _LOWEST, _HIGHEST = 0.03, 60.0
 #: Where the residual is so many times the floor.
 _RATIOS = {1.5: "right", 3.0: "left"}
@@ -50,24 +65,29 @@ def draw(scores: TrialScoresRecord) -> Figure:
     if not trials:
         raise NothingToShowError("no trial hid one effect of the vocabulary")
     names = sorted({trial.hidden[0].id for trial in trials})
-    height = _ROW_MM * len(names)
-    figure = new_figure(height + 45.0, _TITLE)
-    by_size = panel(figure, 37.0, 30.0, 60.0, height)
-    _draw_sizes(by_size, trials, names)
+    markers = dict(zip(sorted({trial.layout for trial in trials}), cycle(_MARKERS), strict=False))
+    height, below = _ROW_MM * len(names), 32.0 + 3.5 * ((len(markers) + 2) // 3)
+    figure = new_figure(height + below + 15.0, _TITLE)
+    by_size = panel(figure, 37.0, below, 60.0, height)
+    _draw_sizes(by_size, trials, names, markers)
     for k, name in enumerate(names):
         curve = scores.power.by_id.get(name)
         if curve is not None and curve.most is not None:
             by_size.plot(curve.most, k, color=BLACK, marker="|", markersize=9.0, linestyle="none")
-    _draw_moved(panel(figure, 112.0, 30.0, 55.0, height), scores)
-    _explain(figure)
+    _draw_moved(panel(figure, 112.0, below, 55.0, height), scores)
+    _explain(figure, markers)
     return figure
 
 
-def _draw_sizes(axes: Axes, trials: list[JudgedTrial], names: list[str]) -> None:
+def _draw_sizes(
+    axes: Axes, trials: list[JudgedTrial], names: list[str], markers: dict[str, str]
+) -> None:
+    half = 0.5 * _SPREAD.get(len(markers), _WIDEST_SPREAD)
+    offsets = dict(zip(markers, np.linspace(-half, half, len(markers)), strict=True))
     for trial in trials:
         hidden = trial.hidden[0]
-        y = names.index(hidden.id) + (-0.17 if trial.layout == "grid" else 0.17)
-        axes.plot(hidden.size, y, marker=_MARKERS[trial.layout], **_look(hidden))
+        y = names.index(hidden.id) + offsets[trial.layout]
+        axes.plot(hidden.size, y, marker=markers[trial.layout], **_look(hidden))
     plain_log(axes, "x", 0.085, 3.5)
     name_rows(axes, names)
     axes.set_xlabel("size, in the reference size of the effect")
@@ -112,14 +132,17 @@ def _draw_moved(axes: Axes, scores: TrialScoresRecord) -> None:
     axes.set_title("share named or in the alternatives")
 
 
-def _explain(figure: Figure) -> None:
+def _explain(figure: Figure, markers: dict[str, str]) -> None:
+    layouts = "; ".join(f"{_MARKERS[marker]}: {layout}" for layout, marker in markers.items())
+    layouts = fill(f"{layouts[0].upper()}{layouts[1:]}.", _LINE)
     write_text_at(
         figure,
         2.0,
         6.0,
         "Filled blue: named or in the alternatives; hollow red: neither; hollow grey: declared "
-        "not testable.\nDots: grid; squares: wide layout. Upright dash: size found in 95 of 100. "
-        "Right: effects that move poses, by how\nfar the residual of the calibrated baseline "
-        "differs from that with nothing hidden (numbers: trials; bars: 95 %\nintervals; line: "
-        "logistic; dotted: the residual is so many times the floor).",
+        f"not testable.\n{layouts}\n"
+        "Upright dash: size found in 95 of 100. Right: effects that move poses, by how far the "
+        "residual of the\ncalibrated baseline differs from that with nothing hidden (numbers: "
+        "trials; bars: 95 % intervals; line: logistic;\ndotted: the residual is so many times "
+        "the floor).",
     )
