@@ -55,6 +55,19 @@ def test_a_campaign_of_a_data_set_is_fetched_and_imported_first(snakemake, tmp_p
     assert jobs[::2] == ["fetch_ipa_robot_accuracy", "import_ipa_robot_accuracy", "ingest", "total"]
 
 
+def test_the_measured_robot_is_planned_from_the_fetch_to_the_transfer(snakemake, tmp_path):
+    raw = tmp_path / "raw"
+    for name in ("ur10-a", "ur10-c"):
+        (raw / name).mkdir(parents=True)
+        (raw / name / "campaign.yaml").write_text(
+            f"name: {name}\nrobot: ur10\ninstrument: {{kind: pose}}\n"
+        )
+    code, text = snakemake("-n", "ur10", sources={})
+    assert code == 0, text
+    jobs = re.search(r"^Job stats:\n.*\n-.*\n((?:\S+ +\d+\n)+)", text, re.MULTILINE)[1].split()
+    assert {"calibrate", "discover", "evaluate", "export", "transfer"} <= set(jobs[::2])
+
+
 def test_an_unknown_data_set_is_refused_in_one_line(snakemake):
     code, text = snakemake("-n", sources={"ipa-robot": "."})
     assert code != 0

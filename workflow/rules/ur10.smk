@@ -4,7 +4,7 @@ rule transfer:
         campaign=raw("campaign.yaml"),
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
-        calibration=lambda wildcards: expand(result("calibration"), campaign=wildcards.source),
+        calibration=lambda wildcards: expand(result("calibration"), campaign=wildcards.source)[0],
         extended=lambda wildcards: expand(
             result("discovery/extended.json"), campaign=wildcards.source
         ),
