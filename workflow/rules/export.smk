@@ -14,4 +14,4 @@ rule export:
         code=code_of("commands.export"),
     shell:
         "python -m pa10cal export --calibration {params.calibration:q} --extended {input.extended:q}"
-        " --model {output.model:q} --urdf {output.urdf:q} 2>&1 | tee {log:q} >&2"
+        " --model {output.model:q} --urdf {output.urdf:q} --force 2>&1 | tee {log:q} >&2"

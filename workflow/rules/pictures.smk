@@ -31,7 +31,7 @@ rule pictures:
         settings=DRAWN_WITH,
     shell:
         "python -m pa10cal figures --results {params.results:q} --campaign-dir {params.folder:q}"
-        " --settings {params.settings:q} 2>&1 | tee {log:q} >&2"
+        " --settings {params.settings:q} --force 2>&1 | tee {log:q} >&2"
 
 
 for kind, endings in {"figures": ["svg", "pdf", "png"], "tables": ["csv", "md", "html"]}.items():
@@ -57,4 +57,4 @@ for kind, endings in {"figures": ["svg", "pdf", "png"], "tables": ["csv", "md", 
             settings=DRAWN_WITH,
         shell:
             "python -m pa10cal figures --results {params.results:q} --campaign-dir {params.folder:q}"
-            " --settings {params.settings:q} --figure {wildcards.picture} 2>&1 | tee {log:q} >&2"
+            " --settings {params.settings:q} --figure {wildcards.picture} --force 2>&1 | tee {log:q} >&2"

@@ -14,7 +14,7 @@ from pa10cal.arm.chain import BASE, Chain
 Array = NDArray[np.float64]
 
 
-def urdf_text(chain: Chain, coordinates: Array, name: str) -> str:
+def urdf_text(chain: Chain, coordinates: Array, name: str, comment: str = "") -> str:
     """Write the rigid geometry of a chain.
 
     Deflection under torque has no place in URDF and is omitted; so are masses. The frame that the
@@ -24,11 +24,14 @@ def urdf_text(chain: Chain, coordinates: Array, name: str) -> str:
         chain: the chain.
         coordinates: (m,) chain coordinates at zero joint positions and torques.
         name: name of the robot.
+        comment: what a reader should know, above everything else.
 
     Returns:
         The text of the file; forward kinematics of its joints `joint_1` … `joint_n` is the chain's.
     """
     robot = ElementTree.Element("robot", name=name)
+    if comment:
+        robot.append(ElementTree.Comment(f" {comment.replace('--', '- -')} "))
     ElementTree.SubElement(robot, "link", name="base")
     constant, joint, parent = np.eye(4), 0, "base"
     driven = {int(column): k for k, column in enumerate(chain.joint_columns)}

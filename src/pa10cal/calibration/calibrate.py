@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.statics import Payload
 from pa10cal.calibration.inner_poses import rows_of, spread_poses
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.options import CalibrationOptions
@@ -19,6 +20,8 @@ from pa10cal.calibration.uncertainty import (
     with_own_scatter,
 )
 from pa10cal.errors import CalibrationError
+from pa10cal.fit.angles_seen import span_seen
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import (
     Direction,
     Identifiability,
@@ -291,3 +294,21 @@ def check_torques(model: Model, observations: Observations) -> None:
                 remedy="log the torques, or remove the joint from calibration.flexible_joints "
                 "(an empty list calibrates a rigid arm)",
             )
+
+
+def fitted_model(calibration: Calibration, payload: Payload | None) -> FittedModel:
+    """Return the fitted model of a calibration on two levels.
+
+    Args:
+        calibration: where it ended.
+        payload: what the arm carried; None where that is not known.
+    """
+    observations = calibration.level.observations
+    return FittedModel(
+        model=calibration.level.model,
+        x=calibration.solution.x,
+        T_instr_base=calibration.T_instr_base,
+        covariance=calibration.covariances.together(calibration.T_instr_base),
+        payload=payload,
+        seen=span_seen(observations.states.q_rad),
+    )

@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.accuracy import align_nominal
+from pa10cal.calibration.calibrate import fitted_model
 from pa10cal.calibration.general.case import GeneralCase, fitted, work_out_general
 from pa10cal.calibration.general.records import general_record
 from pa10cal.calibration.general.start import find_start, start_of
 from pa10cal.calibration.load_case import COMBINED, LoadCase, rows_of_load, work_out
 from pa10cal.calibration.options import CalibrationOptions, takes_general_model
-from pa10cal.calibration.records import fitted_model, fitted_to, paper_record
+from pa10cal.calibration.records import fitted_to, paper_record
 from pa10cal.campaign.description import CampaignDescription
+from pa10cal.campaign.findings import InputFinding
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import average_repeats, poses_of
@@ -34,6 +36,7 @@ def calibrated(
     every: Observations,
     load: str = COMBINED,
     options: CalibrationOptions | None = None,
+    findings: tuple[InputFinding, ...] = (),
 ) -> FittedModel:
     """Calibrate the arm of a campaign, its base, tool and targets found from the nominal arm.
 
@@ -43,6 +46,7 @@ def calibrated(
         every: single readings of all kinds.
         load: `combined`, or a load such as `44N`.
         options: how to calibrate; None for the defaults, without trying random inner poses.
+        findings: what checks of the input found.
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
@@ -53,11 +57,11 @@ def calibrated(
     touches = campaign.instrument.type.from_touches
     if takes_general_model(options.model, from_touches=touches):
         start = find_start(arm, average_repeats(every.of_kind("grid")))
-        case = general_case(campaign, arm, every, start, load, options)
+        case = general_case(campaign, arm, every, start, load, options, findings)
         model, used, health = fitted(case.full), case.full.problem.observations, case.health
     else:
         seed = align_nominal(nominal(arm), poses_of(every, "grid"))
-        papers = paper_case(campaign, arm, every, seed, load, options)
+        papers = paper_case(campaign, arm, every, seed, load, options, findings)
         model, health = fitted_model(papers.cubic, payload), papers.health
         used = papers.cubic.level.observations
     return replace(model, fitted_to=fitted_to(used, load, health, campaign))
@@ -72,6 +76,7 @@ def calibration_record(
     options: CalibrationOptions,
     *,
     general: bool,
+    findings: tuple[InputFinding, ...] = (),
 ) -> CalibrationRecord:
     """Calibrate a load case, and return its record.
 
@@ -83,15 +88,16 @@ def calibration_record(
         load: `combined`, `general`, or a load such as `44N`.
         options: how to calibrate.
         general: whether with all that can be identified, or with the paper's unknowns.
+        findings: what checks of the input found.
 
     Raises:
         CalibrationError: see `paper_case` and `general_case`.
     """
     if general:
         start = start_of(seed, every.measured.target_names)
-        case = general_case(campaign, arm, every, start, load, options)
+        case = general_case(campaign, arm, every, start, load, options, findings)
         return general_record(case, campaign, options)
-    papers = paper_case(campaign, arm, every, seed.T_instr_base, load, options)
+    papers = paper_case(campaign, arm, every, seed.T_instr_base, load, options, findings)
     return paper_record(papers, campaign, campaign.payload(arm), options)
 
 
@@ -102,6 +108,7 @@ def paper_case(
     T_instr_base_seed: Array,
     load: str,
     options: CalibrationOptions,
+    findings: tuple[InputFinding, ...] = (),
 ) -> LoadCase:
     """Compute a load case on two levels, with the paper's unknowns.
 
@@ -112,6 +119,7 @@ def paper_case(
         T_instr_base_seed: (4, 4) about where the base is.
         load: `combined`, or a load such as `44N`.
         options: how to calibrate.
+        findings: what checks of the input found.
 
     Raises:
         CalibrationError: when the instrument measures no poses, or there are too few of them.
@@ -132,6 +140,7 @@ def paper_case(
         T_instr_base_seed,
         load,
         options,
+        findings,
     )
 
 
@@ -142,6 +151,7 @@ def general_case(
     start: Start,
     load: str,
     options: CalibrationOptions,
+    findings: tuple[InputFinding, ...] = (),
 ) -> GeneralCase:
     """Compute a load case with every parameter that arm and instrument can identify.
 
@@ -152,20 +162,24 @@ def general_case(
         start: about where frames and targets are.
         load: `combined` or `general` for all loads together, or a load such as `44N`.
         options: how to calibrate.
+        findings: what checks of the input found.
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
             described does not fit the readings at all.
     """
-    grid = average_repeats(every.of_kind("grid"))
-    held_out = average_repeats(every.of_kind("holdout"))
+    single = every.of_kind("grid")
+    grid, held_out = average_repeats(single), average_repeats(every.of_kind("holdout"))
+    case = COMBINED if load == "general" else load
     return work_out_general(
         arm,
         grid,
         held_out if len(held_out) else None,
-        rows_of_load(grid.states.load_N, COMBINED if load == "general" else load),
+        rows_of_load(grid.states.load_N, case),
         start,
         load,
         campaign.payload(arm),
         options,
+        readings=single.take(rows_of_load(single.states.load_N, case)),
+        findings=findings,
     )

@@ -1,16 +1,20 @@
-"""Whether a calibration is good: its convergence, rank and errors, and a verdict in one line."""
+"""Whether a calibration is good: its convergence, rank and errors, and its grade."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.calibration.design import PoseDesign, pose_design, poses_needed
+from pa10cal.calibration.grade import SMALL_SHARE, Departure, Evidence, graded
+from pa10cal.calibration.repeats import ScatterOfRepeats
+from pa10cal.campaign.findings import InputFinding
 from pa10cal.fit.identifiability import Identifiability
+from pa10cal.observe.observations import Observations
+from pa10cal.results.health import Grade
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
@@ -18,18 +22,6 @@ Array = NDArray[np.float64]
 #: Correlation above which two parameters are nearly inseparable, and how many pairs to list.
 _CORRELATED = 0.95
 _MOST_PAIRS = 20
-#: Largest uncertainty of the model as part of the remaining error: it then adds 5 % to it.
-_SMALL_SHARE = 0.3
-#: Held-out over expected error above which the model follows its own poses, at least; with few
-#: held-out poses so many standard deviations of their root mean square.
-_OVERFITTED = 1.3
-_BY_CHANCE = 3.0
-#: Largest error of a calibrated arm as part of the spread of the measured positions.
-_FITS_NOT = 0.01
-#: Smallest part of the unknowns that poses must identify.
-_LEAST_IDENTIFIED = 2.0 / 3.0
-#: Condition number in scaled parameters above which some direction is poorly determined.
-_ILL_CONDITIONED = 1e5
 
 
 @dataclass(frozen=True)
@@ -47,6 +39,10 @@ class FitSummary:
         white: (P, b, k) rows of unit variance.
         position: (P, c, k) derivative of the predicted position [m].
         not_identifiable: names of those that the data do not identify.
+        x: (k,) values of the parameters.
+        hidden: names of those that no pose of this instrument can determine.
+        of_mounting: names of those that the mounting of base or tool moves as well, so that they
+            say nothing of how the arm was built.
     """
 
     converged: bool
@@ -59,6 +55,24 @@ class FitSummary:
     white: Array
     position: Array
     not_identifiable: frozenset[str]
+    x: Array
+    hidden: frozenset[str] = frozenset()
+    of_mounting: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Remaining errors of held-out poses.
+
+    Attributes:
+        accuracy: the errors.
+        u_mm: standard uncertainty of the predictions there; None where not known.
+        repeats: readings behind a held-out pose over those behind a fitted one.
+    """
+
+    accuracy: Accuracy
+    u_mm: float | None = None
+    repeats: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -72,13 +86,19 @@ class Errors:
         noise_mm: the part that the noise of readings explains, None where not known.
         spread_mm: root mean square distance of the measured positions from their mean.
         suspected_outliers: poses far outside the scatter of the others.
+        noise_is_found: whether that noise is what readings scatter by, and not what is stated.
+        repeats: what repeats show of the stated uncertainty, by kind.
+        findings: what checks of the input found.
     """
 
     train_rms_mm: float
-    held_out: Accuracy | None
+    held_out: HeldOut | None
     noise_mm: float | None
     spread_mm: float
     suspected_outliers: int = 0
+    noise_is_found: bool = False
+    repeats: tuple[ScatterOfRepeats, ...] = ()
+    findings: tuple[InputFinding, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -96,8 +116,10 @@ class Health:
 
     Attributes:
         ended: how it ended.
-        verdict: `good`, `usable` (subject to the line) or `not usable`.
-        line: the reason, in one sentence.
+        grade: how good it is, in a word.
+        line: the reason and the remedy, in one sentence.
+        evidence: what the grade rests on.
+        findings: what is probably wrong in the input.
         pairs: correlated parameters, the worst first.
         train_rms_mm, held_out_rms_mm: remaining position error; None where nothing was held out.
         noise_mm: the part that the noise of the readings explains, None where not known.
@@ -109,8 +131,10 @@ class Health:
     """
 
     ended: FitSummary
-    verdict: Literal["good", "usable", "not usable"]
+    grade: Grade
     line: str
+    evidence: Evidence
+    findings: tuple[InputFinding, ...]
     pairs: tuple[CorrelatedPair, ...]
     train_rms_mm: float
     held_out_rms_mm: float | None
@@ -130,15 +154,18 @@ def health(ended: FitSummary, errors: Errors) -> Health:
         np.array([p.scale for p in ended.parameters]),
         ended.identifiability.rank,
     )
-    u_needed_mm = _SMALL_SHARE * errors.train_rms_mm
-    verdict, line = _verdict(ended, errors, design)
+    u_needed_mm = SMALL_SHARE * errors.train_rms_mm
+    evidence = _evidence(ended, errors, design)
+    grade, line, findings = graded(evidence)
     return Health(
         ended=ended,
-        verdict=verdict,
+        grade=grade,
         line=line,
+        evidence=evidence,
+        findings=findings,
         pairs=_correlated(ended),
         train_rms_mm=errors.train_rms_mm,
-        held_out_rms_mm=None if errors.held_out is None else errors.held_out.rms_mm,
+        held_out_rms_mm=None if errors.held_out is None else errors.held_out.accuracy.rms_mm,
         noise_mm=errors.noise_mm,
         design=design,
         poses=len(ended.white),
@@ -148,86 +175,59 @@ def health(ended: FitSummary, errors: Errors) -> Health:
     )
 
 
-def _verdict(
-    ended: FitSummary, errors: Errors, design: PoseDesign
-) -> tuple[Literal["good", "usable", "not usable"], str]:
-    rank, unknowns = ended.identifiability.rank, len(ended.parameters)
-    if not ended.converged:
-        return "not usable", f"it did not converge: {ended.reason}"
-    error = f"remaining error {errors.train_rms_mm:.3f} mm rms over the poses fitted"
-    if errors.held_out is not None:
-        error += f", {errors.held_out.rms_mm:.3f} mm over held-out poses"
-    if errors.train_rms_mm > _FITS_NOT * errors.spread_mm:
-        return "not usable", (
-            f"{error}: the arm as described does not fit the readings; check robot, order, signs "
-            "and zeros of the joints, and units"
-        )
-    if rank < _LEAST_IDENTIFIED * unknowns:
-        return "not usable", (
-            f"{error}; but the poses identify only {rank} of {unknowns} unknowns, so predictions "
-            "at other poses are unreliable"
-        )
-    if not np.isfinite(design.u_all_m):
-        return "not usable", "too few poses to identify the unknowns"
-    but = _reservations(ended, errors, design)
-    if but:
-        return "usable", f"{error}; but {'; '.join(but)}"
-    return "good", f"{error}; all {rank} unknowns are identifiable"
+def held_out_errors(
+    accuracy: Accuracy, fitted: Observations, held_out: Observations, position: Array, cov: Array
+) -> HeldOut:
+    """Return the errors of held-out poses, with what they are to be compared with.
 
-
-def _reservations(ended: FitSummary, errors: Errors, design: PoseDesign) -> list[str]:
-    """Return the reservations about a usable calibration."""
-    but = []
-    names = sorted(ended.not_identifiable)
-    if names:
-        but.append(
-            f"not identifiable with these poses: {', '.join(names[:4])}"
-            f"{' and others' if names[4:] else ''}"
-        )
-    # A linear spring at its bound is a joint as rigid as the readings can show: no fault.
-    at_end = [name for name in ended.at_bound if not name.startswith("windup")]
-    if at_end:
-        but.append(f"{', '.join(at_end)} at the end of the physical range")
-    if ended.identifiability.condition > _ILL_CONDITIONED:
-        but.append(f"condition number {ended.identifiability.condition:.1e}")
-    if errors.held_out is not None and errors.held_out.rms_mm > _expected_mm(
-        ended, errors, errors.held_out, design
-    ):
-        but.append(
-            "held-out poses have larger errors than expected: they differ from the poses fitted, "
-            "or the model is missing an effect"
-        )
-    if 1e3 * design.u_all_m > _SMALL_SHARE * errors.train_rms_mm:
-        but.append(
-            f"predicted positions have a standard uncertainty of {1e3 * design.u_all_m:.3f} mm; "
-            "measure more poses to reduce it"
-        )
-    if errors.noise_mm is not None and errors.train_rms_mm > 3.0 * errors.noise_mm:
-        but.append(
-            f"the noise of the readings explains only {errors.noise_mm:.3f} mm: the model is "
-            "missing an effect"
-        )
-    if errors.suspected_outliers:
-        many = "s are" if errors.suspected_outliers > 1 else " is"
-        but.append(
-            f"{errors.suspected_outliers} suspected outlier{many} excluded; "
-            "see tables/suspected_outliers"
-        )
-    return but
-
-
-def _expected_mm(
-    ended: FitSummary, errors: Errors, held_out: Accuracy, design: PoseDesign
-) -> float:
-    """Return the largest error of held-out poses that is to be expected.
-
-    Residuals are smaller than errors by the leverage; predictions add the fit's uncertainty.
+    Args:
+        accuracy: their errors.
+        fitted, held_out: averaged poses.
+        position: (P, c, k) derivative of the predicted positions of those held out [m].
+        cov: (k, k) of the parameters.
     """
-    rows = int(np.count_nonzero(np.any(ended.white != 0.0, axis=2)))
-    taken_up = min(ended.identifiability.rank / max(rows, 1), 0.9)
-    expected_mm = np.hypot(errors.train_rms_mm / np.sqrt(1.0 - taken_up), 1e3 * design.u_all_m)
-    by_chance = 1.0 + _BY_CHANCE / np.sqrt(2.0 * held_out.configurations)
-    return float(expected_mm * max(_OVERFITTED, by_chance))
+    variance = np.einsum("pck,kl,pcl->p", position, cov, position, optimize=True)
+    return HeldOut(
+        accuracy=accuracy,
+        u_mm=float(1e3 * np.sqrt(np.mean(np.maximum(variance, 0.0)))),
+        repeats=float(np.mean(1.0 / fitted.readings) / np.mean(1.0 / held_out.readings)),
+    )
+
+
+def _evidence(ended: FitSummary, errors: Errors, design: PoseDesign) -> Evidence:
+    """Return what the grade rests on."""
+    held_out = errors.held_out
+    std = np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
+    return Evidence(
+        converged=ended.converged,
+        reason=ended.reason,
+        train_rms_mm=errors.train_rms_mm,
+        held_out_rms_mm=None if held_out is None else held_out.accuracy.rms_mm,
+        held_out=0 if held_out is None else held_out.accuracy.configurations,
+        held_out_u_mm=None if held_out is None else held_out.u_mm,
+        held_out_repeats=1.0 if held_out is None else held_out.repeats,
+        noise_mm=errors.noise_mm,
+        repeats=errors.repeats,
+        noise_is_found=errors.noise_is_found,
+        u_model_mm=1e3 * design.u_all_m,
+        poses=len(ended.white),
+        rows=int(np.count_nonzero(np.any(ended.white != 0.0, axis=2))),
+        rank=ended.identifiability.rank,
+        unknowns=len(ended.parameters),
+        condition=ended.identifiability.condition,
+        undetermined=tuple(sorted(ended.not_identifiable - ended.hidden)),
+        at_bound=ended.at_bound,
+        departures=tuple(
+            Departure(each.name, float(value) / each.tolerance, float(sigma) / each.tolerance)
+            for each, value, sigma in zip(ended.parameters, ended.x, std, strict=True)
+            if each.tolerance
+            and each.name not in ended.not_identifiable
+            and each.name not in ended.of_mounting
+        ),
+        spread_mm=errors.spread_mm,
+        suspected_outliers=errors.suspected_outliers,
+        findings=errors.findings,
+    )
 
 
 def _correlated(ended: FitSummary) -> tuple[CorrelatedPair, ...]:

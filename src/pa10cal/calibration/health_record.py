@@ -20,7 +20,7 @@ def health_part(health: Health, pose: NDArray[np.str_]) -> health_parts.Health:
     finite = np.isfinite(design.u_optimal_m)
     both = finite & np.isfinite(design.u_measured_m)
     return health_parts.Health(
-        verdict=health.verdict,
+        grade=health.grade,
         line=health.line,
         converged=ended.converged,
         reason=ended.reason,
@@ -39,6 +39,23 @@ def health_part(health: Health, pose: NDArray[np.str_]) -> health_parts.Health:
         train_rms_mm=health.train_rms_mm,
         held_out_rms_mm=health.held_out_rms_mm,
         noise_mm=health.noise_mm,
+        error_over_noise=health.evidence.over_noise,
+        held_out_over_expected=health.evidence.over_expected,
+        repeats=tuple(
+            health_parts.RepeatScatter(
+                kind=each.kind, found=each.found, stated=each.stated, pairs=each.pairs
+            )
+            for each in health.evidence.repeats
+        ),
+        findings=tuple(
+            health_parts.InputFinding(
+                what=each.what,
+                where=each.where,
+                remedy=each.remedy,
+                would_leave_mm=each.would_leave_mm,
+            )
+            for each in health.findings
+        ),
         poses=health_parts.PosesNeeded(
             measured=health.poses,
             needed=health.poses_needed,

@@ -19,24 +19,32 @@ from pa10cal.calibration.accuracy import (
 from pa10cal.calibration.calibrate import (
     Calibration,
     calibrate,
+    fitted_model,
     solve_one_level,
 )
-from pa10cal.calibration.health import Errors, FitSummary, Health, health
+from pa10cal.calibration.health import Errors, FitSummary, Health, health, held_out_errors
 from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependence
 from pa10cal.calibration.l_curve import LCurvePoint, l_curve
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.repeats import scatter_of_repeats
 from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.calibration.uncertainty import ErrorSources, with_own_scatter
+from pa10cal.campaign.findings import InputFinding
 from pa10cal.errors import CalibrationError
+from pa10cal.fit.identifiability import identify, not_identifiable
+from pa10cal.fit.problem import Problem
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.terms.baseline import baseline, nominal
+from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
 
 COMBINED = "combined"
+#: Random postures at which it is found what no pose determines.
+_POSTURES = 60
 #: Weights of the L-curve: from no influence to next to no departures.
 _L_CURVE_WEIGHTS = np.geomspace(1e-6, 3e-2, 14)
 
@@ -102,6 +110,7 @@ def work_out(
     T_instr_base_seed: Array,
     load: str,
     options: CalibrationOptions,
+    findings: tuple[InputFinding, ...] = (),
 ) -> LoadCase:
     """Compute one load case.
 
@@ -112,6 +121,7 @@ def work_out(
         T_instr_base_seed: (4, 4) base frame from the straight-line moves.
         load: `combined`, or a load such as `44N`.
         options: how to calibrate.
+        findings: what checks of the input found.
 
     Raises:
         CalibrationError: when no grid pose has that load, or there are too few of them.
@@ -152,7 +162,7 @@ def work_out(
             if load == COMBINED
             else ()
         ),
-        health=_health(cubic, noise, held_out),
+        health=_health(cubic, noise, held_out, chosen, findings),
         seed_angle_deg=float(
             np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1)))
         ),
@@ -216,40 +226,86 @@ def _check_one_level(
 
 
 def _health(
-    cubic: Calibration, noise: Observations[Pose], held_out: Observations[Pose] | None
+    cubic: Calibration,
+    noise: Observations[Pose],
+    held_out: Observations[Pose] | None,
+    readings: Observations[Pose],
+    findings: tuple[InputFinding, ...],
 ) -> Health:
     """Judge the calibration, base frame included."""
     level, solution = cubic.level, cubic.solution
-    whole = level.one_level(cubic.T_instr_base)
-    jacobian = whole.rows(np.concatenate([solution.x, np.zeros(6)])).jacobian
+    whole, x = level.one_level(cubic.T_instr_base), np.concatenate([solution.x, np.zeros(6)])
+    jacobian = whole.rows(x).jacobian
     whitener = np.linalg.inv(np.linalg.cholesky(noise.measured.cov))
     held = [
         parameter.name
         for parameter, at_bound in zip(level.model.parameters, solution.at_bound, strict=True)
         if at_bound
     ]
+    covariance = cubic.covariances.together(cubic.T_instr_base)
+    hidden = _hidden(whole, x)
     ended = FitSummary(
         converged=solution.converged,
         reason=solution.reason,
         iterations=solution.iterations,
         at_bound=tuple(held),
         parameters=whole.parameters,
-        covariance=cubic.covariances.together(cubic.T_instr_base),
+        covariance=covariance,
         identifiability=cubic.identifiability,
         white=whitener @ jacobian,
         position=jacobian[:, :3],
         not_identifiable=cubic.not_identifiable,
+        x=x,
+        hidden=hidden,
+        of_mounting=hidden | _of_last_row(level.model),
     )
     noise_mm = 1e3 * float(
         np.sqrt(np.trace(noise.measured.cov[:, :3, :3], axis1=1, axis2=2).mean())
     )
     p_instr_m = level.observations.measured.T_instr_target[:, :3, 3]
+    off = None
+    if held_out is not None:
+        accuracy = summarise(model_deviations(cubic, held_out))
+        elsewhere = replace(whole, observations=held_out).rows(x).jacobian[:, :3]
+        off = held_out_errors(accuracy, level.observations, held_out, elsewhere, covariance)
+    scatter = scatter_of_repeats(readings, fitted_model(cubic, None))
     return health(
         ended,
         Errors(
             train_rms_mm=summarise(model_deviations(cubic, level.observations)).rms_mm,
-            held_out=None if held_out is None else summarise(model_deviations(cubic, held_out)),
+            held_out=off,
             noise_mm=noise_mm,
             spread_mm=1e3 * float(np.sqrt(np.sum(np.var(p_instr_m, axis=0)))),
+            noise_is_found=bool(scatter),
+            repeats=scatter,
+            findings=findings,
         ),
+    )
+
+
+def _hidden(problem: Problem, x: Array) -> frozenset[str]:
+    """Return the parameters that no pose determines: they move what the base moves."""
+    generator = np.random.default_rng(0)
+    observations = problem.observations.take(
+        generator.integers(len(problem.observations), size=_POSTURES)
+    )
+    states, arm = observations.states, problem.model.chain.arm
+    low, high = arm.limits_rad.T
+    drawn = replace(
+        states,
+        q_rad=generator.uniform(low, high, (_POSTURES, arm.n)),
+        tau_Nm=generator.permuted(states.tau_Nm, axis=0),
+    )
+    rows = replace(problem, observations=observations.with_states(drawn)).rows(x).jacobian
+    rank = identify(rows.reshape(-1, len(x)), problem.scale)
+    names = {parameter.name for parameter in problem.parameters}
+    return not_identifiable(rank, problem.parameters) & names
+
+
+def _of_last_row(model: Model) -> frozenset[str]:
+    """Return the departures of the last row, which hold how the apparatus is mounted as well."""
+    return frozenset(
+        parameter.name
+        for parameter in model.parameters
+        if parameter.name.startswith("delta_") and parameter.name.endswith(f"_{model.chain.arm.n}")
     )

@@ -12,12 +12,16 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.accuracy import Accuracy, summarise_by_load
 from pa10cal.calibration.base_parameters import report_base
-from pa10cal.calibration.calibrate import Calibration, pull_beyond_bounds, weak_directions
+from pa10cal.calibration.calibrate import (
+    Calibration,
+    fitted_model,
+    pull_beyond_bounds,
+    weak_directions,
+)
 from pa10cal.calibration.health import Health
 from pa10cal.calibration.health_record import health_part
 from pa10cal.calibration.load_case import LoadCase, model_deviations
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.fit.angles_seen import span_seen
 from pa10cal.fit.fitted_model import FittedModel, FittedTo
 from pa10cal.fit.identifiability import observability
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
@@ -225,6 +229,7 @@ def fitted_to(
         poses=len(observations),
         temperature_C=float(states.temperature_C.mean()),
         time_s=(float(states.time_s.min()), float(states.time_s.max())),
+        grade=health.grade,
         health=health.line,
     )
 
@@ -232,24 +237,6 @@ def fitted_to(
 def by_load(accuracies: dict[float, Accuracy]) -> dict[str, Accuracy]:
     """Return accuracies keyed by load as `0N`, `22N`, …, as the files are named."""
     return {f"{load:g}N": accuracy for load, accuracy in accuracies.items()}
-
-
-def fitted_model(calibration: Calibration, payload: Payload | None) -> FittedModel:
-    """Return the fitted model of a calibration on two levels.
-
-    Args:
-        calibration: where it ended.
-        payload: what the arm carried; None where that is not known.
-    """
-    observations = calibration.level.observations
-    return FittedModel(
-        model=calibration.level.model,
-        x=calibration.solution.x,
-        T_instr_base=calibration.T_instr_base,
-        covariance=calibration.covariances.together(calibration.T_instr_base),
-        payload=payload,
-        seen=span_seen(observations.states.q_rad),
-    )
 
 
 def _fit_keys(calibration: Calibration, payload: Payload | None, about: FittedTo) -> dict[str, Any]:

@@ -133,6 +133,6 @@ def _say(title: str, record: CalibrationRecord) -> None:
         f"{title}: {record.status}, rank {record.rank} of {record.unknowns}, "
         f"mean/peak after: {after}"
     )
-    print(f"{title}: {record.health.verdict}: {record.health.line}")
+    print(f"{title}: {record.health.grade}: {record.health.line}")
     for warning in (text for text in record.warnings if text != record.health.line):
         print(f"{title}: note: {warning}", file=sys.stderr)

@@ -11,6 +11,7 @@ def export(
     model: Path,
     urdf: Path,
     extended: Path | None = None,
+    force: bool = False,
 ) -> None:
     """Write a calibrated model for other programs: model.yaml and robot.urdf.
 
@@ -19,6 +20,8 @@ def export(
         model: model.yaml to write.
         urdf: robot.urdf to write.
         extended: model with the effects that discovery named (.json).
+        force: export a calibration that is neither good nor few_poses nor incomplete; the files
+            are marked.
     """
     from pa10cal.arm.urdf import urdf_text
     from pa10cal.calibration.records import models_of
@@ -29,23 +32,18 @@ def export(
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
+    from pa10cal.results.health import UNRESERVED
 
     record = read(CalibrationRecord, calibration)
-    if record.status != "converged":
+    health = record.health
+    withheld = health.grade not in UNRESERVED
+    if withheld and not force:
         raise CalibrationError(
-            "a fit that did not converge is not exported",
-            where=str(calibration),
-            value=record.status,
-            allowed="converged",
-            remedy="raise calibration.max_iterations, or look at its warnings",
-        )
-    if record.health.verdict == "not usable":
-        raise CalibrationError(
-            "a calibration that is not usable is not exported",
+            f"a calibration of grade {health.grade} is not exported",
             where=f"{calibration}: health",
-            value=record.health.line,
-            allowed="good or usable",
-            remedy="follow the remedy given in health.line",
+            value=health.line,
+            allowed="good, few_poses or incomplete",
+            remedy="follow the remedy in the line, or export it with --force",
         )
     *_, fitted = models_of(record, str(calibration)).values()
     warnings = record.warnings
@@ -55,6 +53,8 @@ def export(
         if with_effects.named:
             fitted = read_extended(extended, record.campaign).model
             warnings = with_effects.warnings
-    write_text(urdf, urdf_text(*fitted.rigid_part(), fitted.arm.name))
-    save_model(fitted, model, warnings=list(warnings))
+    grade = f"{health.grade}: {health.line}"
+    forced = f"exported with --force; {grade}" if withheld else None
+    write_text(urdf, urdf_text(*fitted.rigid_part(), fitted.arm.name, forced or grade))
+    save_model(fitted, model, forced=forced, warnings=list(warnings))
     print(f"{record.campaign}: model and URDF of the {record.load} calibration written")

@@ -13,6 +13,7 @@ def figures(
     campaign_dir: Path | None = None,
     figure: str | None = None,
     out_dir: Path | None = None,
+    force: bool = False,
     settings: PictureOptions = PictureOptions(),
 ) -> None:
     """Draw the figures and tables of a results folder.
@@ -22,12 +23,14 @@ def figures(
         campaign_dir: folder of raw files, for a campaign.
         figure: name of a figure or table to draw alone; by default all that have something to show.
         out_dir: gets the folders figures and tables; by default the results.
+        force: draw a calibration that is neither good nor few_poses nor incomplete; every picture
+            is marked.
         settings: sections figures, kcub_reading, montecarlo and evaluation.
     """
     from pa10cal.figures.draw import draw_all, draw_one, summary
     from pa10cal.figures.sources import read_source
 
-    source = read_source(results, campaign_dir, settings)
+    source = read_source(results, campaign_dir, settings, force=force)
     out = out_dir or results
     if figure is not None:
         draw_one(figure, source, out, settings.figures)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import summarise
-from pa10cal.calibration.health import Errors, FitSummary, Health, health
+from pa10cal.calibration.health import Errors, FitSummary, Health, HeldOut, health
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS
 from pa10cal.discovery.blocked_cv.family import computable
 from pa10cal.discovery.blocked_cv.reference import weighted_rows
@@ -122,11 +122,14 @@ def calibrate_with(
     deviations = calibrated.deviations(poses)
     held_out = None
     if campaign.held_out is not None:
-        held_out = summarise(calibrated.deviations(ready(campaign.held_out)))
+        away = ready(campaign.held_out)
+        repeats = float(np.mean(1.0 / poses.readings) / np.mean(1.0 / away.readings))
+        held_out = HeldOut(summarise(calibrated.deviations(away)), repeats=repeats)
     errors = Errors(
         train_rms_mm=summarise(deviations).rms_mm,
         held_out=held_out,
         noise_mm=_noise_mm(used, whitener),
+        noise_is_found=True,
         spread_mm=used.measured.spread_mm,
     )
     summary = _summary(fitted, used, whitener, covariance)
@@ -191,4 +194,5 @@ def _summary(
         white=white,
         position=jacobian[:, columns],
         not_identifiable=not_identifiable(rank, parameters) & names,
+        x=np.concatenate([fitted.at.x, fitted.at.targets_m])[: len(parameters)],
     )

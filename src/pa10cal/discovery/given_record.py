@@ -61,7 +61,7 @@ def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
                 rotation_deg=found.found.rotation_deg,
             ),
             "health": health_part(found.health, found.cells),
-            "warnings": () if found.health.verdict == "good" else (found.health.line,),
+            "warnings": () if found.health.grade == "good" else (found.health.line,),
         }
     )
 

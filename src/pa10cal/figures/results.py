@@ -30,6 +30,7 @@ from pa10cal.results.calibration import (
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord
+from pa10cal.results.health import UNRESERVED
 from pa10cal.results.montecarlo import PlaneRecord
 from pa10cal.results.record import Record
 from pa10cal.results.seed import BaseFrameRecord
@@ -115,6 +116,7 @@ class Results:
         instrument: kind of the instrument that measured it.
         instrument_uncertainty_mm: standard uncertainty of a measured centre, as it states.
         settings: what the pictures read of the settings.
+        force: whether calibrations are drawn whatever their grade, every picture marked.
     """
 
     folder: Path
@@ -125,12 +127,15 @@ class Results:
     instrument: str
     instrument_uncertainty_mm: float
     settings: PictureOptions
+    force: bool = False
     _read_once: dict[object, object] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
     @classmethod
-    def of(cls, raw: Path, folder: Path, settings: PictureOptions) -> Results:
+    def of(
+        cls, raw: Path, folder: Path, settings: PictureOptions, *, force: bool = False
+    ) -> Results:
         """Return the results in a folder, of the campaign in a folder of raw files."""
         campaign = read_description(raw)
         return cls(
@@ -142,6 +147,7 @@ class Results:
             instrument=campaign.instrument.kind,
             instrument_uncertainty_mm=campaign.instrument.uncertainty_mm,
             settings=settings,
+            force=force,
         )
 
     def lacks(self, need: str) -> str | None:
@@ -178,7 +184,16 @@ class Results:
         """What a picture was drawn from: the provenance in its own words, the first of many."""
         text = self.provenance.strip()
         kind = " Synthetic data." if _SYNTHETIC.match(text) else ""
-        return f"Campaign {self.campaign}.{kind} Provenance: {_first_sentences(text)}"
+        campaign = f"Campaign {self.campaign}.{self._mark}{kind}"
+        return f"{campaign} Provenance: {_first_sentences(text)}"
+
+    @property
+    def _mark(self) -> str:
+        """Return what marks pictures of a calibration that is drawn because of `force` alone."""
+        if not self.force or not (self.folder / FILES["calibration"]).exists():
+            return ""
+        grade = self.any_calibration().health.grade
+        return "" if grade in UNRESERVED else f" Grade of the calibration: {grade}."
 
     @property
     def words(self) -> Words:
@@ -244,10 +259,12 @@ class Results:
         """Read `calibration/<load>.json`, whatever the model.
 
         Raises:
-            RecordError: when one of its fits did not converge.
+            RecordError: when one of its fits did not converge, or its input is suspect.
         """
         name = f"calibration/{load}.json"
         found = self._read(CalibrationRecord, name)
+        if self.force:
+            return found
         for key, fit in found.fits.items():
             if fit.status != CONVERGED:
                 path = self.folder / name
@@ -259,6 +276,14 @@ class Results:
                     remedy="allow more steps (calibration.max_iterations), free fewer parameters "
                     "or measure more poses, and run pa10cal calibrate again",
                 )
+        if found.health.grade not in UNRESERVED:
+            raise RecordError(
+                f"nothing is drawn of a calibration of grade {found.health.grade}",
+                where=f"{self.folder / name}: health",
+                value=found.health.line,
+                allowed="good, few_poses or incomplete",
+                remedy="follow the remedy in the line, or draw it with --force",
+            )
         return found
 
     def calibrations(self) -> tuple[CalibrationRecord, ...]:

@@ -39,20 +39,23 @@ class Source:
     lacks: Callable[[str], str | None] = _nothing
 
 
-def read_source(folder: Path, campaign_dir: Path | None, settings: PictureOptions) -> Source:
+def read_source(
+    folder: Path, campaign_dir: Path | None, settings: PictureOptions, *, force: bool = False
+) -> Source:
     """Return what the pictures of a results folder are drawn from.
 
     Args:
         folder: results of a campaign, of blind trials, of a curve, or of chains along curves.
         campaign_dir: raw files of the campaign; None where it is none.
         settings: what pictures read of the settings.
+        force: whether a campaign's calibrations are drawn whatever their grade.
 
     Raises:
         SettingsError: when it is not known what the results are of.
         RecordError, RawDataError: when they cannot be used.
     """
     if campaign_dir is not None:
-        return of_campaign(Results.of(campaign_dir, folder, settings))
+        return of_campaign(Results.of(campaign_dir, folder, settings, force=force))
     if (folder / "scores.json").exists():
         return _of_trials(read(TrialScoresRecord, folder / "scores.json"))
     if (folder / "curve.json").exists():

@@ -90,6 +90,11 @@ class FittedModel:
             )
 
     @property
+    def grade(self) -> str:
+        """Return how good its calibration is, in a word; empty where that is not known."""
+        return "" if self.fitted_to is None else self.fitted_to.grade
+
+    @property
     def arm(self) -> Arm:
         """Return the nominal arm."""
         return self.model.chain.arm
@@ -136,7 +141,11 @@ class FittedModel:
     def _repr_html_(self) -> str:
         """Return the model as a notebook shows it."""
         fitted = self.fitted_to
-        about = "" if fitted is None else f", fitted to {fitted.campaign}: {fitted.health}"
+        about = (
+            ""
+            if fitted is None
+            else f", fitted to {fitted.campaign}: {fitted.grade}: {fitted.health}"
+        )
         return f"<p>{escape(self.arm.title + about)}</p>{self.parameters.to_html(index=False)}"
 
     @property

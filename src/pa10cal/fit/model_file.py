@@ -316,6 +316,7 @@ def _fitted_to(content: Mapping[str, Any]) -> FittedTo:
         poses=int(content["poses"]),
         temperature_C=np.nan if temperature_C is None else float(temperature_C),
         time_s=(float(first), float(last)),
+        grade=str(content["grade"]),
         health=str(content["health"]),
     )
 

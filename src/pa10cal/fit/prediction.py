@@ -22,7 +22,9 @@ class FittedTo:
         poses: poses fitted.
         temperature_C: their mean temperature; nan where it was not logged.
         time_s: (2,) first and last of their times.
-        health: one line that says whether the calibration is good.
+        grade: how good the calibration is: `good`, `few_poses`, `incomplete`, `suspect_input` or
+            `not_converged`; empty where that is not known.
+        health: the reason, and what to do, in one sentence.
     """
 
     campaign: str
@@ -32,6 +34,7 @@ class FittedTo:
     poses: int
     temperature_C: float
     time_s: tuple[float, float]
+    grade: str = ""
     health: str = ""
 
 

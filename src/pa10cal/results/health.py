@@ -8,6 +8,32 @@ from pydantic import Field
 
 from pa10cal.results.record import Part
 
+#: How good a calibration is.
+Grade = Literal["good", "few_poses", "incomplete", "suspect_input", "not_converged"]
+#: Grades with which a model is exported and drawn without more ado.
+UNRESERVED: frozenset[Grade] = frozenset({"good", "few_poses", "incomplete"})
+
+
+class InputFinding(Part):
+    """Something in the input that is probably wrong."""
+
+    what: str = Field(description="what it is, one clause")
+    where: str = Field(description="column, joint, parameter, pose or file")
+    remedy: str = Field(description="what to do about it")
+    would_leave_mm: float | None = Field(
+        description="root mean square position error that would remain if it were put right [mm]; "
+        "null where that was not tried"
+    )
+
+
+class RepeatScatter(Part):
+    """What repeats scatter by, beside the stated uncertainty."""
+
+    kind: str = Field(description="`position`, `attitude` or `distance`")
+    found: float = Field(description="scatter of one reading, one component [m or rad]")
+    stated: float = Field(description="its stated standard uncertainty [m or rad]")
+    pairs: int = Field(description="pairs of successive readings behind it")
+
 
 class CorrelatedPair(Part):
     """Two parameters that the poses can hardly separate."""
@@ -49,7 +75,7 @@ class PosesNeeded(Part):
 class Health(Part):
     """What to look at before a calibration is trusted."""
 
-    verdict: Literal["good", "usable", "not usable"] = Field(description="the judgement")
+    grade: Grade = Field(description="how good it is; the rule is in `docs/general.md`")
     line: str = Field(description="the reason for it, in one sentence, with the remedy")
     converged: bool = Field(description="whether the fit converged")
     reason: str = Field(description="why the fit stopped")
@@ -69,5 +95,19 @@ class Health(Part):
     noise_mm: float | None = Field(
         description="root mean square position error that noise alone leaves [mm]; null where it "
         "is not known"
+    )
+    error_over_noise: float | None = Field(
+        description="remaining error over the noise that repeats show, or else the stated noise; "
+        "null where neither is known"
+    )
+    held_out_over_expected: float | None = Field(
+        description="held-out error over the error that the fit promises there, where chance does "
+        "not explain it; else null"
+    )
+    repeats: tuple[RepeatScatter, ...] = Field(
+        description="stated and found uncertainty; empty where too little is repeated"
+    )
+    findings: tuple[InputFinding, ...] = Field(
+        description="what is probably wrong in the input; empty where nothing is"
     )
     poses: PosesNeeded = Field(description="how many poses there are and how many are needed")

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import deviations
-from pa10cal.calibration.calibrate import Calibration, calibrate
+from pa10cal.calibration.calibrate import Calibration, calibrate, fitted_model
 from pa10cal.calibration.campaign import calibration_record
 from pa10cal.calibration.load_case import COMBINED
 from pa10cal.calibration.options import CalibrationOptions, takes_general_model
-from pa10cal.calibration.records import fitted_model, models_of
+from pa10cal.calibration.records import models_of
 from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.campaign.read import Campaign, read_campaign
 from pa10cal.discovery.discover import discover

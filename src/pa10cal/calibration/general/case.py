@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,16 @@ from pa10cal.calibration.general.calibrate import (
     calibrate_general,
 )
 from pa10cal.calibration.general.suspected_outliers import SuspectedOutlier, suspected_outliers
-from pa10cal.calibration.health import Errors, FitSummary, Health, health
+from pa10cal.calibration.health import Errors, FitSummary, Health, health, held_out_errors
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.repeats import scatter_of_repeats
+from pa10cal.campaign.findings import InputFinding
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import span_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import Direction, not_identifiable, unidentified_directions
 from pa10cal.fit.loads import with_torques
+from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations, Start
 from pa10cal.terms.model import Model
@@ -78,6 +81,9 @@ def work_out_general(
     load: str,
     payload: Payload | None,
     options: CalibrationOptions,
+    *,
+    readings: Observations | None = None,
+    findings: tuple[InputFinding, ...] = (),
 ) -> GeneralCase:
     """Compute one load case.
 
@@ -90,6 +96,9 @@ def work_out_general(
         load: name of the load case.
         payload: what the arm carries, None where it is not known.
         options: how to calibrate.
+        readings: single readings behind the poses to fit, whose repeats show the noise; None for
+            none.
+        findings: what checks of the input found.
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
@@ -113,7 +122,11 @@ def work_out_general(
     _refuse_another_arm(full, summarise(found.take(rows)).rms_mm, used.measured.spread_mm)
     off = None
     if held_out is not None and len(held_out):
-        off = summarise(calibrated.deviations(weighed(held_out)))
+        held_out = weighed(held_out)
+        elsewhere = replace(full.problem, observations=held_out.turned(start.R_ee_target))
+        position = _position(elsewhere, elsewhere.rows(full.fit.x).jacobian)
+        accuracy = summarise(calibrated.deviations(held_out))
+        off = held_out_errors(accuracy, used, held_out, position, full.fit.covariance)
     parameters = full.problem.parameters
     names = {parameter.name for parameter in parameters}
     openly = not_identifiable(full.fit.identifiability, parameters) & names
@@ -125,6 +138,8 @@ def work_out_general(
         noise_mm=_noise_mm(full),
         spread_mm=used.measured.spread_mm,
         suspected_outliers=len(doubts),
+        repeats=() if readings is None else scatter_of_repeats(readings, calibrated),
+        findings=findings,
     )
     return GeneralCase(
         load=load,
@@ -203,10 +218,7 @@ def base_motion(model: Model, x_base: Array) -> Array:
 
 def _fit_summary(general: GeneralCalibration, openly: frozenset[str]) -> FitSummary:
     fit, parameters = general.fit, general.problem.parameters
-    columns = general.problem.measured.component_kinds[0][1]
     root = np.sqrt(fit.weights)[:, None, None]
-    # Of several targets the uncertainty of one is meant, as the error is that of one.
-    share = np.sqrt(_targets_seen(general))[:, None, None]
     return FitSummary(
         converged=fit.converged,
         reason=fit.reason,
@@ -218,9 +230,17 @@ def _fit_summary(general: GeneralCalibration, openly: frozenset[str]) -> FitSumm
         covariance=fit.covariance,
         identifiability=fit.identifiability,
         white=(root * fit.whitener) @ fit.jacobian,
-        position=fit.jacobian[:, columns] / share,
+        position=_position(general.problem, fit.jacobian),
         not_identifiable=openly,
+        x=fit.x,
     )
+
+
+def _position(problem: Problem, jacobian: Array) -> Array:
+    """Return the derivative of the predicted position, of one target where there are several."""
+    columns = problem.measured.component_kinds[0][1]
+    share: Array = jacobian[:, columns] / np.sqrt(_targets_seen(problem))[:, None, None]
+    return share
 
 
 def _noise_mm(general: GeneralCalibration) -> float:
@@ -229,13 +249,12 @@ def _noise_mm(general: GeneralCalibration) -> float:
     columns = problem.measured.component_kinds[0][1]
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns]
     seen = problem.components_seen[:, columns]
-    per_pose = np.where(seen, variances, 0.0).sum(axis=1) / _targets_seen(general)
+    per_pose = np.where(seen, variances, 0.0).sum(axis=1) / _targets_seen(problem)
     return float(1e3 * np.sqrt(per_pose.mean()))
 
 
-def _targets_seen(general: GeneralCalibration) -> Array:
+def _targets_seen(problem: Problem) -> Array:
     """Return how many targets were seen in each pose, (P,)."""
-    problem = general.problem
     columns = problem.measured.component_kinds[0][1]
     targets: Array = np.maximum(1.0, problem.components_seen[:, columns].sum(axis=1) // 3)
     return targets

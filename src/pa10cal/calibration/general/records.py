@@ -207,7 +207,7 @@ def _warnings(case: GeneralCase) -> tuple[str, ...]:
     found = []
     if not case.full.fit.converged:
         found.append(f"not converged: {case.full.fit.reason}")
-    if case.health.verdict != "good":
+    if case.health.grade != "good":
         found.append(case.health.line)
     if case.full.torques_from == "masses" and case.full.springs:
         found.append("torques were not logged: those of the described masses are used")

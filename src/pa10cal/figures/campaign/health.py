@@ -59,7 +59,8 @@ def draw(results: Results) -> Figure:
     """Draw the expected uncertainty by number of poses, the errors, and say what else counts."""
     case = results.any_calibration()
     health = case.health
-    verdict = wrap(f"{health.verdict.capitalize()}: {health.line}.", _WIDE_LETTERS)
+    grade = health.grade.replace("_", " ").capitalize()
+    verdict = wrap(f"{grade}: {health.line}.", _WIDE_LETTERS)
     facts, pairs = _facts(health), _pairs(health)
     lines = len(verdict) + max(len(facts), len(pairs)) + 1
     text_mm = _LINE_MM * lines

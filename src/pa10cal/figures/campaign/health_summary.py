@@ -64,7 +64,7 @@ def _said(case: CalibrationRecord) -> dict[str, str]:
     poses = health.poses
     needed = f"more than {len(poses.d_optimal_order)}" if poses.needed is None else poses.needed
     found = {
-        "verdict": f"{health.verdict}: {health.line}",
+        "grade": f"{health.grade}: {health.line}",
         "termination": f"after {health.iterations} steps: {health.reason}",
         "rank": f"{health.rank} of {health.unknowns} unknowns",
         "condition number": f"{health.condition:.4g}",
@@ -114,7 +114,7 @@ def _order(health: Health, model: str) -> Shown:
 def _data_rows(case: CalibrationRecord) -> Iterator[Row]:
     health, model = case.health, case.model
     poses = health.poses
-    for quantity in ("verdict", "line", "reason", "iterations", "rank", "unknowns", "condition"):
+    for quantity in ("grade", "line", "reason", "iterations", "rank", "unknowns", "condition"):
         yield (model, quantity, "", str(getattr(health, quantity)), "")
     for quantity in ("at_bounds", "not_identifiable"):
         yield (model, quantity, "", " ".join(getattr(health, quantity)), "")

@@ -1,0 +1,295 @@
+"""The grade of a calibration: one word, and one sentence that says what to do.
+
+The rule stands in `docs/general.md`; thresholds and their reasons stand here and there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pa10cal.calibration.repeats import ScatterOfRepeats
+from pa10cal.campaign.findings import InputFinding
+from pa10cal.results.health import Grade
+
+#: Remaining error over the noise above which a model lacks something.
+OVER_NOISE = 1.25
+#: Standard deviations by which chance may exceed a limit.
+BY_CHANCE = 3.0
+#: Held-out over expected error above which the model does not predict as it promises.
+OVER_EXPECTED = 1.3
+#: Stated over found uncertainty, either way, above which one of them is wrong; of attitudes, whose
+#: uncertainty is mostly not stated but taken from that of positions, above which a unit is.
+STATED_OFF = 3.0
+ATTITUDE_OFF = 30.0
+#: Remaining error over a stated noise that nothing else confirms, above which the unit is in doubt:
+#: a unit is off by 1000, an effect of the arm leaves less than 100 times the noise.
+UNIT_OFF = 300.0
+#: What the reading of a joint may scatter by [rad]: encoders of arms resolve 1e-5 rad and less.
+JOINT_RAD = 1e-5
+#: Departure over tolerance that no arm was built with.
+FAR_OFF = 20.0
+#: Remaining error, as part of the spread of the measured positions, that no calibrated arm has.
+FITS_NOT = 0.01
+#: Largest uncertainty of the model as part of the remaining error: it then adds 5 % to it.
+SMALL_SHARE = 0.3
+#: Condition number in scaled parameters above which some direction is poorly determined.
+ILL_CONDITIONED = 1e5
+_MOST_NAMES = 4
+
+
+@dataclass(frozen=True)
+class Departure:
+    """How far a link parameter is from its nominal value.
+
+    Attributes:
+        name: of the parameter.
+        size: departure over tolerance.
+        std: its standard uncertainty over tolerance.
+    """
+
+    name: str
+    size: float
+    std: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What a grade rests on.
+
+    Attributes:
+        converged: whether the fit came to rest.
+        reason: why it stopped.
+        train_rms_mm: remaining error of the poses fitted.
+        held_out_rms_mm: the same of held-out poses; None where there are none.
+        held_out: how many configurations were held out.
+        held_out_u_mm: standard uncertainty of their predictions; None where only `u_model_mm` is
+            known.
+        held_out_repeats: readings behind a held-out pose over those behind a fitted one.
+        noise_mm: the part that the noise of readings explains; None where not known.
+        repeats: what repeats show of the stated uncertainty, by kind.
+        noise_is_found: whether `noise_mm` is what readings scatter by, and not what is stated.
+        u_model_mm: standard uncertainty of a predicted position; inf where it is not determined.
+        poses: poses fitted.
+        rows: components fitted.
+        rank, unknowns: directions identified, parameters fitted.
+        condition: condition number over the identified directions.
+        undetermined: parameters that these poses do not determine, and others of the arm could.
+        at_bound: parameters at the end of their physical range.
+        departures: of the links, without those that the mounting of base or tool may cause.
+        spread_mm: root mean square distance of the measured positions from their mean.
+        suspected_outliers: poses far outside the scatter of the others.
+        findings: what checks of the input found.
+    """
+
+    converged: bool = True
+    reason: str = ""
+    train_rms_mm: float
+    held_out_rms_mm: float | None = None
+    held_out: int = 0
+    held_out_u_mm: float | None = None
+    held_out_repeats: float = 1.0
+    noise_mm: float | None = None
+    repeats: tuple[ScatterOfRepeats, ...] = ()
+    noise_is_found: bool = False
+    u_model_mm: float
+    poses: int
+    rows: int
+    rank: int
+    unknowns: int
+    condition: float = 1.0
+    undetermined: tuple[str, ...] = ()
+    at_bound: tuple[str, ...] = ()
+    departures: tuple[Departure, ...] = ()
+    spread_mm: float
+    suspected_outliers: int = 0
+    findings: tuple[InputFinding, ...] = ()
+
+    @property
+    def error_mm(self) -> float:
+        """Return the remaining error without what the fit has taken up of it."""
+        return self.train_rms_mm / float(np.sqrt(1.0 - min(self.rank / max(self.rows, 1), 0.9)))
+
+    @property
+    def own_noise_mm(self) -> float | None:
+        """Return the noise of the poses fitted: as repeats show it, else as stated."""
+        if self.noise_mm is None or self.noise_is_found or not self.repeats:
+            return self.noise_mm
+        return self.noise_mm * self.repeats[0].ratio
+
+    @property
+    def over_noise(self) -> float | None:
+        """Return the remaining error over the noise; None where that is not known."""
+        noise_mm = self.own_noise_mm
+        return self.error_mm / noise_mm if noise_mm else None
+
+    @property
+    def most_over_noise(self) -> float:
+        """Return how many times the noise the remaining error may be."""
+        return OVER_NOISE * _by_chance(self.rows - self.rank)
+
+    @property
+    def expected_held_out_mm(self) -> float:
+        """Return the error that the fit promises of held-out poses.
+
+        Noise grows where fewer readings were averaged; what the model lacks does not.
+        """
+        noise_mm = min(self.own_noise_mm or self.error_mm, self.error_mm)
+        lacking = self.error_mm**2 - noise_mm**2
+        u_mm = self.u_model_mm if self.held_out_u_mm is None else self.held_out_u_mm
+        return float(np.sqrt(lacking + noise_mm**2 / self.held_out_repeats + u_mm**2))
+
+    @property
+    def over_expected(self) -> float | None:
+        """Return the held-out error over the one promised, where chance does not explain it."""
+        if self.held_out_rms_mm is None:
+            return None
+        ratio = self.held_out_rms_mm / self.expected_held_out_mm
+        at_most = max(OVER_EXPECTED, 1.0 + BY_CHANCE / np.sqrt(2.0 * max(self.held_out, 1)))
+        return ratio if ratio > at_most else None
+
+
+def graded(evidence: Evidence) -> tuple[Grade, str, tuple[InputFinding, ...]]:
+    """Grade a calibration.
+
+    Returns:
+        The grade, one sentence with the reason and the remedy, and what is suspected of the input.
+    """
+    if not evidence.converged:
+        remedy = "raise calibration.max_iterations, or measure more poses"
+        return "not_converged", f"the fit did not converge: {evidence.reason}; {remedy}", ()
+    errors = _errors(evidence)
+    if findings := (*evidence.findings, *_suspected(evidence)):
+        more = f"; {len(findings) - 1} more in health.findings" if findings[1:] else ""
+        return "suspect_input", f"{errors}; check the input: {findings[0]}{more}", findings
+    beside = "".join(f"; {remark}" for remark in _remarks(evidence))
+    if lacks := _lacking(evidence):
+        return "incomplete", f"{errors}, {lacks}{beside}", ()
+    if few := _few(evidence):
+        return "few_poses", f"{errors}; {few}{beside}", ()
+    noise_mm = evidence.own_noise_mm
+    agrees = "" if noise_mm is None else f", as the noise of {noise_mm:.3f} mm explains"
+    return (
+        "good",
+        f"{errors}{agrees}; everything that such an instrument can determine is determined"
+        f" (rank {evidence.rank}){beside}",
+        (),
+    )
+
+
+def _errors(evidence: Evidence) -> str:
+    text = f"remaining error {evidence.train_rms_mm:.3f} mm rms over the poses fitted"
+    if evidence.held_out_rms_mm is not None:
+        text += f", {evidence.held_out_rms_mm:.3f} mm over held-out poses"
+    return text
+
+
+def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
+    """Return what the fit itself shows to be wrong in the input."""
+    if evidence.train_rms_mm > FITS_NOT * evidence.spread_mm:
+        yield InputFinding(
+            "the arm as described does not fit the readings",
+            "the whole campaign",
+            "check robot, order, signs and zeros of the joints, and units",
+        )
+    yield from _stated(evidence)
+    over = max(evidence.over_noise or 1.0, 1.0)
+    far = [d for d in evidence.departures if abs(d.size) - BY_CHANCE * over * d.std > FAR_OFF]
+    for departure in sorted(far, key=lambda d: -abs(d.size)):
+        yield InputFinding(
+            f"{abs(departure.size):.0f} tolerances from nominal",
+            departure.name,
+            "check this value in the description of the arm, and the zero of its joint in the log",
+        )
+
+
+def _stated(evidence: Evidence) -> Iterator[InputFinding]:
+    """Return where stated and found uncertainty are off by more than a factor."""
+    for scatter in evidence.repeats:
+        turns = scatter.kind == "attitude"
+        unit, off = ("mrad", ATTITUDE_OFF) if turns else ("mm", STATED_OFF)
+        joints = JOINT_RAD * (1.0 if turns else 1e-3 * evidence.spread_mm)
+        too_small = scatter.found > off * np.hypot(scatter.stated, joints)
+        if too_small or scatter.stated > off * scatter.found:
+            yield InputFinding(
+                f"{1e3 * scatter.stated:.2g} {unit} is stated, repeats scatter by "
+                f"{1e3 * scatter.found:.2g} {unit}",
+                f"stated uncertainty of the {scatter.kind}",
+                "check its unit and value, and whether readings were copied or averaged",
+            )
+    if evidence.repeats or evidence.noise_is_found or not evidence.noise_mm:
+        return
+    ratio = evidence.error_mm / evidence.noise_mm
+    if ratio < 1.0 / STATED_OFF or ratio > UNIT_OFF:
+        yield InputFinding(
+            f"{evidence.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
+            "stated uncertainty of the position",
+            "check its unit and value",
+            evidence.error_mm,
+        )
+
+
+def _lacking(evidence: Evidence) -> str:
+    """Return what shows that the model lacks something; nothing where it does not."""
+    parts = []
+    over = evidence.over_noise
+    if over is not None and over > evidence.most_over_noise:
+        known = "" if evidence.noise_is_found or evidence.repeats else "stated "
+        parts.append(
+            f"{over:.2g} times the {known}noise of {evidence.own_noise_mm:.3f} mm: the model is "
+            "missing an effect"
+            + (", or the stated uncertainty is too small" if known and over < STATED_OFF else "")
+        )
+    if (ratio := evidence.over_expected) is not None:
+        parts.append(
+            f"{ratio:.2g} times the error that the fit promises for held-out poses: they differ "
+            "from the poses fitted, or the model is missing an effect"
+        )
+    return "; ".join(parts) + "; see the verdict" if parts else ""
+
+
+def _few(evidence: Evidence) -> str:
+    """Return what more poses would bring; nothing where there are enough."""
+    names = evidence.undetermined
+    told = f"the poses identify {evidence.rank} of {evidence.unknowns} unknowns"
+    if not np.isfinite(evidence.u_model_mm):
+        return f"{told}; measure at least {-(-evidence.unknowns // 2)} poses, well spread"
+    if names:
+        return (
+            f"not identifiable with these poses: {_listed(names)} ({told}); measure poses that "
+            "move every joint over its range"
+        )
+    u_mm, wanted_mm = evidence.u_model_mm, SMALL_SHARE * evidence.train_rms_mm
+    if u_mm > wanted_mm:
+        more = int(np.ceil(evidence.poses * ((u_mm / wanted_mm) ** 2 - 1.0)))
+        return (
+            f"predicted positions have a standard uncertainty of {u_mm:.3f} mm; measure about "
+            f"{more} more poses to reduce it to {wanted_mm:.3f} mm"
+        )
+    return ""
+
+
+def _remarks(evidence: Evidence) -> Iterator[str]:
+    """Return what a reader should know besides."""
+    # A linear spring at its bound is a joint as rigid as the readings can show: no remark.
+    held = tuple(name for name in evidence.at_bound if not name.startswith("windup"))
+    if held:
+        yield f"{_listed(held)} at the end of the physical range"
+    if evidence.condition > ILL_CONDITIONED:
+        yield f"condition number {evidence.condition:.1e}"
+    if evidence.suspected_outliers:
+        many = "s are" if evidence.suspected_outliers > 1 else " is"
+        yield (
+            f"{evidence.suspected_outliers} suspected outlier{many} excluded; "
+            "see tables/suspected_outliers"
+        )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:_MOST_NAMES]) + (" and others" if names[_MOST_NAMES:] else "")
+
+
+def _by_chance(dof: int) -> float:
+    return 1.0 + BY_CHANCE / float(np.sqrt(2.0 * max(dof, 1)))

@@ -1,0 +1,28 @@
+"""What is probably wrong in the input: one finding, wherever it was found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class InputFinding:
+    """Something in the input that is probably wrong.
+
+    Attributes:
+        what: what it is, one clause.
+        where: column, joint, parameter, pose or file.
+        remedy: what to do about it.
+        would_leave_mm: root mean square position error that would remain if it were put right;
+            None where that was not tried.
+    """
+
+    what: str
+    where: str
+    remedy: str
+    would_leave_mm: float | None = None
+
+    def __str__(self) -> str:
+        left = self.would_leave_mm
+        then = "" if left is None else f" ({left:.3g} mm rms would remain)"
+        return f"{self.where}: {self.what}; {self.remedy}{then}"
