@@ -8,6 +8,7 @@ import numpy as np
 
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
+from pa10cal.discovery.gates import gated
 from pa10cal.discovery.noise import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
 from pa10cal.discovery.not_sought import TooLittle, not_sought
 from pa10cal.discovery.preparation import MeasurementSetup, prepared
@@ -46,17 +47,18 @@ def discover(
     if judged_by_blocks(campaign.readings):
         from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
 
-        return discover_by_blocks(campaign, error_rate)
+        return gated(discover_by_blocks(campaign, error_rate))
     check_torques(campaign.baseline.model, campaign.readings)
     if lacking := too_little(campaign.trusted, campaign.baseline):
         return not_sought(campaign, model, lacking, error_rate)
     from pa10cal.discovery.evidence.discover import discover_by_repeats
 
     try:
-        return discover_by_repeats(campaign, error_rate)
+        found = discover_by_repeats(campaign, error_rate)
     except DiscoveryError as error:  # repeats show no noise, as where readings were copied
         lacking = TooLittle(f"{error.what} ({error.value})", error.remedy or "measure them again")
         return not_sought(campaign, model, lacking, error_rate)
+    return gated(found)
 
 
 def judged_by_blocks(readings: Observations) -> bool:

@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
-from typing import ClassVar, Generic, Literal, TypeVar
+from typing import ClassVar, Generic, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.discovery.gap import Gap, Named
-from pa10cal.discovery.lack_of_fit import LackOfFit
+from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
 from pa10cal.discovery.next_poses.room import NextPose
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.with_effects import ModelWithEffects
@@ -278,6 +278,16 @@ class Verdict(ABC, Generic[P_co]):
             targets_off_m=self.targets_off_m,
             seen=self.baseline.seen if self.seen is None else self.seen,
         )
+
+    @property
+    def torque_test(self) -> PureErrorTest | None:
+        """Return the lack of fit of the logged torques; None where they do not judge."""
+        return None
+
+    def without(self, effects: tuple[Effect, ...]) -> Self:
+        """Return the verdict with some of its effects taken out of the model, all fitted anew."""
+        assert not effects, "nothing was sought"
+        return self
 
     @abstractmethod
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -31,7 +31,7 @@ from pa10cal.discovery.blocked_cv.refit import Refit, refit
 from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search, Step
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
-from pa10cal.discovery.gap import Named
+from pa10cal.discovery.gap import Gap, Named
 from pa10cal.discovery.lack_of_fit import CellResiduals, LackOfFit, lack_of_fit
 from pa10cal.discovery.linear import mean_error_of_noise_mm, residual
 from pa10cal.discovery.next_poses.fill import fill
@@ -39,6 +39,7 @@ from pa10cal.discovery.noise import Noise, noise_of_near_poses
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.verdict import MAP, Finding, NotTestable, Plan, Verdict, reported
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
+from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -87,6 +88,32 @@ class VerdictByBlocks(Verdict[Prediction]):
     def noise_floor_from(self) -> str:
         """Return what the noise floor was found from."""
         return self.noise.origin
+
+    @override
+    def without(self, effects: tuple[Effect, ...]) -> VerdictByBlocks:
+        """Return the verdict with some of its effects taken out of the model, all fitted anew."""
+        kept = tuple(finding for finding in self.effects if finding.effect not in effects)
+        stay = tuple(finding.effect for finding in kept)
+        starts = tuple(self.extended.x[self.extended.columns_of(effect)] for effect in stay)
+        extended = refit(self.survey, stay, starts, self.extended.weights)
+        fitted, seen = extended.fitted(), _seen(self.survey, stay)
+        findings = []
+        for finding in kept:
+            x, covariance = _reported(extended, finding.effect)
+            findings.append(replace(finding, x=x, covariance=covariance))
+
+        def gap_on(poses: Observations) -> Gap:
+            return compare(self.survey, fitted, seen, poses, self.noise_floor_mm)
+
+        held_out = self.prepared.held_out
+        return replace(
+            self,
+            effects=tuple(findings),
+            extended=extended,
+            train=gap_on(self.survey.poses),
+            holdout=None if held_out is None else gap_on(held_out),
+            finest=self.finest.with_only(stay),
+        )
 
     @override
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:

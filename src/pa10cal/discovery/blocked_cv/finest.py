@@ -15,6 +15,7 @@ from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.search import Step
 from pa10cal.discovery.blocked_cv.selection import predicted_squares, solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines_by_knots
 
 Array = NDArray[np.float64]
@@ -42,6 +43,26 @@ class Level:
     total: Products
     prior: Array
     at: tuple[Index, ...]
+
+    def with_only(self, effects: tuple[Effect, ...]) -> Level:
+        """Return the level with some of its members alone; of held-out blocks it knows no more."""
+        stay = [k for k, member in enumerate(self.members) if member.effect in effects]
+        gone = [self.at[k] for k in range(len(self.members)) if k not in stay]
+        columns = np.setdiff1d(
+            np.arange(len(self.prior)), np.concatenate([np.zeros(0, int), *gone])
+        )
+        there = np.ix_(columns, columns)
+        return Level(
+            tuple(self.members[k] for k in stay),
+            self.squares,
+            replace(
+                self.total,
+                gram=self.total.gram[there],
+                projection=self.total.projection[columns],
+            ),
+            self.prior[there],
+            tuple(np.searchsorted(columns, self.at[k]) for k in stay),
+        )
 
     def fit(self, count: int) -> tuple[Array, tuple[Array, ...]]:
         """Solve the first few members.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -15,15 +15,15 @@ from pa10cal.discovery.evidence.candidates import testable
 from pa10cal.discovery.evidence.confirm import Confirmation
 from pa10cal.discovery.evidence.fit import Fit, apparatus_m, covariance_of, fit
 from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge
-from pa10cal.discovery.evidence.lack_of_fit import evidence_lack_of_fit
+from pa10cal.discovery.evidence.lack_of_fit import channel_tests, evidence_lack_of_fit
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, search
 from pa10cal.discovery.gap import Gap, Named, gap
-from pa10cal.discovery.lack_of_fit import LackOfFit
+from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
 from pa10cal.discovery.next_poses.contest import Pair
 from pa10cal.discovery.next_poses.separate import plan
 from pa10cal.discovery.preparation import Prepared, complete_about
-from pa10cal.discovery.verdict import Plan, Verdict
+from pa10cal.discovery.verdict import Plan, Verdict, reported
 from pa10cal.errors import DiscoveryError
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
@@ -92,6 +92,37 @@ class VerdictByRepeats(Verdict[Confirmation]):
     def errors_by_name(self) -> tuple[Named, ...]:
         """Return the errors of the baseline, and as each effect is added, all refitted."""
         return errors_by_name(self.problem, self.extended, self.train, self.holdout)
+
+    @property
+    @override
+    def torque_test(self) -> PureErrorTest | None:
+        """Return the lack of fit of the logged torques; None where none were logged."""
+        torque = channel_tests(self.problem, self.extended)[1]
+        return torque.shared if torque is not None and self.problem.torques_logged else None
+
+    @override
+    def without(self, effects: tuple[Effect, ...]) -> VerdictByRepeats:
+        """Return the verdict with some of its effects taken out of the model, all fitted anew."""
+        kept = tuple(finding for finding in self.effects if finding.effect not in effects)
+        judgement = replace(self.judgement, findings=kept)
+        extended = _extended(self.problem, judgement)
+        covariance = covariance_of(self.problem, extended)
+        columns = dict(zip(extended.effects, extended.effect_columns(), strict=True))
+        findings = []
+        for finding in kept:
+            at = slice(*columns[finding.effect])
+            x, of_x = reported(finding.effect, extended.of(finding.effect), covariance[at, at])
+            findings.append(replace(finding, x=x, covariance=of_x))
+        return replace(
+            self,
+            effects=tuple(findings),
+            judgement=replace(judgement, findings=tuple(findings)),
+            extended=extended,
+            train=compare(self.problem, extended, average_repeats(self.prepared.trusted)),
+            holdout=None
+            if self.prepared.held_out is None
+            else compare(self.problem, extended, self.prepared.held_out),
+        )
 
     def unresolved(self) -> tuple[Pair, ...]:
         """Return what other poses might settle: each finding against its alternatives.

@@ -65,6 +65,8 @@ class Effect(ABC):
     id: ClassVar[str]
     #: Whether it only gives the place of a missing effect, not its cause: no name.
     generic: ClassVar[bool] = False
+    #: Whether its linear parameters cannot be negative, as of a stiffness or a Coulomb torque.
+    positive: ClassVar[bool] = False
 
     @classmethod
     @abstractmethod

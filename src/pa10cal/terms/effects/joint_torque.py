@@ -61,6 +61,7 @@ class FrictionTorque(FalseTorque):
 
     rated_Nm: float
     id: ClassVar[str] = "friction_torque"
+    positive: ClassVar[bool] = True
 
     @property
     def formula(self) -> str:

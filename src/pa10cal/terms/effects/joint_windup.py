@@ -32,6 +32,7 @@ class JointCompliance(JointEffect):
 
     rated_Nm: float
     id: ClassVar[str] = "joint_compliance"
+    positive: ClassVar[bool] = True
 
     @property
     def formula(self) -> str:
@@ -96,6 +97,7 @@ class SoftWindup(JointEffect):
     rated_Nm: float
     span_Nm: float
     id: ClassVar[str] = "soft_windup"
+    positive: ClassVar[bool] = True
 
     @property
     def formula(self) -> str:

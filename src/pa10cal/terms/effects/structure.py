@@ -68,6 +68,7 @@ class LinkBending(LinkEffect):
     """
 
     id: ClassVar[str] = "link_bending"
+    positive: ClassVar[bool] = True
 
     @property
     def formula(self) -> str:
@@ -96,6 +97,7 @@ class LinkTorsion(LinkEffect):
     """A link twists by c times the moment along its axis at its end, c in rad/(N m)."""
 
     id: ClassVar[str] = "link_torsion"
+    positive: ClassVar[bool] = True
     places: ClassVar[tuple[str, ...]] = ("forearm",)
 
     @property
@@ -128,6 +130,7 @@ class BaseCompliance(NamedEffect):
     """
 
     id: ClassVar[str] = "base_compliance"
+    positive: ClassVar[bool] = True
 
     @property
     def formula(self) -> str:

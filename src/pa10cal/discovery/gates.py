@@ -1,0 +1,130 @@
+"""Gates of the verdict: what a name must fulfil, and what `none` must, whoever judged.
+
+They are applied once, after the search has ended. An effect that does not pass is no name: the
+model is fitted anew without it, and what it stood for is unexplained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from pa10cal.calibration.grade import JOINT_RAD
+from pa10cal.discovery.linear import mean_error_of_noise_mm
+from pa10cal.discovery.verdict import Finding, Unexplained, Verdict, is_named, label_of
+from pa10cal.fit.fitted_model import FittedModel
+
+V = TypeVar("V", bound=Verdict[object])
+
+#: Parameters of a named effect are within so many plausible sizes.
+MOST_SIZES = 10.0
+#: They are so many standard uncertainties from zero, in some combination.
+LEAST_SIGMAS = 2.0
+#: With more alternatives than this a name says nothing.
+MOST_ALTERNATIVES = 6
+#: Error left, held-out error, repeatability and stated uncertainty agree within this factor.
+AGREE = 3.0
+#: Lack of fit of the torques that is none: errors of the masses are known to about a factor.
+MOST_TORQUE_RATIO = 3.0
+SURELY = 1e-6
+#: Grades of the calibration with which `none` is not said.
+NO_COMFORT = ("suspect_input", "not_converged")
+
+
+def gated(found: V) -> V:
+    """Return a verdict whose names and whose `none` have passed the gates."""
+    if found.method is None:
+        return found
+    failing = {
+        finding: reasons
+        for finding in found.effects
+        if is_named(finding.effect) and (reasons := tuple(unfit(finding, found.model)))
+    }
+    if failing:
+        found = found.without(tuple(finding.effect for finding in failing))
+        left_mm = found.train.after.mean_mm
+        found = replace(
+            found,
+            unexplained=(
+                *found.unexplained,
+                *(
+                    Unexplained(
+                        finding.of,
+                        finding.id,
+                        left_mm,
+                        f"{label_of(finding.effect, None)} fits best, and is no name: "
+                        + "; ".join(reasons),
+                    )
+                    for finding, reasons in failing.items()
+                ),
+            ),
+        )
+    if found.verdict == "none" and (reasons := tuple(doubts(found))):
+        why = f"no effect was found, yet {'; '.join(reasons)}"
+        unknown = Unexplained(None, None, found.train.after.mean_mm, why)
+        found = replace(found, unexplained=(unknown,))
+    return found
+
+
+def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
+    """Return why an effect cannot be named.
+
+    Args:
+        finding: what was found.
+        model: the calibrated model with the effects found.
+    """
+    effect = finding.effect
+    linear = slice(0, effect.linear)
+    x, columns = model.values_of(effect)[linear], model.model.columns_of(effect)
+    if effect.positive and x.min() < 0.0:
+        names = ", ".join(finding.parameters)
+        yield f"its {names} would be negative, which is not physical"
+    sizes = np.abs(np.linalg.solve(effect.prior_factor, x))
+    if sizes.max() > MOST_SIZES:
+        yield f"it would be {sizes.max():.0f} times as large as is plausible"
+    if model.covariance is not None:
+        covariance = model.covariance[columns, columns][linear, linear]
+        scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+        sigmas = np.sqrt(
+            x / scale @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ (x / scale)
+        )
+        if sigmas < LEAST_SIGMAS:
+            yield f"it is {sigmas:.1f} standard uncertainties from zero"
+    if len(finding.alternatives) > MOST_ALTERNATIVES:
+        yield f"{len(finding.alternatives)} other effects explain the data as well"
+
+
+def doubts(found: Verdict[object]) -> Iterator[str]:
+    """Return why it cannot be said that nothing is missing."""
+    train, holdout = found.train, found.holdout
+    measured = train.poses.measured
+    floor_mm = train.noise_floor_mm
+    # Residuals are smaller than errors by what the fit takes up; predictions add its uncertainty.
+    taken = min(len(found.model.x) / max(int(measured.components_seen.sum()), 1), 0.9)
+    error_mm = train.after.mean_mm / np.sqrt(1.0 - taken)
+    spread_mm = measured.spread_mm
+    stated_mm = mean_error_of_noise_mm(measured, measured.stated_covariance)
+    joints_mm = JOINT_RAD * spread_mm
+    compared = [("the remaining error", error_mm, floor_mm)]
+    if holdout is not None:
+        expected_mm = float(np.hypot(holdout.noise_floor_mm, floor_mm * np.sqrt(taken)))
+        compared.append(("the held-out error", holdout.after.mean_mm, expected_mm))
+    for name, value_mm, expected_mm in compared:
+        if not expected_mm / AGREE <= value_mm <= AGREE * expected_mm:
+            yield f"{name} is {value_mm:.3g} mm where the repeatability gives {expected_mm:.3g} mm"
+    if floor_mm > AGREE * np.hypot(stated_mm, joints_mm) or stated_mm > AGREE * floor_mm:
+        yield (
+            f"the repeatability is {floor_mm:.3g} mm where the stated uncertainty gives "
+            f"{stated_mm:.3g} mm"
+        )
+    torque = found.torque_test
+    if torque is not None and torque.ratio > MOST_TORQUE_RATIO and torque.p_value < SURELY:
+        yield (
+            f"the logged torques differ from those of the weights: F = {torque.ratio:.3g}, "
+            "as with wrong loads, masses or directions"
+        )
+    if found.baseline.grade in NO_COMFORT:
+        yield f"the calibration is {found.baseline.grade}"
