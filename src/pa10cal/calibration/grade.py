@@ -24,6 +24,9 @@ OVER_EXPECTED = 1.3
 #: uncertainty is mostly not stated but taken from that of positions, above which a unit is.
 STATED_OFF = 3.0
 ATTITUDE_OFF = 30.0
+#: The same of a stated uncertainty of touched balls that is larger: it holds what all touches of a
+#: ball share (form of ball and stylus), which repeats do not show.
+TOUCHES_SHARE = 15.0
 #: Remaining error over a stated noise that nothing else confirms, above which the unit is in doubt:
 #: a unit is off by 1000, an effect of the arm leaves less than 100 times the noise.
 UNIT_OFF = 300.0
@@ -179,6 +182,11 @@ def graded(evidence: Evidence) -> tuple[Grade, str, tuple[InputFinding, ...]]:
     )
 
 
+def most_stated(factor: float = STATED_OFF, *, from_touches: bool) -> float:
+    """Return how many times the scatter of repeats a stated uncertainty may be."""
+    return max(factor, TOUCHES_SHARE) if from_touches else factor
+
+
 def _errors(evidence: Evidence) -> str:
     text = f"remaining error {evidence.train_rms_mm:.3f} mm rms over the poses fitted"
     if evidence.held_out_rms_mm is not None:
@@ -193,6 +201,7 @@ def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
             "the arm as described does not fit the readings",
             "the whole campaign",
             "check robot, order, signs and zeros of the joints, and units",
+            kind="other_arm",
         )
     yield from _stated(evidence)
     over = max(evidence.over_noise or 1.0, 1.0)
@@ -202,6 +211,7 @@ def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
             f"{abs(departure.size):.0f} tolerances from nominal",
             departure.name,
             "check this value in the description of the arm, and the zero of its joint in the log",
+            kind="departure",
         )
 
 
@@ -212,12 +222,16 @@ def _stated(evidence: Evidence) -> Iterator[InputFinding]:
         unit, off = ("mrad", ATTITUDE_OFF) if turns else ("mm", STATED_OFF)
         joints = JOINT_RAD * (1.0 if turns else 1e-3 * evidence.spread_mm)
         too_small = scatter.found > off * np.hypot(scatter.stated, joints)
-        if too_small or scatter.stated > off * scatter.found:
+        too_large = (
+            scatter.stated > most_stated(off, from_touches=scatter.from_touches) * scatter.found
+        )
+        if too_small or too_large:
             yield InputFinding(
                 f"{1e3 * scatter.stated:.2g} {unit} is stated, repeats scatter by "
                 f"{1e3 * scatter.found:.2g} {unit}",
                 f"stated uncertainty of the {scatter.kind}",
                 "check its unit and value, and whether readings were copied or averaged",
+                kind="stated_uncertainty",
             )
     if evidence.repeats or evidence.noise_is_found or not evidence.noise_mm:
         return
@@ -227,7 +241,7 @@ def _stated(evidence: Evidence) -> Iterator[InputFinding]:
             f"{evidence.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
             "stated uncertainty of the position",
             "check its unit and value",
-            evidence.error_mm,
+            kind="stated_uncertainty",
         )
 
 

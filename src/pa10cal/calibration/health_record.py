@@ -53,6 +53,7 @@ def health_part(health: Health, pose: NDArray[np.str_]) -> health_parts.Health:
                 where=each.where,
                 remedy=each.remedy,
                 would_leave_mm=each.would_leave_mm,
+                kind=each.kind,
             )
             for each in health.findings
         ),

@@ -28,12 +28,14 @@ class ScatterOfRepeats:
         kind: `position`, `attitude` or `distance`.
         found, stated: standard uncertainty of one component [m or rad], typical of the readings.
         pairs: pairs of readings behind it.
+        from_touches: whether the instrument touches balls.
     """
 
     kind: str
     found: float
     stated: float
     pairs: int
+    from_touches: bool = False
 
     @property
     def ratio(self) -> float:
@@ -77,5 +79,7 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Scat
             continue
         size = float(np.sqrt(0.5 * np.median(stated[:, columns][seen])))
         ratio = np.sqrt(np.median(squares / stated[:, columns][seen]) / _MEDIAN_SQUARE)
-        found.append(ScatterOfRepeats(kind, float(ratio) * size, size, len(at)))
+        found.append(
+            ScatterOfRepeats(kind, float(ratio) * size, size, len(at), measured.from_touches)
+        )
     return tuple(found)

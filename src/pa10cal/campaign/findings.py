@@ -15,12 +15,14 @@ class InputFinding:
         remedy: what to do about it.
         would_leave_mm: root mean square position error that would remain if it were put right;
             None where that was not tried.
+        kind: a word of the table in `docs/raw-data.md`, such as `joint_sign`.
     """
 
     what: str
     where: str
     remedy: str
     would_leave_mm: float | None = None
+    kind: str = "input"
 
     def __str__(self) -> str:
         left = self.would_leave_mm

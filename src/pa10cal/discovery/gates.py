@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pa10cal.calibration.grade import JOINT_RAD
+from pa10cal.calibration.grade import JOINT_RAD, most_stated
 from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.verdict import Finding, Unexplained, Verdict, is_named, label_of
 from pa10cal.fit.fitted_model import FittedModel
@@ -38,35 +38,51 @@ def gated(found: V) -> V:
     """Return a verdict whose names and whose `none` have passed the gates."""
     if found.method is None:
         return found
-    failing = {
-        finding: reasons
-        for finding in found.effects
-        if is_named(finding.effect) and (reasons := tuple(unfit(finding, found.model)))
-    }
-    if failing:
-        found = found.without(tuple(finding.effect for finding in failing))
-        left_mm = found.train.after.mean_mm
-        found = replace(
-            found,
-            unexplained=(
-                *found.unexplained,
-                *(
-                    Unexplained(
-                        finding.of,
-                        finding.id,
-                        left_mm,
-                        f"{label_of(finding.effect, None)} fits best, and is no name: "
-                        + "; ".join(reasons),
-                    )
-                    for finding, reasons in failing.items()
-                ),
-            ),
-        )
+    found = _with_names_that_pass(found)
     if found.verdict == "none" and (reasons := tuple(doubts(found))):
         why = f"no effect was found, yet {'; '.join(reasons)}"
         unknown = Unexplained(None, None, found.train.after.mean_mm, why)
         found = replace(found, unexplained=(unknown,))
     return found
+
+
+def _with_names_that_pass(found: V) -> V:
+    """Return a verdict without the effects that do not pass; an alternative that does stands in."""
+    unknown = []
+    for finding in found.effects:
+        if not is_named(finding.effect):
+            continue
+        reasons = tuple(unfit(finding, found.model))
+        if not reasons:
+            continue
+        label, better = label_of(finding.effect, None), _alternative(found, finding)
+        if better is not None:
+            found = better
+            continue
+        found = found.with_findings(
+            [each for each in found.effects if each.effect != finding.effect]
+        )
+        why = f"{label} fits best, and is no name: {'; '.join(reasons)}"
+        left_mm = found.train.after.mean_mm
+        unknown.append(Unexplained(finding.of, finding.id, left_mm, why))
+    return replace(found, unexplained=(*found.unexplained, *unknown)) if unknown else found
+
+
+def _alternative(found: V, finding: Finding[object]) -> V | None:
+    """Return the verdict with the first alternative of a finding that passes in its place."""
+    held = {each.effect for each in found.effects}
+    for other in finding.alternatives[:MOST_ALTERNATIVES]:
+        if not is_named(other) or other in held:
+            continue
+        rest = tuple(each for each in finding.alternatives if each != other)
+        instead = replace(finding, effect=other, alternatives=rest)
+        tried = found.with_findings(
+            [instead if each.effect == finding.effect else each for each in found.effects]
+        )
+        now = next(each for each in tried.effects if each.effect == other)
+        if not any(unfit(now, tried.model)):
+            return tried
+    return None
 
 
 def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
@@ -115,7 +131,8 @@ def doubts(found: Verdict[object]) -> Iterator[str]:
     for name, value_mm, expected_mm in compared:
         if not expected_mm / AGREE <= value_mm <= AGREE * expected_mm:
             yield f"{name} is {value_mm:.3g} mm where the repeatability gives {expected_mm:.3g} mm"
-    if floor_mm > AGREE * np.hypot(stated_mm, joints_mm) or stated_mm > AGREE * floor_mm:
+    too_large = stated_mm > most_stated(AGREE, from_touches=measured.from_touches) * floor_mm
+    if too_large or floor_mm > AGREE * np.hypot(stated_mm, joints_mm):
         yield (
             f"the repeatability is {floor_mm:.3g} mm where the stated uncertainty gives "
             f"{stated_mm:.3g} mm"

@@ -284,9 +284,13 @@ class Verdict(ABC, Generic[P_co]):
         """Return the lack of fit of the logged torques; None where they do not judge."""
         return None
 
-    def without(self, effects: tuple[Effect, ...]) -> Self:
-        """Return the verdict with some of its effects taken out of the model, all fitted anew."""
-        assert not effects, "nothing was sought"
+    def with_findings(self, findings: Sequence[Finding[P_co]]) -> Self:
+        """Return the verdict with these findings, all fitted anew, and their parameters with it.
+
+        Args:
+            findings: some of its own, each with its own effect or one of its alternatives.
+        """
+        assert not findings, "nothing was sought"
         return self
 
     @abstractmethod

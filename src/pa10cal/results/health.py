@@ -24,6 +24,7 @@ class InputFinding(Part):
         description="root mean square position error that would remain if it were put right [mm]; "
         "null where that was not tried"
     )
+    kind: str = Field(description="its kind in a word, such as `joint_sign`")
 
 
 class RepeatScatter(Part):

@@ -41,7 +41,11 @@ def compare(
 
 
 def errors_by_name(
-    campaign: Survey, level: Level, train: Gap, holdout: Gap | None
+    campaign: Survey,
+    level: Level,
+    effects: tuple[Effect, ...],
+    train: Gap,
+    holdout: Gap | None,
 ) -> tuple[Named, ...]:
     """Return the errors of the calibrated model, and as each effect joins it.
 
@@ -51,6 +55,7 @@ def errors_by_name(
     Args:
         campaign: whose model it is.
         level: the effects, in the order found.
+        effects: those of the fit itself.
         train, holdout: the gap before and with all effects.
     """
     every = [train] if holdout is None else [train, holdout]
@@ -60,17 +65,16 @@ def errors_by_name(
     for count in range(1, len(level.members)):
         own, amounts = level.fit(count)
         of_terms, base, targets = np.split(sizes * own, [len(baseline.x), len(baseline.x) + 6])
-        effects = tuple(member.effect for member in level.members[:count])
+        joined = tuple(member.effect for member in level.members[:count])
         model = replace(
             baseline,
-            model=Model(baseline.model.chain, (*baseline.model.terms, *effects)),
+            model=Model(baseline.model.chain, (*baseline.model.terms, *joined)),
             x=np.concatenate([baseline.x + of_terms, *amounts]),
             T_instr_base=moved_base(baseline.T_instr_base, base),
             targets_m=baseline.targets_m + targets,
         )
-        steps.append(_named(effects, [summarise(left_by(model, found.poses)) for found in every]))
-    if level.members:
-        effects = tuple(member.effect for member in level.members)
+        steps.append(_named(joined, [summarise(left_by(model, found.poses)) for found in every]))
+    if effects:
         steps.append(_named(effects, [found.after for found in every]))
     return tuple(steps)
 

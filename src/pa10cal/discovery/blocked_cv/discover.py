@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
@@ -90,17 +91,22 @@ class VerdictByBlocks(Verdict[Prediction]):
         return self.noise.origin
 
     @override
-    def without(self, effects: tuple[Effect, ...]) -> VerdictByBlocks:
-        """Return the verdict with some of its effects taken out of the model, all fitted anew."""
-        kept = tuple(finding for finding in self.effects if finding.effect not in effects)
-        stay = tuple(finding.effect for finding in kept)
-        starts = tuple(self.extended.x[self.extended.columns_of(effect)] for effect in stay)
-        extended = refit(self.survey, stay, starts, self.extended.weights)
-        fitted, seen = extended.fitted(), _seen(self.survey, stay)
-        findings = []
-        for finding in kept:
+    def with_findings(self, findings: Sequence[Finding[Prediction]]) -> VerdictByBlocks:
+        """Return the verdict with these findings, all fitted anew."""
+        effects = tuple(finding.effect for finding in findings)
+        known = set(self.extended.effects)
+        starts = tuple(
+            self.extended.x[self.extended.columns_of(effect)]
+            if effect in known
+            else effect.starts[0]
+            for effect in effects
+        )
+        extended = refit(self.survey, effects, starts, self.extended.weights)
+        fitted, seen = extended.fitted(), _seen(self.survey, effects)
+        anew = []
+        for finding in findings:
             x, covariance = _reported(extended, finding.effect)
-            findings.append(replace(finding, x=x, covariance=covariance))
+            anew.append(replace(finding, x=x, covariance=covariance))
 
         def gap_on(poses: Observations) -> Gap:
             return compare(self.survey, fitted, seen, poses, self.noise_floor_mm)
@@ -108,11 +114,11 @@ class VerdictByBlocks(Verdict[Prediction]):
         held_out = self.prepared.held_out
         return replace(
             self,
-            effects=tuple(findings),
+            effects=tuple(anew),
             extended=extended,
             train=gap_on(self.survey.poses),
             holdout=None if held_out is None else gap_on(held_out),
-            finest=self.finest.with_only(stay),
+            finest=self.finest.with_only(effects),
         )
 
     @override
@@ -132,7 +138,8 @@ class VerdictByBlocks(Verdict[Prediction]):
     @override
     def errors_by_name(self) -> tuple[Named, ...]:
         """Return the errors of the calibrated model, and as each effect joins it."""
-        return errors_by_name(self.survey, self.finest, self.train, self.holdout)
+        effects = self.extended.effects
+        return errors_by_name(self.survey, self.finest, effects, self.train, self.holdout)
 
 
 def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
@@ -23,7 +24,7 @@ from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
 from pa10cal.discovery.next_poses.contest import Pair
 from pa10cal.discovery.next_poses.separate import plan
 from pa10cal.discovery.preparation import Prepared, complete_about
-from pa10cal.discovery.verdict import Plan, Verdict, reported
+from pa10cal.discovery.verdict import Finding, Plan, Verdict, reported
 from pa10cal.errors import DiscoveryError
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
@@ -101,27 +102,34 @@ class VerdictByRepeats(Verdict[Confirmation]):
         return torque.shared if torque is not None and self.problem.torques_logged else None
 
     @override
-    def without(self, effects: tuple[Effect, ...]) -> VerdictByRepeats:
-        """Return the verdict with some of its effects taken out of the model, all fitted anew."""
-        kept = tuple(finding for finding in self.effects if finding.effect not in effects)
-        judgement = replace(self.judgement, findings=kept)
-        extended = _extended(self.problem, judgement)
+    def with_findings(self, findings: Sequence[Finding[Confirmation]]) -> VerdictByRepeats:
+        """Return the verdict with these findings, all fitted anew."""
+        size = dict(zip(self.extended.effects, self.extended.sizes, strict=True))
+        for finding in self.effects:
+            for other in finding.alternatives:
+                size.setdefault(other, size[finding.effect])
+        effects, score = tuple(each.effect for each in findings), self.judgement.found.score
+        extended = fit(
+            self.problem,
+            effects,
+            tuple(size[effect] for effect in effects),
+            (score.pose_variance, score.torque_variance),
+            self.judgement.found.fit,
+        )
         covariance = covariance_of(self.problem, extended)
-        columns = dict(zip(extended.effects, extended.effect_columns(), strict=True))
-        findings = []
-        for finding in kept:
-            at = slice(*columns[finding.effect])
-            x, of_x = reported(finding.effect, extended.of(finding.effect), covariance[at, at])
-            findings.append(replace(finding, x=x, covariance=of_x))
+        anew = []
+        for finding, columns in zip(findings, extended.effect_columns(), strict=True):
+            at, effect = slice(*columns), finding.effect
+            x, of_x = reported(effect, extended.of(effect), covariance[at, at])
+            anew.append(replace(finding, x=x, covariance=of_x))
+        held_out = self.prepared.held_out
         return replace(
             self,
-            effects=tuple(findings),
-            judgement=replace(judgement, findings=tuple(findings)),
+            effects=tuple(anew),
+            judgement=replace(self.judgement, findings=tuple(anew)),
             extended=extended,
             train=compare(self.problem, extended, average_repeats(self.prepared.trusted)),
-            holdout=None
-            if self.prepared.held_out is None
-            else compare(self.problem, extended, self.prepared.held_out),
+            holdout=None if held_out is None else compare(self.problem, extended, held_out),
         )
 
     def unresolved(self) -> tuple[Pair, ...]:
