@@ -1,4 +1,4 @@
-"""One plain line that says whether a calibration is good."""
+"""The grade of a calibration, and the sentence that says what to do."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import pytest
 
 from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.calibration.design import pose_design, poses_needed
-from pa10cal.calibration.health import Errors, FitSummary, health
+from pa10cal.calibration.health import Errors, FitSummary, HeldOut, health
+from pa10cal.calibration.repeats import ScatterOfRepeats
+from pa10cal.campaign.findings import InputFinding
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.terms.term import Parameter
 
@@ -30,7 +32,7 @@ def ended(poses=40, unknowns=6, told=None, **changes):
     covariance[:told, :told] = np.linalg.inv(flat.T @ flat)
     made = FitSummary(
         True, "settled", 5, (), parameters, covariance, found, white, position,
-        not_identifiable(found, parameters),
+        not_identifiable(found, parameters), np.zeros(unknowns),
     )  # fmt: skip
     return replace(made, **changes)
 
@@ -48,43 +50,116 @@ def accuracy(mean_mm, peak_mm, rms_mm, configurations):
 
 def errors(**changes):
     """What noise alone leaves."""
-    left = accuracy(0.017, 0.03, 0.0173, 60)
+    left = HeldOut(accuracy(0.017, 0.03, 0.0173, 60))
     return replace(Errors(0.0167, left, 0.0173, 500.0), **changes)
+
+
+def repeats(found=1e-5, stated=1e-5, kind="position", *, from_touches=False):
+    """What repeats show of the stated uncertainty."""
+    return (ScatterOfRepeats(kind, found, stated, 100, from_touches),)
+
+
+def off(sizes, **fit):
+    """A fit whose first parameters are so many tolerances off."""
+    made = ended(**fit)
+    x = np.zeros(len(made.parameters))
+    x[: len(sizes)] = 1e-3 * np.array(sizes)
+    with_tolerance = tuple(replace(each, tolerance=1e-3) for each in made.parameters)
+    return replace(made, parameters=with_tolerance, x=x)
 
 
 def test_a_fit_down_to_the_noise_is_good():
     found = health(ended(), errors())
-    assert found.verdict == "good"
-    assert "all 6 unknowns" in found.line
+    assert found.grade == "good"
+    assert "rank 6" in found.line
+    assert found.findings == ()
+
+
+GUESS = InputFinding("its sign is reversed", "joint 6", "correct the sign", 0.02, "joint_sign")
+BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
 
 
 @pytest.mark.parametrize(
-    ("fit", "left", "verdict", "says"),
+    ("fit", "left", "grade", "says"),
     [
-        ({"converged": False, "reason": "50 steps"}, {}, "not usable", "did not converge: 50"),
-        ({}, {"train_rms_mm": 6.0}, "not usable", "does not fit the readings"),
-        ({"told": 3}, {}, "not usable", "identify only 3 of 6"),
-        ({"told": 5}, {}, "usable", "not identifiable with these poses: delta_a_6"),
-        ({"at_bound": ("cubic_share_2",)}, {}, "usable", "cubic_share_2 at the end"),
-        ({"at_bound": ("windup_2",)}, {}, "good", "all 6"),
-        ({}, {"noise_mm": 0.004}, "usable", "missing an effect"),
-        ({}, {"suspected_outliers": 1}, "usable", "1 suspected outlier is excluded"),
-        ({}, {"held_out": accuracy(0.04, 0.1, 0.05, 60)}, "usable", "larger errors than expected"),
+        # good
+        ({"at_bound": ("windup_2",)}, {}, "good", "rank 6"),
+        ({"at_bound": ("cubic_share_2",)}, {}, "good", "cubic_share_2 at the end"),
+        ({}, {"suspected_outliers": 1}, "good", "1 suspected outlier is excluded"),
+        ({"told": 5, "hidden": frozenset({"delta_a_6"})}, {}, "good", "rank 5"),
+        ({}, {"held_out": None}, "good", "as the noise of 0.017 mm explains"),
+        ({}, {"repeats": repeats(1.3e-5)}, "good", "as the noise of 0.022 mm"),
+        # Fewer readings behind a held-out pose let it scatter more.
+        ({}, {"held_out": replace(BAD, repeats=0.1)}, "good", "0.050 mm over held-out"),
+        ({}, {"held_out": replace(BAD, u_mm=0.05)}, "good", "0.050 mm over held-out"),
+        # few_poses
+        ({"told": 5}, {}, "few_poses", "not identifiable with these poses: delta_a_6"),
+        ({"told": 3}, {}, "few_poses", "identify 3 of 6"),
+        ({"poses": 8}, {}, "few_poses", "more poses to reduce it to 0.005 mm"),
+        # incomplete
+        ({}, {"noise_mm": 0.004}, "incomplete", "4.3 times the stated noise of 0.004 mm"),
+        ({}, {"repeats": repeats(0.5e-5)}, "incomplete", "2 times the noise of 0.009 mm"),
+        ({}, {"noise_mm": 0.01, "noise_is_found": True}, "incomplete", "missing an effect"),
+        ({}, {"held_out": BAD}, "incomplete", "times the error that the fit promises"),
+        # suspect_input
+        ({}, {"train_rms_mm": 6.0}, "suspect_input", "does not fit the readings"),
+        ({}, {"repeats": repeats(3.5e-5)}, "suspect_input", "0.01 mm is stated, repeats"),
+        ({}, {"repeats": repeats(0.3e-5)}, "suspect_input", "repeats scatter by 0.003 mm"),
+        ({}, {"noise_mm": 0.06}, "suspect_input", "0.06 mm is stated, 0.017 mm remain"),
+        ({}, {"noise_mm": 1.7e-5}, "suspect_input", "check its unit and value"),
+        ({}, {"findings": (GUESS,)}, "suspect_input", "joint 6: its sign is reversed; correct"),
+        # not_converged
+        ({"converged": False, "reason": "50 steps"}, {}, "not_converged", "converge: 50 steps"),
     ],
 )
-def test_what_is_wrong_is_said(fit, left, verdict, says):
+def test_the_rule(fit, left, grade, says):
     found = health(ended(**fit), errors(**left))
-    assert found.verdict == verdict
+    assert found.grade == grade, found.line
     assert says in found.line
+    assert bool(found.findings) == (grade == "suspect_input")
+
+
+def test_the_worst_is_said_first():
+    """What is wrong with the input explains an error left, and no fit explains anything."""
+    lacking, suspect = {"noise_mm": 0.004}, {"findings": (GUESS,)}
+    assert health(ended(told=5), errors(**lacking)).grade == "incomplete"
+    assert health(ended(), errors(**lacking, **suspect)).grade == "suspect_input"
+    stuck = ended(converged=False, reason="50 steps")
+    assert health(stuck, errors(**lacking, **suspect)).grade == "not_converged"
+
+
+def test_a_departure_that_no_arm_was_built_with():
+    found = health(off([25.0, -90.0, 19.0]), errors())
+    assert found.grade == "suspect_input"
+    assert [each.where for each in found.findings] == ["delta_a_2", "delta_a_1"]
+    assert "delta_a_2: 90 tolerances from nominal" in found.line
+    assert "1 more in health.findings" in found.line
+    assert health(off([19.0]), errors()).grade == "good"
+    # What the mounting of the apparatus may cause says nothing of the arm.
+    mounted = replace(off([25.0]), of_mounting=frozenset({"delta_a_1"}))
+    assert health(mounted, errors()).grade == "good"
+
+
+def test_a_touched_ball_may_be_stated_with_what_its_touches_share():
+    shared = repeats(0.3e-5, from_touches=True)
+    assert health(ended(), errors(repeats=shared, noise_is_found=True)).grade == "good"
+    unit = repeats(1e-8, from_touches=True)
+    assert health(ended(), errors(repeats=unit, noise_is_found=True)).grade == "suspect_input"
+
+
+def test_an_attitude_is_held_to_its_unit_alone():
+    for found, grade in ((1e-4, "good"), (5e-4, "suspect_input"), (1e-7, "suspect_input")):
+        shown = repeats() + repeats(found, 1e-5, "attitude")
+        assert health(ended(), errors(repeats=shown)).grade == grade
 
 
 def test_a_few_poses_promise_larger_errors_elsewhere():
     # Eight unknowns of twelve equations: residuals shrink to 0.58 of the errors.
     few = ended(poses=4, unknowns=8)
     train_rms_mm = 0.0173 * np.sqrt(1.0 - 8.0 / 12.0)
-    seen = accuracy(0.02, 0.05, 0.0173, 60)
+    seen = HeldOut(accuracy(0.02, 0.05, 0.0173, 60))
     found = health(few, errors(train_rms_mm=train_rms_mm, held_out=seen))
-    assert "larger errors than expected" not in found.line
+    assert "the fit promises" not in found.line
 
 
 def test_the_first_poses_of_the_d_optimal_order_tell_more_than_any_others():

@@ -52,10 +52,10 @@ class TestHealth:
         assert (star.get_xdata()[0], star.get_ydata()[0]) == (found.measured, found.u_model_mm)
         assert curve.lines[3].get_ydata()[0] == found.u_needed_mm
 
-    def test_says_the_verdict_and_what_it_rests_on(self, sighted):
+    def test_says_the_grade_and_what_it_rests_on(self, sighted):
         found = sighted["distance"].general().health
         said = " ".join(texts_of(health.draw(sighted["distance"])))
-        assert f"{found.verdict.capitalize()}: {found.line}." in said
+        assert f"{found.grade.replace('_', ' ').capitalize()}: {found.line}." in said
         assert f"Rank {found.rank} of {found.unknowns}" in said
         assert f"{found.held_out_rms_mm:.3f}" in said
         assert "distance error [mm]" in said

@@ -30,6 +30,8 @@ TOUCHES_SHARE = 15.0
 #: Remaining error over a stated noise that nothing else confirms, above which the unit is in doubt:
 #: a unit is off by 1000, an effect of the arm leaves less than 100 times the noise.
 UNIT_OFF = 300.0
+#: Remaining error over a stated noise below which readings were computed, without any noise.
+EXACT = 1e-5
 #: What the reading of a joint may scatter by [rad]: encoders of arms resolve 1e-5 rad and less.
 JOINT_RAD = 1e-5
 #: Departure over tolerance that no arm was built with.
@@ -74,6 +76,8 @@ class Evidence:
         noise_mm: the part that the noise of readings explains; None where not known.
         repeats: what repeats show of the stated uncertainty, by kind.
         noise_is_found: whether `noise_mm` is what readings scatter by, and not what is stated.
+        apparatus_mm: error that the targets' places on an apparatus leave in all poses alike, and
+            that no parameter takes up.
         u_model_mm: standard uncertainty of a predicted position; inf where it is not determined.
         poses: poses fitted.
         rows: components fitted.
@@ -97,6 +101,7 @@ class Evidence:
     noise_mm: float | None = None
     repeats: tuple[ScatterOfRepeats, ...] = ()
     noise_is_found: bool = False
+    apparatus_mm: float = 0.0
     u_model_mm: float
     poses: int
     rows: int
@@ -117,6 +122,12 @@ class Evidence:
 
     @property
     def own_noise_mm(self) -> float | None:
+        """Return the error that readings and apparatus explain; None where it is not known."""
+        noise_mm = self.reading_noise_mm
+        return None if noise_mm is None else float(np.hypot(noise_mm, self.apparatus_mm))
+
+    @property
+    def reading_noise_mm(self) -> float | None:
         """Return the noise of the poses fitted: as repeats show it, else as stated."""
         if self.noise_mm is None or self.noise_is_found or not self.repeats:
             return self.noise_mm
@@ -139,7 +150,7 @@ class Evidence:
 
         Noise grows where fewer readings were averaged; what the model lacks does not.
         """
-        noise_mm = min(self.own_noise_mm or self.error_mm, self.error_mm)
+        noise_mm = min(self.reading_noise_mm or self.error_mm, self.error_mm)
         lacking = self.error_mm**2 - noise_mm**2
         u_mm = self.u_model_mm if self.held_out_u_mm is None else self.held_out_u_mm
         return float(np.sqrt(lacking + noise_mm**2 / self.held_out_repeats + u_mm**2))
@@ -236,7 +247,7 @@ def _stated(evidence: Evidence) -> Iterator[InputFinding]:
     if evidence.repeats or evidence.noise_is_found or not evidence.noise_mm:
         return
     ratio = evidence.error_mm / evidence.noise_mm
-    if ratio < 1.0 / STATED_OFF or ratio > UNIT_OFF:
+    if EXACT < ratio < 1.0 / STATED_OFF or ratio > UNIT_OFF:
         yield InputFinding(
             f"{evidence.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
             "stated uncertainty of the position",

@@ -87,6 +87,7 @@ class Errors:
         spread_mm: root mean square distance of the measured positions from their mean.
         suspected_outliers: poses far outside the scatter of the others.
         noise_is_found: whether that noise is what readings scatter by, and not what is stated.
+        apparatus_mm: error that the targets' places on an apparatus leave in all poses alike.
         repeats: what repeats show of the stated uncertainty, by kind.
         findings: what checks of the input found.
     """
@@ -97,6 +98,7 @@ class Errors:
     spread_mm: float
     suspected_outliers: int = 0
     noise_is_found: bool = False
+    apparatus_mm: float = 0.0
     repeats: tuple[ScatterOfRepeats, ...] = ()
     findings: tuple[InputFinding, ...] = ()
 
@@ -209,6 +211,7 @@ def _evidence(ended: FitSummary, errors: Errors, design: PoseDesign) -> Evidence
         noise_mm=errors.noise_mm,
         repeats=errors.repeats,
         noise_is_found=errors.noise_is_found,
+        apparatus_mm=errors.apparatus_mm,
         u_model_mm=1e3 * design.u_all_m,
         poses=len(ended.white),
         rows=int(np.count_nonzero(np.any(ended.white != 0.0, axis=2))),

@@ -25,6 +25,7 @@ from pa10cal.calibration.calibrate import (
 from pa10cal.calibration.health import Errors, FitSummary, Health, health, held_out_errors
 from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependence
 from pa10cal.calibration.l_curve import LCurvePoint, l_curve
+from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.repeats import scatter_of_repeats
 from pa10cal.calibration.solve import nominal_start, solve
@@ -162,7 +163,7 @@ def work_out(
             if load == COMBINED
             else ()
         ),
-        health=_health(cubic, noise, held_out, chosen, findings),
+        health=_health(cubic, noise, held_out, errors, findings),
         seed_angle_deg=float(
             np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1)))
         ),
@@ -229,7 +230,7 @@ def _health(
     cubic: Calibration,
     noise: Observations[Pose],
     held_out: Observations[Pose] | None,
-    readings: Observations[Pose],
+    errors: ErrorSources,
     findings: tuple[InputFinding, ...],
 ) -> Health:
     """Judge the calibration, base frame included."""
@@ -268,6 +269,7 @@ def _health(
         accuracy = summarise(model_deviations(cubic, held_out))
         elsewhere = replace(whole, observations=held_out).rows(x).jacobian[:, :3]
         off = held_out_errors(accuracy, level.observations, held_out, elsewhere, covariance)
+    readings = level.observations if errors.readings is None else errors.readings
     scatter = scatter_of_repeats(readings, fitted_model(cubic, None))
     return health(
         ended,
@@ -277,10 +279,22 @@ def _health(
             noise_mm=noise_mm,
             spread_mm=1e3 * float(np.sqrt(np.sum(np.var(p_instr_m, axis=0)))),
             noise_is_found=bool(scatter),
+            apparatus_mm=1e3 * _left_by_apparatus_m(level, jacobian, errors.u_apparatus_m),
             repeats=scatter,
             findings=findings,
         ),
     )
+
+
+def _left_by_apparatus_m(level: TwoLevel, jacobian: Array, u_m: float) -> float:
+    """Return the position error that targets off their places leave after the fit [m]."""
+    weights = level.weights[:, None]
+    moved = u_m * weights * level.observations.measured.by_apparatus
+    rows = (weights * jacobian).reshape(-1, jacobian.shape[2])
+    columns = moved.reshape(len(rows), -1)
+    taken = rows @ np.linalg.lstsq(rows, columns, rcond=None)[0]
+    left = (columns - taken).reshape(moved.shape)[:, :3] * level.r_max_m
+    return float(np.sqrt(np.sum(left**2) / len(left)))
 
 
 def _hidden(problem: Problem, x: Array) -> frozenset[str]:

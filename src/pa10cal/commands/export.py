@@ -36,12 +36,13 @@ def export(
 
     record = read(CalibrationRecord, calibration)
     health = record.health
-    withheld = health.grade not in UNRESERVED
+    converged = record.status == "converged"
+    withheld = not converged or health.grade not in UNRESERVED
     if withheld and not force:
         raise CalibrationError(
             f"a calibration of grade {health.grade} is not exported",
             where=f"{calibration}: health",
-            value=health.line,
+            value=health.line if converged else f"{record.status}: {record.reason}",
             allowed="good, few_poses or incomplete",
             remedy="follow the remedy in the line, or export it with --force",
         )
