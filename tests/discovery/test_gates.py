@@ -1,0 +1,186 @@
+"""Gates of the verdict: what a name and what `none` must fulfil, under either scorer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_up_arm import Missing, at_joint, measure
+from pa10cal.discovery import gates
+from pa10cal.discovery.evidence.discover import VerdictByRepeats
+from pa10cal.discovery.gates import MOST_ALTERNATIVES, MOST_SIZES, gated, unfit
+from pa10cal.discovery.lack_of_fit import PureErrorTest
+from pa10cal.fit.fitted_model import FittedTo
+
+
+def names(verdict):
+    return [(finding.id, finding.of) for finding in verdict.effects]
+
+
+def why(verdict):
+    return "; ".join(place.why for place in verdict.unexplained)
+
+
+@pytest.fixture(scope="module")
+def pushing():
+    """A joint whose friction would push it along."""
+    return measure(Missing(log=lambda states: at_joint(3, -3.0 * states.arrival[:, 2])))
+
+
+@pytest.fixture(scope="module")
+def stiffening():
+    """A joint that turns against its torque: a negative stiffness."""
+    return measure(Missing(turn=lambda states: at_joint(4, states.tau_Nm[:, 3] / 3000.0)))
+
+
+@pytest.mark.parametrize("campaign", ["null", "wave", "rubbing", "nothing_hidden", "eccentric"])
+def test_what_is_physical_and_agrees_passes_as_it_is(request, campaign):
+    found = request.getfixturevalue(campaign).discovery
+    assert gated(found) is found
+
+
+@pytest.mark.parametrize(
+    ("campaign", "of", "parameter"),
+    [("pushing", "joint 3", "tau_c"), ("stiffening", "forearm", "c")],
+)
+def test_a_sign_that_is_not_physical_is_no_name(request, campaign, of, parameter):
+    found = request.getfixturevalue(campaign).discovery
+    assert found.effects != ()
+    after = gated(found)
+    assert after.verdict == "unexplained"
+    assert after.effects == ()
+    assert [place.of for place in after.unexplained] == [of]
+    assert f"its {parameter} would be negative, which is not physical" in why(after)
+    # The model is what it was before the search, and so is the gap.
+    assert len(after.model.model.terms) == len(found.baseline.model.terms)
+    assert after.train.after.mean_mm == pytest.approx(after.train.before.mean_mm, rel=0.02)
+    assert gated(after) is after
+
+
+def made(found, factor=1.0, uncertainty=1.0):
+    """Return the first finding, and the model with other values or uncertainties of its effect."""
+    finding, model = found.effects[0], found.model
+    x, columns = model.x.copy(), model.model.columns_of(finding.effect)
+    x[columns] *= factor
+    return finding, replace(model, x=x, covariance=uncertainty**2 * model.covariance)
+
+
+def test_a_size_that_is_not_plausible_is_no_name(wave):
+    finding, model = made(wave.discovery)
+    x = model.values_of(finding.effect)
+    sizes = np.abs(np.linalg.solve(finding.effect.prior_factor, x)).max()
+    for times, passes in ((0.99, True), (1.01, False)):
+        factor = times * MOST_SIZES / sizes
+        reasons = [*unfit(*made(wave.discovery, factor))]
+        assert (reasons == []) == passes
+    assert "10 times as large as is plausible" in reasons[0]
+
+
+def test_an_amount_within_its_uncertainty_is_no_name(wave):
+    finding, model = made(wave.discovery)
+    at = model.model.columns_of(finding.effect)
+    x, covariance = model.x[at], model.covariance[at, at]
+    sigmas = np.sqrt(x @ np.linalg.solve(covariance, x))
+    assert [*unfit(*made(wave.discovery, uncertainty=sigmas / 2.01))] == []
+    (reason,) = unfit(*made(wave.discovery, uncertainty=sigmas / 1.99))
+    assert reason == "it is 2.0 standard uncertainties from zero"
+
+
+def test_too_many_alternatives_are_no_name(wave):
+    finding, model = made(wave.discovery)
+    others = [effect for effect in wave.family if effect != finding.effect and not effect.generic]
+    for count in (MOST_ALTERNATIVES, MOST_ALTERNATIVES + 1):
+        reasons = [*unfit(replace(finding, alternatives=tuple(others[:count])), model)]
+        assert (reasons == []) == (count == MOST_ALTERNATIVES)
+    assert reasons == ["7 other effects explain the data as well"]
+
+
+@pytest.mark.parametrize("campaign", ["wave", "eccentric"])
+def test_with_its_own_findings_a_verdict_stays(request, campaign):
+    found = request.getfixturevalue(campaign).discovery
+    again = found.with_findings(found.effects)
+    assert names(again) == names(found) != []
+    for one, other in zip(again.effects, found.effects, strict=True):
+        np.testing.assert_allclose(one.x, other.x, rtol=0.01)
+    assert again.train.after.mean_mm == pytest.approx(found.train.after.mean_mm, rel=0.01)
+    none = found.with_findings(())
+    assert none.effects == ()
+    assert none.train.after.mean_mm > 1.2 * found.train.after.mean_mm
+    assert [step.effects for step in none.errors_by_name()] == [()]
+
+
+def test_an_alternative_that_passes_stands_in(monkeypatch, soft_wrist):
+    """A soft joint 4 looks like a forearm that no arm has."""
+    found = soft_wrist.discovery
+    (finding,) = found.effects
+    (other,) = finding.alternatives
+    assert (finding.id, other.id, other.of) == ("link_torsion", "joint_compliance", "joint 4")
+    after = gated(found)
+    assert after.verdict == "named"
+    assert names(after) == [("joint_compliance", "joint 4")]
+    assert after.effects[0].parameters["K"].value == pytest.approx(3000.0, rel=0.02)
+    assert finding.effect not in after.model.model.terms
+    monkeypatch.setattr(gates, "unfit", lambda _each, _model: iter(["it is made up"]))
+    neither = gated(found)
+    assert neither.verdict == "unexplained"
+    assert why(neither) == "link_torsion of forearm fits best, and is no name: it is made up"
+
+
+class TestNone:
+    """What must agree before it is said that nothing is missing."""
+
+    @pytest.fixture(params=["null", "nothing_hidden"])
+    def found(self, request):
+        found = request.getfixturevalue(request.param).discovery
+        assert gated(found).verdict == "none"
+        return found
+
+    def test_held_out_error_and_repeatability(self, found):
+        for factor, word in ((2.0, "none"), (6.0, "unexplained")):
+            mean_mm = factor * found.holdout.noise_floor_mm
+            after = found.holdout.after.model_copy(update={"mean_mm": mean_mm})
+            doubtful = gated(replace(found, holdout=replace(found.holdout, after=after)))
+            assert doubtful.verdict == word
+        assert "the held-out error is" in why(doubtful)
+
+    def test_error_left_and_repeatability(self, found):
+        for factor in (0.2, 5.0):
+            mean_mm = factor * found.train.noise_floor_mm
+            after = found.train.after.model_copy(update={"mean_mm": mean_mm})
+            doubtful = gated(replace(found, train=replace(found.train, after=after)))
+            assert doubtful.verdict == "unexplained"
+            assert "the remaining error is" in why(doubtful)
+
+    def test_stated_uncertainty_and_repeatability(self, found):
+        poses = found.train.poses
+        for factor in (1e-3, 100.0):
+            stated = poses.with_measured(cov=factor**2 * poses.measured.cov)
+            doubtful = gated(replace(found, train=replace(found.train, poses=stated)))
+            if factor < 1.0 and not doubtful.unexplained:
+                continue  # what joints scatter by explains the repeatability
+            assert doubtful.verdict == "unexplained"
+            assert "where the stated uncertainty gives" in why(doubtful)
+
+    def test_the_grade_of_the_calibration(self, found):
+        about = FittedTo("c", "", "combined", "pose", 10, 20.0, (0.0, 1.0), "suspect_input", "")
+        baseline = replace(found.prepared.baseline, fitted_to=about)
+        suspect = replace(found, prepared=replace(found.prepared, baseline=baseline))
+        assert gated(suspect).verdict == "unexplained"
+        assert why(gated(suspect)) == "no effect was found, yet the calibration is suspect_input"
+        good = replace(baseline, fitted_to=replace(about, grade="incomplete"))
+        allowed = replace(found, prepared=replace(found.prepared, baseline=good))
+        assert gated(allowed).verdict == "none"
+
+
+def test_none_is_not_said_of_torques_that_do_not_fit(monkeypatch, null):
+    own = null.discovery.torque_test
+    assert own is not None
+    assert own.ratio < 1.5
+    for ratio, word in ((2.5, "none"), (162.0, "unexplained")):
+        test = PureErrorTest(ratio * 300.0, 300.0, 300)
+        monkeypatch.setattr(VerdictByRepeats, "torque_test", property(lambda _, test=test: test))
+        after = gated(null.discovery)
+        assert after.verdict == word
+    assert "the logged torques differ from those of the weights: F = 162" in why(after)
