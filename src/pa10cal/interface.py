@@ -35,7 +35,8 @@ def calibrate(
         load: `combined` for all loads together, or a load such as `44N`.
 
     Returns:
-        The calibrated model; `fitted_to.health` says in one sentence whether it is good.
+        The calibrated model; `grade` says in a word how good it is, `fitted_to.health` why and what
+        to do, in one sentence.
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, or the arm as

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from pa10cal.commands.command_line import run_command
+from pa10cal.fit.model_file import load_model
 
 RAW = Path(__file__).parents[2] / "data" / "raw"
 
@@ -228,6 +229,39 @@ def test_calibrated_model_is_exported(work, combined, tmp_path):
     provenance = model["fitted_to"]["provenance"]
     assert "synthetic" in provenance or "virtual" in provenance
     assert "joint_6" in (tmp_path / "robot.urdf").read_text()
+
+
+def test_what_is_exported_says_its_grade(work, combined, tmp_path):
+    argv = ["--calibration", str(work / "combined.json"), "--model", str(tmp_path / "model.yaml")]
+    assert run_command("export", [*argv, "--urdf", str(tmp_path / "robot.urdf")]) == 0
+    health = combined["health"]
+    model = yaml.safe_load((tmp_path / "model.yaml").read_text())
+    assert (model["fitted_to"]["grade"], model["forced"]) == (health["grade"], None)
+    assert load_model(tmp_path / "model.yaml").grade == health["grade"]
+    urdf = (tmp_path / "robot.urdf").read_text()
+    assert f"<!-- {health['grade']}: {health['line']} -->" in urdf
+
+
+@pytest.mark.parametrize("grade", ["suspect_input", "not_converged"])
+def test_a_grade_that_is_withheld_takes_force_and_is_marked(
+    work, combined, tmp_path, capsys, grade
+):
+    bad = tmp_path / "bad.json"
+    health = {**combined["health"], "grade": grade, "line": "joint 6: its sign -- reverse it"}
+    bad.write_text(json.dumps({**combined, "health": health}))
+    argv = ["--calibration", str(bad), "--model", str(tmp_path / "model.yaml")]
+    argv += ["--urdf", str(tmp_path / "robot.urdf")]
+    assert run_command("export", argv) == 2
+    refusal = capsys.readouterr().err
+    assert f"a calibration of grade {grade} is not exported" in refusal
+    assert "joint 6: its sign" in refusal
+    assert "--force" in refusal
+    assert not list(tmp_path.glob("robot*"))
+    assert run_command("export", [*argv, "--force"]) == 0
+    model = yaml.safe_load((tmp_path / "model.yaml").read_text())
+    assert model["forced"] == f"exported with --force; {grade}: joint 6: its sign -- reverse it"
+    comment = f"<!-- exported with - -force; {grade}: joint 6: its sign - - reverse it -->"
+    assert comment in (tmp_path / "robot.urdf").read_text()
 
 
 def test_a_fit_that_did_not_converge_is_not_exported(work, combined, tmp_path, capsys):

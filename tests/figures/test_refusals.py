@@ -100,3 +100,29 @@ def test_pictures_of_the_general_model_are_of_no_other(results, tmp_path):
     shutil.copy(folder / "calibration/combined.json", folder / "calibration/general.json")
     with pytest.raises(RecordError, match=r"general\.json: the picture is of the general model"):
         make("suspected_outliers", replace(results, folder=folder))
+
+
+@pytest.fixture
+def suspect(results, tmp_path):
+    """Results of a calibration whose input is suspect."""
+    folder = tmp_path / "suspect"
+    shutil.copytree(results.folder, folder)
+    path = folder / "calibration/combined.json"
+    record = json.loads(path.read_text("utf-8"))
+    record["health"].update(grade="suspect_input", line="joint 6: its sign is reversed")
+    path.write_text(json.dumps(record), encoding="utf-8")
+    return replace(results, folder=folder)
+
+
+def test_nothing_is_drawn_of_a_suspect_input_without_force(suspect):
+    with pytest.raises(RecordError, match=r"grade suspect_input.*its sign is reversed.*--force"):
+        make("table1_parameters", suspect)
+    assert "Grade" not in suspect.footer
+
+
+def test_with_force_it_is_drawn_and_every_picture_is_marked(suspect, unfinished, results):
+    forced = replace(suspect, force=True)
+    assert make("table1_parameters", forced) is not None
+    assert "Grade of the calibration: suspect_input." in forced.footer
+    assert "Grade" not in replace(results, force=True).footer
+    assert make("table1_parameters", replace(unfinished(results, ""), force=True)) is not None
