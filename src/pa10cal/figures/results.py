@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar, cast
@@ -17,6 +17,7 @@ from pa10cal.campaign.description import read_description
 from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError
 from pa10cal.figures import published
+from pa10cal.figures.joint_positions import JointPositions
 from pa10cal.figures.options import PictureOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.quantities import Words
@@ -68,39 +69,6 @@ _MOST_LETTERS = 400
 _SENTENCE_END = re.compile(r"(?<=[\w)]{3}\.)\s+(?=[A-Z])")
 #: Beginning of the provenance of simulated data.
 _SYNTHETIC = re.compile(r"(synthetic|simulated|virtual cell)\b", re.IGNORECASE)
-
-
-@dataclass(frozen=True)
-class JointPositions:
-    """Mean joint positions of configurations over their repeats.
-
-    Attributes:
-        q: one row a pose and load, one column a joint [rad; m of a prismatic joint].
-        slides: (n,) which joints slide.
-    """
-
-    q: pd.DataFrame
-    slides: NDArray[np.bool_]
-
-    def of(self, poses: Sequence[str], loads_N: Sequence[float]) -> Array:
-        """Return the joint positions (P, n) of P poses, each at its load.
-
-        Raises:
-            RecordError: when one of them was not measured.
-        """
-        rows = pd.MultiIndex.from_arrays([list(poses), list(loads_N)])
-        found = self.q.reindex(rows).to_numpy(dtype=float)
-        unknown = np.isnan(found).any(axis=1)
-        if unknown.any():
-            pose, load_N = rows[int(np.argmax(unknown))]
-            raise RecordError(
-                "a pose of the results is not in the table of poses",
-                where="ingest/poses.parquet",
-                value=f"{pose} at {load_N:g} N",
-                allowed="results of the poses that ingest wrote",
-                remedy="run pa10cal calibrate and pa10cal evaluate again",
-            )
-        return found
 
 
 @dataclass(frozen=True)
