@@ -38,9 +38,9 @@ uncertainty to expect of a predicted position against the number of poses: with 
 D-optimal order (blue), in the order measured (orange), and with all of them (star). Dashed: the
 uncertainty that adds hardly anything to the remaining error, and how many chosen poses reach
 it. Right, the remaining error of fitted and held-out poses beside the error that noise
-explains. Below, the grade with its reason, then rank, condition number, termination of the fit, parameters
-that are not identifiable, at a bound, or strongly correlated. The expected uncertainties do not
-cover effects that the model lacks.
+explains. Below, the grade with its reason, then rank, condition number, termination of the fit,
+parameters that are not identifiable, at a bound, or strongly correlated. The expected
+uncertainties do not cover effects that the model lacks.
 """,
 )
 
