@@ -53,7 +53,7 @@ STAND_INS = {
     ),
     "evaluate": (["--campaign-dir", "--poses", "--calibration", "--extended?", "--out"], ""),
     "export": (
-        ["--calibration", "--extended?", "--model", "--urdf"],
+        ["--calibration", "--extended?", "--model", "--urdf", "--force!"],
         """
         for path in (a.model, a.urdf, Path(a.model).with_suffix(".covariance.npz")):
             write_text(Path(path), a.calibration)
@@ -61,7 +61,7 @@ STAND_INS = {
     ),
     "coverage": (["--settings", "--calibration", "--out", "--table"], ""),
     "figures": (
-        ["--figure?", "--campaign-dir?", "--results", "--settings"],
+        ["--figure?", "--campaign-dir?", "--results", "--settings", "--force!"],
         """
         out = Path(a.results)
         record = out / "curve.json"
@@ -135,9 +135,9 @@ def {command}(*, {parameters}) -> None:
 def stand_in(command):
     """Return the text of a module in place of a command's."""
     options, body = STAND_INS[command]
-    kinds = {"?": "str | None = None", "+": "tuple[str, ...]"}
+    kinds = {"?": "str | None = None", "+": "tuple[str, ...]", "!": "bool = False"}
     parameters = ", ".join(
-        f"{option[2:].rstrip('+?').replace('-', '_')}: {kinds.get(option[-1], 'str')}"
+        f"{option[2:].rstrip('+?!').replace('-', '_')}: {kinds.get(option[-1], 'str')}"
         for option in options
     )
     lines = "".join(f"    {line}\n" for line in dedent(body).splitlines())
