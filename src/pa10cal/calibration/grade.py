@@ -18,6 +18,9 @@ from pa10cal.results.health import Grade
 OVER_NOISE = 1.25
 #: Standard deviations by which chance may exceed a limit.
 BY_CHANCE = 3.0
+#: What the places of the targets of one apparatus leave, over what is to be expected: they are few
+#: numbers, drawn once, and may be twice as large by chance.
+OF_ONE_APPARATUS = 2.0
 #: Held-out over expected error above which the model does not predict as it promises.
 OVER_EXPECTED = 1.3
 #: Stated over found uncertainty, either way, above which one of them is wrong; of attitudes, whose
@@ -142,7 +145,11 @@ class Evidence:
     @property
     def most_over_noise(self) -> float:
         """Return how many times the noise the remaining error may be."""
-        return OVER_NOISE * _by_chance(self.rows - self.rank)
+        own_mm, reading_mm = self.own_noise_mm, self.reading_noise_mm
+        limit = OVER_NOISE * _by_chance(self.rows - self.rank)
+        if not own_mm or reading_mm is None:
+            return limit
+        return limit * float(np.hypot(reading_mm, OF_ONE_APPARATUS * self.apparatus_mm)) / own_mm
 
     @property
     def expected_held_out_mm(self) -> float:
