@@ -55,7 +55,7 @@ def radians(raw):
 
 def never_still(raw):
     for index in range(1, len(raw.resolver)):
-        replace(raw.resolver, index, "q1_deg", f"{0.5 * index:.3f}")
+        replace(raw.resolver, index, "q1_deg", f"{0.3 * index:.3f}")
 
 
 def empty_cmm(raw):

@@ -152,22 +152,6 @@ def numbers(
     return raw.take(keep, "not a finite number", values), parsed[keep]
 
 
-def in_range(
-    raw: RawRows, names: Sequence[str], reason: str, at_least: float, at_most: float = np.inf
-) -> RawRows:
-    """Quarantine the rows with a number outside a range; empty fields are let through."""
-    if not names:
-        return raw
-    _, found = numbers(raw, names, may_be_blank=True)
-    off = (found < at_least) | (found > at_most)
-    keep = np.asarray(~off.any(axis=1))
-    rows, first_off = np.flatnonzero(~keep), np.argmax(off[~keep], axis=1)
-    values = [
-        f"{names[k]} = {raw.columns[names[k]][row]}" for row, k in zip(rows, first_off, strict=True)
-    ]
-    return raw.take(keep, reason, values)
-
-
 def whole_numbers(raw: RawRows, name: str) -> tuple[RawRows, NDArray[np.int64]]:
     """Read a column as whole numbers; other rows are quarantined."""
     raw, found = numbers(raw, [name])

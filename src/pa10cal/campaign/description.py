@@ -12,6 +12,10 @@ from pydantic import Field, FiniteFloat, StringConstraints
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
+from pa10cal.campaign.bounds import (
+    refuse_impossible_gravity,
+    refuse_impossible_temperature,
+)
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import Instrument as MeasuredBy
 from pa10cal.observe.kinds import InstrumentKind
@@ -26,7 +30,9 @@ SCHEMA = "pa10cal-campaign/1"
 DESCRIPTION_FILE = "campaign.yaml"
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-PositiveFinite = Annotated[FiniteFloat, Field(gt=0)]
+#: Places on the apparatus: no tool is larger [mm].
+PlaceMm = Annotated[FiniteFloat, Field(ge=-1e4, le=1e4)]
+Place = tuple[PlaceMm, PlaceMm, PlaceMm]
 Text = Annotated[str, StringConstraints(min_length=1)]
 BallName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]+$")]
 FileName = Annotated[str, StringConstraints(pattern=r"^[^/\\]+$")]
@@ -36,8 +42,8 @@ class Instrument(Section):
     """What measured the end-effector."""
 
     kind: InstrumentKind
-    uncertainty_mm: PositiveFinite = Field(
-        description="standard uncertainty of one measured centre, per axis"
+    uncertainty_mm: FiniteFloat = Field(
+        gt=1e-9, le=1e3, description="standard uncertainty of one measured centre, per axis"
     )
 
     @property
@@ -50,9 +56,9 @@ class Tool(Section):
     """The apparatus at the flange, in the end-effector frame."""
 
     mass_kg: Annotated[FiniteFloat, Field(ge=0)]
-    com_mm: Vector
-    load_point_mm: Vector
-    balls_mm: dict[BallName, Vector] = Field(
+    com_mm: Place
+    load_point_mm: Place
+    balls_mm: dict[BallName, Place] = Field(
         default_factory=dict,
         description="centres of the tooling balls, or of other targets, by name",
     )
@@ -87,7 +93,7 @@ class CampaignDescription(Section):
     gravity_m_s2: Vector
     reference_temperature_C: FiniteFloat
     files: Files
-    ball_diameter_mm: PositiveFinite | None = None
+    ball_diameter_mm: Annotated[FiniteFloat, Field(gt=0.1, le=1e3)] | None = None
     holdout: Holdout | None = None
 
     @property
@@ -126,8 +132,9 @@ def read_description(folder: Path) -> CampaignDescription:
         folder: the campaign's folder.
 
     Raises:
-        RawDataError: when the file is missing or unreadable, names another schema, lacks what its
-            instrument needs, or names a raw file that is not there.
+        RawDataError: when the file is missing or unreadable, names another schema, states gravity
+            or a temperature in another unit, lacks what its instrument needs, or names a raw file
+            that is not there.
         SettingsError: when a key is unknown (naming the nearest right one) or does not fit.
     """
     path = folder / DESCRIPTION_FILE
@@ -142,6 +149,8 @@ def read_description(folder: Path) -> CampaignDescription:
             remedy=f"convert the campaign and state schema: {SCHEMA}",
         )
     campaign = parse_section(CampaignDescription, content, where=str(path))
+    refuse_impossible_gravity(campaign.gravity_m_s2, str(path))
+    refuse_impossible_temperature(campaign.reference_temperature_C, str(path))
     _check_instrument(campaign, folder)
     if campaign.holdout is not None:
         _check_holdout(campaign.holdout, path)

@@ -92,11 +92,16 @@ def refuse_too_many(
         if len(listed) <= max_fraction * totals[name] and len(listed) < totals[name]:
             continue
         reason, times = Counter(row.reason for row in listed).most_common(1)[0]
-        first = next(row.line for row in listed if row.reason == reason)
+        first = next(row for row in listed if row.reason == reason)
+        columns = Counter(row.value.partition(" = ")[0] for row in listed if row.reason == reason)
+        column, in_column = columns.most_common(1)[0]
+        one = 2 * in_column > times and " = " in first.value
+        look = f"look at column {column} first ({in_column} rows); " if one else ""
         raise RawDataError(
             f"{len(listed)} of {totals[name]} rows would be quarantined, "
             f"{times} of them because: {reason}",
-            where=f"{name}:{first}",
+            where=f"{name}:{first.line}",
+            value=first.value or None,
             allowed=f"at most {max_fraction:.0%} (ingest.max_quarantined_fraction)",
-            remedy="correct the file, or raise the setting if the other rows suffice",
+            remedy=f"{look}correct the file, or raise the setting if the other rows suffice",
         )

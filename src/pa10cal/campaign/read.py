@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.campaign.bounds import refuse_impossible_tool
 from pa10cal.campaign.description import (
     DESCRIPTION_FILE,
     CampaignDescription,
@@ -141,6 +142,7 @@ def ingest_campaign(
 ) -> Ingested:
     """Read the raw files of a campaign; see `read_campaign`."""
     instrument = description.instrument.type
+    refuse_impossible_tool(description.tool.mass_kg, arm, str(folder / DESCRIPTION_FILE))
     if instrument.from_touches and arm.prismatic.any():
         raise RawDataError(
             "the arm has prismatic joints",

@@ -12,11 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.campaign.bounds import Bounds, within_bounds
 from pa10cal.campaign.csv_rows import (
     RawRows,
     choices,
     column_names,
-    in_range,
     numbers,
     read_rows,
     whole_numbers,
@@ -30,11 +30,6 @@ from pa10cal.observe.raw import RawColumns
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Rows = Index | NDArray[np.bool_]
-
-#: No instrument measures further than this.
-LARGEST_MM = 1e6
-TOO_LARGE = "a coordinate beyond any measuring volume"
-NOT_UNCERTAIN = "the stated uncertainty is not above zero"
 
 _T = TypeVar("_T", bound="_Columns")
 
@@ -144,12 +139,13 @@ class FileRead:
         return (*((late,) if self.out_of_order else ()), *unused)
 
 
-def read_touches(path: Path, ball_names: Sequence[str]) -> tuple[Touches, FileRead]:
+def read_touches(path: Path, ball_names: Sequence[str], bounds: Bounds) -> tuple[Touches, FileRead]:
     """Read the touches of a touch-trigger instrument.
 
     Args:
         path: cmm.csv or cmm.csv.gz.
         ball_names: names of the tool's balls.
+        bounds: of the columns.
 
     Raises:
         RawDataError: when the file as a whole cannot be used.
@@ -159,27 +155,30 @@ def read_touches(path: Path, ball_names: Sequence[str]) -> tuple[Touches, FileRe
     raw = read_rows(path, ["time_s", *labels, *places])
     raw = choices(choices(raw, "kind", KINDS), "ball", ball_names)
     raw, _ = numbers(raw, ["time_s", "load_N", *places])
-    raw, _ = whole_numbers(raw, "touch")
-    raw = in_range(raw, places, TOO_LARGE, -LARGEST_MM, LARGEST_MM)
-    raw, labelled = _labelled(raw)
+    raw = within_bounds(raw, ["time_s", *places], bounds)
+    raw, _ = _whole(raw, "touch", bounds)
+    raw, labelled = _labelled(raw, bounds)
     _, p_instr_mm = numbers(raw, places)
     names = raw.columns["ball"].astype(str)
     ball = np.argmax(names[:, None] == np.array(ball_names), axis=1)
     return _in_time(Touches(**labelled, ball=ball, p_instr_mm=p_instr_mm), raw)
 
 
-def read_samples(path: Path, joints: int) -> tuple[Samples, FileRead]:
-    """Read the resolver and torque log of an arm with the given number of joints.
+def read_samples(path: Path, bounds: Bounds) -> tuple[Samples, FileRead]:
+    """Read the resolver and torque log of the arm whose bounds are given.
 
     Samples at the time of an earlier one are quarantined.
 
     Raises:
         RawDataError: when the file as a whole cannot be used.
     """
+    joints = bounds.arm.n
     q = [f"q{j}_deg" for j in range(1, joints + 1)]
     tau = [f"tau{j}_Nm" for j in range(1, joints + 1)]
     raw = read_rows(path, ["time_s", *q, *tau, "temperature_C"])
-    raw, table = numbers(raw, ["time_s", *q, *tau, "temperature_C"])
+    raw, _ = numbers(raw, ["time_s", *q, *tau, "temperature_C"])
+    raw = within_bounds(raw, ["time_s", *q, *tau, "temperature_C"], bounds)
+    _, table = numbers(raw, ["time_s", *q, *tau, "temperature_C"])
     time_s = table[:, 0]
     order = np.argsort(time_s, kind="stable")
     first = np.ones(len(time_s), dtype=bool)
@@ -194,7 +193,7 @@ def read_samples(path: Path, joints: int) -> tuple[Samples, FileRead]:
 
 def read_pose_rows(
     path: Path,
-    prismatic: NDArray[np.bool_],
+    bounds: Bounds,
     instrument: type[Instrument],
     stated: Stated,
     *,
@@ -217,6 +216,7 @@ def read_pose_rows(
         RawDataError: when the file as a whole cannot be used.
     """
     measured = instrument.raw_columns(column_names(path))
+    prismatic = bounds.arm.prismatic
     q = position_columns(prismatic)
     tau = [f"tau{joint}_Nm" for joint in range(1, len(q) + 1)]
     labels = ["pose", "load_N", "repeat", *(["kind"] if kind_stated else [])]
@@ -229,13 +229,11 @@ def read_pose_rows(
     logged = [name for name in tau if name in raw.columns]
     raw, _ = numbers(raw, ["time_s", "load_N", *q, *logged])
     raw, _ = numbers(raw, measured.names, may_be_blank=measured.may_be_blank)
-    raw = in_range(raw, measured.lengths, TOO_LARGE, -LARGEST_MM, LARGEST_MM)
     given = [name for name in optional if name in raw.columns]
     raw, _ = numbers(raw, given, may_be_blank=True)
-    above_zero = float(np.nextafter(0.0, 1.0))
-    raw = in_range(raw, [name for name in stated_u if name in given], NOT_UNCERTAIN, above_zero)
+    raw = within_bounds(raw, ["time_s", *q, *logged, *measured.names, *given], bounds)
     raw = _usable(raw, instrument, measured)
-    raw, labelled = _labelled(raw)
+    raw, labelled = _labelled(raw, bounds)
     given += [*logged, *q, *measured.names]
     columns = dict(zip(given, numbers(raw, given, may_be_blank=True)[1].T, strict=True))
     unknown = np.full(len(raw.line), np.nan)
@@ -291,10 +289,10 @@ def _usable(raw: RawRows, instrument: type[Instrument], measured: RawColumns) ->
     return raw
 
 
-def _labelled(raw: RawRows) -> tuple[RawRows, dict[str, Any]]:
+def _labelled(raw: RawRows, bounds: Bounds) -> tuple[RawRows, dict[str, Any]]:
     """Read line, time and labels of every row; rows that lack one are quarantined."""
-    raw = in_range(raw, ["load_N"], "negative load", 0.0)
-    raw, repeat = whole_numbers(raw, "repeat")
+    raw = within_bounds(raw, ["load_N"], bounds)
+    raw, repeat = _whole(raw, "repeat", bounds)
     named = raw.columns["pose"] != ""
     raw = raw.take(named, "the pose has no label", [""] * int((~named).sum()))
     _, table = numbers(raw, ["time_s", "load_N"])
@@ -307,6 +305,12 @@ def _labelled(raw: RawRows) -> tuple[RawRows, dict[str, Any]]:
         "load_N": table[:, 1],
         "repeat": repeat[named],
     }
+
+
+def _whole(raw: RawRows, name: str, bounds: Bounds) -> tuple[RawRows, NDArray[np.int64]]:
+    """Read a column as whole numbers within its bounds."""
+    raw, _ = numbers(raw, [name])
+    return whole_numbers(within_bounds(raw, [name], bounds), name)
 
 
 def _in_time(rows: _T, raw: RawRows) -> tuple[_T, FileRead]:

@@ -49,6 +49,9 @@ MARGIN_MM = 50.0
 #: Joint positions of one label may differ by so much between loads and repeats.
 SAME_COMMAND_RAD = np.radians(0.5)
 SAME_COMMAND_M = 5e-3
+#: Attitudes that differ by less are one attitude, and a flange that turns by more has several.
+ONE_ATTITUDE_RAD = 1e-5
+TURNED_RAD = np.radians(5.0)
 #: Scales of lengths that differ from one by more than this are of another unit.
 SCALE_RATIO = 5.0
 UNITS = {1e-3: "micrometres", 10.0: "centimetres", 25.4: "inches", 1e3: "metres"}
@@ -56,6 +59,10 @@ UNITS = {1e-3: "micrometres", 10.0: "centimetres", 25.4: "inches", 1e3: "metres"
 OUT_OF_REACH = "further from the other positions than the arm reaches"
 OFF_REPEATS = "far from the other readings of this pose and load"
 OFF_MODEL = "far from where the joint angles put the end-effector"
+READ_BEFORE = "this configuration was read before"
+ONE_LABEL = (
+    "another configuration has this pose, load and repeat: give each a label or a repeat of its own"
+)
 OTHER_COMMAND = (
     "the joint angles are not those of this pose's other readings: a wrong label, or the clocks "
     "differ"
@@ -136,6 +143,53 @@ def off_command(pose: NDArray[np.str_], q_rad: Array, prismatic: Mask) -> Mask:
     usual = q.groupby(pose).transform("median")
     allowed = np.where(prismatic, SAME_COMMAND_M, SAME_COMMAND_RAD)
     return np.asarray(((q - usual).abs() > allowed).any(axis=1), dtype=bool)
+
+
+def off_first(
+    q_rad: Array, configuration: NDArray[np.intp], first: NDArray[np.intp], prismatic: Mask
+) -> Mask:
+    """Return (N,) rows whose joints are not those of the first row of their configuration.
+
+    Args:
+        q_rad: (N, n) joint positions.
+        configuration: (N,) number of each row's configuration.
+        first: first row of every configuration.
+        prismatic: (n,) joints that slide.
+    """
+    allowed = np.where(prismatic, SAME_COMMAND_M, SAME_COMMAND_RAD)
+    return np.asarray((np.abs(q_rad - q_rad[first[configuration]]) > allowed).any(axis=1))
+
+
+def refuse_one_attitude(R: Array | None, T_base_ee: Array, where: object) -> None:
+    """Stop when all attitudes are the same though the arm turned its flange.
+
+    Args:
+        R: (N, 3, 3) measured attitudes; None where none are.
+        T_base_ee: (N, 4, 4) nominal poses of the end-effector.
+        where: file, for the message.
+
+    Raises:
+        RawDataError: naming both spreads.
+    """
+    if R is None or len(R) < LEAST_REPEATS:
+        return
+    seen, turned = _spread_rad(R), _spread_rad(T_base_ee[:, :3, :3])
+    if seen > ONE_ATTITUDE_RAD or turned < TURNED_RAD:
+        return
+    raise RawDataError(
+        "every row has the same attitude, though the arm turned",
+        where=f"{where}: qw, qx, qy, qz",
+        value=f"attitudes within {np.degrees(seen):.2g} deg, flange turned by "
+        f"{np.degrees(turned):.0f} deg",
+        allowed="the measured attitude of every row",
+        remedy="export the attitudes; where none are measured, use instrument.kind points",
+    )
+
+
+def _spread_rad(R: Array) -> float:
+    """Return the largest angle between the first attitude and the others."""
+    trace = np.einsum("pij,ij->p", R, R[0])
+    return float(np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0)).max())
 
 
 def refuse_wrong_angle_unit(

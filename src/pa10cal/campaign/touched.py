@@ -17,6 +17,7 @@ from pa10cal.campaign.balls import (
     group_touches,
     locate_balls,
 )
+from pa10cal.campaign.bounds import Bounds
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.dwell import (
     DwellReadings,
@@ -71,8 +72,8 @@ def read_touched(
         RawDataError: when a file, or too much of it, cannot be used.
     """
     cmm, resolver = (folder / str(name) for name in (campaign.files.cmm, campaign.files.resolver))
-    touches, cmm_read = read_touches(cmm, campaign.ball_names)
-    samples, resolver_read = read_samples(resolver, arm.n)
+    touches, cmm_read = read_touches(cmm, campaign.ball_names, Bounds(arm))
+    samples, resolver_read = read_samples(resolver, Bounds(arm))
     reads = (cmm_read, resolver_read)
     totals = {read.file: read.total for read in reads}
     listed = [*cmm_read.quarantined, *resolver_read.quarantined]

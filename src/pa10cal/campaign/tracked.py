@@ -11,21 +11,33 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.campaign.bounds import Bounds
 from pa10cal.campaign.description import CampaignDescription
+from pa10cal.campaign.labels import (
+    EXCHANGED,
+    NOT_RIGID,
+    exchange_text,
+    exchanged,
+    not_rigid,
+)
 from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.quarantine import Ingested, Quarantined, quarantined, refuse_too_many
 from pa10cal.campaign.rows import PoseRows, in_radians, position_columns, read_pose_rows
 from pa10cal.campaign.screens import (
     OFF_MODEL,
     OFF_REPEATS,
+    ONE_LABEL,
     OTHER_COMMAND,
     OUT_OF_REACH,
+    READ_BEFORE,
     Mask,
     may_be_radians,
     off_command,
+    off_first,
     off_model,
     off_repeats,
     out_of_reach,
+    refuse_one_attitude,
     refuse_wrong_angle_unit,
     refuse_wrong_length_unit,
     robust_misfit,
@@ -66,16 +78,20 @@ def read_tracked(
     path = folder / str(description.files.poses)
     instrument, stated = description.instrument.type, description.stated
     rows, read, columns = read_pose_rows(
-        path, arm.prismatic, instrument, stated, kind_stated=description.holdout is None
+        path, Bounds(arm), instrument, stated, kind_stated=description.holdout is None
     )
     totals, most = {read.file: read.total}, options.max_quarantined_fraction
     listed = list(read.quarantined)
     _, first = np.unique(rows.configurations, return_index=True)
     again = np.ones(len(rows), dtype=bool)
     again[first] = False
-    listed += quarantined(read.file, rows.line[again], "this configuration was read before")
+    other = off_first(rows.observations.states.q_rad, rows.configurations, first, arm.prismatic)
+    listed += quarantined(read.file, rows.line[again & ~other], READ_BEFORE)
+    shared = rows.observations.pose[again & other]
+    listed += quarantined(read.file, rows.line[again & other], ONE_LABEL, shared)
     refuse_too_many(listed, totals, most)
-    screened = _Screen(columns, arm, path).of(rows.take(~again))
+    rows = rows.take(~again)
+    screened = _Screen(columns, arm, path).of(rows)
     listed += screened.quarantined
     rows, found = screened.rows, screened.rows.observations
     off = off_command(found.pose, found.states.q_rad, arm.prismatic)
@@ -114,6 +130,8 @@ class _Screen:
         other = self._each(rows, lambda p_m, seen: off_repeats(p_m, pose[seen], load_N[seen]))
         rows, off = self._without(rows, other, OFF_REPEATS)
         listed += off
+        rows, off = self._well_labelled(rows)
+        listed += off
         misfit = self._misfit(rows, rows.observations.states.q_rad)
         if misfit is None:
             return _Screened(rows, listed, ())
@@ -144,8 +162,26 @@ class _Screen:
         kept = np.setdiff1d(np.arange(len(rows)), lost)
         return rows.take(kept), listed
 
+    def _well_labelled(self, rows: PoseRows) -> tuple[PoseRows, tuple[Quarantined, ...]]:
+        """Quarantine rows whose targets are exchanged, or not where the others are of them."""
+        found = rows.observations
+        names, places_m = found.measured.target_names, found.measured.places_m
+        if len(names) < 2:
+            return rows, ()
+        orders = exchanged(Chain.of(self.arm).forward(found.states.q_rad), places_m)
+        swapped = np.array([order is not None for order in orders])
+        _refuse_all_exchanged(swapped, orders, names, str(self.path))
+        values = [exchange_text(order, names) for order in orders[swapped]]
+        listed = quarantined(self.path.name, rows.line[swapped], EXCHANGED, values)
+        rows = rows.take(~swapped)
+        kept, off = self._without(rows, not_rigid(places_m[~swapped]), NOT_RIGID)
+        return kept, listed + off
+
     def _refuse_units(self, rows: PoseRows) -> None:
         found = rows.observations
+        refuse_one_attitude(
+            found.measured.attitudes, Chain.of(self.arm).forward(found.states.q_rad), self.path
+        )
         places_m = found.measured.places_m
         seen = np.isfinite(places_m[..., 0])
         best = int(seen.sum(axis=0).argmax())
@@ -206,6 +242,22 @@ class _Screen:
     def _where_joints(self) -> str:
         names = position_columns(self.arm.prismatic)
         return f"{self.path}: {names[0]} … {names[-1]}"
+
+
+def _refuse_all_exchanged(
+    swapped: Mask, orders: NDArray[np.object_], names: tuple[str, ...], where: str
+) -> None:
+    """Stop when most rows would fit with labels exchanged: then it is the columns."""
+    if 2 * swapped.sum() <= len(swapped):
+        return
+    raise RawDataError(
+        f"the columns of targets {exchange_text(orders[int(np.argmax(swapped))], names)} are "
+        "exchanged",
+        where=where,
+        value=f"{swapped.sum()} of {len(swapped)} rows fit the arm with their labels exchanged",
+        allowed="every target under its own name",
+        remedy="rename the columns",
+    )
 
 
 def _poor_fit(misfit: Misfit) -> tuple[str, ...]:

@@ -218,7 +218,7 @@ class Points(Instrument):
     @override
     def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
         """Return rows in which a target has some of its coordinates only, or none was seen."""
-        blank = np.isnan(values).reshape(len(values), -1, 3).sum(axis=2)
+        blank = np.isnan(values).reshape(len(values), len(columns.targets), 3).sum(axis=2)
         part = (blank > 0) & (blank < 3)
         torn, unseen = part.any(axis=1), (blank == 3).all(axis=1)
         named = (", ".join(columns.targets[b]) for b in part[torn].argmax(axis=1))

@@ -1,0 +1,377 @@
+"""What is probably wrong in the input, by the nominal arm and by quick calibrations of it.
+
+What is certain is refused when raw files are read (`campaign.bounds`, `campaign.screens`). What is
+found here leaves the campaign running, marked: `docs/raw-data.md` lists all of it in one table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import Payload
+from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.campaign.conventions import better_convention
+from pa10cal.campaign.description import CampaignDescription
+from pa10cal.campaign.findings import InputFinding
+from pa10cal.campaign.labels import exchange_text, stated_shape
+from pa10cal.errors import CalibrationError
+from pa10cal.frame.target_fit import LEVER_M
+from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.observations import Observations
+
+Array = NDArray[np.float64]
+
+#: Poses that a check looks at, spread over all.
+MOST_POSES = 100
+#: Misfit of the nominal arm, base and target fitted, that no departures explain [m].
+NOT_DEPARTURES_M = 0.01
+#: A change must leave so much less to be believed, by the nominal arm and by a calibrated one.
+NOMINAL_LEFT = 1.0 / 3.0
+CALIBRATED_LEFT = 0.4
+#: A change that puts the nominal arm so much further off is not tried with a calibration.
+WORTH_TRYING = 3.0
+MOST_CHANGES = 3
+#: Error left over that of the stated noise above which the input is searched for a cause.
+ABOVE_NOISE = 5.0
+_MEDIAN_SQUARE = float(ndtri(0.75)) ** 2
+#: Temperatures at which arms are measured.
+LABORATORY_C = (0.0, 50.0)
+#: Part of the error that another direction of gravity must leave.
+GRAVITY_LEFT = 0.5
+#: Logged torques that follow those of the masses correlate with them by so much.
+FOLLOWS = 0.9
+_AXES = {
+    "along +x": (1.0, 0.0, 0.0),
+    "along -x": (-1.0, 0.0, 0.0),
+    "along +y": (0.0, 1.0, 0.0),
+    "along -y": (0.0, -1.0, 0.0),
+    "along +z (upside down)": (0.0, 0.0, 1.0),
+    "along -z": (0.0, 0.0, -1.0),
+}
+
+
+def check_input(
+    campaign: CampaignDescription, arm: Arm, every: Observations, options: CalibrationOptions
+) -> tuple[InputFinding, ...]:
+    """Find what is probably wrong in the input, before it is calibrated.
+
+    Args:
+        campaign: its description.
+        arm: the nominal arm.
+        every: single readings of all kinds.
+        options: how to calibrate.
+    """
+    grid = average_repeats(every.of_kind("grid"))
+    some = _some(grid)
+    found = (*_temperature(campaign, every), *_shape(campaign, grid, options))
+    others = _attitudes(arm, some) or _signs_and_order(arm, some)
+    if not others and _above_noise(arm, some, options):
+        others = _small_signs(arm, some, options) or _gravity(campaign, arm, some, options)
+    return (*found, *others)
+
+
+def _some(observations: Observations) -> Observations:
+    count = len(observations)
+    rows = np.unique(np.linspace(0, count - 1, min(count, MOST_POSES)).astype(int))
+    return observations.take(rows)
+
+
+def _attitudes(arm: Arm, grid: Observations) -> tuple[InputFinding, ...]:
+    """Find the convention of the attitudes, where another than that of the contract is right."""
+    measured = grid.measured
+    if measured.attitudes is None or measured.from_touches:
+        return ()
+    T_instr_target = np.tile(np.eye(4), (len(grid), 1, 1))
+    T_instr_target[:, :3, :3] = measured.attitudes
+    T_instr_target[:, :3, 3] = measured.places_m[:, 0]
+    better = better_convention(Chain.of(arm).forward(grid.states.q_rad), T_instr_target)
+    if better is None:
+        return ()
+    return (
+        InputFinding(
+            kind="attitude_convention",
+            where="qw, qx, qy, qz",
+            what=f"the attitudes are {np.degrees(better.scatter_rad):.0f} deg off the nominal arm, "
+            f"and {np.degrees(better.would_leave_rad):.2g} deg if they are {better.name}",
+            remedy=better.remedy,
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A change of the joint columns.
+
+    Attributes:
+        kind: `joint_sign` or `joint_order`.
+        joints: from 1; the one that is reversed, or the two that are exchanged.
+    """
+
+    kind: str
+    joints: tuple[int, ...]
+
+    def of(self, q: Array) -> Array:
+        """Return joint columns (P, n) with the change made."""
+        q, at = q.copy(), [joint - 1 for joint in self.joints]
+        if self.kind == "joint_sign":
+            q[:, at] *= -1.0
+        else:
+            q[:, at] = q[:, at[::-1]]
+        return q
+
+    @property
+    def text(self) -> str:
+        """Say what seems wrong."""
+        if self.kind == "joint_sign" and len(self.joints) > 1:
+            return "the signs of all joints are reversed"
+        if self.kind == "joint_sign":
+            return f"the sign of joint {self.joints[0]} is reversed"
+        return f"joints {self.joints[0]} and {self.joints[1]} are exchanged"
+
+    @property
+    def where(self) -> str:
+        """Say which columns are meant."""
+        return ", ".join(f"q{joint}" for joint in self.joints)
+
+    @property
+    def remedy(self) -> str:
+        """Say what to do."""
+        if self.kind == "joint_sign":
+            return f"multiply {self.where} by -1, or reverse the axis in the arm's description"
+        return f"exchange the columns {self.where}"
+
+
+def _changes(arm: Arm) -> Iterator[_Change]:
+    yield _Change("joint_sign", tuple(range(1, arm.n + 1)))
+    for joint in range(1, arm.n + 1):
+        yield _Change("joint_sign", (joint,))
+    for joint in range(1, arm.n):
+        if arm.prismatic[joint - 1] == arm.prismatic[joint]:
+            yield _Change("joint_order", (joint, joint + 1))
+
+
+def _signs_and_order(arm: Arm, grid: Observations) -> tuple[InputFinding, ...]:
+    """Change signs and order of joints one after the other, as long as much less is left."""
+    q = grid.states.q_rad
+    first_m = left_m = _nominal_misfit(arm, grid, q)
+    if first_m < NOT_DEPARTURES_M:
+        return ()
+    made: list[_Change] = []
+    for _ in range(MOST_CHANGES):
+        tried = [(_nominal_misfit(arm, grid, change.of(q)), change) for change in _changes(arm)]
+        least_m, best = min(tried, key=lambda each: each[0])
+        if least_m > 0.7 * left_m:
+            break
+        q, left_m = best.of(q), least_m
+        made.append(best)
+    if left_m > NOMINAL_LEFT * first_m or left_m > max(NOT_DEPARTURES_M, 0.1 * first_m):
+        return ()
+    return (_changed(made, 1e3 * first_m, 1e3 * left_m, "the nominal arm fits to"),)
+
+
+def _changed(made: Sequence[_Change], now_mm: float, left_mm: float, fits: str) -> InputFinding:
+    return InputFinding(
+        kind=made[0].kind,
+        where="; ".join(change.where for change in made),
+        what=f"{' and '.join(change.text for change in made)}: {fits} {now_mm:.3g} mm as logged, "
+        f"{left_mm:.3g} mm if that is put right",
+        remedy=" and ".join(change.remedy for change in made),
+        would_leave_mm=left_mm,
+    )
+
+
+def _nominal_misfit(arm: Arm, grid: Observations, q: Array) -> float:
+    """Return the rms misfit of the nominal arm, base and targets fitted [m]; inf if none fits."""
+    try:
+        found = grid.measured.locate(Chain.of(arm).forward(q))
+    except CalibrationError:
+        return np.inf
+    return float(np.hypot(found.scatter_m, LEVER_M * (found.scatter_rad or 0.0)))
+
+
+def _small_signs(
+    arm: Arm, some: Observations, options: CalibrationOptions
+) -> tuple[InputFinding, ...]:
+    """Try signs and order whose error departures partly take up, as of a wrist, by calibrating."""
+    q = some.states.q_rad
+    as_logged_m = _nominal_misfit(arm, some, q)
+    tried = []
+    for change in _changes(arm):
+        if _nominal_misfit(arm, some, change.of(q)) < WORTH_TRYING * as_logged_m:
+            states = replace(some.states, q_rad=change.of(q))
+            tried.append((_calibrated_rms_mm(arm, some.with_states(states), None, options), change))
+    if not tried:
+        return ()
+    now_mm = _calibrated_rms_mm(arm, some, None, options)
+    left_mm, best = min(tried, key=lambda each: each[0])
+    if not left_mm < CALIBRATED_LEFT * now_mm < np.inf:
+        return ()
+    return (_changed([best], now_mm, left_mm, "the arm calibrates to"),)
+
+
+def _calibrated_rms_mm(
+    arm: Arm, grid: Observations, payload: Payload | None, options: CalibrationOptions
+) -> float:
+    """Return the rms position error of the general model fitted to poses; rigid without payload."""
+    try:
+        found = _calibrated(arm, grid, payload, options)
+    except CalibrationError:
+        return np.inf
+    columns = found.problem.measured.component_kinds[0][1]
+    squares = np.sum(found.fit.residual[:, columns] ** 2, axis=1)
+    return 1e3 * float(np.sqrt(np.median(squares)))
+
+
+def _calibrated(
+    arm: Arm, grid: Observations, payload: Payload | None, options: CalibrationOptions
+) -> GeneralCalibration:
+    start = grid.measured.find_start(Chain.of(arm).forward(grid.states.q_rad))
+    rigid = options if payload is not None else options.with_springs(())
+    return calibrate_general(arm, grid, start, payload, rigid)
+
+
+def _gravity(
+    campaign: CampaignDescription, arm: Arm, some: Observations, options: CalibrationOptions
+) -> tuple[InputFinding, ...]:
+    """Try gravity along the other axes of the base: by logged torques, else by what springs give.
+
+    An arm that hangs or stands on a wall says so by `gravity_m_s2` in the frame of its base.
+    """
+    payload = campaign.payload(arm)
+    if payload is None:
+        return ()
+    size = float(np.linalg.norm(payload.gravity_m_s2))
+    if size == 0.0:
+        return ()
+    stated = payload.gravity_m_s2 / size
+    others = {
+        name: replace(payload, gravity_m_s2=size * np.array(axis))
+        for name, axis in _AXES.items()
+        if np.array(axis) @ stated < 0.9
+    }
+    if np.isfinite(some.states.tau_Nm).all():
+        return _gravity_by_torques(arm, some, payload, others)
+    now_mm = _calibrated_rms_mm(arm, some, payload, options)
+    left = {name: _calibrated_rms_mm(arm, some, other, options) for name, other in others.items()}
+    best = min(left, key=lambda name: left[name])
+    if not left[best] < GRAVITY_LEFT * now_mm < np.inf:
+        return ()
+    return (_other_gravity(best, f"{now_mm:.3g} mm", f"{left[best]:.3g} mm", left[best]),)
+
+
+def _gravity_by_torques(
+    arm: Arm, some: Observations, payload: Payload, others: dict[str, Payload]
+) -> tuple[InputFinding, ...]:
+    from pa10cal.fit.loads import statics_of
+    from pa10cal.terms.model import Model
+
+    def follows(carried: Payload) -> float:
+        nominal = Model(Chain.of(arm), ())
+        of_masses = statics_of(nominal, np.zeros(0), some.states, carried).torque_Nm
+        return float(
+            np.sum(of_masses * some.states.tau_Nm)
+            / np.sqrt(np.sum(of_masses**2) * np.sum(some.states.tau_Nm**2))
+        )
+
+    now = follows(payload)
+    best = max(others, key=lambda name: follows(others[name]))
+    if follows(others[best]) < FOLLOWS or now > 0.5:
+        return ()
+    return (_other_gravity(best, f"a correlation of {now:.2f}", f"{follows(others[best]):.2f}"),)
+
+
+def _other_gravity(
+    name: str, now: str, then: str, would_leave_mm: float | None = None
+) -> InputFinding:
+    return InputFinding(
+        kind="gravity",
+        where="campaign.yaml: gravity_m_s2",
+        what=f"gravity seems to act {name} of the base: {now} as stated, {then} then",
+        remedy="state gravity in the frame of the robot's base, pointing down; or check the signs "
+        "of the torques, where they are logged",
+        would_leave_mm=would_leave_mm,
+    )
+
+
+def _above_noise(arm: Arm, grid: Observations, options: CalibrationOptions) -> bool:
+    """Return whether the rigid arm, calibrated, is off by much more than the stated noise."""
+    try:
+        found = _calibrated(arm, grid, None, options)
+    except CalibrationError:
+        return False  # too few poses: the calibration says how many it needs
+    columns = found.problem.measured.component_kinds[0][1]
+    variances = np.diagonal(found.problem.stated_covariance, axis1=1, axis2=2)[:, columns]
+    seen = found.problem.components_seen[:, columns]
+    squares = (found.fit.residual[:, columns] ** 2 / variances)[seen]
+    return bool(np.median(squares) > ABOVE_NOISE**2 * _MEDIAN_SQUARE)
+
+
+def _shape(
+    campaign: CampaignDescription, grid: Observations, options: CalibrationOptions
+) -> Iterator[InputFinding]:
+    """Compare the distances between targets with those between their stated places."""
+    measured, names = grid.measured, measured_targets(grid)
+    if len(names) < 2 or not set(names) <= set(campaign.tool.balls_mm):
+        return
+    stated_mm = np.array([campaign.tool.balls_mm[name] for name in names])
+    off = stated_shape(1e3 * target_places(grid), stated_mm)
+    allowed_mm = 10.0 * (options.apparatus_uncertainty_mm if measured.from_touches else 1.0)
+    if off is None or off.largest_mm < max(allowed_mm, 5.0 * off.u_mm):
+        return
+    if off.order is not None:
+        swapped = exchange_text(off.order, names)
+        yield InputFinding(
+            kind="target_label",
+            where=f"tool.balls_mm: {swapped}",
+            what=f"the names of {swapped} seem exchanged: distances between targets are up to "
+            f"{off.largest_mm:.3g} mm off as stated",
+            remedy="exchange their stated places, or rename their columns",
+        )
+        return
+    yield InputFinding(
+        kind="target_places",
+        where=f"tool.balls_mm: {names[off.target]}",
+        what=f"target {names[off.target]} is not where it is stated to be: its distance from "
+        f"another is {off.largest_mm:.3g} mm off, known to {off.u_mm:.2g} mm",
+        remedy="check its stated place",
+    )
+
+
+def _temperature(campaign: CampaignDescription, every: Observations) -> Iterator[InputFinding]:
+    """Find temperatures that no laboratory has, but degrees Fahrenheit would."""
+    reference_C = campaign.reference_temperature_C
+    measured_C = every.states.temperature_C
+    known_C = measured_C[np.isfinite(measured_C)]
+    stated = {"campaign.yaml: reference_temperature_C": reference_C}
+    if len(known_C):
+        stated["temperature_C"] = float(np.median(known_C))
+    for where, temperature_C in stated.items():
+        if LABORATORY_C[0] <= temperature_C <= LABORATORY_C[1]:
+            continue
+        yield InputFinding(
+            kind="temperature",
+            where=where,
+            what=f"{temperature_C:g} deg C is no usual temperature of a laboratory; in degrees "
+            f"Fahrenheit it would be {(temperature_C - 32.0) / 1.8:.0f} deg C",
+            remedy="state temperatures in degrees Celsius",
+        )
+
+
+def measured_targets(grid: Observations) -> tuple[str, ...]:
+    """Return the names of the targets or balls that an instrument measured one by one."""
+    names = getattr(grid.measured, "names", ())
+    return tuple(names)
+
+
+def target_places(grid: Observations) -> Array:
+    """Return where targets or balls were measured, (P, B, 3) [m]."""
+    balls = getattr(grid.measured, "p_instr_balls_m", None)
+    return grid.measured.places_m if balls is None else balls

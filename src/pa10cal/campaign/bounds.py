@@ -1,0 +1,200 @@
+"""Bounds of every raw column and key: what lies outside was never measured, or is in another unit.
+
+They are wide: no right reading is outside. `docs/raw-data.md` lists them.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+from pa10cal.campaign.csv_rows import RawRows, numbers
+from pa10cal.errors import RawDataError
+
+Array = NDArray[np.float64]
+
+#: No instrument measures further than this.
+LARGEST_MM = 1e6
+TOO_LARGE = "a coordinate beyond any measuring volume"
+NOT_UNCERTAIN = "the stated uncertainty is not above zero"
+#: Unix time in seconds has ten digits, in milliseconds thirteen.
+LATEST_S = 1e11
+#: Joints may be logged beyond their described limits by so much; those without limits turn less.
+BEYOND_LIMITS_DEG = 10.0
+BEYOND_LIMITS_MM = 20.0
+#: Loads and torques, beyond the largest industrial arms.
+LARGEST_LOAD_N = 3e4
+LARGEST_TORQUE_NM = 1e5
+TEMPERATURES_C = (-60.0, 150.0)
+LARGEST_COUNT = 1e9
+#: Stated uncertainties: of lengths [mm], angles [deg], torques [N m], quaternions; and least ones.
+LARGEST_U = {"mm": 1e3, "deg": 90.0, "Nm": 1e5, "": 1.0}
+LEAST_U = 1e-9
+#: Gravity on Earth is 9.78 to 9.83 m/s2.
+GRAVITY_M_S2 = (9.5, 10.1)
+#: Tools heavier than their arm are in grams; as are those of arms without masses above this a metre
+#: of reach.
+TOOL_KG_PER_M = 1000.0
+
+_JOINT = re.compile(r"q(\d+)_(deg|mm)")
+_TORQUE = re.compile(r"tau\d+_Nm")
+_QUATERNION = ("qw", "qx", "qy", "qz")
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What a column may hold.
+
+    Attributes:
+        low, high: bounds, allowed themselves.
+        below, above: why a number outside is not used.
+    """
+
+    low: float
+    high: float
+    below: str
+    above: str
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds of the columns of an arm's campaign."""
+
+    arm: Arm
+
+    def of(self, name: str) -> Bound:
+        """Return the bound of a column; of one that is no known one, that of lengths."""
+        if name.startswith("u_"):
+            return self._uncertainty(name.removeprefix("u_"))
+        if joint := _JOINT.fullmatch(name):
+            return self._joint(int(joint.group(1)), joint.group(2))
+        if _TORQUE.fullmatch(name):
+            return _both(LARGEST_TORQUE_NM, "a torque beyond that of any arm")
+        known = {
+            "time_s": _both(LATEST_S, "a time beyond any clock in seconds"),
+            "load_N": Bound(0.0, LARGEST_LOAD_N, "negative load", "a load beyond any arm's"),
+            "repeat": _both(LARGEST_COUNT, "a number beyond any count"),
+            "touch": _both(LARGEST_COUNT, "a number beyond any count"),
+            "temperature_C": Bound(*TEMPERATURES_C, _temperature(), _temperature()),
+            **dict.fromkeys(_QUATERNION, _both(2.0, "the quaternion is not of unit length")),
+        }
+        return known.get(name, _both(LARGEST_MM, TOO_LARGE))
+
+    def _joint(self, joint: int, unit: str) -> Bound:
+        low, high = self.arm.limits_rad[joint - 1]
+        low, high = (1e3 * low, 1e3 * high) if unit == "mm" else np.degrees((low, high))
+        beyond = BEYOND_LIMITS_MM if unit == "mm" else BEYOND_LIMITS_DEG
+        text = (
+            f"beyond the limits of joint {joint} in the description of {self.arm.name} "
+            f"({low:g} to {high:g} {unit})"
+        )
+        return Bound(float(low) - beyond, float(high) + beyond, text, text)
+
+    @staticmethod
+    def _uncertainty(name: str) -> Bound:
+        _, _, unit = name.rpartition("_")
+        largest = LARGEST_U.get(unit, LARGEST_U[""])
+        return Bound(LEAST_U, largest, NOT_UNCERTAIN, f"a stated uncertainty above {largest:g}")
+
+
+def within_bounds(raw: RawRows, names: list[str], bounds: Bounds) -> RawRows:
+    """Quarantine the rows with a number outside the bounds of its column; blanks are let through.
+
+    Raises:
+        RawDataError: when temperatures are in kelvin.
+    """
+    for name in names:
+        _, found = numbers(raw, [name], may_be_blank=True)
+        column = found[:, 0]
+        if name == "temperature_C":
+            _refuse_kelvin(raw, column)
+        bound = bounds.of(name)
+        for off, reason in ((column < bound.low, bound.below), (column > bound.high, bound.above)):
+            if off.any():
+                values = [f"{name} = {text}" for text in raw.columns[name][off]]
+                return within_bounds(raw.take(~off, reason, values), names, bounds)
+    return raw
+
+
+def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
+    """Stop when the tool is heavier than any that the arm carries: its mass is in grams.
+
+    Raises:
+        RawDataError: naming both masses.
+    """
+    of_arm = None if arm.mass_kg is None else float(np.sum(arm.mass_kg))
+    largest_kg = TOOL_KG_PER_M * arm.reach_m if of_arm is None else of_arm
+    if mass_kg <= largest_kg:
+        return
+    raise RawDataError(
+        "the tool is heavier than the arm can carry",
+        where=f"{where}: tool.mass_kg",
+        value=mass_kg,
+        allowed=f"kilograms, at most {largest_kg:.4g}"
+        + ("" if of_arm is None else ", the mass of the arm itself"),
+        remedy=f"state {mass_kg / 1000.0:g} if the mass is in grams",
+    )
+
+
+def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: str) -> None:
+    """Stop when gravity is not of the size that it has on Earth; zero is not stated.
+
+    Raises:
+        RawDataError: naming its size.
+    """
+    size = float(np.linalg.norm(gravity_m_s2))
+    if size == 0.0 or GRAVITY_M_S2[0] <= size <= GRAVITY_M_S2[1]:
+        return
+    in_mm = GRAVITY_M_S2[0] <= 1e-3 * size <= GRAVITY_M_S2[1]
+    in_g = 0.9 <= size <= 1.1
+    unit = "in mm/s2" if in_mm else "in units of g" if in_g else "of another size"
+    raise RawDataError(
+        f"gravity is {unit}",
+        where=f"{where}: gravity_m_s2",
+        value=list(gravity_m_s2),
+        allowed=f"{GRAVITY_M_S2[0]:g} to {GRAVITY_M_S2[1]:g} m/s2 in size",
+        remedy="state it in m/s2 in the frame of the robot's base, [0, 0, -9.81] for an upright "
+        "arm",
+    )
+
+
+def refuse_impossible_temperature(temperature_C: float, where: str) -> None:
+    """Stop when a stated temperature is in kelvin, or none of a laboratory.
+
+    Raises:
+        RawDataError: naming it.
+    """
+    if TEMPERATURES_C[0] <= temperature_C <= TEMPERATURES_C[1]:
+        return
+    raise _kelvin(f"{where}: reference_temperature_C", temperature_C)
+
+
+def _refuse_kelvin(raw: RawRows, column: Array) -> None:
+    known = column[np.isfinite(column)]
+    if not len(known) or not 220.0 < float(np.median(known)) < 330.0:
+        return
+    raise _kelvin(f"{raw.file}: temperature_C", float(np.median(known)))
+
+
+def _kelvin(where: str, value: float) -> RawDataError:
+    kelvin = 220.0 < value < 330.0
+    return RawDataError(
+        "the temperature looks like kelvin" if kelvin else "no temperature of a laboratory",
+        where=where,
+        value=value,
+        allowed=f"degrees Celsius, {TEMPERATURES_C[0]:g} to {TEMPERATURES_C[1]:g}",
+        remedy="subtract 273.15" if kelvin else "check its unit",
+    )
+
+
+def _both(largest: float, reason: str) -> Bound:
+    return Bound(-largest, largest, reason, reason)
+
+
+def _temperature() -> str:
+    low, high = TEMPERATURES_C
+    return f"a temperature outside {low:g} to {high:g} deg C"
