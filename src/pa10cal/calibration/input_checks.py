@@ -23,9 +23,11 @@ from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.campaign.labels import exchange_text, stated_shape
 from pa10cal.errors import CalibrationError
+from pa10cal.fit.loads import statics_of
 from pa10cal.frame.target_fit import LEVER_M
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
+from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
 
@@ -48,6 +50,7 @@ LABORATORY_C = (0.0, 50.0)
 GRAVITY_LEFT = 0.5
 #: Logged torques that follow those of the masses correlate with them by so much.
 FOLLOWS = 0.9
+DOES_NOT_FOLLOW = 0.8
 _AXES = {
     "along +x": (1.0, 0.0, 0.0),
     "along -x": (-1.0, 0.0, 0.0),
@@ -73,6 +76,8 @@ def check_input(
     some = _some(grid)
     found = (*_temperature(campaign, every), *_shape(campaign, grid, options))
     others = _attitudes(arm, some) or _signs_and_order(arm, some)
+    if not others and campaign.payload(arm) is not None and _logs_torques(some):
+        others = _gravity_by_torques(campaign, arm, some)
     if not others and _above_noise(arm, some, options):
         others = _small_signs(arm, some, options) or _gravity(campaign, arm, some, options)
     return (*found, *others)
@@ -238,27 +243,23 @@ def _calibrated(
     return calibrate_general(arm, grid, start, payload, rigid)
 
 
+def _logs_torques(grid: Observations) -> bool:
+    return bool(np.isfinite(grid.states.tau_Nm).all())
+
+
 def _gravity(
     campaign: CampaignDescription, arm: Arm, some: Observations, options: CalibrationOptions
 ) -> tuple[InputFinding, ...]:
-    """Try gravity along the other axes of the base: by logged torques, else by what springs give.
+    """Try gravity along the other axes of the base, under springs that give to the masses.
 
     An arm that hangs or stands on a wall says so by `gravity_m_s2` in the frame of its base.
     """
     payload = campaign.payload(arm)
-    if payload is None:
+    if payload is None or _logs_torques(some):
         return ()
-    size = float(np.linalg.norm(payload.gravity_m_s2))
-    if size == 0.0:
+    others = _other_directions(payload)
+    if not others:
         return ()
-    stated = payload.gravity_m_s2 / size
-    others = {
-        name: replace(payload, gravity_m_s2=size * np.array(axis))
-        for name, axis in _AXES.items()
-        if np.array(axis) @ stated < 0.9
-    }
-    if np.isfinite(some.states.tau_Nm).all():
-        return _gravity_by_torques(arm, some, payload, others)
     now_mm = _calibrated_rms_mm(arm, some, payload, options)
     left = {name: _calibrated_rms_mm(arm, some, other, options) for name, other in others.items()}
     best = min(left, key=lambda name: left[name])
@@ -268,24 +269,38 @@ def _gravity(
 
 
 def _gravity_by_torques(
-    arm: Arm, some: Observations, payload: Payload, others: dict[str, Payload]
+    campaign: CampaignDescription, arm: Arm, some: Observations
 ) -> tuple[InputFinding, ...]:
-    from pa10cal.fit.loads import statics_of
-    from pa10cal.terms.model import Model
+    """Compare logged torques with those of the masses, under gravity along each axis."""
+    payload = campaign.payload(arm)
+    others = {} if payload is None else _other_directions(payload)
+    if payload is None or not others:
+        return ()
+    nominal, logged = Model(Chain.of(arm), ()), some.states.tau_Nm
 
     def follows(carried: Payload) -> float:
-        nominal = Model(Chain.of(arm), ())
         of_masses = statics_of(nominal, np.zeros(0), some.states, carried).torque_Nm
-        return float(
-            np.sum(of_masses * some.states.tau_Nm)
-            / np.sqrt(np.sum(of_masses**2) * np.sum(some.states.tau_Nm**2))
-        )
+        size = np.sqrt(np.sum(of_masses**2) * np.sum(logged**2))
+        return float(np.sum(of_masses * logged) / size) if size > 0.0 else 0.0
 
     now = follows(payload)
     best = max(others, key=lambda name: follows(others[name]))
-    if follows(others[best]) < FOLLOWS or now > 0.5:
+    if follows(others[best]) < FOLLOWS or now > DOES_NOT_FOLLOW:
         return ()
     return (_other_gravity(best, f"a correlation of {now:.2f}", f"{follows(others[best]):.2f}"),)
+
+
+def _other_directions(payload: Payload) -> dict[str, Payload]:
+    """Return the payload under gravity along every axis of the base that is not the one stated."""
+    size = float(np.linalg.norm(payload.gravity_m_s2))
+    if size == 0.0:
+        return {}
+    stated = payload.gravity_m_s2 / size
+    return {
+        name: replace(payload, gravity_m_s2=size * np.array(axis))
+        for name, axis in _AXES.items()
+        if np.array(axis) @ stated < 0.9
+    }
 
 
 def _other_gravity(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.campaign.csv_rows import RawRows, numbers
+from pa10cal.campaign.csv_rows import RawRows
 from pa10cal.errors import RawDataError
 
 Array = NDArray[np.float64]
@@ -108,14 +108,14 @@ def within_bounds(raw: RawRows, names: list[str], bounds: Bounds) -> RawRows:
         RawDataError: when temperatures are in kelvin.
     """
     for name in names:
-        _, found = numbers(raw, [name], may_be_blank=True)
-        column = found[:, 0]
+        column = raw.numbers_of(name).values
         if name == "temperature_C":
             _refuse_kelvin(raw, column)
         bound = bounds.of(name)
         for off, reason in ((column < bound.low, bound.below), (column > bound.high, bound.above)):
             if off.any():
-                values = [f"{name} = {text}" for text in raw.columns[name][off]]
+                text = raw.numbers_of(name).as_text
+                values = [f"{name} = {text(int(row))}" for row in np.flatnonzero(off)]
                 return within_bounds(raw.take(~off, reason, values), names, bounds)
     return raw
 

@@ -1,4 +1,4 @@
-"""CSV as it comes from instruments: rows as text with their physical lines, bad rows listed.
+"""CSV as it comes from instruments: rows with their physical lines, bad rows listed.
 
 What makes a single row unusable quarantines it; what makes the file unusable (another
 separator, decimal commas throughout, a missing column, nothing in it) stops with one message.
@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import difflib
 import gzip
+import io
+import sys
 import zlib
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import IO, cast
 
 import numpy as np
 import pandas as pd
@@ -23,6 +26,12 @@ from pa10cal.errors import RawDataError
 
 Array = NDArray[np.float64]
 
+#: Columns of text; all others hold numbers.
+TEXT = ("kind", "pose", "ball")
+#: Files of more text than this, unpacked, are refused; so many bytes and rows are read at a time.
+LARGEST_BYTES = 400_000_000
+BLOCK_BYTES = 1 << 22
+ROWS_A_PART = 20_000
 #: Share of rows that must write their last field in one format for a shorter one to count as cut.
 SAME_FORMAT = 0.99
 
@@ -31,12 +40,59 @@ FIELDS = "the number of fields differs from the header"
 
 
 @dataclass(frozen=True)
+class NumberColumn:
+    """A column of numbers, and the text of the fields that hold none.
+
+    Attributes:
+        values: (N,) numbers, nan where there is none.
+        odd: (m,) rows whose field is no finite number, ascending.
+        text: (m,) what stands there.
+    """
+
+    values: Array
+    odd: NDArray[np.intp]
+    text: NDArray[np.object_]
+
+    @classmethod
+    def of(cls, fields: Sequence[str]) -> NumberColumn:
+        """Read fields as numbers."""
+        text = np.array(fields, dtype=object)
+        values = np.asarray(pd.to_numeric(text, errors="coerce"), dtype=np.float64)
+        odd = np.flatnonzero(~np.isfinite(values))
+        values[odd] = np.nan
+        return cls(values, odd, text[odd])
+
+    @classmethod
+    def joined(cls, parts: Sequence[NumberColumn]) -> NumberColumn:
+        """Join the parts of a column."""
+        first = np.cumsum([0, *(len(part.values) for part in parts)])
+        return cls(
+            np.concatenate([part.values for part in parts]),
+            np.concatenate([part.odd + k for part, k in zip(parts, first, strict=False)]),
+            np.concatenate([part.text for part in parts]),
+        )
+
+    def take(self, keep: NDArray[np.bool_]) -> NumberColumn:
+        """Return some of the rows."""
+        stays = keep[self.odd]
+        odd = np.cumsum(keep)[self.odd[stays]] - 1
+        return NumberColumn(self.values[keep], odd, self.text[stays])
+
+    def as_text(self, row: int) -> str:
+        """Return what stands in a row."""
+        at = int(np.searchsorted(self.odd, row))
+        if at < len(self.odd) and self.odd[at] == row:
+            return repr(str(self.text[at]))
+        return f"{self.values[row]:.10g}"
+
+
+@dataclass(frozen=True)
 class RawRows:
-    """Rows of one CSV file, as text.
+    """Rows of one CSV file: numbers where a column holds them, else text.
 
     Attributes:
         file: name of the file.
-        columns: fields of every column, in the order of the file.
+        columns: the columns requested, those of `TEXT` as (N,) text.
         line: (N,) physical line of every row, the header being line 1.
         total: rows in the file, quarantined ones included.
         unused: columns that were not requested.
@@ -44,7 +100,7 @@ class RawRows:
     """
 
     file: str
-    columns: dict[str, NDArray[np.object_]]
+    columns: dict[str, NumberColumn | NDArray[np.object_]]
     line: NDArray[np.int64]
     total: int
     unused: tuple[str, ...]
@@ -52,20 +108,40 @@ class RawRows:
 
     def take(self, keep: NDArray[np.bool_], reason: str, values: Sequence[object]) -> RawRows:
         """Keep some rows; quarantine the others with a reason and (for each of them) a value."""
+        if keep.all():
+            return self
         return RawRows(
             self.file,
-            {name: column[keep] for name, column in self.columns.items()},
+            {
+                name: column.take(keep) if isinstance(column, NumberColumn) else column[keep]
+                for name, column in self.columns.items()
+            },
             self.line[keep],
             self.total,
             self.unused,
             (*self.quarantined, *quarantined(self.file, self.line[~keep], reason, values)),
         )
 
+    def numbers_of(self, name: str) -> NumberColumn:
+        """Return a column of numbers."""
+        column = self.columns[name]
+        assert isinstance(column, NumberColumn)
+        return column
+
+    def text_of(self, name: str) -> NDArray[np.str_]:
+        """Return a column of text."""
+        column = self.columns[name]
+        assert not isinstance(column, NumberColumn)
+        return column.astype(str)
+
+    def without_columns(self) -> RawRows:
+        """Return what is to be known of the file once its columns were read."""
+        return replace(self, columns={})
+
 
 def column_names(path: Path) -> list[str]:
     """Return the names in the header of a CSV file, none where there is no header."""
-    header = next((text for text in _read_lines(path) if text.strip()), "")
-    return _fields(header) if header else []
+    return next((_fields(text) for _, text, _ in _lines(path)), [])
 
 
 def read_rows(
@@ -74,7 +150,7 @@ def read_rows(
     optional: Sequence[str] = (),
     together: Sequence[str] = (),
 ) -> RawRows:
-    """Read a CSV file, plain or gzipped.
+    """Read a CSV file, plain or gzipped, in parts.
 
     Rows with another number of fields than the header, exact repeats of an earlier row and a last
     line that was cut short are quarantined.
@@ -86,39 +162,40 @@ def read_rows(
         together: columns that are all there or all absent.
 
     Raises:
-        RawDataError: when the file is empty, is no UTF-8 text, uses another separator or decimal
-            commas throughout, or lacks a required column.
+        RawDataError: when the file is empty or too large, is no UTF-8 text, uses another separator
+            or decimal commas throughout, or lacks a required column.
     """
-    lines = _read_lines(path)
-    ended = lines[-1] == ""
-    numbered = [(k, text) for k, text in enumerate(lines, start=1) if text.strip()]
-    if not numbered:
+    lines = _lines(path)
+    header_line, header_text, _ = next(lines, (0, "", True))
+    if not header_line:
         raise _refusal(path, 1, "the file is empty", "a header and rows", "export it again")
-    header_line, header_text = numbered[0]
     header = _fields(header_text)
     needed = [*required, *(together if set(together) & set(header) else ())]
     _check_header(path, header_line, header_text, header, needed)
-    rows = [_fields(text) for _, text in numbered[1:]]
-    line = np.array([k for k, _ in numbered[1:]], dtype=np.int64)
-    if not rows:
+    used = [name for name in header if name in needed or name in optional]
+    parts = _Parts(header, used)
+    for number, text, ended in lines:
+        parts.add(number, text, ended=ended)
+    if not parts.lines:
         raise _refusal(path, header_line, "there is no row under the header", "rows", "export it")
-    widths = np.array([len(row) for row in rows])
+    line, widths = np.array(parts.lines, dtype=np.int64), np.array(parts.widths)
     _refuse_systematic_width(path, widths, len(header), line)
     right = widths == len(header)
-    cut = not ended and widths[-1] < len(header)
+    cut = not parts.ended and widths[-1] < len(header)
     wrong = ~right
     wrong[-1] &= not cut
     listed = (
         *quarantined(path.name, line[wrong], f"{FIELDS} {len(header)}", widths[wrong]),
-        *quarantined(path.name, line[-1:] if cut else [], CUT, [numbered[-1][1]] if cut else []),
+        *quarantined(path.name, line[-1:] if cut else [], CUT, [parts.last] if cut else []),
     )
-    table = np.array([row for row in rows if len(row) == len(header)], dtype=object)
-    columns = dict(zip(header, table.T, strict=True))
-    unused = tuple(name for name in header if name not in (*needed, *optional))
-    raw = RawRows(path.name, columns, line[right], len(rows), unused, listed)
-    if not ended and right[-1]:
-        raw = _without_cut_last(raw, header[-1])
-    return _without_repeats(raw)
+    unused = tuple(name for name in header if name not in used)
+    raw = RawRows(path.name, parts.joined(), line[right], len(line), unused, listed)
+    kept = np.ones(len(raw.line), dtype=bool)
+    if not parts.ended and right[-1]:
+        kept[-1] = not _cut_last(np.array(parts.decimals))
+        raw = raw.take(kept, CUT, [_fields(parts.last)[-1]] * int(not kept[-1]))
+    first = ~pd.Series(np.array(parts.hashes, dtype=np.int64)[kept]).duplicated().to_numpy()
+    return raw.take(first, "repeats an earlier row", [""] * int((~first).sum()))
 
 
 def numbers(
@@ -134,22 +211,19 @@ def numbers(
     Returns:
         The remaining rows and their numbers (N, len(names)).
     """
+    columns = [raw.numbers_of(name) for name in names]
+    wrong: dict[int, str] = {}
+    for name, column in zip(names, columns, strict=True):
+        for row, text in zip(column.odd, column.text, strict=True):
+            if text != "" or not may_be_blank:
+                wrong.setdefault(int(row), f"{name} = {text!r}")
+    keep = np.ones(len(raw.line), dtype=bool)
+    keep[list(wrong)] = False
+    raw = raw.take(keep, "not a finite number", [wrong[row] for row in sorted(wrong)])
     parsed = np.empty((len(raw.line), len(names)))
-    good = np.empty(parsed.shape, dtype=bool)
     for k, name in enumerate(names):
-        column = raw.columns[name]
-        parsed[:, k] = pd.to_numeric(pd.Series(column), errors="coerce")
-        good[:, k] = np.isfinite(parsed[:, k]) | ((column == "") if may_be_blank else False)
-    keep = np.asarray(good.all(axis=1))
-    if keep.all():
-        return raw, parsed
-    first_bad = np.argmin(good[~keep], axis=1)
-    rows = np.flatnonzero(~keep)
-    values = [
-        f"{names[k]} = {raw.columns[names[k]][row]!r}"
-        for row, k in zip(rows, first_bad, strict=True)
-    ]
-    return raw.take(keep, "not a finite number", values), parsed[keep]
+        parsed[:, k] = raw.numbers_of(name).values
+    return raw, parsed
 
 
 def whole_numbers(raw: RawRows, name: str) -> tuple[RawRows, NDArray[np.int64]]:
@@ -163,18 +237,91 @@ def whole_numbers(raw: RawRows, name: str) -> tuple[RawRows, NDArray[np.int64]]:
 
 def choices(raw: RawRows, name: str, allowed: Sequence[str]) -> RawRows:
     """Keep the rows whose column holds one of the allowed words."""
-    column = raw.columns[name]
-    keep = np.isin(column.astype(str), list(allowed))
-    values = [f"{name} = {value!r}" for value in column[~keep]]
+    column = raw.text_of(name)
+    keep = np.isin(column, list(allowed))
+    values = [f"{name} = {str(value)!r}" for value in column[~keep]]
     return raw.take(keep, f"{name} is none of {', '.join(allowed)}", values)
 
 
-def _read_lines(path: Path) -> list[str]:
-    """Return the physical lines; the last is empty when the file ends with a line end."""
-    content = path.read_bytes()
-    if content[:2] == b"\x1f\x8b":
+class _Parts:
+    """Rows of a file as they are read: columns in parts, and what is known of every line.
+
+    Attributes:
+        lines, widths: physical line of every row, and its number of fields.
+        hashes, decimals: of the rows as wide as the header: of all fields, and digits of the last.
+        ended, last: whether the last line has a line end, and its text.
+    """
+
+    def __init__(self, header: Sequence[str], used: Sequence[str]) -> None:
+        self.lines: list[int] = []
+        self.widths: list[int] = []
+        self.hashes: list[int] = []
+        self.decimals: list[int] = []
+        self.ended = True
+        self.last = ""
+        self._width = len(header)
+        self._at = {name: header.index(name) for name in used}
+        self._rows: list[list[str]] = []
+        self._numbers: dict[str, list[NumberColumn]] = {n: [] for n in used if n not in TEXT}
+        self._text: dict[str, list[str]] = {name: [] for name in used if name in TEXT}
+
+    def add(self, number: int, text: str, *, ended: bool) -> None:
+        """Take up a line."""
+        row = _fields(text)
+        self.lines.append(number)
+        self.widths.append(len(row))
+        self.ended, self.last = ended, text
+        if len(row) != self._width:
+            return
+        self.hashes.append(hash(tuple(row)))
+        self.decimals.append(len(row[-1].partition(".")[2]))
+        self._rows.append(row)
+        if len(self._rows) >= ROWS_A_PART:
+            self._finish_part()
+
+    def joined(self) -> dict[str, NumberColumn | NDArray[np.object_]]:
+        """Return the columns."""
+        self._finish_part()
+        columns: dict[str, NumberColumn | NDArray[np.object_]] = {}
+        for name in self._at:
+            if name in TEXT:
+                columns[name] = np.array(self._text.pop(name), dtype=object)
+            else:
+                columns[name] = NumberColumn.joined(self._numbers.pop(name))
+        return columns
+
+    def _finish_part(self) -> None:
+        for name, at in self._at.items():
+            fields = [row[at] for row in self._rows]
+            if name in TEXT:
+                self._text[name] += map(sys.intern, fields)
+            else:
+                self._numbers[name].append(NumberColumn.of(fields))
+        self._rows = []
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str, bool]]:
+    """Yield the lines that are not blank: number from 1, text, and whether a line end follows.
+
+    Raises:
+        RawDataError: when the file is damaged, larger than is read, or no text.
+    """
+    with path.open("rb") as content:
+        packed = content.read(2) == b"\x1f\x8b"
+        content.seek(0)
         try:
-            content = gzip.decompress(content)
+            plain = gzip.GzipFile(fileobj=content) if packed else content
+            _refuse_large(cast(IO[bytes], plain), path)
+            content.seek(0)
+            plain = gzip.GzipFile(fileobj=content) if packed else content
+            text = io.TextIOWrapper(plain, encoding="utf-8-sig", errors="replace")
+            for number, line in enumerate(text, start=1):
+                if "\x00" in line:
+                    raise _refusal(
+                        path, number, "the file is not UTF-8 text", "UTF-8", "export it as UTF-8"
+                    )
+                if line.strip():
+                    yield number, line.removesuffix("\n"), line.endswith("\n")
         except (EOFError, gzip.BadGzipFile, zlib.error):
             raise RawDataError(
                 "the compressed file is damaged or cut short",
@@ -182,10 +329,22 @@ def _read_lines(path: Path) -> list[str]:
                 allowed="a whole gzip file",
                 remedy="copy or export it again",
             ) from None
-    if b"\x00" in content:
-        raise _refusal(path, 1, "the file is not UTF-8 text", "UTF-8", "export it as UTF-8")
-    text = content.decode("utf-8-sig", errors="replace")
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def _refuse_large(content: IO[bytes], path: Path) -> None:
+    """Stop at a file, or what an archive unpacks to, that would not fit into memory."""
+    size = 0
+    while block := content.read(BLOCK_BYTES):
+        size += len(block)
+        if size > LARGEST_BYTES:
+            raise RawDataError(
+                "the file, unpacked, is larger than is read",
+                where=str(path),
+                value=f"more than {LARGEST_BYTES / 1e6:.0f} MB",
+                allowed=f"at most {LARGEST_BYTES / 1e6:.0f} MB of text",
+                remedy="leave out what is not needed, such as samples between the dwells, or "
+                "split the campaign",
+            )
 
 
 def _fields(text: str) -> list[str]:
@@ -238,19 +397,10 @@ def _refuse_systematic_width(
     )
 
 
-def _without_cut_last(raw: RawRows, last_column: str) -> RawRows:
-    """Quarantine a last line without a line end whose last number lacks digits others have."""
-    decimals = np.array([len(field.partition(".")[2]) for field in raw.columns[last_column]])
+def _cut_last(decimals: NDArray[np.int64]) -> bool:
+    """Return whether the last number of a file without a line end lacks digits others have."""
     usual = int(np.bincount(decimals).argmax())
-    if decimals[-1] >= usual or np.mean(decimals[:-1] == usual) < SAME_FORMAT:
-        return raw
-    keep = np.arange(len(decimals)) < len(decimals) - 1
-    return raw.take(keep, CUT, [raw.columns[last_column][-1]])
-
-
-def _without_repeats(raw: RawRows) -> RawRows:
-    keep = ~pd.DataFrame(raw.columns).duplicated().to_numpy()
-    return raw.take(keep, "repeats an earlier row", [""] * int((~keep).sum()))
+    return bool(decimals[-1] < usual and np.mean(decimals[:-1] == usual) >= SAME_FORMAT)
 
 
 def _refusal(path: Path, line: int, what: str, allowed: str, remedy: str) -> RawDataError:

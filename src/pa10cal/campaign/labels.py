@@ -113,27 +113,24 @@ def not_rigid(p_m: Array) -> Mask:
     return off
 
 
-def exchanged(T_base_ee: Array, p_m: Array) -> NDArray[np.object_]:
+def exchanged(p_m: Array, modelled: Array) -> NDArray[np.object_]:
     """Return (P,) the order of the targets that would fit much better; None where labels are right.
 
     Args:
-        T_base_ee: (P, 4, 4) nominal end-effector [m].
         p_m: (P, B, 3) measured targets, nan where not seen.
+        modelled: (P, B, 3) where the nominal arm puts them, from `nominal_places`.
     """
     count, targets = p_m.shape[:2]
     orders: NDArray[np.object_] = np.full(count, None, dtype=object)
     if not 2 <= targets <= MOST_TARGETS or count < LEAST_POSES:
         return orders
-    modelled = _modelled(T_base_ee, p_m)
-    if modelled is None:
-        return orders
-    as_read = _misfit_mm(p_m, modelled)
+    as_read = misfit_mm(p_m, modelled)
     limit = max(EXCHANGED_MM, EXCHANGED_TYPICAL * float(np.median(as_read)))
     rows = np.flatnonzero(as_read > limit)
     if not len(rows):
         return orders
     tried = [order for order in permutations(range(targets)) if order != tuple(range(targets))]
-    left = np.array([_misfit_mm(p_m[rows][:, list(order)], modelled[rows]) for order in tried])
+    left = np.array([misfit_mm(p_m[rows][:, list(order)], modelled[rows]) for order in tried])
     best = left.argmin(axis=0)
     for row, k, mm in zip(rows, best, left.min(axis=0), strict=True):
         if mm < max(EXCHANGED_LEFT * as_read[row], 0.0) and mm < limit:
@@ -147,22 +144,31 @@ def exchange_text(order: tuple[int, ...], names: tuple[str, ...]) -> str:
     return " and ".join((", ".join(moved[:-1]), moved[-1]))
 
 
-def _modelled(T_base_ee: Array, p_m: Array) -> Array | None:
-    """Return where the nominal arm, fitted towards least distances, puts the targets."""
+def nominal_places(T_base_ee: Array, p_m: Array) -> Array | None:
+    """Return where the nominal arm, fitted towards least distances, puts the targets (P, B, 3).
+
+    None where the poses do not determine base and targets.
+
+    Args:
+        T_base_ee: (P, 4, 4) nominal end-effector [m].
+        p_m: (P, B, 3) measured targets, nan where not seen.
+    """
+    if len(p_m) < LEAST_POSES:
+        return None
     some = np.sort(np.random.default_rng(0).permutation(len(p_m))[:FITTED])
     weights = np.ones(len(some))
     try:
         for _ in range(FITS):
             found = hand_eye_from_points(T_base_ee[some], p_m[some], weights=weights)
             modelled: Array = found.targets(T_base_ee)[..., :3, 3]
-            weights = 1.0 / np.maximum(_misfit_mm(p_m[some], modelled[some]), 1.0)
+            weights = 1.0 / np.maximum(misfit_mm(p_m[some], modelled[some]), 1.0)
     except CalibrationError:
         return None
     return modelled
 
 
-def _misfit_mm(p_m: Array, modelled_m: Array) -> Array:
-    """Return the rms distance over the targets seen, (P,)."""
+def misfit_mm(p_m: Array, modelled_m: Array) -> Array:
+    """Return the rms distance of measured from modelled targets over those seen, (P,)."""
     squares = np.sum((1e3 * (p_m - modelled_m)) ** 2, axis=2)
     return np.asarray(np.sqrt(np.nanmean(squares, axis=1)))
 

@@ -163,7 +163,7 @@ def ingest_campaign(
             where=str(folder),
             value=", ".join(sorted(kinds)),
             allowed="rows of kind grid",
-            remedy="check the column kind",
+            remedy="; ".join((*ingested.warnings, "check the column kind")),
         )
     useful = (*(LINES if instrument.uses_lines else ()), "holdout")
     missing = [kind for kind in useful if kind not in kinds]

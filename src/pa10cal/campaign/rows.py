@@ -159,7 +159,7 @@ def read_touches(path: Path, ball_names: Sequence[str], bounds: Bounds) -> tuple
     raw, _ = _whole(raw, "touch", bounds)
     raw, labelled = _labelled(raw, bounds)
     _, p_instr_mm = numbers(raw, places)
-    names = raw.columns["ball"].astype(str)
+    names = raw.text_of("ball")
     ball = np.argmax(names[:, None] == np.array(ball_names), axis=1)
     return _in_time(Touches(**labelled, ball=ball, p_instr_mm=p_instr_mm), raw)
 
@@ -179,12 +179,13 @@ def read_samples(path: Path, bounds: Bounds) -> tuple[Samples, FileRead]:
     raw, _ = numbers(raw, ["time_s", *q, *tau, "temperature_C"])
     raw = within_bounds(raw, ["time_s", *q, *tau, "temperature_C"], bounds)
     _, table = numbers(raw, ["time_s", *q, *tau, "temperature_C"])
-    time_s = table[:, 0]
+    raw, time_s = raw.without_columns(), table[:, 0]
     order = np.argsort(time_s, kind="stable")
     first = np.ones(len(time_s), dtype=bool)
     first[order[1:]] = np.diff(time_s[order]) > 0.0
     raw = raw.take(first, "another sample has this time", [f"{t:g} s" for t in time_s[~first]])
-    table = table[first]
+    if not first.all():
+        table = table[first]
     samples = Samples(
         raw.line, table[:, 0], table[:, 1 : joints + 1], table[:, joints + 1 : -1], table[:, -1]
     )
@@ -293,10 +294,10 @@ def _labelled(raw: RawRows, bounds: Bounds) -> tuple[RawRows, dict[str, Any]]:
     """Read line, time and labels of every row; rows that lack one are quarantined."""
     raw = within_bounds(raw, ["load_N"], bounds)
     raw, repeat = _whole(raw, "repeat", bounds)
-    named = raw.columns["pose"] != ""
+    named = raw.text_of("pose") != ""
     raw = raw.take(named, "the pose has no label", [""] * int((~named).sum()))
     _, table = numbers(raw, ["time_s", "load_N"])
-    kind, pose = raw.columns["kind"].astype(str), raw.columns["pose"].astype(str)
+    kind, pose = raw.text_of("kind"), raw.text_of("pose")
     return raw, {
         "line": raw.line,
         "time_s": table[:, 0],

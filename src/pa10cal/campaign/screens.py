@@ -30,6 +30,9 @@ REPEATS_M = 0.01
 MODEL_M = 0.1
 ROBUST_SIGMAS = 10.0
 MODEL_RAD = np.radians(10.0)
+#: The same from the nominal model of rows held out.
+HELD_OUT_M = 0.01
+HELD_OUT_RAD = np.radians(2.0)
 #: Part of these distances that is allowed beside a reading that is further off: errors of one size
 #: differ by the error of the arm itself, and are to go together.
 BESIDE_ANOTHER = 0.5
@@ -119,16 +122,27 @@ def robust_misfit(fit: Fit, rows: int) -> Misfit | None:
     return misfit
 
 
-def off_model(misfit: Misfit) -> Mask:
-    """Return targets (N, B) far from where the nominal model, fitted to all, puts them."""
+def off_model(misfit: Misfit, held_out: Mask | None = None) -> Mask:
+    """Return targets (N, B) far from where the nominal model, fitted to all, puts them.
 
-    def far(off: Array, always: float) -> Mask:
+    Of rows that are fitted a calibration finds smaller errors; those held out nothing else screens.
+
+    Args:
+        misfit: of all rows.
+        held_out: (N,) rows that are held out; None for none.
+    """
+
+    def far(off: Array, always: float, held_out_always: float) -> Mask:
         typical = ROBUST_SIGMAS * float(np.nanmedian(off))
         if (off > max(always, typical)).any():
             always *= BESIDE_ANOTHER
-        return np.asarray(off > max(always, typical))
+        least = np.full(len(off), always)
+        if held_out is not None:
+            least[held_out] = held_out_always
+        return np.asarray((np.maximum(least, typical) < off.T).T)
 
-    return far(misfit.length_m, MODEL_M) | far(misfit.turn_rad, float(MODEL_RAD))[:, None]
+    turned = far(misfit.turn_rad, float(MODEL_RAD), float(HELD_OUT_RAD))
+    return far(misfit.length_m, MODEL_M, HELD_OUT_M) | turned[:, None]
 
 
 def off_command(pose: NDArray[np.str_], q_rad: Array, prismatic: Mask) -> Mask:

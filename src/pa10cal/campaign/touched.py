@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.campaign.balls import (
+    LEAST_TOUCHES,
     LocatedBalls,
     TouchedTool,
     TouchGroups,
@@ -26,16 +28,26 @@ from pa10cal.campaign.dwell import (
     dwell_readings,
     find_dwells,
 )
+from pa10cal.campaign.labels import (
+    EXCHANGED,
+    exchange_text,
+    exchanged,
+    misfit_mm,
+    nominal_places,
+)
 from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.quarantine import Ingested, Quarantined, quarantined, refuse_too_many
 from pa10cal.campaign.rows import Samples, Touches, read_samples, read_touches
 from pa10cal.campaign.screens import (
+    OFF_MODEL,
     OTHER_COMMAND,
     off_command,
+    off_model,
     refuse_wrong_angle_unit,
 )
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import JointLog, Observations
+from pa10cal.observe.raw import Misfit
 from pa10cal.observe.touched import Touched
 
 Array = NDArray[np.float64]
@@ -82,7 +94,8 @@ def read_touched(
 
     dwells = find_dwells(samples, settings.still_speed_deg_s)
     touched = dwells.at(touches.time_s)
-    _check_clocks(touches, touched, dwells, str(cmm), str(resolver))
+    log_s = float(samples.time_s[0]), float(samples.time_s[-1])
+    _check_clocks(touches, touched, dwells, log_s, str(cmm), str(resolver))
     touches, dwell, outside = _in_one_dwell(touches, touched, cmm.name)
     listed += outside
     refuse_too_many(listed, totals, settings.max_quarantined_fraction)
@@ -101,6 +114,9 @@ def read_touched(
     off = off_command(touches.pose[groups.first], readings.q_rad[dwell], arm.prismatic)
     late = (balls.reason == "") & off
     reason = np.where(late, OTHER_COMMAND, balls.reason)
+    T_base_ee = Chain.of(arm).forward(readings.q_rad[dwell])
+    held_out = touches.kind[groups.first] == "holdout"
+    reason = _off_the_arm(reason, balls, T_base_ee, held_out, tool)
     listed += _unused_touches(touches, groups, balls, reason, cmm.name, settings)
     refuse_too_many(listed, totals, settings.max_quarantined_fraction)
 
@@ -108,7 +124,8 @@ def read_touched(
     poses = _assemble(tool, touches, groups, balls, readings, dwell, good)
     idle, idle_notes = _idle_samples(samples, dwells, touched, dwell[good], resolver.name)
     notes = [note for read in reads for note in read.notes] + _scatter_notes(balls) + idle_notes
-    return Ingested(poses, (*listed, *idle), tuple(notes))
+    warnings = _cut_touches(dwells, touched, cmm.name)
+    return Ingested(poses, (*listed, *idle), tuple(notes), warnings)
 
 
 def _check_angle_unit(
@@ -127,7 +144,12 @@ def _check_angle_unit(
 
 
 def _check_clocks(
-    touches: Touches, touched: Index, dwells: Dwells, where: str, where_log: str
+    touches: Touches,
+    touched: Index,
+    dwells: Dwells,
+    log_s: tuple[float, float],
+    where: str,
+    where_log: str,
 ) -> None:
     """Stop when the arm never stood still, or the touches are not in the dwells.
 
@@ -146,6 +168,8 @@ def _check_clocks(
         return
     offset = best_clock_offset(touches.time_s, dwells)
     explained = 1.0 - offset.inside <= OFFSET_LEAVES * outside.mean()
+    if not explained:
+        _refuse_cut_log(touches, outside, log_s, where_log)
     if 2 * outside.sum() <= len(touched) and not explained:
         return
     raise RawDataError(
@@ -156,6 +180,25 @@ def _check_clocks(
         f"{offset.inside:.0%} of the touches into dwells"
         if explained
         else "check both clocks and ingest.still_speed_deg_s; no constant offset matches",
+    )
+
+
+def _refuse_cut_log(
+    touches: Touches, outside: NDArray[np.bool_], log_s: tuple[float, float], where_log: str
+) -> None:
+    """Stop when touches lie outside dwells because the log does not cover them."""
+    beyond = (touches.time_s < log_s[0]) | (touches.time_s > log_s[1])
+    if (outside & ~beyond).sum() > FEW_OUTSIDE * len(touches):
+        return
+    numbers = touches.configurations
+    missing, every = len(np.unique(numbers[beyond])), len(np.unique(numbers))
+    raise RawDataError(
+        "the log does not cover the touches: it seems cut short",
+        where=where_log,
+        value=f"{missing} of {every} configurations were touched before it begins or after it "
+        f"ends; it covers {log_s[0]:g} to {log_s[1]:g} s",
+        allowed=f"a log from {touches.time_s[0]:g} to {touches.time_s[-1]:g} s",
+        remedy="export the whole log, or leave out the touches that it does not cover",
     )
 
 
@@ -170,6 +213,30 @@ def _in_one_dwell(
     other = touched != commonest(of_touch, touched)[of_touch]
     rows += quarantined(file, touches.line[other], OTHER_DWELL, _seconds(touches.time_s[other]))
     return touches.take(~other), touched[~other], rows
+
+
+def _off_the_arm(
+    reason: NDArray[np.object_],
+    balls: LocatedBalls,
+    T_base_ee: Array,
+    held_out: NDArray[np.bool_],
+    tool: TouchedTool,
+) -> NDArray[np.object_]:
+    """Name configurations whose labels are exchanged, and those far off the nominal arm."""
+    located = np.isfinite(balls.p_instr_mm).all(axis=(1, 2))
+    located &= (balls.used.sum(axis=2) >= LEAST_TOUCHES).all(axis=1)
+    rows = np.flatnonzero(located)
+    p_m, found = 1e-3 * balls.p_instr_mm[rows], reason.copy()
+    modelled = nominal_places(T_base_ee[rows], p_m)
+    if modelled is None:
+        return found
+    misfit = Misfit(1e-3 * misfit_mm(p_m, modelled)[:, None], np.zeros(len(rows)))
+    off = off_model(misfit, held_out[rows])[:, 0]
+    found[rows[off & (reason[rows] == "")]] = OFF_MODEL
+    for row, order in zip(rows, exchanged(p_m, modelled), strict=True):
+        if order is not None:
+            found[row] = f"{EXCHANGED}: {exchange_text(order, tool.names)}"
+    return found
 
 
 def _unused_touches(
@@ -248,6 +315,17 @@ def _idle_samples(
     rows += quarantined(file, samples.line[lost], LOST)
     count = int((~seen).sum())
     return rows, [f"dwells without touches: {count}"] if count else []
+
+
+def _cut_touches(dwells: Dwells, touched: Index, file: str) -> tuple[str, ...]:
+    """Say how many configurations are missing where the arm stood in many more than these."""
+    without = len(dwells) - len(np.unique(touched[touched >= 0]))
+    if 3 * without <= len(dwells):
+        return ()
+    return (
+        f"nothing was touched in {without} of the {len(dwells)} dwells of the log: {file} seems "
+        f"cut short, {without} configurations are missing",
+    )
 
 
 def _scatter_notes(balls: LocatedBalls) -> list[str]:

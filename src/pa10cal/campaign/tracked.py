@@ -18,6 +18,7 @@ from pa10cal.campaign.labels import (
     NOT_RIGID,
     exchange_text,
     exchanged,
+    nominal_places,
     not_rigid,
 )
 from pa10cal.campaign.options import IngestOptions
@@ -126,17 +127,21 @@ class _Screen:
         far = self._each(rows, lambda p_m, _: out_of_reach(p_m, self.arm))
         rows, listed = self._without(rows, far, OUT_OF_REACH)
         self._refuse_units(rows)
+        rows, off = self._well_labelled(rows)
+        listed += off
         pose, load_N = rows.observations.pose, rows.observations.states.load_N
         other = self._each(rows, lambda p_m, seen: off_repeats(p_m, pose[seen], load_N[seen]))
         rows, off = self._without(rows, other, OFF_REPEATS)
         listed += off
-        rows, off = self._well_labelled(rows)
-        listed += off
         misfit = self._misfit(rows, rows.observations.states.q_rad)
-        if misfit is None:
-            return _Screened(rows, listed, ())
-        warnings = _poor_fit(misfit)
-        rows, off = self._without(rows, off_model(misfit), OFF_MODEL)
+        warnings: tuple[str, ...] = ()
+        if misfit is not None:
+            warnings = _poor_fit(misfit)
+            off_m = off_model(misfit, rows.observations.kind == "holdout")
+            rows, off = self._without(rows, off_m, OFF_MODEL)
+            listed += off
+        places_m = rows.observations.measured.places_m
+        rows, off = self._without(rows, not_rigid(places_m), NOT_RIGID)
         return _Screened(rows, listed + off, warnings)
 
     def _each(self, rows: PoseRows, judge: Callable[[Array, Mask], Mask]) -> Mask:
@@ -163,19 +168,20 @@ class _Screen:
         return rows.take(kept), listed
 
     def _well_labelled(self, rows: PoseRows) -> tuple[PoseRows, tuple[Quarantined, ...]]:
-        """Quarantine rows whose targets are exchanged, or not where the others are of them."""
+        """Quarantine rows whose targets are exchanged."""
         found = rows.observations
         names, places_m = found.measured.target_names, found.measured.places_m
         if len(names) < 2:
             return rows, ()
-        orders = exchanged(Chain.of(self.arm).forward(found.states.q_rad), places_m)
+        modelled = nominal_places(Chain.of(self.arm).forward(found.states.q_rad), places_m)
+        if modelled is None:
+            return rows, ()
+        orders = exchanged(places_m, modelled)
         swapped = np.array([order is not None for order in orders])
         _refuse_all_exchanged(swapped, orders, names, str(self.path))
         values = [exchange_text(order, names) for order in orders[swapped]]
         listed = quarantined(self.path.name, rows.line[swapped], EXCHANGED, values)
-        rows = rows.take(~swapped)
-        kept, off = self._without(rows, not_rigid(places_m[~swapped]), NOT_RIGID)
-        return kept, listed + off
+        return rows.take(~swapped), listed
 
     def _refuse_units(self, rows: PoseRows) -> None:
         found = rows.observations

@@ -248,7 +248,7 @@ class Points(Instrument):
     def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Points:
         """Read P rows of positions of targets."""
         names = _names(columns)
-        p_m = MM * values.reshape(len(values), -1, 3)
+        p_m = MM * values.reshape(len(values), len(names), 3)
         u_m = np.where(np.isnan(u), stated.uncertainty_m, MM * u).reshape(p_m.shape)
         u_m[np.isnan(p_m)] = np.nan
         return Points(names, p_m, u_m[..., None] ** 2 * np.eye(3), stated.places_m(names))
