@@ -52,8 +52,10 @@ MAY_IMPORT = {
     "campaign": {"arm", "files.arms", "frame", "observe", "settings"},
     "calibration": {
         "arm",
+        "campaign.conventions",
         "campaign.description",
         "campaign.findings",
+        "campaign.labels",
         "fit",
         "frame",
         "observe",

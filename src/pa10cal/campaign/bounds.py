@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.campaign.csv_rows import RawRows
+from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.errors import RawDataError
 
 Array = NDArray[np.float64]

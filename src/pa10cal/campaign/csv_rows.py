@@ -11,9 +11,9 @@ import gzip
 import io
 import sys
 import zlib
+from array import array
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, cast
 
@@ -21,15 +21,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pa10cal.campaign.quarantine import Quarantined, quarantined
+from pa10cal.campaign.quarantine import quarantined
+from pa10cal.campaign.raw_rows import TEXT, NumberColumn, RawRows
 from pa10cal.errors import RawDataError
 
 Array = NDArray[np.float64]
 
-#: Columns of text; all others hold numbers.
-TEXT = ("kind", "pose", "ball")
 #: Files of more text than this, unpacked, are refused; so many bytes and rows are read at a time.
-LARGEST_BYTES = 400_000_000
+LARGEST_BYTES = 310_000_000
 BLOCK_BYTES = 1 << 22
 ROWS_A_PART = 20_000
 #: Share of rows that must write their last field in one format for a shorter one to count as cut.
@@ -37,106 +36,6 @@ SAME_FORMAT = 0.99
 
 CUT = "the last line is cut short"
 FIELDS = "the number of fields differs from the header"
-
-
-@dataclass(frozen=True)
-class NumberColumn:
-    """A column of numbers, and the text of the fields that hold none.
-
-    Attributes:
-        values: (N,) numbers, nan where there is none.
-        odd: (m,) rows whose field is no finite number, ascending.
-        text: (m,) what stands there.
-    """
-
-    values: Array
-    odd: NDArray[np.intp]
-    text: NDArray[np.object_]
-
-    @classmethod
-    def of(cls, fields: Sequence[str]) -> NumberColumn:
-        """Read fields as numbers."""
-        text = np.array(fields, dtype=object)
-        values = np.asarray(pd.to_numeric(text, errors="coerce"), dtype=np.float64)
-        odd = np.flatnonzero(~np.isfinite(values))
-        values[odd] = np.nan
-        return cls(values, odd, text[odd])
-
-    @classmethod
-    def joined(cls, parts: Sequence[NumberColumn]) -> NumberColumn:
-        """Join the parts of a column."""
-        first = np.cumsum([0, *(len(part.values) for part in parts)])
-        return cls(
-            np.concatenate([part.values for part in parts]),
-            np.concatenate([part.odd + k for part, k in zip(parts, first, strict=False)]),
-            np.concatenate([part.text for part in parts]),
-        )
-
-    def take(self, keep: NDArray[np.bool_]) -> NumberColumn:
-        """Return some of the rows."""
-        stays = keep[self.odd]
-        odd = np.cumsum(keep)[self.odd[stays]] - 1
-        return NumberColumn(self.values[keep], odd, self.text[stays])
-
-    def as_text(self, row: int) -> str:
-        """Return what stands in a row."""
-        at = int(np.searchsorted(self.odd, row))
-        if at < len(self.odd) and self.odd[at] == row:
-            return repr(str(self.text[at]))
-        return f"{self.values[row]:.10g}"
-
-
-@dataclass(frozen=True)
-class RawRows:
-    """Rows of one CSV file: numbers where a column holds them, else text.
-
-    Attributes:
-        file: name of the file.
-        columns: the columns requested, those of `TEXT` as (N,) text.
-        line: (N,) physical line of every row, the header being line 1.
-        total: rows in the file, quarantined ones included.
-        unused: columns that were not requested.
-        quarantined: rows that are not used.
-    """
-
-    file: str
-    columns: dict[str, NumberColumn | NDArray[np.object_]]
-    line: NDArray[np.int64]
-    total: int
-    unused: tuple[str, ...]
-    quarantined: tuple[Quarantined, ...]
-
-    def take(self, keep: NDArray[np.bool_], reason: str, values: Sequence[object]) -> RawRows:
-        """Keep some rows; quarantine the others with a reason and (for each of them) a value."""
-        if keep.all():
-            return self
-        return RawRows(
-            self.file,
-            {
-                name: column.take(keep) if isinstance(column, NumberColumn) else column[keep]
-                for name, column in self.columns.items()
-            },
-            self.line[keep],
-            self.total,
-            self.unused,
-            (*self.quarantined, *quarantined(self.file, self.line[~keep], reason, values)),
-        )
-
-    def numbers_of(self, name: str) -> NumberColumn:
-        """Return a column of numbers."""
-        column = self.columns[name]
-        assert isinstance(column, NumberColumn)
-        return column
-
-    def text_of(self, name: str) -> NDArray[np.str_]:
-        """Return a column of text."""
-        column = self.columns[name]
-        assert not isinstance(column, NumberColumn)
-        return column.astype(str)
-
-    def without_columns(self) -> RawRows:
-        """Return what is to be known of the file once its columns were read."""
-        return replace(self, columns={})
 
 
 def column_names(path: Path) -> list[str]:
@@ -198,51 +97,6 @@ def read_rows(
     return raw.take(first, "repeats an earlier row", [""] * int((~first).sum()))
 
 
-def numbers(
-    raw: RawRows, names: Sequence[str], *, may_be_blank: bool = False
-) -> tuple[RawRows, Array]:
-    """Read columns as finite numbers; rows where one is none are quarantined.
-
-    Args:
-        raw: the rows.
-        names: columns.
-        may_be_blank: whether an empty field is nan, rather than none.
-
-    Returns:
-        The remaining rows and their numbers (N, len(names)).
-    """
-    columns = [raw.numbers_of(name) for name in names]
-    wrong: dict[int, str] = {}
-    for name, column in zip(names, columns, strict=True):
-        for row, text in zip(column.odd, column.text, strict=True):
-            if text != "" or not may_be_blank:
-                wrong.setdefault(int(row), f"{name} = {text!r}")
-    keep = np.ones(len(raw.line), dtype=bool)
-    keep[list(wrong)] = False
-    raw = raw.take(keep, "not a finite number", [wrong[row] for row in sorted(wrong)])
-    parsed = np.empty((len(raw.line), len(names)))
-    for k, name in enumerate(names):
-        parsed[:, k] = raw.numbers_of(name).values
-    return raw, parsed
-
-
-def whole_numbers(raw: RawRows, name: str) -> tuple[RawRows, NDArray[np.int64]]:
-    """Read a column as whole numbers; other rows are quarantined."""
-    raw, found = numbers(raw, [name])
-    column = found[:, 0]
-    keep = column == np.round(column)
-    values = [f"{name} = {value:g}" for value in column[~keep]]
-    return raw.take(keep, "not a whole number", values), column[keep].astype(np.int64)
-
-
-def choices(raw: RawRows, name: str, allowed: Sequence[str]) -> RawRows:
-    """Keep the rows whose column holds one of the allowed words."""
-    column = raw.text_of(name)
-    keep = np.isin(column, list(allowed))
-    values = [f"{name} = {str(value)!r}" for value in column[~keep]]
-    return raw.take(keep, f"{name} is none of {', '.join(allowed)}", values)
-
-
 class _Parts:
     """Rows of a file as they are read: columns in parts, and what is known of every line.
 
@@ -253,16 +107,18 @@ class _Parts:
     """
 
     def __init__(self, header: Sequence[str], used: Sequence[str]) -> None:
-        self.lines: list[int] = []
-        self.widths: list[int] = []
-        self.hashes: list[int] = []
-        self.decimals: list[int] = []
+        self.lines = array("q")
+        self.widths = array("q")
+        self.hashes = array("q")
+        self.decimals = array("q")
         self.ended = True
         self.last = ""
         self._width = len(header)
         self._at = {name: header.index(name) for name in used}
         self._rows: list[list[str]] = []
-        self._numbers: dict[str, list[NumberColumn]] = {n: [] for n in used if n not in TEXT}
+        # Buffers that grow in place: parts that are joined in the end would need twice the room.
+        self._numbers = {name: array("d") for name in used if name not in TEXT}
+        self._odd: dict[str, tuple[list[int], list[str]]] = {n: ([], []) for n in self._numbers}
         self._text: dict[str, list[str]] = {name: [] for name in used if name in TEXT}
 
     def add(self, number: int, text: str, *, ended: bool) -> None:
@@ -287,7 +143,12 @@ class _Parts:
             if name in TEXT:
                 columns[name] = np.array(self._text.pop(name), dtype=object)
             else:
-                columns[name] = NumberColumn.joined(self._numbers.pop(name))
+                rows, text = self._odd[name]
+                columns[name] = NumberColumn(
+                    np.frombuffer(self._numbers.pop(name), dtype=np.float64),
+                    np.array(rows, dtype=np.intp),
+                    np.array(text, dtype=object),
+                )
         return columns
 
     def _finish_part(self) -> None:
@@ -296,8 +157,18 @@ class _Parts:
             if name in TEXT:
                 self._text[name] += map(sys.intern, fields)
             else:
-                self._numbers[name].append(NumberColumn.of(fields))
+                self._add_numbers(name, fields)
         self._rows = []
+
+    def _add_numbers(self, name: str, fields: list[str]) -> None:
+        text = np.array(fields, dtype=object)
+        values = np.asarray(pd.to_numeric(text, errors="coerce"), dtype=np.float64)
+        odd = np.flatnonzero(~np.isfinite(values))
+        values = np.where(np.isfinite(values), values, np.nan)
+        rows, found = self._odd[name]
+        rows += (odd + len(self._numbers[name])).tolist()
+        found += [fields[k] for k in odd]
+        self._numbers[name].frombytes(values.tobytes())
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str, bool]]:

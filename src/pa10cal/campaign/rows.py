@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.campaign.bounds import Bounds, within_bounds
-from pa10cal.campaign.csv_rows import (
+from pa10cal.campaign.csv_rows import column_names, read_rows
+from pa10cal.campaign.quarantine import Quarantined
+from pa10cal.campaign.raw_rows import (
     RawRows,
     choices,
-    column_names,
+    finite,
     numbers,
-    read_rows,
     whole_numbers,
 )
-from pa10cal.campaign.quarantine import Quarantined
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.quantities import Stated
@@ -154,7 +154,7 @@ def read_touches(path: Path, ball_names: Sequence[str], bounds: Bounds) -> tuple
     labels = ["kind", "pose", "load_N", "repeat", "ball", "touch"]
     raw = read_rows(path, ["time_s", *labels, *places])
     raw = choices(choices(raw, "kind", KINDS), "ball", ball_names)
-    raw, _ = numbers(raw, ["time_s", "load_N", *places])
+    raw = finite(raw, ["time_s", "load_N", *places])
     raw = within_bounds(raw, ["time_s", *places], bounds)
     raw, _ = _whole(raw, "touch", bounds)
     raw, labelled = _labelled(raw, bounds)
@@ -176,7 +176,7 @@ def read_samples(path: Path, bounds: Bounds) -> tuple[Samples, FileRead]:
     q = [f"q{j}_deg" for j in range(1, joints + 1)]
     tau = [f"tau{j}_Nm" for j in range(1, joints + 1)]
     raw = read_rows(path, ["time_s", *q, *tau, "temperature_C"])
-    raw, _ = numbers(raw, ["time_s", *q, *tau, "temperature_C"])
+    raw = finite(raw, ["time_s", *q, *tau, "temperature_C"])
     raw = within_bounds(raw, ["time_s", *q, *tau, "temperature_C"], bounds)
     _, table = numbers(raw, ["time_s", *q, *tau, "temperature_C"])
     raw, time_s = raw.without_columns(), table[:, 0]
@@ -228,10 +228,10 @@ def read_pose_rows(
         raw.columns["kind"] = np.full(len(raw.line), "grid", dtype=object)
     raw = choices(raw, "kind", KINDS)
     logged = [name for name in tau if name in raw.columns]
-    raw, _ = numbers(raw, ["time_s", "load_N", *q, *logged])
-    raw, _ = numbers(raw, measured.names, may_be_blank=measured.may_be_blank)
+    raw = finite(raw, ["time_s", "load_N", *q, *logged])
+    raw = finite(raw, measured.names, may_be_blank=measured.may_be_blank)
     given = [name for name in optional if name in raw.columns]
-    raw, _ = numbers(raw, given, may_be_blank=True)
+    raw = finite(raw, given, may_be_blank=True)
     raw = within_bounds(raw, ["time_s", *q, *logged, *measured.names, *given], bounds)
     raw = _usable(raw, instrument, measured)
     raw, labelled = _labelled(raw, bounds)
@@ -310,7 +310,7 @@ def _labelled(raw: RawRows, bounds: Bounds) -> tuple[RawRows, dict[str, Any]]:
 
 def _whole(raw: RawRows, name: str, bounds: Bounds) -> tuple[RawRows, NDArray[np.int64]]:
     """Read a column as whole numbers within its bounds."""
-    raw, _ = numbers(raw, [name])
+    raw = finite(raw, [name])
     return whole_numbers(within_bounds(raw, [name], bounds), name)
 
 
@@ -319,7 +319,7 @@ def _in_time(rows: _T, raw: RawRows) -> tuple[_T, FileRead]:
     time_s = rows.time_s
     late = time_s[1:] < np.maximum.accumulate(time_s)[:-1] if len(time_s) else np.zeros(0, bool)
     done = FileRead(raw.file, raw.total, int(late.sum()), raw.unused, raw.quarantined)
-    return rows.take(np.argsort(time_s, kind="stable")), done
+    return (rows if not late.any() else rows.take(np.argsort(time_s, kind="stable"))), done
 
 
 def _configurations(
