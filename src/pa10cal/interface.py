@@ -43,8 +43,15 @@ def calibrate(
             described does not fit the readings at all.
     """
     from pa10cal.calibration.campaign import calibrated
+    from pa10cal.calibration.input_checks import check_input, explained
+    from pa10cal.errors import CalibrationError
 
-    return calibrated(campaign.description, campaign.arm, campaign.observations, load, options)
+    about = campaign.description, campaign.arm, campaign.observations
+    findings = check_input(*about, options or CalibrationOptions())
+    try:
+        return calibrated(*about, load, options, findings)
+    except CalibrationError as error:
+        raise explained(error, findings) from None
 
 
 def discover(

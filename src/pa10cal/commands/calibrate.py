@@ -41,6 +41,7 @@ def calibrate(
         settings: section calibration.
     """
     from pa10cal.calibration.campaign import calibration_record
+    from pa10cal.calibration.input_checks import check_input, explained
     from pa10cal.calibration.load_case import load_cases
     from pa10cal.calibration.options import takes_general_model
     from pa10cal.campaign.description import read_description
@@ -58,16 +59,25 @@ def calibrate(
     general = takes_general_model(settings.model, from_touches=touches)
     beside = () if general else (GENERAL,)
     cases = (load,) if load else load_cases(every.of_kind("grid").states.load_N) + beside
+    findings = check_input(campaign, arm, every, settings)
     records = {}
     for case in cases:
         by_general = general or case == GENERAL
         try:
             record = calibration_record(
-                campaign, arm, every, seed, case, settings, general=by_general
+                campaign,
+                arm,
+                every,
+                seed,
+                case,
+                settings,
+                general=by_general,
+                findings=findings,
             )
             records[case] = _with_effects(record, campaign, arm, every, case, settings, named)
         except (CalibrationError, DiscoveryError) as error:
-            raise (error if load else error.within(f"load case {case}")) from None
+            place = error if load else error.within(f"load case {case}")
+            raise explained(place, findings) from None
         _say(f"{campaign.name} {case}", records[case])
     for case, record in records.items():
         write(record, out if load else out / f"{case}.json")
