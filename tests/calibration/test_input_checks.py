@@ -1,0 +1,162 @@
+"""What is probably wrong in the input is named, and right data are not accused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from mended import QUATERNION, describe, findings, mend, simulated
+from pa10cal.calibration.input_checks import explained
+from pa10cal.campaign.findings import InputFinding
+from pa10cal.errors import CalibrationError
+
+TOUCHED, LOG = "cmm.csv.gz", "resolver.csv.gz"
+
+
+def order(*columns):
+    return lambda table: table.put(QUATERNION, table.numbers(QUATERNION)[:, columns])
+
+
+def inverted(table):
+    table.put(QUATERNION, table.numbers(QUATERNION) * [1, -1, -1, -1])
+
+
+def euler(table):
+    """Angles Z-Y-X about moving axes, taken for X-Y-Z about moving axes."""
+    angles = Rotation.from_quat(table.numbers(QUATERNION), scalar_first=True).as_euler("ZYX")
+    table.put(QUATERNION, Rotation.from_euler("XYZ", angles).as_quat(scalar_first=True))
+
+
+def reversed_joints(*joints):
+    names = [f"q{joint}_deg" for joint in joints]
+    return lambda table: table.put(names, -table.numbers(names))
+
+
+def exchanged_joints(first, second):
+    names = [f"q{first}_deg", f"q{second}_deg"]
+    return lambda table: table.put(names, table.numbers(names)[:, ::-1])
+
+
+@pytest.mark.parametrize("robot", ["ur10", "irb120", "iiwa14"])
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (order(1, 2, 3, 0), "order x, y, z, w under"),
+        (order(3, 0, 1, 2), "order z, w, x, y under"),
+        (inverted, "the inverse rotation"),
+        (euler, "Euler angles"),
+    ],
+)
+def test_the_convention_of_attitudes_is_named(tmp_path, robot, change, says):
+    folder = simulated(tmp_path / "c", robot, "pose", poses=40)
+    mend(folder, "poses.csv", change)
+    (found,) = findings(folder)
+    assert found.kind == "attitude_convention"
+    assert says in found.what
+
+
+@pytest.mark.parametrize("instrument", ["pose", "points", "distance"])
+@pytest.mark.parametrize("robot", ["ur10", "irb120", "iiwa14"])
+@pytest.mark.parametrize(
+    ("change", "kind", "where"),
+    [
+        (reversed_joints(2), "joint_sign", "q2"),
+        (reversed_joints(5), "joint_sign", "q5"),
+        (exchanged_joints(4, 5), "joint_order", "q4, q5"),
+    ],
+)
+def test_joint_signs_and_order_are_named(tmp_path, robot, instrument, change, kind, where):
+    folder = simulated(tmp_path / "c", robot, instrument)
+    mend(folder, "poses.csv", change)
+    (found,) = findings(folder)
+    assert (found.kind, found.where) == (kind, where)
+    assert found.would_leave_mm < 10.0
+
+
+def test_several_reversed_joints_are_named(tmp_path):
+    folder = simulated(tmp_path / "c", "ur10", "pose")
+    mend(folder, "poses.csv", reversed_joints(2, 5))
+    (found,) = findings(folder)
+    assert sorted(found.where.split("; ")) == ["q2", "q5"]
+
+
+def test_the_last_joint_is_named_though_its_target_is_near_its_axis(tmp_path):
+    folder = simulated(tmp_path / "c", "irb120", "points", targets=1, position_mm=0.01)
+    describe(folder, "tool.balls_mm", {})
+    mend(folder, "poses.csv", reversed_joints(6))
+    (found,) = findings(folder)
+    assert (found.kind, found.where) == ("joint_sign", "q6")
+
+
+@pytest.mark.parametrize("robot", ["ur10", "iiwa14"])
+@pytest.mark.parametrize("instrument", ["pose", "points", "distance"])
+@pytest.mark.parametrize("gravity", [[0, 0, 9.81], [9.81, 0, 0], [0, -9.81, 0]])
+def test_the_direction_of_gravity_shows_in_springs(tmp_path, robot, instrument, gravity):
+    folder = simulated(tmp_path / "c", robot, instrument, position_mm=0.02)
+    describe(folder, "gravity_m_s2", gravity)
+    (found,) = findings(folder)
+    assert found.kind == "gravity"
+    assert "along -z" in found.what
+
+
+@pytest.mark.parametrize("gravity", [[0, 0, 9.81], [9.81, 0, 0]])
+def test_the_direction_of_gravity_shows_in_logged_torques(tmp_path, gravity):
+    folder = simulated(tmp_path / "c", "pa10_6ce", "touches")
+    describe(folder, "gravity_m_s2", gravity)
+    (found,) = findings(folder)
+    assert found.kind == "gravity"
+
+
+@pytest.mark.parametrize("temperature_C", [68.0, 104.0])
+def test_degrees_fahrenheit_are_found(tmp_path, temperature_C):
+    folder = simulated(tmp_path / "c", "irb120", "pose", poses=30)
+    describe(folder, "reference_temperature_C", temperature_C)
+    mend(folder, "poses.csv", lambda table: table.fill("temperature_C", "70.1"))
+    assert [found.kind for found in findings(folder)] == ["temperature", "temperature"]
+
+
+@pytest.mark.parametrize(
+    ("shift_mm", "kinds"), [(0.003, []), (0.2, ["target_places"]), (0.5, ["target_places"])]
+)
+def test_balls_are_where_they_are_stated(tmp_path, shift_mm, kinds):
+    folder = simulated(tmp_path / "c", "pa10_6ce", "touches")
+    describe(folder, "tool.balls_mm.B", lambda place: [x + shift_mm for x in place])
+    found = findings(folder)
+    assert [each.kind for each in found] == kinds
+    assert not kinds or found[0].where.endswith("B")
+
+
+def test_balls_exchanged_throughout_are_named(tmp_path):
+    folder = simulated(tmp_path / "c", "pa10_6ce", "touches")
+    describe(folder, "tool.balls_mm", lambda balls: {**balls, "B": balls["C"], "C": balls["B"]})
+    (found,) = findings(folder)
+    assert (found.kind, found.where) == ("target_label", "tool.balls_mm: B and C")
+
+
+def test_few_poses_accuse_nothing(tmp_path):
+    folder = simulated(tmp_path / "c", "ur10", "pose")
+    mend(folder, "poses.csv", lambda table: table.rows.__delitem__(slice(3, None)))
+    assert findings(folder) == ()
+
+
+@pytest.mark.parametrize("instrument", ["pose", "points", "distance"])
+@pytest.mark.parametrize("robot", ["ur10", "irb120", "iiwa14", "pa10_6ce", "gx4_351s"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_right_data_are_not_accused(tmp_path, robot, instrument, seed):
+    rng = np.random.default_rng(seed)
+    plan = {"position_mm": float(rng.choice([0.01, 0.1])), "repeat_every": 3}
+    if robot in ("ur10", "iiwa14", "pa10_6ce"):
+        plan |= {"logs_torques": seed == 2, "loads_N": [0.0, 30.0]}
+    folder = simulated(tmp_path / "c", robot, instrument, seed, **plan)
+    assert findings(folder) == ()
+
+
+def test_a_refusal_says_what_was_found():
+    error = CalibrationError("it does not fit", where="here", allowed="that", remedy="look")
+    assert explained(error, ()) is error
+    found = InputFinding("the sign is reversed", "q2", "multiply by -1")
+    assert str(explained(error, [found])) == (
+        "here: it does not fit; allowed: that; check the input: q2: the sign is reversed; "
+        "multiply by -1"
+    )

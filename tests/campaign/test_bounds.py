@@ -1,0 +1,292 @@
+"""Every column and key has bounds; what lies outside is left out or refused, by name."""
+
+from __future__ import annotations
+
+import gzip
+
+import numpy as np
+import pytest
+
+from mended import QUATERNION, describe, mend, simulated
+from pa10cal.campaign import csv_rows
+from pa10cal.campaign.bounds import Bounds
+from pa10cal.campaign.csv_rows import read_rows
+from pa10cal.campaign.labels import exchanged, not_rigid, stated_shape
+from pa10cal.campaign.raw_rows import numbers
+from pa10cal.campaign.read import read_campaign
+from pa10cal.errors import Pa10calError
+from pa10cal.files.arms import load_arm
+
+ONE, ALL = slice(5, 6), slice(None)
+
+
+@pytest.fixture(scope="module")
+def right(tmp_path_factory):
+    """Right campaigns of each instrument, to be copied."""
+    folder = tmp_path_factory.mktemp("right")
+    return {
+        instrument: simulated(folder / instrument, robot, instrument)
+        for instrument, robot in (
+            ("pose", "ur10"),
+            ("points", "irb120"),
+            ("distance", "iiwa14"),
+            ("touches", "pa10_6ce"),
+        )
+    }
+
+
+@pytest.fixture
+def copy(right, tmp_path):
+    def copied(instrument):
+        folder = tmp_path / instrument
+        folder.mkdir()
+        for path in right[instrument].iterdir():
+            (folder / path.name).write_bytes(path.read_bytes())
+        return folder
+
+    return copied
+
+
+def test_right_campaigns_lose_no_row(right):
+    for folder in right.values():
+        campaign = read_campaign(folder)
+        assert (campaign.quarantined, campaign.warnings) == ((), ())
+
+
+@pytest.mark.parametrize(
+    ("instrument", "column", "text", "reason"),
+    [
+        ("pose", "q2_deg", "100000", "beyond the limits of joint 2 in the description of ur10"),
+        ("pose", "q2_deg", "-1e154", "beyond the limits of joint 2"),
+        ("points", "q3_deg", "90", "beyond the limits of joint 3 in the description of irb120"),
+        ("pose", "load_N", "1e6", "a load beyond any arm's"),
+        ("pose", "time_s", "1e154", "a time beyond any clock"),
+        ("pose", "time_s", "1.7e12", "a time beyond any clock"),
+        ("pose", "repeat", "1e154", "a number beyond any count"),
+        ("pose", "x_mm", "1e154", "a coordinate beyond any measuring volume"),
+        ("pose", "qx", "1e154", "the quaternion is not of unit length"),
+        ("pose", "u_x_mm", "1e154", "a stated uncertainty above 1000"),
+        ("pose", "u_x_mm", "1e-154", "the stated uncertainty is not above zero"),
+        ("pose", "u_qx", "1e6", "a stated uncertainty above 1"),
+        ("pose", "u_q2_deg", "1e6", "a stated uncertainty above 90"),
+        ("pose", "temperature_C", "1e3", "a temperature outside -60 to 150"),
+        ("points", "T1_x_mm", "-1e154", "a coordinate beyond any measuring volume"),
+        ("distance", "d_mm", "1e154", "a coordinate beyond any measuring volume"),
+        ("distance", "d_mm", "-5", "not above"),
+    ],
+)
+def test_one_number_out_of_bounds_is_left_out(copy, instrument, column, text, reason):
+    folder = copy(instrument)
+    mend(folder, "poses.csv", lambda table: table.fill(column, text, ONE))
+    (row,) = read_campaign(folder).quarantined
+    assert row.line == 7
+    assert reason in row.reason
+
+
+@pytest.mark.parametrize(
+    ("file", "column", "text", "reason"),
+    [
+        ("resolver.csv.gz", "tau2_Nm", "1e154", "a torque beyond that of any arm"),
+        ("resolver.csv.gz", "q2_deg", "1e5", "beyond the limits of joint 2"),
+        ("resolver.csv.gz", "time_s", "1e154", "a time beyond any clock"),
+        ("cmm.csv.gz", "x_mm", "1e154", "a coordinate beyond"),
+        ("cmm.csv.gz", "touch", "1e154", "a number beyond any count"),
+    ],
+)
+def test_one_number_of_a_log_out_of_bounds_is_left_out(copy, file, column, text, reason):
+    folder = copy("touches")
+    mend(folder, file, lambda table: table.fill(column, text, ONE))
+    assert any(reason in row.reason and row.line == 7 for row in read_campaign(folder).quarantined)
+
+
+@pytest.mark.parametrize(
+    ("column", "text", "message"),
+    [
+        ("q3_deg", "n/a", r"60 of 60 .*not a finite number \(got \"q3_deg = 'n/a'\"\).*q3_deg"),
+        ("u_q2_deg", "1e6", r"60 of 60 .*a stated uncertainty above 90 \(got 'u_q2_deg"),
+        ("temperature_C", "293.15", r"looks like kelvin .*subtract 273.15"),
+        ("pose", "P", r"another configuration has this pose, load and repeat"),
+    ],
+)
+def test_a_wrong_column_is_refused_by_name(copy, column, text, message):
+    folder = copy("pose")
+    mend(folder, "poses.csv", lambda table: table.fill(column, text))
+    with pytest.raises(Pa10calError, match=message):
+        read_campaign(folder)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("gravity_m_s2", [0, 0, -9810], r"gravity is in mm/s2 .*9.5 to 10.1"),
+        ("gravity_m_s2", [0, 0, -1], r"gravity is in units of g"),
+        ("gravity_m_s2", [0, 0, -1e154], r"gravity is of another size"),
+        ("reference_temperature_C", 293.15, r"looks like kelvin"),
+        ("reference_temperature_C", 1e154, r"no temperature of a laboratory"),
+        ("tool.mass_kg", 1500, r"heavier than the arm .*state 1.5 if the mass is in grams"),
+        ("tool.com_mm", [0, 1e154, 0], r"tool.com_mm.1"),
+        ("tool.load_point_mm", [0, 1e154, 0], r"tool.load_point_mm.1"),
+        ("instrument.uncertainty_mm", 1e154, r"less than or equal to 1000"),
+        ("instrument.uncertainty_mm", 1e-154, r"greater than 0.000000001"),
+    ],
+)
+def test_a_key_out_of_bounds_is_refused(copy, key, value, message):
+    folder = copy("pose")
+    describe(folder, key, value)
+    with pytest.raises(Pa10calError, match=message):
+        read_campaign(folder)
+
+
+def test_a_tool_in_grams_is_refused_without_masses_of_the_arm_too(copy):
+    folder = copy("points")
+    describe(folder, "tool.mass_kg", 1500)
+    with pytest.raises(Pa10calError, match="in grams"):
+        read_campaign(folder)
+
+
+def test_one_attitude_for_all_rows_is_refused(copy):
+    folder = copy("pose")
+    mend(folder, "poses.csv", lambda table: [table.fill(name, "0") for name in QUATERNION[1:]])
+    mend(folder, "poses.csv", lambda table: table.fill("qw", "1"))
+    with pytest.raises(Pa10calError, match="every row has the same attitude"):
+        read_campaign(folder)
+
+
+def test_one_label_for_two_configurations_is_told_from_a_row_read_twice(copy):
+    folder = copy("pose")
+
+    def change(table):
+        for name in ("kind", "pose", "repeat"):
+            table.rows[6][table.header.index(name)] = table.rows[5][table.header.index(name)]
+        again = list(table.rows[9])
+        again[table.header.index("time_s")] = "90000"
+        table.rows.append(again)
+
+    mend(folder, "poses.csv", change)
+    reasons = {row.line: row.reason for row in read_campaign(folder).quarantined}
+    assert "another configuration has this pose" in reasons[8]
+    assert reasons[62] == "this configuration was read before"
+
+
+@pytest.mark.parametrize("instrument", ["pose", "points", "distance"])
+def test_held_out_rows_are_screened(copy, instrument):
+    folder = copy(instrument)
+    column = {"pose": "y_mm", "points": "T1_y_mm", "distance": "d_mm"}[instrument]
+
+    def change(table):
+        last = table.rows[-2]
+        assert last[table.header.index("kind")] == "holdout"
+        at = table.header.index(column)
+        last[at] = repr(float(last[at]) + 40.0)
+
+    mend(folder, "poses.csv", change)
+    assert len(read_campaign(folder).quarantined) == 1
+
+
+def exchange(first, second, rows):
+    def change(table):
+        columns = [
+            [table.header.index(f"{t}_{axis}_mm") for axis in "xyz"] for t in (first, second)
+        ]
+        for row in table.rows[rows]:
+            for one, other in zip(*columns, strict=True):
+                row[one], row[other] = row[other], row[one]
+
+    return change
+
+
+def test_exchanged_targets_are_named(copy):
+    folder = copy("points")
+    mend(folder, "poses.csv", exchange("T1", "T3", ONE))
+    (row,) = read_campaign(folder).quarantined
+    assert (row.line, row.value) == (7, "T1 and T3")
+    assert row.reason == "the labels of these targets are exchanged"
+
+
+def test_a_target_off_the_others_is_named(copy):
+    folder = copy("points")
+
+    def change(table):
+        at = table.header.index("T2_z_mm")
+        table.rows[5][at] = repr(float(table.rows[5][at]) + 3.0)
+
+    mend(folder, "poses.csv", change)
+    (row,) = read_campaign(folder).quarantined
+    assert row.reason == "its distances from the other targets are not those of the other poses"
+    assert row.value.startswith("T2_x_mm")
+
+
+@pytest.mark.parametrize(("first", "second"), [("A", "B"), ("B", "C")])
+def test_exchanged_balls_are_named_whatever_the_exchange(copy, first, second):
+    folder = copy("touches")
+    swap = {first: second, second: first}
+
+    def change(table):
+        at = table.header.index("ball")
+        keys = [
+            tuple(row[table.header.index(k)] for k in ("pose", "load_N", "repeat"))
+            for row in table.rows
+        ]
+        for row, key in zip(table.rows, keys, strict=True):
+            if key == keys[600]:
+                row[at] = swap.get(row[at], row[at])
+
+    mend(folder, "cmm.csv.gz", change)
+    reasons = [row.reason for row in read_campaign(folder).quarantined]
+    named = f"the labels of these targets are exchanged: {first} and {second}"
+    assert reasons.count(named) >= 12
+
+
+@pytest.mark.parametrize("share", [0.04, 0.7])
+def test_a_log_cut_short_says_how_many_configurations_are_missing(copy, share):
+    folder = copy("touches")
+    mend(
+        folder,
+        "resolver.csv.gz",
+        lambda table: table.rows.__delitem__(slice(int(share * len(table.rows)), None)),
+    )
+    with pytest.raises(Pa10calError, match=r"cut short \(got '\d+ of \d+ configurations"):
+        read_campaign(folder)
+
+
+def test_touches_cut_short_say_how_many_configurations_are_missing(copy):
+    folder = copy("touches")
+    mend(
+        folder,
+        "cmm.csv.gz",
+        lambda table: table.rows.__delitem__(slice(int(0.5 * len(table.rows)), None)),
+    )
+    (warning,) = read_campaign(folder).warnings
+    assert "cmm.csv.gz seems cut short" in warning
+
+
+def test_large_files_are_refused_unpacked(tmp_path, monkeypatch):
+    monkeypatch.setattr(csv_rows, "LARGEST_BYTES", 10_000)
+    text = b"a,b\n" + b"1,2\n" * 3000
+    for name, content in (("t.csv", text), ("t.csv.gz", gzip.compress(text))):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(Pa10calError, match=r"larger than is read .*at most 0 MB"):
+            read_rows(tmp_path / name, ["a", "b"])
+
+
+def test_rows_are_the_same_in_whatever_parts_they_are_read(tmp_path, monkeypatch):
+    lines = [f"{k},{'x' if k % 7 == 3 else k / 3}" for k in range(50)]
+    (tmp_path / "t.csv").write_text("a,b\n" + "\n".join(lines) + "\n")
+    whole, found = numbers(read_rows(tmp_path / "t.csv", ["a", "b"]), ["a", "b"])
+    monkeypatch.setattr(csv_rows, "ROWS_A_PART", 4)
+    parts, again = numbers(read_rows(tmp_path / "t.csv", ["a", "b"]), ["a", "b"])
+    np.testing.assert_array_equal(found, again)
+    assert whole.quarantined == parts.quarantined
+    assert [row.value for row in whole.quarantined] == ["b = 'x'"] * 7
+
+
+def test_bounds_of_sliding_joints_are_in_millimetres():
+    bound = Bounds(load_arm("gx4_351s")).of("q3_mm")
+    assert bound.high - bound.low < 1000.0
+
+
+def test_shapes_and_labels_of_too_few_are_not_judged():
+    p = np.zeros((3, 2, 3))
+    assert not not_rigid(p).any()
+    assert list(exchanged(p, p)) == [None] * 3
+    assert stated_shape(np.full((3, 2, 3), np.nan), np.zeros((2, 3))) is None
