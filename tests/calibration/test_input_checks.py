@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from made_up_sightings import sighted
 from mended import QUATERNION, describe, findings, mend, simulated
+from pa10cal.arm.chain import Chain
 from pa10cal.calibration.input_checks import explained
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.errors import CalibrationError
+from pa10cal.files.arms import load_arm
 
 TOUCHED, LOG = "cmm.csv.gz", "resolver.csv.gz"
 
@@ -81,12 +86,23 @@ def test_several_reversed_joints_are_named(tmp_path):
     assert sorted(found.where.split("; ")) == ["q2", "q5"]
 
 
-def test_the_last_joint_is_named_though_its_target_is_near_its_axis(tmp_path):
-    folder = simulated(tmp_path / "c", "irb120", "points", targets=1, position_mm=0.01)
-    describe(folder, "tool.balls_mm", {})
-    mend(folder, "poses.csv", reversed_joints(6))
-    (found,) = findings(folder)
-    assert (found.kind, found.where) == ("joint_sign", "q6")
+@pytest.mark.parametrize("reverse", [False, True])
+@pytest.mark.parametrize("robot", ["ur10", "irb120"])
+def test_the_last_joint_is_named_though_its_target_is_near_its_axis(tmp_path, robot, reverse):
+    campaign = sighted(tmp_path, "points", robot=robot, poses=80, targets=1)
+    rng, arm = np.random.default_rng(3), load_arm(robot)
+    departed = replace(arm, alpha_rad=arm.alpha_rad + rng.normal(0, 1e-3, arm.n))
+    T_base_ee = Chain.of(departed).forward(campaign.q)
+    p_m = (campaign.T_instr_base @ T_base_ee @ [0.004, 0, 0.1, 1])[:, :3]
+    p_m += rng.normal(0, 2e-5, p_m.shape)
+    for row, place in enumerate(p_m, start=1):
+        words = campaign.poses[row].split(",")
+        words[-3:] = [f"{1e3 * x:.6f}" for x in place]
+        if reverse:
+            words[campaign.column("q6_deg")] = f"{-np.degrees(campaign.q[row - 1, 5]):.9f}"
+        campaign.poses[row] = ",".join(words)
+    found = [(each.kind, each.where) for each in findings(campaign.write())]
+    assert found == ([("joint_sign", "q6")] if reverse else [])
 
 
 @pytest.mark.parametrize(
