@@ -95,7 +95,7 @@ BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
         # few_poses
         ({"told": 5}, {}, "few_poses", "not identifiable with these poses: delta_a_6"),
         ({"told": 3}, {}, "few_poses", "identify 3 of 6"),
-        ({"poses": 8}, {}, "few_poses", "more poses to reduce it to 0.005 mm"),
+        ({"poses": 8}, {}, "few_poses", "more poses to reduce it to 0.006 mm"),
         # incomplete
         ({}, {"noise_mm": 0.004}, "incomplete", "4.3 times the stated noise of 0.004 mm"),
         ({}, {"repeats": repeats(0.5e-5)}, "incomplete", "2 times the noise of 0.009 mm"),

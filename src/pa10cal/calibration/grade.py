@@ -293,7 +293,7 @@ def _few(evidence: Evidence) -> str:
             f"not identifiable with these poses: {_listed(names)} ({told}); measure poses that "
             "move every joint over its range"
         )
-    u_mm, wanted_mm = evidence.u_model_mm, SMALL_SHARE * evidence.train_rms_mm
+    u_mm, wanted_mm = evidence.u_model_mm, SMALL_SHARE * evidence.error_mm
     if u_mm > wanted_mm:
         more = int(np.ceil(evidence.poses * ((u_mm / wanted_mm) ** 2 - 1.0)))
         return (
