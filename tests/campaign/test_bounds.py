@@ -237,6 +237,13 @@ def test_exchanged_balls_are_named_whatever_the_exchange(copy, first, second):
     assert reasons.count(named) >= 12
 
 
+def test_balls_exchanged_in_the_description_are_named(copy):
+    folder = copy("touches")
+    describe(folder, "tool.balls_mm", lambda balls: {**balls, "A": balls["B"], "B": balls["A"]})
+    with pytest.raises(Pa10calError, match="balls A and B seem exchanged"):
+        read_campaign(folder)
+
+
 @pytest.mark.parametrize("share", [0.04, 0.7])
 def test_a_log_cut_short_says_how_many_configurations_are_missing(copy, share):
     folder = copy("touches")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.campaign.labels import exchange_text, stated_shape
 from pa10cal.campaign.rows import Touches
 from pa10cal.campaign.spheres import (
     Spheres,
@@ -180,12 +181,17 @@ def _shape(p_instr_mm: Array, tool: TouchedTool, where: str) -> Array:
     seen = np.median(on_tool, axis=0)
     off = np.linalg.norm(seen - nominal, axis=1)
     if off.max() > TOOL_MISFIT_MM:
+        shape = stated_shape(p_instr_mm, nominal)
+        order = None if shape is None else shape.order
+        swapped = "" if order is None else exchange_text(order, tool.names)
         raise RawDataError(
             f"the measured positions of the balls differ from the description; ball "
             f"{tool.names[int(off.argmax())]} is {off.max():.3g} mm off",
             where=where,
             allowed=f"within {TOOL_MISFIT_MM:g} mm of tool.balls_mm",
-            remedy="check tool.balls_mm and the names of the balls",
+            remedy=f"balls {swapped} seem exchanged: exchange their places or their names"
+            if swapped
+            else "check tool.balls_mm and the names of the balls",
         )
     return seen if len(p_instr_mm) >= ENOUGH_FOR_SHAPE else nominal
 
