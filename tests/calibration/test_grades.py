@@ -70,6 +70,29 @@ def test_touched_balls_at_their_noise_are_good():
     assert "rank 34" in model.fitted_to.health
 
 
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_touched_balls_stated_in_another_unit(factor):
+    found = pa10cal.read_campaign(RAW / "cell-null")
+    every = found.observations
+    stated = every.with_measured(cov=factor**2 * every.measured.cov)
+    grade, line = graded(found, stated)
+    assert grade == "suspect_input"
+    assert "check the input: stated uncertainty of the position" in line
+
+
+def test_gross_errors_of_touched_balls_are_no_noise():
+    found = pa10cal.read_campaign(RAW / "cell-null")
+    every, generator = found.observations, np.random.default_rng(0)
+    grid = np.flatnonzero(every.kind == "grid")
+    wrong = generator.choice(grid, len(grid) // 50, replace=False)
+    T = every.measured.T_instr_target.copy()
+    T[wrong, :3, 3] += 5e-3 * generator.standard_normal((len(wrong), 3))
+    grade, line = graded(found, every.with_measured(T_instr_target=T))
+    assert grade == "suspect_input"
+    assert "repeated poses" in line
+    assert "a few readings are far from their repeats" in line
+
+
 def test_few_poses_and_how_many_more(campaign):
     grade, line = graded(campaign(poses=60, departs="rows"))
     assert grade == "few_poses"

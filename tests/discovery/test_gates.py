@@ -178,8 +178,8 @@ def test_none_is_not_said_of_torques_that_do_not_fit(monkeypatch, null):
     own = null.discovery.torque_test
     assert own is not None
     assert own.ratio < 1.5
-    for ratio, word in ((2.5, "none"), (162.0, "unexplained")):
-        test = PureErrorTest(ratio * 300.0, 300.0, 300)
+    for ratio, word in ((1.2, "none"), (1.6, "unexplained"), (162.0, "unexplained")):
+        test = PureErrorTest(ratio * 1500.0, 1500.0, 3000)
         monkeypatch.setattr(VerdictByRepeats, "torque_test", property(lambda _, test=test: test))
         after = gated(null.discovery)
         assert after.verdict == word

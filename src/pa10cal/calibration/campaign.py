@@ -140,7 +140,8 @@ def paper_case(
         T_instr_base_seed,
         load,
         options,
-        findings,
+        stated=poses_of(every, "grid", average=False, covariance="instrument"),
+        findings=findings,
     )
 
 

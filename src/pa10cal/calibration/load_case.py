@@ -27,7 +27,7 @@ from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependen
 from pa10cal.calibration.l_curve import LCurvePoint, l_curve
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.repeats import scatter_of_repeats
+from pa10cal.calibration.repeats import gross_errors_of_repeats, scatter_of_repeats
 from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.calibration.uncertainty import ErrorSources, with_own_scatter
 from pa10cal.campaign.findings import InputFinding
@@ -111,6 +111,7 @@ def work_out(
     T_instr_base_seed: Array,
     load: str,
     options: CalibrationOptions,
+    stated: Observations[Pose] | None = None,
     findings: tuple[InputFinding, ...] = (),
 ) -> LoadCase:
     """Compute one load case.
@@ -122,6 +123,7 @@ def work_out(
         T_instr_base_seed: (4, 4) base frame from the straight-line moves.
         load: `combined`, or a load such as `44N`.
         options: how to calibrate.
+        stated: `readings` with the covariance that the instrument states; None where it is theirs.
         findings: what checks of the input found.
 
     Raises:
@@ -163,7 +165,16 @@ def work_out(
             if load == COMBINED
             else ()
         ),
-        health=_health(cubic, noise, held_out, errors, findings),
+        health=_health(
+            cubic,
+            noise,
+            held_out,
+            (readings if stated is None else stated).take(
+                rows_of_load(readings.states.load_N, load)
+            ),
+            1e-3 * options.apparatus_uncertainty_mm,
+            findings,
+        ),
         seed_angle_deg=float(
             np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1)))
         ),
@@ -230,7 +241,8 @@ def _health(
     cubic: Calibration,
     noise: Observations[Pose],
     held_out: Observations[Pose] | None,
-    errors: ErrorSources,
+    stated: Observations[Pose],
+    u_apparatus_m: float,
     findings: tuple[InputFinding, ...],
 ) -> Health:
     """Judge the calibration, base frame included."""
@@ -269,8 +281,12 @@ def _health(
         accuracy = summarise(model_deviations(cubic, held_out))
         elsewhere = replace(whole, observations=held_out).rows(x).jacobian[:, :3]
         off = held_out_errors(accuracy, level.observations, held_out, elsewhere, covariance)
-    readings = level.observations if errors.readings is None else errors.readings
-    scatter = scatter_of_repeats(readings, fitted_model(cubic, None))
+    scatter = scatter_of_repeats(stated, fitted_model(cubic, None))
+    if scatter:
+        usual_mm = (
+            1e3 * scatter[0].found * np.sqrt(3.0 * np.mean(1.0 / level.observations.readings))
+        )
+        findings = (*findings, *gross_errors_of_repeats(noise_mm, float(usual_mm)))
     return health(
         ended,
         Errors(
@@ -279,7 +295,7 @@ def _health(
             noise_mm=noise_mm,
             spread_mm=1e3 * float(np.sqrt(np.sum(np.var(p_instr_m, axis=0)))),
             noise_is_found=bool(scatter),
-            apparatus_mm=1e3 * _left_by_apparatus_m(level, jacobian, errors.u_apparatus_m),
+            apparatus_mm=1e3 * _left_by_apparatus_m(level, jacobian, u_apparatus_m),
             repeats=scatter,
             findings=findings,
         ),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from pa10cal.campaign.findings import InputFinding
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import reading_groups
 from pa10cal.observe.observations import Observations
@@ -16,6 +17,8 @@ Array = NDArray[np.float64]
 
 #: Pairs of readings below which their scatter says too little about a factor of three.
 _LEAST_PAIRS = 20
+#: Mean square over median scatter, both as of a normal deviate, that a few gross errors make.
+_FAR = 3.0
 #: Median of the square of a normal deviate.
 _MEDIAN_SQUARE = float(ndtri(0.75)) ** 2
 
@@ -83,3 +86,23 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Scat
             ScatterOfRepeats(kind, float(ratio) * size, size, len(at), measured.from_touches)
         )
     return tuple(found)
+
+
+def gross_errors_of_repeats(mean_square_mm: float, usual_mm: float) -> tuple[InputFinding, ...]:
+    """Return the finding that a few repeats are far from the others, if they are.
+
+    Args:
+        mean_square_mm: noise of averaged poses by the mean square of their repeats.
+        usual_mm: the same by the median, which a few do not move.
+    """
+    if mean_square_mm <= _FAR * usual_mm:
+        return ()
+    return (
+        InputFinding(
+            f"the mean square of repeats is {mean_square_mm:.2g} mm, their median "
+            f"{usual_mm:.2g} mm: a few readings are far from their repeats",
+            "repeated poses",
+            "look for exchanged labels and gross errors among them",
+            kind="outlier",
+        ),
+    )
