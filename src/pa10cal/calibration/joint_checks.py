@@ -167,8 +167,10 @@ def calibrated_rms_mm(
     except CalibrationError:
         return np.inf
     columns = found.problem.measured.component_kinds[0][1]
-    squares = np.sum(found.fit.residual[:, columns] ** 2, axis=1)
-    return 1e3 * float(np.sqrt(np.median(squares)))
+    # Of several targets the error of one is meant; a distance is one component.
+    targets = np.maximum(1, found.problem.components_seen[:, columns].sum(axis=1) // 3)
+    squares = np.sum(found.fit.residual[:, columns] ** 2, axis=1) / targets
+    return 1e3 * float(np.sqrt(np.average(squares, weights=found.fit.weights)))
 
 
 def _calibrated(
