@@ -47,6 +47,18 @@ def test_a_campaign_in_memory_is_the_one_of_its_files(tmp_path, instrument):
             assert ours == pytest.approx(theirs, abs=2e-8, rel=2e-3, nan_ok=True)
 
 
+def drawn(arm, plan):
+    """Return a robot drawn in the coordinates of the model, its truth, and what is seen of it."""
+    first = observations_of(track(arm, plan, 3))
+    start = find_start(arm, first)
+    unknowns = choose_unknowns(
+        arm, CalibrationOptions().tolerances, first.measured, start.T_instr_base, start.targets_m
+    )
+    individual, truth = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(4))
+    seen = observations_of(measured(individual, plan, 4))
+    return individual, truth, seen
+
+
 @pytest.mark.parametrize(
     ("robot", "plan"),
     [
@@ -64,13 +76,7 @@ def test_the_truth_is_stated_in_the_coordinates_of_the_model(robot, plan):
         poses=60, holdout_share=0.0, states_targets=False, target_m=0.05, target_rad=1.0,
         **SHARP, **plan,
     )  # fmt: skip
-    first = observations_of(track(arm, plan, 3))
-    start = find_start(arm, first)
-    unknowns = choose_unknowns(
-        arm, CalibrationOptions().tolerances, first.measured, start.T_instr_base, start.targets_m
-    )
-    individual, truth = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(4))
-    seen = observations_of(measured(individual, plan, 4))
+    individual, truth, seen = drawn(arm, plan)
     found = calibrate_general(
         arm,
         seen,
@@ -126,13 +132,7 @@ def test_weights_pull_at_the_posture_in_which_the_arm_stands():
         poses=60, holdout_share=0.0, states_targets=False, instrument="pose",
         flexible_joints=(2, 3), hardening=False, **SHARP,
     )  # fmt: skip
-    first = observations_of(track(arm, plan, 3))
-    start = find_start(arm, first)
-    unknowns = choose_unknowns(
-        arm, CalibrationOptions().tolerances, first.measured, start.T_instr_base, start.targets_m
-    )
-    individual, truth = draw_by_unknowns(arm, plan, unknowns, np.random.default_rng(4))
-    seen = observations_of(measured(individual, plan, 4))
+    individual, truth, seen = drawn(arm, plan)
     unlogged = replace(seen.states, tau_Nm=np.full_like(seen.states.tau_Nm, np.nan))
     seen = seen.with_states(unlogged)
     found = calibrate_general(
