@@ -112,6 +112,7 @@ def verdict_keys(word, effects, *, places=(), not_testable=(), gap=None, angles_
             refit_converged=True,
         ),
         angles_seen=angles_seen,
+        faults=(),
         suggested_poses=(),
     )
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.errors import CalibrationError
-from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.term import shows_torque
+from pa10cal.terms.effects.effect import CandidateContext, Effect
+from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.faults.family import fault_candidates
+from pa10cal.terms.faults.log_fault import LogFault
+from pa10cal.terms.term import Term, shows_torque
 
 #: Part of an effect that must remain after the model's own parameters took what they can.
 LEAST_SHARE = 0.02
@@ -15,6 +20,22 @@ LEAST_SHARE = 0.02
 LEAST_SIGNAL = 4.0
 #: The largest plausible size, in the usual one.
 _LARGEST = 10.0
+
+
+def sought(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect, ...]:
+    """Return what is sought: effects and faults of the log, wherever each may sit."""
+    held = tuple(held)
+    return (*candidates(context, held), *fault_candidates(context, held))
+
+
+def is_fault(effect: Effect) -> bool:
+    """Return whether something sought is a fault of the log, and no effect."""
+    return isinstance(effect, LogFault)
+
+
+def effects_in(family: Iterable[Effect]) -> int:
+    """Return how many effects there are: faults do not make it harder to name one."""
+    return sum(not is_fault(effect) for effect in family)
 
 
 def why_unknown(effect: Effect, states: PoseStates, *, logged: bool, weights: bool) -> str | None:

@@ -61,7 +61,7 @@ def _with_names_that_pass(found: V) -> V:
             found = better
             continue
         found = found.with_findings(
-            [each for each in found.effects if each.effect != finding.effect]
+            [each for each in found.findings if each.effect != finding.effect]
         )
         why = f"{label} fits best, and is no name: {'; '.join(reasons)}"
         left_mm = found.train.after.mean_mm
@@ -71,16 +71,16 @@ def _with_names_that_pass(found: V) -> V:
 
 def _alternative(found: V, finding: Finding[object]) -> V | None:
     """Return the verdict with the first alternative of a finding that passes in its place."""
-    held = {each.effect for each in found.effects}
+    held = {each.effect for each in found.findings}
     for other in finding.alternatives[:MOST_ALTERNATIVES]:
         if not is_named(other) or other in held:
             continue
         rest = tuple(each for each in finding.alternatives if each != other)
         instead = replace(finding, effect=other, alternatives=rest)
         tried = found.with_findings(
-            [instead if each.effect == finding.effect else each for each in found.effects]
+            [instead if each.effect == finding.effect else each for each in found.findings]
         )
-        now = next(each for each in tried.effects if each.effect == other)
+        now = next(each for each in tried.findings if each.effect == other)
         if not any(unfit(now, tried.model)):
             return tried
     return None

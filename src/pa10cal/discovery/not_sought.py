@@ -144,7 +144,7 @@ def not_sought(
         context=context_of(poses, baseline, setup),
         error_rate=error_rate,
         candidates=0,
-        effects=(),
+        findings=(),
         unexplained=(),
         not_testable=(),
         extended=ModelWithEffects((), replace(baseline, model=with_base_term(baseline), x=x), True),

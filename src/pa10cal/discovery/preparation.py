@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, Statics
+from pa10cal.discovery.faults import Fault
 from pa10cal.discovery.gross_errors import gross_errors
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.fit.fitted_model import FittedModel
@@ -56,6 +57,7 @@ class Prepared:
         setup: what is known besides the poses.
         torques: where the torques come from: `logged`, `masses`, or `none`.
         arrivals_from_order: whether directions of arrival are those of the order of poses.
+        faults: faults of single rows or poses, which are not among the readings any more.
     """
 
     readings: Observations
@@ -64,6 +66,7 @@ class Prepared:
     setup: MeasurementSetup
     torques: TorqueSource
     arrivals_from_order: bool
+    faults: tuple[Fault, ...] = ()
 
     @cached_property
     def gross(self) -> NDArray[np.bool_]:

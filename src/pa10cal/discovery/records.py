@@ -17,6 +17,7 @@ from pa10cal.discovery.evidence.confirm import Confirmation
 from pa10cal.discovery.evidence.discover import VerdictByRepeats
 from pa10cal.discovery.evidence.judge import FLIP_RATE, shared_error_mm
 from pa10cal.discovery.evidence.search import threshold
+from pa10cal.discovery.faults import Fault
 from pa10cal.discovery.gap import Gap, Paired
 from pa10cal.discovery.next_poses.room import NextPose
 from pa10cal.discovery.verdict import (
@@ -31,9 +32,7 @@ from pa10cal.fit import angles_seen
 from pa10cal.fit.model_file import model_to_plain
 from pa10cal.results import discovery as parts
 from pa10cal.results.accuracy import Accuracy, BeforeAfter, EffectParameter
-from pa10cal.results.analysis import (
-    AnalysisRecord,
-)
+from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.discovery import (
     ExtendedKeys,
     ExtendedRecord,
@@ -113,6 +112,7 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
         remedy=found.remedy,
         method=found.method,
         effects=tuple(found_effect(finding, found) for finding in found.effects),
+        faults=tuple(map(_fault, found.faults)),
         unexplained=all_unexplained(found.effects, found.unexplained),
         not_testable=not_testable(found.not_testable),
         below_detection_limit=None
@@ -144,6 +144,10 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
             for separation in ahead.separations
         ),
     )
+
+
+def _fault(fault: Fault) -> parts.Fault:
+    return parts.Fault(**{key: getattr(fault, key) for key in parts.Fault.model_fields})
 
 
 def angles_part(seen: angles_seen.AnglesSeen) -> tuple[parts.AnglesSeen, ...]:
@@ -255,6 +259,7 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     if verdict.verdict == "unexplained" and verdict.unexplained is not None:
         place = verdict.unexplained.of or "unknown place"
         found.append(f"an unidentified effect of {place} is missing: uncertainties do not cover it")
+    found += [f"{fault.where}: {fault.what}; {fault.remedy}" for fault in verdict.faults]
     held_out = verdict.gap.holdout
     if held_out is not None and held_out.reduction.interval95_mm[1] < 0.0:
         found.append(
@@ -273,9 +278,10 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
 
 def summary(verdict: VerdictKeys) -> list[str]:
     """Return the verdict in a few lines; in one where effects were not sought."""
+    told = [f"  {fault.where}: {fault.what}; {fault.remedy}" for fault in verdict.faults]
     if verdict.verdict == "not_sought":
-        return [f"effects were not sought: {verdict.why}; {verdict.remedy}"]
-    lines: list[str] = [verdict.verdict]
+        return [f"effects were not sought: {verdict.why}; {verdict.remedy}", *told]
+    lines: list[str] = [verdict.verdict, *told]
     for effect in verdict.effects:
         values = (
             ", ".join(

@@ -12,6 +12,7 @@ from typing import ClassVar, Generic, Literal, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.discovery.faults import Fault, fault_of, to_check
 from pa10cal.discovery.gap import Gap, Named
 from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
 from pa10cal.discovery.next_poses.room import NextPose
@@ -20,9 +21,10 @@ from pa10cal.discovery.with_effects import ModelWithEffects
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.effect import CandidateContext, Effect
+from pa10cal.terms.faults.log_fault import LogFault
 
 Array = NDArray[np.float64]
-Word = Literal["none", "named", "ambiguous", "unexplained", "not_sought"]
+Word = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "not_sought"]
 P_co = TypeVar("P_co", covariant=True)
 
 MAP = "joint_error_map"
@@ -63,6 +65,12 @@ class Finding(Generic[P_co]):
     def of(self) -> str:
         """Return where it sits."""
         return self.effect.of
+
+    @property
+    def gain(self) -> float | None:
+        """Return the part of the squared error of poses left out that it explains, if known."""
+        gain = getattr(self.proof, "gain", None)
+        return None if gain is None else float(gain)
 
     @property
     def parameters(self) -> Mapping[str, ReportedValue]:
@@ -174,7 +182,8 @@ class Verdict(ABC, Generic[P_co]):
         context: where effects may sit in it.
         error_rate: probability allowed of naming anything where nothing is missing.
         candidates: how many effects were tried.
-        effects: effects of the vocabulary that were found, in the order found.
+        findings: what was found and is in the extended model, in the order found: effects of the
+            vocabulary, and faults of the whole log.
         unexplained: what remains without a name.
         not_testable: effects that these data cannot show.
         below_detection_limit: effects sought that would be missed too often at their plausible
@@ -184,13 +193,14 @@ class Verdict(ABC, Generic[P_co]):
         noise_floor_mm: mean position error that noise alone would leave.
         train, holdout: the gap before and after; None without held-out poses.
         steps: of the search.
+        faults_of_rows: faults of single rows or poses that were found after the search.
     """
 
     prepared: Prepared
     context: CandidateContext
     error_rate: float
     candidates: int
-    effects: tuple[Finding[P_co], ...]
+    findings: tuple[Finding[P_co], ...]
     unexplained: tuple[Unexplained, ...]
     not_testable: tuple[NotTestable, ...]
     below_detection_limit: tuple[NotTestable, ...] | None = None
@@ -200,6 +210,7 @@ class Verdict(ABC, Generic[P_co]):
     train: Gap
     holdout: Gap | None
     steps: tuple[Step, ...]
+    faults_of_rows: tuple[Fault, ...] = ()
 
     #: How effects are judged; None where they are not sought.
     method: ClassVar[str | None]
@@ -207,7 +218,24 @@ class Verdict(ABC, Generic[P_co]):
     @property
     def verdict(self) -> Word:
         """Return the verdict in a word."""
+        if to_check(self.faults, effects=bool(self.effects)):
+            return "check_the_log"
         return word_of(self.effects, self.unexplained)
+
+    @property
+    def effects(self) -> tuple[Finding[P_co], ...]:
+        """Return the effects of the vocabulary that were found, in the order found."""
+        return tuple(each for each in self.findings if not isinstance(each.effect, LogFault))
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """Return the faults of the log: of single rows first, then of all of it."""
+        of_all = (
+            fault_of(each.effect, each.x, each.covariance, each.gain)
+            for each in self.findings
+            if isinstance(each.effect, LogFault)
+        )
+        return (*self.prepared.faults, *self.faults_of_rows, *of_all)
 
     @property
     def why(self) -> str | None:
@@ -314,7 +342,7 @@ def label_of(effect: Effect, rival: Effect | None) -> str:
 
 def is_named(effect: Effect) -> bool:
     """Return whether an effect says what is wrong, and not only where."""
-    return not (effect.generic or effect.id == MAP)
+    return not (effect.generic or effect.id == MAP or isinstance(effect, LogFault))
 
 
 def reported(effect: Effect, x: Array, covariance: Array) -> tuple[Array, Array]:

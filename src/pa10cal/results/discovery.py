@@ -22,7 +22,18 @@ from pa10cal.results.record import (
     optional,
 )
 
-Verdict = Literal["none", "named", "ambiguous", "unexplained", "not_sought"]
+Verdict = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "not_sought"]
+
+FaultKind = Literal[
+    "label",
+    "load",
+    "direction",
+    "joint_zero",
+    "joint_sign",
+    "payload",
+    "step_in_time",
+    "outlier",
+]
 
 
 class EffectName(Part):
@@ -120,6 +131,19 @@ class Unexplained(Part):
         description="its position error [mm]; null where it has been modelled by a map"
     )
     why: str = Field(description="why it has no name")
+
+
+class Fault(Part):
+    """Something in the log that is wrong."""
+
+    kind: FaultKind = Field(description="which fault")
+    where: str = Field(description="column, joint, load, pose, row or time")
+    what: str = Field(description="what is wrong and by how much")
+    remedy: str = Field(description="what to do about it")
+    gain: float | None = Field(
+        description="part of the weighted squared error that putting it right takes away; null "
+        "where that was not tried"
+    )
 
 
 class AllUnexplained(Unexplained):
@@ -281,7 +305,8 @@ class VerdictKeys(Part):
     verdict: Verdict = Field(
         description="`named` when every effect found stands alone; `ambiguous` when one at least "
         "has alternatives; `unexplained` when a significant gap remains that no effect closes; "
-        "`none` when model and data agree within the repeatability; `not_sought` when the campaign "
+        "`none` when model and data agree within the repeatability; `check_the_log` when what fits "
+        "best is a fault of the data; `not_sought` when the campaign "
         "has too few poses or repeats for a search"
     )
     why: str | None = optional("why effects cannot be sought, where `not_sought`")
@@ -290,6 +315,11 @@ class VerdictKeys(Part):
         description="how effects were judged; null where they were not sought"
     )
     effects: tuple[FoundEffect, ...] = Field(description="effects named, in the order found")
+    faults: tuple[Fault, ...] = Field(
+        description="faults of the log; `effects` then holds those that stand whatever becomes of "
+        "them, and single readings with a gross error alone leave the verdict as it is where "
+        "effects stand"
+    )
     unexplained: AllUnexplained | None = Field(
         description="what has no name; null if nothing remains"
     )

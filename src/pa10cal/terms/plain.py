@@ -16,6 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from pa10cal.errors import TermError
 from pa10cal.near_miss import remedy_for
 from pa10cal.terms.effects.family import every_effect
+from pa10cal.terms.faults.family import every_fault
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Term
@@ -75,7 +76,7 @@ def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
 @cache
 def term_kinds() -> dict[str, Any]:
     """Return every class of term by its id: constant departures, springs, effects."""
-    kinds: tuple[Any, ...] = (Offsets, JointSpring, *every_effect())
+    kinds: tuple[Any, ...] = (Offsets, JointSpring, *every_effect(), *every_fault())
     return {kind.id: kind for kind in kinds}
 
 

@@ -114,7 +114,7 @@ class VerdictByBlocks(Verdict[Prediction]):
         held_out = self.prepared.held_out
         return replace(
             self,
-            effects=tuple(anew),
+            findings=tuple(anew),
             extended=extended,
             train=gap_on(self.survey.poses),
             holdout=None if held_out is None else gap_on(held_out),
@@ -182,7 +182,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         context=judged.context,
         error_rate=error_rate,
         candidates=searched.candidates,
-        effects=findings,
+        findings=findings,
         unexplained=unexplained(remaining, searched.nameless, searched.tried),
         not_testable=(*unknown, *searched.hidden),
         below_detection_limit=searched.below_detection_limit,
@@ -248,7 +248,7 @@ def _search(rows: Rows, error_rate: float) -> _Searched:
         hidden=known.hidden,
         below_detection_limit=below_detection_limit(known, search.is_surely_found),
         steps=tuple(search.steps),
-        candidates=len(known.gains),
+        candidates=search.effects,
         least_gain=search.least_gain,
     )
 

@@ -17,10 +17,9 @@ from pa10cal.discovery.blocked_cv.products import Products
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import Columns, solve
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.family import why_hidden, why_unknown
+from pa10cal.discovery.family import is_fault, sought, why_hidden, why_unknown
 from pa10cal.discovery.verdict import NotTestable
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.family import candidates
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 Array = NDArray[np.float64]
@@ -34,14 +33,14 @@ def computable(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[NotTesta
     """
     shaped: list[ShapedEffect] = []
     refused = []
-    for effect in candidates(survey.context, survey.baseline.model.terms):
+    for effect in sought(survey.context, survey.baseline.model.terms):
         if isinstance(effect, JointErrorMap):
             continue
         logged = survey.torques_logged
         why = why_unknown(effect, survey.poses.states, logged=logged, weights=True)
         if why is None:
             shaped += [ShapedEffect(effect, shape) for shape in range(len(effect.starts))]
-        else:
+        elif not is_fault(effect):
             refused.append(NotTestable(effect, why, by_these_poses=False))
     return tuple(shaped), tuple(refused)
 
@@ -78,7 +77,7 @@ def family(rows: Rows, products: Products) -> Family:
         if why is None:
             shown.append(candidate)
             gains[candidate.name] = max(gains.get(candidate.name, 0.0), float(np.trace(left)))
-        else:
+        elif not is_fault(candidate.effect):
             refused[candidate.name] = NotTestable(_plain(candidate.effect), why)
     hidden = tuple(found for name, found in refused.items() if name not in gains)
     return Family(tuple(shown), hidden, gains)
@@ -88,7 +87,11 @@ def below_detection_limit(
     found: Family, is_surely_found: Callable[[float], bool]
 ) -> tuple[NotTestable, ...]:
     """Return effects of which the plausible size may well be missed, though they are sought."""
-    effects = {candidate.name: _plain(candidate.effect) for candidate in found.shown}
+    effects = {
+        candidate.name: _plain(candidate.effect)
+        for candidate in found.shown
+        if not is_fault(candidate.effect)
+    }
     return tuple(
         NotTestable(
             effects[name],
@@ -96,7 +99,7 @@ def below_detection_limit(
             "noise of all poses together, too little to be found in 95 of 100 such campaigns",
         )
         for name, gain in found.gains.items()
-        if not is_surely_found(gain)
+        if name in effects and not is_surely_found(gain)
     )
 
 

@@ -25,6 +25,7 @@ from pa10cal.discovery.blocked_cv.products import Products
 from pa10cal.discovery.blocked_cv.rows import ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import Columns, start
 from pa10cal.discovery.evidence.search import threshold
+from pa10cal.discovery.family import is_fault
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
@@ -78,8 +79,9 @@ class Search:
         """
         self.family = tuple(family)
         self.noise = noise
-        names = {candidate.name for candidate in family}
-        self.least_gain = 2.0 * threshold(max(len(names), 1), error_rate)
+        names = {candidate.name for candidate in family if not is_fault(candidate.effect)}
+        self.effects = len(names)
+        self.least_gain = 2.0 * threshold(max(self.effects, 1), error_rate)
         self.steps: list[Step] = []
         self._nothing = Chosen((), start(products, [Columns(own, np.ones(len(own)))]))
 

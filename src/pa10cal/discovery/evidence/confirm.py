@@ -57,6 +57,11 @@ class Confirmation:
     poses: HeldOutGain
     loads: HeldOutGain | None
 
+    @property
+    def gain(self) -> float:
+        """Part of the squared error of poses left out that it explains."""
+        return self.poses.explained
+
 
 @dataclass(frozen=True)
 class _Rows:

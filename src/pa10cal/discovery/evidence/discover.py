@@ -19,6 +19,7 @@ from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge
 from pa10cal.discovery.evidence.lack_of_fit import channel_tests, evidence_lack_of_fit
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, search
+from pa10cal.discovery.family import effects_in, is_fault, sought
 from pa10cal.discovery.gap import Gap, Named, gap
 from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
 from pa10cal.discovery.next_poses.contest import Pair
@@ -29,7 +30,6 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.family import candidates
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,7 @@ class VerdictByRepeats(Verdict[Confirmation]):
     def with_findings(self, findings: Sequence[Finding[Confirmation]]) -> VerdictByRepeats:
         """Return the verdict with these findings, all fitted anew."""
         size = dict(zip(self.extended.effects, self.extended.sizes, strict=True))
-        for finding in self.effects:
+        for finding in self.findings:
             for other in finding.alternatives:
                 size.setdefault(other, size[finding.effect])
         effects, score = tuple(each.effect for each in findings), self.judgement.found.score
@@ -125,7 +125,7 @@ class VerdictByRepeats(Verdict[Confirmation]):
         held_out = self.prepared.held_out
         return replace(
             self,
-            effects=tuple(anew),
+            findings=tuple(anew),
             judgement=replace(self.judgement, findings=tuple(anew)),
             extended=extended,
             train=compare(self.problem, extended, average_repeats(self.prepared.trusted)),
@@ -166,8 +166,7 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
         readings, baseline, campaign.setup, torques_logged=campaign.torques == "logged"
     )
     start = fit(problem, (), (), (0.0, 0.0))
-    every = candidates(problem.context, baseline.model.terms)
-    family, refused = testable(problem, start, every)
+    family, refused = testable(problem, start, sought(problem.context, baseline.model.terms))
     judgement = judge(search(problem, family, error_rate, start))
     problem = judgement.found.problem
     extended = _extended(problem, judgement)
@@ -176,10 +175,10 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
         prepared=campaign,
         context=problem.context,
         error_rate=error_rate,
-        candidates=len(family),
-        effects=judgement.findings,
+        candidates=effects_in(family),
+        findings=judgement.findings,
         unexplained=judgement.unexplained,
-        not_testable=refused,
+        not_testable=tuple(each for each in refused if not is_fault(each.effect)),
         indistinguishable=_groups(judgement.found),
         extended=extended,
         noise_floor_mm=floor_mm(problem),

@@ -12,6 +12,7 @@ from pa10cal.discovery.evidence.fit import Fit, covariance_of, fit
 from pa10cal.discovery.evidence.likelihood import Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, evidence_about, less, threshold
+from pa10cal.discovery.family import effects_in, is_fault
 from pa10cal.discovery.linear import mean_length, position_noise
 from pa10cal.discovery.verdict import MAP, Finding, Unexplained, Word, is_named, reported, word_of
 from pa10cal.observe.averages import reading_groups
@@ -70,7 +71,7 @@ def judge(found: EndOfSearch) -> Judgement:
 def _prefer_named(problem: Problem, found: EndOfSearch) -> EndOfSearch:
     """Put a named form in the place of a map or a generic effect that is no better."""
     for effect in found.fit.effects:
-        if is_named(effect):
+        if is_named(effect) or is_fault(effect):
             continue
         for rival, _ in _refitted(problem, found, effect, tuple(filter(is_named, found.family))):
             return _prefer_named(
@@ -105,7 +106,7 @@ def _refitted(
     If a rival is the truth, the chance that it falls behind by more than `worse` is below
     `MISSED_RATE` for the whole family (Markov, as for the search).
     """
-    worse = threshold(len(found.family), MISSED_RATE)
+    worse = threshold(effects_in(found.family), MISSED_RATE)
     place = found.fit.effects.index(effect)
     members = tuple(found.family.index(e) for e in found.fit.effects)
     kept, sizes = less(members, place), less(found.fit.sizes, place)
@@ -178,7 +179,7 @@ def _bent(found: EndOfSearch, effect: Effect, unexplained: tuple[Unexplained, ..
     place = members.index(found.family.index(effect))
     whole = found.evidence.score(members, sizes).log_evidence
     without = found.evidence.score(less(members, place), less(sizes, place)).log_evidence
-    return whole - without < threshold(len(found.family), MISSED_RATE)
+    return whole - without < threshold(effects_in(found.family), MISSED_RATE)
 
 
 def shared_error_mm(problem: Problem, variance: float) -> float:

@@ -11,6 +11,7 @@ from pa10cal.discovery.evidence.candidates import Linearised, indistinguishable,
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.likelihood import SIZES, Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem, prepare
+from pa10cal.discovery.family import effects_in
 from pa10cal.discovery.linear import error_mm, residual
 from pa10cal.discovery.verdict import Step
 from pa10cal.terms.effects.effect import Effect
@@ -75,7 +76,7 @@ def search(
         error_rate: probability allowed of naming anything where nothing is missing.
         start: the model without effects, fitted.
     """
-    needed = threshold(len(family), error_rate)
+    needed = threshold(effects_in(family), error_rate)
     same = indistinguishable(problem, start, family)
     current = start
     members: tuple[int, ...] = ()

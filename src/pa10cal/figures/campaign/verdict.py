@@ -14,6 +14,7 @@ from pa10cal.results.discovery import (
     EffectName,
     EvidenceByBlocks,
     EvidenceByRepeats,
+    Fault,
     FoundEffect,
     LoadGap,
     SetGap,
@@ -31,7 +32,8 @@ poses, and the share it explains of omitted poses and loads. Without repeats: th
 omitted blocks of poses without and with it, and the errors inside the joint angles of the fit
 and beyond. Then the gap that it closes, load by load, and effects that these poses cannot
 distinguish or cannot show at all, which is a statement about the measurement, not about the
-arm. With too few poses or repeats effects are not sought; the table then says what would do.
+arm. Faults of the log come first, where there are any: where, what, and what to do. With too few
+poses or repeats effects are not sought; the table then says what would do.
 The CSV holds the same, one number a row.
 """,
 )
@@ -67,6 +69,8 @@ _MEANINGS = {
     "named": "Named: every effect found is distinguishable from all others.",
     "ambiguous": "Ambiguous: at least one effect cannot be distinguished from its alternatives.",
     "unexplained": "Unexplained: a gap remains that no effect of the vocabulary closes.",
+    "check_the_log": "Check the log: what fits best is a fault of the data. Effects listed stand "
+    "whatever becomes of it.",
     "not_sought": "Not sought: whether the model lacks an effect is not known.",
 }
 
@@ -83,6 +87,9 @@ def tabulate(results: Results) -> Table:
 
 
 def _shown(found: VerdictRecord) -> Iterator[Shown]:
+    if found.faults:
+        rows = [(each.kind.replace("_", " "), *_of_fault(each)) for each in found.faults]
+        yield shown(("kind", "where", "what", "what to do"), rows, "Faults of the log")
     if found.verdict == "not_sought":
         reason = [(found.why or "", found.remedy or "")]
         yield shown(("why", "what would do"), reason, "Effects not sought")
@@ -113,6 +120,10 @@ def _shown(found: VerdictRecord) -> Iterator[Shown]:
         entries = [(entry.id, entry.of, entry.why) for entry in found.below_detection_limit]
         title = "Effects below the detection limit at their plausible size: sought all the same"
         yield shown(("effect", "of", "why"), entries, title)
+
+
+def _of_fault(fault: Fault) -> tuple[str, str, str]:
+    return (fault.where, fault.what, fault.remedy)
 
 
 def _effect_row(effect: FoundEffect) -> Row:
@@ -215,6 +226,10 @@ def _data_rows(found: VerdictRecord) -> Iterator[Row]:
             yield ("effect", effect.id, effect.of, name, value, std, parameter.unit, remark)
         for name, number in _statistics(effect.evidence.model_dump()):
             yield ("evidence", effect.id, effect.of, name, f"{number:.6g}", "", "", "")
+    for fault in found.faults:
+        gain = "" if fault.gain is None else f"{fault.gain:.6g}"
+        where, what, remedy = _of_fault(fault)
+        yield ("fault", fault.kind, where, "gain", gain, "", "", f"{what}; {remedy}")
     for place in found.unexplained.all if found.unexplained else ():
         yield ("unexplained", "", place.of or "", "", "", "", "", place.why)
     for entry in found.not_testable:

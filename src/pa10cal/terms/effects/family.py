@@ -7,6 +7,8 @@ import pkgutil
 from collections.abc import Iterable
 from functools import cache
 from importlib import import_module
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -19,17 +21,22 @@ from pa10cal.terms.term import Term
 @cache
 def every_effect() -> tuple[type[Effect], ...]:
     """Return every class of effect, named ones before generic ones, ordered by id."""
+    return classes_in(effects, Effect)
+
+
+def classes_in(package: ModuleType, kind: Any) -> tuple[Any, ...]:
+    """Return every class of a kind in a package, named ones before generic ones, by id."""
     modules = [
-        import_module(f"{effects.__name__}.{module.name}")
-        for module in pkgutil.iter_modules(effects.__path__)
+        import_module(f"{package.__name__}.{module.name}")
+        for module in pkgutil.iter_modules(package.__path__)
     ]
     found = {
-        kind
+        each
         for module in modules
-        for _, kind in inspect.getmembers(module, inspect.isclass)
-        if issubclass(kind, Effect) and not inspect.isabstract(kind) and "id" in vars(kind)
+        for _, each in inspect.getmembers(module, inspect.isclass)
+        if issubclass(each, kind) and not inspect.isabstract(each) and "id" in vars(each)
     }
-    return tuple(sorted(found, key=lambda kind: (kind.generic, kind.id)))
+    return tuple(sorted(found, key=lambda each: (each.generic, each.id)))
 
 
 def candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect, ...]:

@@ -1,0 +1,1 @@
+"""Faults of a log as terms: what a whole log is wrong by, told and never named as an effect."""

@@ -1,0 +1,51 @@
+"""What a fault of the whole log is: a term that competes with effects, and is told in words."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.terms.effects.effect import NamedEffect
+
+Array = NDArray[np.float64]
+
+FaultKind = Literal[
+    "label",
+    "load",
+    "direction",
+    "joint_zero",
+    "joint_sign",
+    "payload",
+    "step_in_time",
+    "outlier",
+]
+
+
+@dataclass(frozen=True)
+class FaultText:
+    """A fault in words.
+
+    Attributes:
+        where: column, joint, load, pose, row or time.
+        what: what is wrong and by how much, one clause.
+        remedy: what to do about it.
+    """
+
+    where: str
+    what: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class LogFault(NamedEffect):
+    """A fault of the whole log, such as a load that is stated wrongly."""
+
+    kind: ClassVar[FaultKind]
+
+    @abstractmethod
+    def told(self, x: Array, std: Array) -> FaultText:
+        """Return it in words, by its reported parameters and their standard uncertainties."""

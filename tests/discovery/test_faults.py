@@ -1,0 +1,71 @@
+"""Faults of a log: when a verdict is `check_the_log`, and a fault of the whole log in words."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from pa10cal.discovery.family import effects_in, is_fault
+from pa10cal.discovery.faults import Fault, fault_of, to_check
+from pa10cal.discovery.verdict import is_named
+from pa10cal.terms.effects.in_time import BaseDrift
+from pa10cal.terms.faults.log_fault import FaultText, LogFault
+from pa10cal.terms.term import Parameter
+
+
+@dataclass(frozen=True)
+class Shift(LogFault):
+    """A fault that is made up: the base stands off along x."""
+
+    id: ClassVar[str] = "made_up"
+    kind: ClassVar[str] = "step_in_time"
+
+    @classmethod
+    def everywhere(cls, context):
+        del context
+        return (cls("base"),)
+
+    @property
+    def formula(self):
+        return "base.x += shift"
+
+    @property
+    def reported(self):
+        return (Parameter("shift", "m", 1e-6, plausible=1e-4),)
+
+    def told(self, x, std):
+        return FaultText("base", f"off by {1e3 * x[0]:.2f} ± {1e3 * std[0]:.2f} mm", "look")
+
+
+def fault(*, decides):
+    return Fault("outlier", "pose 7", "off", "measure again", decides=decides)
+
+
+@pytest.mark.parametrize(
+    ("faults", "effects", "expected"),
+    [
+        ((), False, False),
+        ((), True, False),
+        ((fault(decides=True),), True, True),
+        ((fault(decides=False),), True, False),
+        ((fault(decides=False),), False, True),
+        ((fault(decides=False), fault(decides=True)), True, True),
+    ],
+)
+def test_a_reading_once_excluded_leaves_effects_standing(faults, effects, expected):
+    assert to_check(faults, effects=effects) is expected
+
+
+def test_a_fault_of_the_whole_log_is_told_with_its_uncertainty_and_is_no_name():
+    term = Shift("base")
+    told = fault_of(term, np.array([1e-4]), np.array([[1e-10]]), 0.5)
+    assert (told.kind, told.where, told.gain) == ("step_in_time", "base", 0.5)
+    assert "0.10 ± 0.01 mm" in str(told)
+    assert not is_named(term)
+    assert is_fault(term)
+
+
+def test_faults_do_not_make_it_harder_to_name_an_effect():
+    effects = [BaseDrift("base", 0.0), BaseDrift("base", 1.0)]
+    assert effects_in([*effects, Shift("base")]) == effects_in(effects) == 2
