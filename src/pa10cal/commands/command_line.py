@@ -49,6 +49,7 @@ COMMANDS = (
     "transfer",
     "export",
     "figures",
+    "draw_trials",
     "blind_trials",
     "score_trials",
     "curve",
