@@ -19,6 +19,10 @@ def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) 
         settings: curve, link_m, links, roll, limits, gait.
         out_dir: folder for curve.json, angles.csv, points.csv, links.csv and shape.csv.
         points: points of the curve (.csv): x_m,y_m,z_m or x_mm,y_mm,z_mm.
+
+    Examples:
+        pa10cal curve --settings '{"curve": {"shape": "serpenoid", "length_m": 2}, "links": 20}' \\
+          --out-dir serpenoid
     """
     from pa10cal.curve.from_options import curve_through, gait_of, shape_of
     from pa10cal.curve.records import curve_record, summary

@@ -28,6 +28,9 @@ def draw_trials(
         benches: arms under instruments such as ur10-pose, or pa10-touched, with commas between
             them; all of them where none are given.
         only: one disturbance or effect; all in turn where none is given.
+
+    Examples:
+        pa10cal draw_trials --kind fault --count 3 --random-seed 1 --raw wild --truths truths
     """
     from typing import cast
 
