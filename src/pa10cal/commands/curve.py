@@ -21,8 +21,8 @@ def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) 
         points: points of the curve (.csv): x_m,y_m,z_m or x_mm,y_mm,z_mm.
 
     Examples:
-        pa10cal curve --settings '{"curve": {"shape": "serpenoid", "length_m": 2}, "links": 20}' \\
-          --out-dir serpenoid
+        pa10cal curve --out-dir helix --settings '{"curve": {"shape": "helix", "radius_m": 0.2, \\
+          "pitch_m": 0.4, "turns": 1.5}, "link_m": 0.1}'
     """
     from pa10cal.curve.from_options import curve_through, gait_of, shape_of
     from pa10cal.curve.records import curve_record, summary
