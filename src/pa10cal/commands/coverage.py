@@ -22,9 +22,6 @@ def coverage(
         table: the same in brief, to write (.csv).
         settings: section coverage.
         calibration: section calibration.
-
-    Examples:
-        pa10cal coverage --out coverage.json --table coverage.csv
     """
     from functools import partial
 

@@ -23,12 +23,15 @@ Index = NDArray[np.intp]
 READINGS_A_CELL = 4
 
 
-def gather(readings: Observations, cov: Array) -> tuple[Observations, Array]:
+def gather(
+    readings: Observations, cov: Array, most: int = READINGS_A_CELL
+) -> tuple[Observations, Array]:
     """Average readings into cells, ordered by pose, load, direction and time.
 
     Args:
         readings: P single readings.
         cov: (P, b, b) covariances of their components.
+        most: readings a cell.
 
     Returns:
         The C cells, and the covariances (C, b, b) of their means.
@@ -38,7 +41,7 @@ def gather(readings: Observations, cov: Array) -> tuple[Observations, Array]:
     stretch = np.empty(len(order), dtype=np.intp)
     start = 0
     for size in np.bincount(circumstances):
-        blocks = -(-size // READINGS_A_CELL)
+        blocks = -(-size // most)
         stretch[order[start : start + size]] = np.arange(size) * blocks // size
         start += size
     code = circumstances * (stretch.max() + 1) + stretch

@@ -20,12 +20,16 @@ from pa10cal.discovery.evidence.lack_of_fit import channel_tests, evidence_lack_
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, search
 from pa10cal.discovery.family import effects_in, is_fault, sought
+from pa10cal.discovery.faults import Fault
 from pa10cal.discovery.gap import Gap, Named, gap
+from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, wandering
 from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
 from pa10cal.discovery.next_poses.contest import Pair
 from pa10cal.discovery.next_poses.separate import plan
-from pa10cal.discovery.preparation import Prepared, complete_about
-from pa10cal.discovery.verdict import Finding, Plan, Verdict, reported
+from pa10cal.discovery.preparation import Prepared, complete, complete_about, context_of
+from pa10cal.discovery.verdict import Finding, Plan, Unexplained, Verdict, reported
+from pa10cal.discovery.weights import unweighted
+from pa10cal.discovery.with_effects import with_base_term
 from pa10cal.errors import DiscoveryError
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
@@ -35,6 +39,7 @@ Array = NDArray[np.float64]
 
 #: Pairs for which configurations are chosen, the found ones first.
 _MOST_PAIRS = 8
+_ROUNDS_OF_TIME = 2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -162,10 +167,7 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
     baseline = campaign.baseline
     check_torques(baseline.model, campaign.readings)
     readings = campaign.trusted
-    problem = prepare(
-        readings, baseline, campaign.setup, torques_logged=campaign.torques == "logged"
-    )
-    start = fit(problem, (), (), (0.0, 0.0))
+    problem, start = _with_time(readings, campaign)
     family, refused = testable(problem, start, sought(problem.context, baseline.model.terms))
     judgement = judge(search(problem, family, error_rate, start))
     problem = judgement.found.problem
@@ -177,7 +179,7 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
         error_rate=error_rate,
         candidates=effects_in(family),
         findings=judgement.findings,
-        unexplained=judgement.unexplained,
+        unexplained=(*judgement.unexplained, *_wandering(problem)),
         not_testable=tuple(each for each in refused if not is_fault(each.effect)),
         indistinguishable=_groups(judgement.found),
         extended=extended,
@@ -185,11 +187,82 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
         train=compare(problem, extended, average_repeats(readings)),
         holdout=None if held_out is None else compare(problem, extended, held_out),
         steps=judgement.found.steps,
+        faults_of_rows=_steps_in_time(problem, extended),
         problem=problem,
         start=start,
         family=family,
         judgement=judgement,
     )
+
+
+def _with_time(readings: Observations, campaign: Prepared) -> tuple[Problem, Fit]:
+    """Return the problem and its fit with what the readings show of time, where they do.
+
+    The noise is that of repeats without what moved between them, which shows in the second round.
+
+    Raises:
+        DiscoveryError: when too little is repeated.
+    """
+    problem = _weighed(readings, campaign)
+    start = fit(problem, (), (), (0.0, 0.0))
+    every = sought(problem.context, problem.baseline.model.terms)
+    for _ in range(_ROUNDS_OF_TIME):
+        found = in_time_of(
+            start.at,
+            problem.readings,
+            np.linalg.inv(np.linalg.cholesky(problem.noise.cov)),
+            every,
+            logged=problem.torques_logged,
+            weights=problem.torque is not None,
+        )
+        if found.wander is None and not found.drifts:
+            break
+        problem = prepare(
+            problem.readings,
+            problem.baseline,
+            problem.setup,
+            torques_logged=problem.torques_logged,
+            in_time=found,
+        )
+        start = fit(problem, (), (), (0.0, 0.0))
+        if found.wander is None:
+            break
+    return problem, start
+
+
+def _weighed(readings: Observations, campaign: Prepared) -> Problem:
+    """Return the problem; where repeats show no noise for what moved between them, without that.
+
+    Raises:
+        DiscoveryError: when repeats show no noise.
+    """
+    baseline, setup, logged = campaign.baseline, campaign.setup, campaign.torques == "logged"
+    try:
+        return prepare(readings, baseline, setup, torques_logged=logged)
+    except DiscoveryError:
+        poses = complete(readings, baseline, setup)
+        x = np.concatenate([baseline.x, np.zeros(6)])
+        found = in_time_of(
+            replace(baseline, model=with_base_term(baseline), x=x),
+            poses,
+            unweighted(poses.measured).whitener,
+            sought(context_of(poses, baseline, setup), baseline.model.terms),
+            logged=logged,
+            weights=setup.payload is not None,
+        )
+        if found.wander is None:
+            raise
+        return prepare(readings, baseline, setup, torques_logged=logged, in_time=found)
+
+
+def _wandering(problem: Problem) -> tuple[Unexplained, ...]:
+    wander = problem.in_time.wander
+    return () if wander is None else wandering(wander, floor_mm(problem))
+
+
+def _steps_in_time(problem: Problem, found: Fit) -> tuple[Fault, ...]:
+    wander = problem.in_time.wander
+    return () if wander is None else steps_in_time(wander, found.at, problem.readings)
 
 
 def compare(problem: Problem, extended: Fit, poses: Observations) -> Gap:

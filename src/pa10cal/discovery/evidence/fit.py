@@ -112,7 +112,8 @@ def apparatus_m(problem: Problem, found: Fit) -> Array:
     left = scale * problem.pose.rows(pose_rows(problem, found.at)[:, :, :1])
     information = common.T @ common + np.eye(common.shape[1])
     units = np.linalg.solve(information, common.T @ left)[:, 0]
-    return np.asarray(-u_m * units, dtype=np.float64)
+    stated = problem.cells.measured.by_stated_targets.shape[2]  # what else is common follows
+    return np.asarray(-u_m * units[:stated], dtype=np.float64)
 
 
 def _start(problem: Problem, effects: tuple[Effect, ...], start: Fit | None, shape: int) -> Array:

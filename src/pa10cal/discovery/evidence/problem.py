@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.statics import Payload, Statics
-from pa10cal.discovery.evidence.cells import gather, shared_error
+from pa10cal.discovery.evidence.cells import READINGS_A_CELL, gather, shared_error
 from pa10cal.discovery.evidence.noise_model import NoiseModel
+from pa10cal.discovery.in_time.wander import STILL, InTime
 from pa10cal.discovery.linear import by_every_joint, residual
-from pa10cal.discovery.noise import Noise, noise_of_repeats
+from pa10cal.discovery.noise import Noise, noise_of_repeats, same_circumstances
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import (
     MeasurementSetup,
@@ -43,6 +44,7 @@ class Problem:
         torque_left_Nm: (C, n) logged torques less those of all weights (zero where not known).
         context: where effects may sit.
         torques_logged: whether the torques are those of a log, and scatter.
+        in_time: how base or instrument move in the course of time.
     """
 
     baseline: FittedModel
@@ -56,6 +58,7 @@ class Problem:
     torque_left_Nm: Array
     context: CandidateContext
     torques_logged: bool
+    in_time: InTime = STILL
 
 
 def prepare(
@@ -65,6 +68,7 @@ def prepare(
     about: FittedModel | None = None,
     *,
     torques_logged: bool = True,
+    in_time: InTime = STILL,
 ) -> Problem:
     """Make a campaign ready.
 
@@ -75,20 +79,30 @@ def prepare(
         about: a better model, about which noise and weights are computed; its effects may need
             what the readings carry. None for the baseline.
         torques_logged: whether the torques are those of a log, and not of described masses.
+        in_time: how base or instrument move in the course of time, which is no noise.
 
     Raises:
         DiscoveryError: when too little is repeated.
     """
     about = baseline if about is None else about
     readings = complete_about(readings, baseline, about, setup)
-    noise = noise_of_repeats(readings, -residual(about, readings), by_every_joint(about, readings))
-    cells, cell_cov = gather(readings, noise.cov)
+    left = -residual(about, readings)
+    if in_time.wander is not None:
+        left = left - in_time.wander.shift(baseline, readings)
+    noise = noise_of_repeats(readings, left, by_every_joint(about, readings))
+    cells, cell_cov = gather(readings, noise.cov, _readings_a_cell(readings, in_time))
     cells = complete_about(cells, baseline, about, setup)
     # A log that never scatters was calculated, and tells nothing of the joints.
     scatters = bool(np.any(noise.torque_Nm > 0.0))
     logged = torques_logged and scatters and bool(np.all(np.isfinite(cells.states.tau_Nm)))
     pose, torque, of_weights_Nm = noise_models(
-        cells, cell_cov, about, setup, noise.torque_Nm if logged else None, cells.states.load_N
+        cells,
+        cell_cov,
+        about,
+        setup,
+        noise.torque_Nm if logged else None,
+        cells.states.load_N,
+        in_time,
     )
     return Problem(
         baseline,
@@ -102,7 +116,16 @@ def prepare(
         np.zeros_like(of_weights_Nm) if torque is None else cells.states.tau_Nm - of_weights_Nm,
         context_of(cells, baseline, setup),
         logged,
+        in_time,
     )
+
+
+def _readings_a_cell(readings: Observations, in_time: InTime) -> int:
+    """Return how many readings a cell may average: one alone, where time shows between them."""
+    jumps = in_time.wander is not None and in_time.wander.jumps
+    moves = in_time.drifts or in_time.wander is not None
+    few = np.bincount(same_circumstances(readings)).max() <= READINGS_A_CELL
+    return 1 if jumps or (moves and few) else READINGS_A_CELL
 
 
 def noise_models(
@@ -112,6 +135,7 @@ def noise_models(
     setup: MeasurementSetup,
     torque_u_Nm: Array | None,
     load_N: Array,
+    in_time: InTime = STILL,
 ) -> tuple[NoiseModel, NoiseModel | None, Array]:
     """Return how rows of poses and of torques are weighed, and the torques of all weights (C, n).
 
@@ -122,16 +146,16 @@ def noise_models(
         setup: what is known besides the poses.
         torque_u_Nm: (n,) noise of one reading's torques; None where they are not weighed.
         load_N: loads of the campaign, each of which has an error of its own.
+        in_time: how base or instrument move in the course of time.
 
     Returns:
         The two, that of torques None where these or the masses are not known.
     """
     shared = shared_error(cells)
-    pose = NoiseModel.of(
-        np.linalg.inv(np.linalg.cholesky(cell_cov)),
-        shared,
-        setup.apparatus_m * cells.measured.by_stated_targets,
-    )
+    common = setup.apparatus_m * cells.measured.by_stated_targets
+    if in_time.wander is not None:
+        common = np.concatenate([common, in_time.wander.columns(about, cells)], axis=2)
+    pose = NoiseModel.of(np.linalg.inv(np.linalg.cholesky(cell_cov)), shared, common)
     if setup.payload is None or torque_u_Nm is None:
         return pose, None, np.zeros_like(cells.states.q_rad)
     weights = static_loads(cells.states, about, setup.payload)

@@ -152,6 +152,7 @@ def refit(
         problem.setup,
         first.at,
         torques_logged=problem.torques_logged,
+        in_time=problem.in_time,
     )
     return problem, fit(problem, effects, sizes, variances, first)
 

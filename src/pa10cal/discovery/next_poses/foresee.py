@@ -76,7 +76,13 @@ def _weighed(problem: Problem, poses: Observations, cov: Array) -> Problem:
     """Return the problem of other poses, whose means have given covariances."""
     torque_u_Nm = None if problem.torque is None else problem.noise.torque_Nm
     pose, torque, _ = noise_models(
-        poses, cov, problem.baseline, problem.setup, torque_u_Nm, problem.cells.states.load_N
+        poses,
+        cov,
+        problem.baseline,
+        problem.setup,
+        torque_u_Nm,
+        problem.cells.states.load_N,
+        problem.in_time,
     )
     return replace(
         problem,

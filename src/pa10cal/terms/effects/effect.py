@@ -67,6 +67,8 @@ class Effect(ABC):
     generic: ClassVar[bool] = False
     #: Whether its linear parameters cannot be negative, as of a stiffness or a Coulomb torque.
     positive: ClassVar[bool] = False
+    #: Whether it goes with time or temperature.
+    goes_with_time: ClassVar[bool] = False
 
     @classmethod
     @abstractmethod

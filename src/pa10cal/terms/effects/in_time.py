@@ -28,6 +28,7 @@ class BaseDrift(NamedEffect):
 
     start_s: float
     id: ClassVar[str] = "base_drift"
+    goes_with_time: ClassVar[bool] = True
 
     @property
     def formula(self) -> str:
@@ -70,6 +71,7 @@ class ThermalGrowth(NamedEffect):
     lengths_m: tuple[float, ...]
     reference_temperature_C: float
     id: ClassVar[str] = "thermal_growth"
+    goes_with_time: ClassVar[bool] = True
 
     @property
     def formula(self) -> str:

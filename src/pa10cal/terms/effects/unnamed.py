@@ -279,6 +279,7 @@ class DriftMap(NamedEffect):
 
     span_s: tuple[float, float]
     id: ClassVar[str] = "drift_map"
+    goes_with_time: ClassVar[bool] = True
     generic: ClassVar[bool] = True
     degrees: ClassVar[int] = 3
 

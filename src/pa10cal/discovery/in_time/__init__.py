@@ -1,0 +1,1 @@
+"""Time as a channel of its own: what moved between readings while a campaign lasted."""

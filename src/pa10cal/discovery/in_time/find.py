@@ -1,0 +1,310 @@
+"""How the instrument or the base moves in the course of a campaign: jumps, and a slow wander.
+
+Readings of one pose at different times differ by noise and by what moved in between, whatever the
+model of the arm lacks. All single readings are compared by evidence: Gaussian parameters are
+integrated out, among them the model's own, every effect of the vocabulary, and an error that the
+readings of a pose share. A jump is six motions of the base times a unit step, its time scanned; a
+wander is a random walk of the base in its first waves (Karhunen and Loève), of a size chosen.
+Where the data prefer neither, nothing of the search changes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.discovery.in_time.wander import (
+    WAVES,
+    InTime,
+    Jump,
+    Wander,
+    by_base,
+    courses_at,
+    motions_along,
+    sizes_of_six,
+    wave_sizes,
+)
+from pa10cal.discovery.linear import error_mm, position_noise, residual
+from pa10cal.discovery.noise import same_circumstances
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.observations import Observations
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: Root mean square of the walk, and standard deviation of a jump, that are tried [m].
+_WALKS_M = np.geomspace(3e-6, 3e-3, 9)
+_JUMPS_M = (3e-5, 3e-4, 3e-3)
+#: Turns expected with a shift, or none [rad/m].
+_TURNS = (0.0, 1.0)
+#: Variances of the error that readings of a pose share, in those of one reading.
+_SHARED = (0.0, *np.geomspace(0.1, 1e4, 7))
+#: Probability allowed of seeing a motion where there is none.
+_FALSE_RATE = 1e-3
+#: Jumps that may be found, readings that there must be on either side, and times first scanned.
+_MOST_JUMPS = 4
+_LEAST_SIDE = 4
+_COARSE = 40
+#: A motion counts from this part of the noise of one reading on, root mean squares.
+_LEAST_PART = 0.5
+#: Log evidence from which a drift shows between the readings of a pose.
+_DRIFTS = 5.0
+
+
+def find_in_time(
+    at: FittedModel, poses: Observations, whitener: Array, static: Array, in_time: Array
+) -> InTime:
+    """Find how the base moves in the course of time.
+
+    Args:
+        at: the model, with a term of its own for the base.
+        poses: P single readings, complete.
+        whitener: (P, b, b) makes the noise of a reading independent and of unit size.
+        static: (P, b, s) columns of all that does not go with time, at its possible size.
+        in_time: (P, b, t) columns of effects of time, at their possible size.
+    """
+    left = -residual(at, poses)
+    rows = _Rows(at, poses, whitener, np.concatenate([static, in_time], axis=2), left)
+    times_s = rows.times_s
+    plain = rows.evidence((), 0.0, 0.0)
+    jumps: tuple[Jump, ...] = ()
+    walk, best = (0.0, 0.0), plain
+    needed_jump = float(np.log(len(times_s) * len(_JUMPS_M) * len(_TURNS) / _FALSE_RATE))
+    needed_walk = float(np.log(len(_WALKS_M) * len(_TURNS) / _FALSE_RATE))
+    while len(jumps) < _MOST_JUMPS:
+        tried: list[tuple[float, tuple[Jump, ...], tuple[float, float], float]] = []
+        if not walk[0]:
+            value, found = rows.best_walk(jumps)
+            tried.append((value, jumps, found, value - best - needed_walk))
+        value, more = rows.best_jump(jumps, walk)
+        if more is not None:
+            tried.append((value, (*jumps, more), walk, value - best - needed_jump))
+        tried = [each for each in tried if each[3] > 0.0]
+        if not tried:
+            break
+        best, jumps, walk, _ = max(tried, key=lambda each: each[3])
+    for jump in jumps:  # a first jump may have stood for a walk
+        less = tuple(each for each in jumps if each != jump)
+        value, without = rows.best_walk(less)
+        if best - value < needed_jump - needed_walk:
+            best, jumps, walk = value, less, without
+    drifts = rows.loses(jumps, walk, in_time) > _DRIFTS if in_time.shape[2] else False
+    if not jumps and not walk[0]:
+        return InTime(None, drifts)
+    wander = Wander(times_s, jumps, *walk)
+    amounts = rows.amounts(wander)
+    along = motions_along(rows.motions, wander.courses(poses.states.time_s))
+    shift = along * (wander.sizes * amounts)
+    of_walk = shift[:, :, 6 * len(jumps) :].sum(axis=2)
+    rms = [
+        float(np.sqrt(np.mean(error_mm(poses.measured, part) ** 2)))
+        for part in (shift.sum(axis=2), of_walk)
+    ]
+    cov = np.asarray(np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener), dtype=np.float64)
+    position = np.trace(position_noise(poses.measured, cov), axis1=1, axis2=2)
+    noise_mm = 1e3 * float(np.sqrt(np.median(position))) * rows.scale(wander)
+    if rms[0] < _LEAST_PART * noise_mm:
+        return InTime(None, drifts)
+    return InTime(Wander(times_s, jumps, *walk, amounts, (rms[0], rms[1])), drifts)
+
+
+class _Rows:
+    """Whitened rows of single readings, and the evidence of motions in time."""
+
+    def __init__(
+        self, at: FittedModel, poses: Observations, whitener: Array, held: Array, left: Array
+    ) -> None:
+        self.time_s = poses.states.time_s
+        self.times_s = np.sort(self.time_s)
+        self.motions = by_base(at, poses)
+        self._white = whitener @ self.motions
+        seen = poses.measured.components_seen
+        self._seen = int(seen.sum())
+        group = same_circumstances(poses)
+        count = np.bincount(group)
+        self._group, self._count = group, count
+        self._shared = _SHARED if count.max() > 1 else (0.0,)
+        self._components = self._seen / len(seen)
+        self._held, self._data = whitener @ held, whitener @ left[:, :, None]
+        self._walk = self._at(courses_at(self.times_s, self.time_s, [], walk=True))
+        self._cache: dict[tuple[float, ...], list[tuple[Array, float]]] = {}
+
+    def evidence(self, jumps: tuple[Jump, ...], walk_m: float, turn: float) -> float:
+        """Return the log evidence of jumps and a walk, the shared error chosen."""
+        return self._evidence(self._reduced(jumps), jumps, walk_m, turn)[0]
+
+    def best_walk(self, jumps: tuple[Jump, ...]) -> tuple[float, tuple[float, float]]:
+        """Return the greatest log evidence with a walk, and its size and turn."""
+        reduced = self._reduced(jumps)
+        return max(
+            (self._evidence(reduced, jumps, float(size), turn)[0], (float(size), turn))
+            for size in _WALKS_M
+            for turn in _TURNS
+        )
+
+    def best_jump(
+        self, jumps: tuple[Jump, ...], walk: tuple[float, float]
+    ) -> tuple[float, Jump | None]:
+        """Return the greatest log evidence with one more jump, and that jump."""
+        times_s = self.times_s
+        apart = np.flatnonzero(np.diff(times_s) > 0.0)
+        apart = apart[(apart >= _LEAST_SIDE - 1) & (apart < len(times_s) - _LEAST_SIDE)]
+        taken = {(jump.before_s, jump.after_s) for jump in jumps}
+        best: tuple[float, Jump | None] = (-np.inf, None)
+        places = np.unique(np.linspace(0, len(apart) - 1, _COARSE).round().astype(int))
+        for _ in range(2):
+            tried = [
+                Jump(float(times_s[apart[k]]), float(times_s[apart[k] + 1]), 0.0, 0.0)
+                for k in places
+                if len(apart)
+            ]
+            tried = [jump for jump in tried if (jump.before_s, jump.after_s) not in taken]
+            if not tried:
+                break
+            value, k, size, turn = self._scan(tried, jumps, walk)
+            found = Jump(tried[k].before_s, tried[k].after_s, size, turn)
+            if value > best[0]:
+                best = value, found
+            assert best[1] is not None
+            middle = int(np.searchsorted(times_s[apart], best[1].before_s))
+            wide = -(-len(apart) // _COARSE)
+            places = np.arange(max(middle - wide, 0), min(middle + wide + 1, len(apart)))
+        return best
+
+    def amounts(self, wander: Wander) -> Array:
+        """Return the most likely amounts of all courses, in their sizes."""
+        reduced = self._reduced(wander.jumps)
+        _, products, _ = self._evidence(reduced, wander.jumps, wander.walk_m, wander.walk_turn)
+        sizes, at = self._columns(wander.jumps, wander.walk_m, wander.walk_turn)
+        gram = products[np.ix_(at, at)] * np.outer(sizes, sizes)
+        found: Array = np.linalg.solve(np.eye(len(at)) + gram, products[at, -1] * sizes)
+        return found
+
+    def scale(self, wander: Wander) -> float:
+        """Return the noise that is left, in the noise by which rows are whitened."""
+        reduced = self._reduced(wander.jumps)
+        return self._evidence(reduced, wander.jumps, wander.walk_m, wander.walk_turn)[2]
+
+    def loses(self, jumps: tuple[Jump, ...], walk: tuple[float, float], in_time: Array) -> float:
+        """Return the log evidence that is lost without the effects of time, the last held."""
+        whole = self.evidence(jumps, *walk)
+        held, cache = self._held, self._cache
+        self._held, self._cache = held[:, :, : -in_time.shape[2]], {}
+        without = self.evidence(jumps, *walk)
+        self._held, self._cache = held, cache
+        return whole - without
+
+    def _scan(
+        self, tried: list[Jump], jumps: tuple[Jump, ...], walk: tuple[float, float]
+    ) -> tuple[float, int, float, float]:
+        """Return the greatest log evidence of one more jump, which, its size and its turn."""
+        reduced = self._reduce((*jumps, *tried))
+        sizes, at = self._columns(jumps, *walk, more=len(tried))
+        first, best = 6 * len(jumps), (-np.inf, 0, 0.0, 0.0)
+        for products, constant in reduced:
+            taken, determinant = _without(products, at, sizes)
+            for k in range(len(tried)):
+                own = np.arange(first + 6 * k, first + 6 * k + 6)
+                inner, across = taken[np.ix_(own, own)], taken[own, -1]
+                for size in _JUMPS_M:
+                    for turn in _TURNS:
+                        six = sizes_of_six(size, turn)
+                        factor = np.linalg.cholesky(np.eye(6) + inner * np.outer(six, six))
+                        explained = np.linalg.solve(factor, across * six)
+                        squares = taken[-1, -1] - explained @ explained
+                        more = determinant + 2.0 * float(np.log(np.diag(factor)).sum())
+                        value = self._log(squares, more + constant)
+                        best = max(best, (value, k, size, turn))
+        return best
+
+    def _evidence(
+        self,
+        reduced: list[tuple[Array, float]],
+        jumps: tuple[Jump, ...],
+        walk_m: float,
+        turn: float,
+    ) -> tuple[float, Array, float]:
+        """Return the log evidence at the best shared error, its products and scale of noise."""
+        sizes, at = self._columns(jumps, walk_m, turn)
+        best: tuple[float, Array, float] = (-np.inf, np.zeros((0, 0)), 1.0)
+        for products, constant in reduced:
+            taken, determinant = _without(products, at, sizes)
+            value = self._log(taken[-1, -1], determinant + constant)
+            if value > best[0]:
+                best = value, products, float(np.sqrt(taken[-1, -1] / self._seen))
+        return best
+
+    def _log(self, squares: float, determinant: float) -> float:
+        return float(-0.5 * self._seen * np.log(squares) - 0.5 * determinant)
+
+    def _columns(
+        self, jumps: tuple[Jump, ...], walk_m: float, turn: float, more: int = 0
+    ) -> tuple[Array, Index]:
+        """Return sizes and places of the columns of jumps and walk among the products."""
+        parts = [sizes_of_six(jump.size_m, jump.turn) for jump in jumps]
+        at = np.arange(6 * len(jumps))
+        if walk_m:
+            parts += [sizes_of_six(size, turn) for size in wave_sizes(walk_m)]
+            first = 6 * (len(jumps) + more)
+            at = np.concatenate([at, np.arange(first, first + 6 * WAVES)])
+        return np.concatenate([np.zeros(0), *parts]), at
+
+    def _reduced(self, jumps: tuple[Jump, ...]) -> list[tuple[Array, float]]:
+        key = tuple(jump.time_s for jump in jumps)
+        if key not in self._cache:
+            self._cache[key] = self._reduce(jumps)
+        return self._cache[key]
+
+    def _reduce(self, jumps: tuple[Jump, ...]) -> list[tuple[Array, float]]:
+        """Return products of jumps, walk and data, all held integrated out, at each shared error.
+
+        With each, the logarithm of the determinant of what was integrated out and of the noise.
+        """
+        steps = self._at(
+            courses_at(self.times_s, self.time_s, [jump.time_s for jump in jumps], walk=False)
+        )
+        rows = np.concatenate([self._held, steps, self._walk, self._data], axis=2)
+        held = self._held.shape[2]
+        flat = rows.reshape(-1, rows.shape[2])
+        total = flat.T @ flat
+        sums = np.zeros((len(self._count), *rows.shape[1:]))
+        np.add.at(sums, self._group, rows)
+        means: dict[int, Array] = {}
+        for m in np.unique(self._count):
+            if m > 1:
+                part = sums[self._count == m].reshape(-1, rows.shape[2]) / np.sqrt(m)
+                means[int(m)] = part.T @ part
+        found = []
+        for variance in self._shared:
+            products, determinant = total, 0.0
+            for m, between in means.items():
+                products = products - (1.0 - 1.0 / (1.0 + m * variance)) * between
+                many = int(np.sum(self._count == m))
+                determinant += self._components * many * float(np.log1p(m * variance))
+            if variance:  # of poses read once
+                alone = self._group[:, None] == np.flatnonzero(self._count == 1)
+                own = flat.reshape(rows.shape)[alone.any(axis=1)].reshape(-1, rows.shape[2])
+                products = products - (1.0 - 1.0 / (1.0 + variance)) * own.T @ own
+                determinant += self._components * alone.sum() * float(np.log1p(variance))
+            reduced, more = _integrated_out(products, held)
+            found.append((reduced, determinant + more))
+        return found
+
+    def _at(self, courses: Array) -> Array:
+        return motions_along(self._white, courses)
+
+
+def _integrated_out(products: Array, held: int) -> tuple[Array, float]:
+    """Return the products of the columns past the first `held`, those integrated out."""
+    factor = np.linalg.cholesky(products[:held, :held] + np.eye(held))
+    across = np.linalg.solve(factor, products[:held, held:])
+    left: Array = products[held:, held:] - across.T @ across
+    return left, 2.0 * float(np.log(np.diag(factor)).sum())
+
+
+def _without(products: Array, at: Index, sizes: Array) -> tuple[Array, float]:
+    """Return the products with some columns of given sizes integrated out, all in place."""
+    factor = np.linalg.cholesky(np.eye(len(at)) + products[np.ix_(at, at)] * np.outer(sizes, sizes))
+    across = np.linalg.solve(factor, products[at] * sizes[:, None])
+    left: Array = products - across.T @ across
+    return left, 2.0 * float(np.log(np.diag(factor)).sum())

@@ -1,0 +1,144 @@
+"""Motion of the instrument or the base in the course of time: jumps, and a slow wander.
+
+A jump is six motions of the base times a unit step. A wander is a random walk of the base in its
+first waves (Karhunen and Loève). Gaussian sizes are expected of both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.discovery.linear import by_terms
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.observations import Observations
+from pa10cal.terms.offsets import base_frame
+
+Array = NDArray[np.float64]
+
+#: Waves of a random walk over the campaign: beyond them 4 % of its variance is left.
+WAVES = 16
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A sudden motion of the base against the instrument.
+
+    Attributes:
+        before_s, after_s: times of the readings between which it happened.
+        size_m: standard deviation expected of its shift.
+        turn: expected turn a shift [rad/m].
+    """
+
+    before_s: float
+    after_s: float
+    size_m: float
+    turn: float
+
+    @property
+    def time_s(self) -> float:
+        """Return the middle of the two times."""
+        return 0.5 * (self.before_s + self.after_s)
+
+
+@dataclass(frozen=True, eq=False)
+class Wander:
+    """Motion of the base in the course of time, its mean over the readings zero.
+
+    Attributes:
+        times_s: (P,) times of the readings, in order; the walk goes with their number.
+        jumps: sudden motions, the most certain first.
+        walk_m: root mean square expected of the walk's shift; 0 without a walk.
+        walk_turn: its expected turn a shift [rad/m].
+        amounts: (6 c,) most likely motions for each course, in their expected sizes.
+        rms_mm: root mean square of the motion at the readings, and of the walk alone.
+    """
+
+    times_s: Array
+    jumps: tuple[Jump, ...]
+    walk_m: float = 0.0
+    walk_turn: float = 0.0
+    amounts: Array | None = None
+    rms_mm: tuple[float, float] = (0.0, 0.0)
+
+    def courses(self, time_s: Array) -> Array:
+        """Return the courses in time, (P, c): jumps, then waves of the walk."""
+        return courses_at(self.times_s, time_s, [j.time_s for j in self.jumps], self.walk_m > 0.0)
+
+    @property
+    def sizes(self) -> Array:
+        """Return the standard deviation expected of each motion of each course, (6 c,)."""
+        parts = [sizes_of_six(jump.size_m, jump.turn) for jump in self.jumps]
+        if self.walk_m:
+            parts += [sizes_of_six(size, self.walk_turn) for size in wave_sizes(self.walk_m)]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def columns(self, at: FittedModel, poses: Observations) -> Array:
+        """Return how measured less predicted components follow it, a unit each, (P, b, 6 c)."""
+        return motions_along(by_base(at, poses), self.courses(poses.states.time_s)) * self.sizes
+
+    def shift(self, at: FittedModel, poses: Observations) -> Array:
+        """Return by how much it moves the components of poses, (P, b)."""
+        assert self.amounts is not None
+        return self.columns(at, poses) @ self.amounts
+
+    def of_jump(self, number: int) -> Array:
+        """Return the six motions (6,) of a jump [m, rad]."""
+        assert self.amounts is not None
+        here = slice(6 * number, 6 * number + 6)
+        return np.asarray((self.amounts * self.sizes)[here])
+
+
+@dataclass(frozen=True, eq=False)
+class InTime:
+    """What readings show of time.
+
+    Attributes:
+        wander: jumps and walk; None where the data prefer neither.
+        drifts: whether an effect of time shows beside them.
+    """
+
+    wander: Wander | None
+    drifts: bool
+
+
+STILL = InTime(None, drifts=False)
+
+
+def by_base(at: FittedModel, poses: Observations) -> Array:
+    """Return how measured less predicted components follow six motions of the base, (P, b, 6)."""
+    return by_terms(at, poses, [base_frame()], [np.zeros(6)])[0]
+
+
+def courses_at(times_s: Array, time_s: Array, jumps_s: list[float], walk: bool) -> Array:
+    """Return unit steps, then waves of a walk, at times (P,), their mean over `times_s` zero."""
+
+    def bare(at_s: Array) -> Array:
+        steps = [(at_s > jump_s).astype(float) for jump_s in jumps_s]
+        part = np.interp(at_s, times_s, np.linspace(0.0, 1.0, len(times_s)))
+        waves = np.arange(1, WAVES + 1) if walk else np.zeros(0)
+        return np.column_stack(
+            [np.zeros((len(at_s), 0)), *steps, np.sqrt(2.0) * np.cos(np.pi * np.outer(part, waves))]
+        )
+
+    return np.asarray(bare(time_s) - bare(times_s).mean(axis=0))
+
+
+def motions_along(by_motions: Array, courses: Array) -> Array:
+    """Return columns (P, b, 6 c) of six motions (P, b, 6) in each course (P, c)."""
+    both = courses[:, None, :, None] * by_motions[:, :, None, :]
+    found: Array = both.reshape(*by_motions.shape[:2], -1)
+    return found
+
+
+def wave_sizes(walk_m: float) -> Array:
+    """Return the standard deviations of the waves of a walk whose root mean square is given."""
+    found: Array = walk_m * np.sqrt(6.0) / (np.pi * np.arange(1, WAVES + 1))
+    return found
+
+
+def sizes_of_six(size_m: float, turn: float) -> Array:
+    """Return the sizes of six motions: three shifts, three turns."""
+    return np.array([size_m] * 3 + [size_m * turn] * 3)

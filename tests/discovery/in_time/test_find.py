@@ -1,0 +1,61 @@
+"""What moved between readings of a pose is found, and called by what it is."""
+
+import re
+
+import numpy as np
+import pytest
+
+from made_up_arm import TARGET_NOISE_M
+
+
+def moved(measured, by_m):
+    """Return the readings with the instrument shifted by (P, 3), of the readings' times."""
+    T = measured.readings.measured.T_instr_target.copy()
+    T[:, :3, 3] += by_m(measured.readings.states.time_s)
+    return measured.readings.with_measured(T_instr_target=T)
+
+
+def halfway(time_s, size_m):
+    """Return a shift along x at the middle reading, and the times on either side."""
+    order = np.sort(time_s)
+    middle = len(order) // 2
+    return np.outer(time_s >= order[middle], [size_m, 0.0, 0.0]), order[middle - 1 : middle + 1]
+
+
+@pytest.fixture(scope="module")
+def jumped(null):
+    return null.discovered(readings=moved(null, lambda s: halfway(s, 6 * TARGET_NOISE_M)[0]))
+
+
+def test_nothing_moves_where_nothing_moved(null):
+    assert null.discovery.problem.in_time.wander is None
+    assert null.discovery.faults == ()
+
+
+def test_a_jump_is_a_fault_of_the_log_with_its_time(null, jumped):
+    (fault,) = jumped.faults
+    times_s = halfway(null.readings.states.time_s, 1.0)[1]
+    assert jumped.verdict == "check_the_log"
+    assert jumped.effects == ()
+    assert fault.kind == "step_in_time"
+    assert all(f"at {time_s:g} s" in fault.where for time_s in times_s)
+    (size_mm,) = re.findall(r"moved by (\S+) mm", fault.what)
+    assert float(size_mm) == pytest.approx(6e3 * TARGET_NOISE_M, rel=0.15)
+
+
+def test_a_jump_is_no_noise(null, jumped):
+    assert jumped.noise_floor_mm == pytest.approx(null.discovery.noise_floor_mm, rel=0.1)
+
+
+def test_a_wander_is_unexplained(null):
+    steps = np.random.default_rng(3).standard_normal((len(null.readings), 3))
+    walk_m = TARGET_NOISE_M * np.cumsum(steps, axis=0)
+
+    def wandering(time_s):
+        return walk_m[np.argsort(np.argsort(time_s))]
+
+    found = null.discovered(readings=moved(null, wandering))
+    assert found.verdict == "unexplained"
+    assert found.faults == ()
+    assert found.effects == ()
+    assert any("wandered by" in each.why for each in found.unexplained)
