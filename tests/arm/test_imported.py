@@ -250,6 +250,21 @@ def test_bad_files_are_refused_with_their_place(old, new, message):
         imported(PLAIN.replace(old, new, 2 if "fixed" in new else 1))
 
 
+def test_xacro_in_a_comment_was_worked_out_already():
+    text = PLAIN.replace("<link", "<!-- was: <xacro:arm length='${h}'/> of $(find arm) --><link", 1)
+    assert imported(text).joints == ("j0", "j1")
+
+
+def test_a_joint_and_a_link_may_have_one_name():
+    text = PLAIN.replace('"j0"', '"l1"').replace('"j1"', '"l2"')
+    found = imported(text)
+    assert (found.joints, found.tip) == (("l1", "l2"), "l2")
+    q = np.array([[0.3, -0.4]])
+    np.testing.assert_array_equal(
+        Chain.of(found.arm).forward(q), Chain.of(imported(PLAIN).arm).forward(q)
+    )
+
+
 def test_a_sliding_joint_without_limits_is_refused():
     text = robot([("prismatic", (0, 0, 0), (0, 0, 0), (0, 0, 1))])
     with pytest.raises(ArmError, match=r"joint j0: a prismatic joint has no limits.*metres"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.cell.campaign import simulate_campaign
-from pa10cal.cell.effects.vocabulary import all_effects, outside, vocabulary
+from pa10cal.cell.effects.vocabulary import all_effects, nameless, outside, vocabulary
 from pa10cal.cell.tracker_trials import BENCHES, TRACKED_POSES, Bench, draw_tracker_trials
 from pa10cal.cell.trials import KINDS
 from pa10cal.errors import SettingsError
@@ -124,4 +124,4 @@ def test_refuses_benches_at_which_an_effect_does_nothing():
         draw_tracker_trials("single", len(vocabulary()), 1, only)
     with pytest.raises(SettingsError, match="unknown kind of trial"):
         draw_tracker_trials("double", 1, 1)
-    assert set(outside()) | set(vocabulary()) == set(all_effects())
+    assert set(nameless()) | set(vocabulary()) == set(all_effects())

@@ -1,6 +1,9 @@
 """What every command does with its arguments, refusals, faults and threads."""
 
+import functools
+import inspect
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +16,7 @@ from pa10cal.commands.command_line import (
     CLOSED,
     COMMANDS,
     FAULT,
+    GROUPS,
     INTERRUPTED,
     REFUSED,
     command_named,
@@ -203,6 +207,44 @@ def test_lists_the_commands(capsys):
     assert main(["--help"]) == 0
     shown = capsys.readouterr().out
     assert all(f"\n  {name} " in shown for name in COMMANDS)
+
+
+def test_commands_are_listed_by_whom_they_serve(capsys):
+    main(["--help"])
+    shown = capsys.readouterr().out
+    titles = [f"\n{title}:\n" for title in GROUPS]
+    assert sorted(titles, key=shown.index) == titles
+    assert shown.index("maintainers") < shown.index("\n  coverage ")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_gives_examples_that_it_understands(name):
+    examples = examples_of(name)
+    assert examples, f"the docstring of {name} has no section Examples"
+    seen = []
+
+    @functools.wraps(command_named(name))
+    def parsed(*_, **given):
+        seen.append(given)
+
+    for words in examples:
+        assert words[:2] == ["pa10cal", name]
+        assert run_command(name, words[2:], parsed) == 0
+    assert len(seen) == len(examples)
+
+
+def examples_of(name):
+    """Return the words of every example in a command's docstring."""
+    _, _, text = inspect.getdoc(command_named(name)).partition("\nExamples:\n")
+    lines = text.replace("\\\n", " ").splitlines()
+    return [shlex.split(line, comments=True) for line in lines if line.strip()]
+
+
+def test_an_option_that_was_mistyped_is_named(capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["effects", "--robt", "ur10"])
+    assert caught.value.code == REFUSED
+    assert "did you mean '--robot'?" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", [[], ["calibrat"], ["--colour"]])

@@ -117,7 +117,8 @@ class _Posed:
 
     def __init__(self, tree: UrdfTree, joints: list[str], base: str, tip: str) -> None:
         whole = pin.buildModelFromXML(_kinematics_text(tree))
-        held = [whole.getJointId(name) for name in whole.names[1:] if name not in joints]
+        kept = {_joint_name(name) for name in joints}
+        held = [whole.getJointId(name) for name in whole.names[1:] if name not in kept]
         self._model = pin.buildReducedModel(whole, held, pin.neutral(whole))
         self._data = self._model.createData()
         self._base, self._tip = self._model.getFrameId(base), self._model.getFrameId(tip)
@@ -178,7 +179,8 @@ def _kinematics_text(tree: UrdfTree) -> str:
             )
             ElementTree.SubElement(inertial, "inertia", moments)
     for joint in tree.joints:
-        element = ElementTree.SubElement(robot, "joint", name=joint.name, type=joint.kind)
+        name = _joint_name(joint.name)
+        element = ElementTree.SubElement(robot, "joint", name=name, type=joint.kind)
         ElementTree.SubElement(element, "origin", xyz=_words(joint.xyz), rpy=_words(joint.rpy))
         ElementTree.SubElement(element, "parent", link=joint.parent)
         ElementTree.SubElement(element, "child", link=joint.child)
@@ -186,6 +188,14 @@ def _kinematics_text(tree: UrdfTree) -> str:
         form = dict.fromkeys(("effort", "velocity", "upper"), "1") | {"lower": "-1"}
         ElementTree.SubElement(element, "limit", form)
     return ElementTree.tostring(robot, encoding="unicode")
+
+
+def _joint_name(name: str) -> str:
+    """Return a joint's name apart from those of links, of which one may be the same.
+
+    Pinocchio looks for both among its frames.
+    """
+    return f"joint {name}"
 
 
 def _words(values: tuple[float, ...]) -> str:

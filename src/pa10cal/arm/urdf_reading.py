@@ -38,7 +38,7 @@ def read_tree(text: str, where: str) -> UrdfTree:
             "<robot> as the outermost element",
             "check the file",
         )
-    if any("xacro" in element.tag for element in robot.iter()) or "${" in text:
+    if any(_is_macro(element) for element in robot.iter()):
         raise _refusal(
             "xacro macros are not expanded",
             where,
@@ -49,6 +49,15 @@ def read_tree(text: str, where: str) -> UrdfTree:
     links = tuple(_link(element, where) for element in robot.findall("link"))
     joints = tuple(_joint(element, where) for element in robot.findall("joint"))
     return UrdfTree(where, links, joints, _root(links, joints, where))
+
+
+def _is_macro(element: ElementTree.Element) -> bool:
+    """Return whether an element is of xacro, or has an expression that xacro would work out.
+
+    What stands in a comment was worked out already: the parser has dropped it.
+    """
+    written = (element.text or "", *element.attrib.values())
+    return "xacro" in element.tag or any("${" in each or "$(" in each for each in written)
 
 
 def _refusal(what: str, where: str, value: object, allowed: str, remedy: str) -> ArmError:

@@ -93,7 +93,7 @@ def rest_poses(
         q_next = drive - delta
         for effect in effects:
             if isinstance(effect, WindupEffect):
-                q_next = q_next - effect.deflection_rad(tau)
+                q_next = q_next - effect.deflection_rad(tau, q)
             elif isinstance(effect, LostMotionEffect):
                 q_next = q_next + effect.lost_rad(tau, arrived, rated_Nm)
         moved = max(moved, float(np.abs(q_next - q).max(initial=0.0)))

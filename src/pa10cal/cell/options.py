@@ -17,6 +17,7 @@ _OF_ANY_INSTRUMENT = (
     "temperature_drift_C",
     "mass_factor",
     "stated_uncertainty_mm",
+    "disturbances",
 )
 
 
@@ -25,6 +26,15 @@ class HiddenEffectOptions(Section):
 
     id: str = Field(description="of the vocabulary of effects, such as transmission_error")
     of: str = Field(description="where it sits: `joint 2`, `forearm`, `base`, ...")
+    parameters: dict[str, Any] = Field(
+        default_factory=dict, description="values of its parameters, by name"
+    )
+
+
+class DisturbanceOptions(Section):
+    """One change of the raw files before they are written: a stressor, or a fault of the log."""
+
+    id: str = Field(description="of docs/virtual-cell.md, such as jump or labels_exchanged")
     parameters: dict[str, Any] = Field(
         default_factory=dict, description="values of its parameters, by name"
     )
@@ -108,6 +118,17 @@ class TrackerOptions(Section):
     )
     repeat_every: NonNegativeInt = Field(
         0, description="one in so many calibration poses is measured once more; 0: none"
+    )
+    repeats: Annotated[int, Field(ge=1)] = Field(
+        1, description="how often every calibration pose is measured"
+    )
+    order: Literal["same", "there_and_back", "there_there_back_back", "shuffled"] = Field(
+        "same",
+        description="of the poses in each repeat: that of the first; every other one backwards; "
+        "the first half forwards and the others backwards; or drawn anew",
+    )
+    by_first_joint: bool = Field(
+        False, description="whether calibration poses go from the least angle of joint 1 upwards"
     )
     loads_N: Annotated[tuple[NonNegative, ...], Field(min_length=1)] = Field(
         (0.0,), description="external loads, pose by pose in turn"
@@ -217,6 +238,11 @@ class SimulateOptions(Section):
         description="what the campaign states of its instrument, right or wrong; the touches "
         "scatter by `noise` whatever it says; none: the paper's figure",
     )
+    disturbances: tuple[DisturbanceOptions, ...] = Field(
+        (),
+        description="entries {id, parameters}: what is changed in the raw files before they are "
+        "written, in this order",
+    )
     poses: CellPosesOptions = Field(CellPosesOptions(), description="where it measures")
     noise: CellNoiseOptions = Field(
         CellNoiseOptions(), description="what differs from reading to reading"
@@ -224,8 +250,8 @@ class SimulateOptions(Section):
     without_touches: TrackerOptions | None = Field(
         None,
         description="a campaign of any arm under another instrument; of the other keys only "
-        "random_seed, robot, hidden_effects, temperature_drift_C, mass_factor and "
-        "stated_uncertainty_mm then have a meaning",
+        "random_seed, robot, hidden_effects, temperature_drift_C, mass_factor, "
+        "stated_uncertainty_mm and disturbances then have a meaning",
     )
 
     @field_validator("without_touches")

@@ -82,24 +82,31 @@ def sweeps(poses: Poses, settings: SimulateOptions, rng: np.random.Generator) ->
     return Schedule(**{**joined, "start_s": start_s})
 
 
-def one_after_another(commands: Array, plan: TrackerOptions) -> Schedule:
+def one_after_another(commands: Array, plan: TrackerOptions, rng: np.random.Generator) -> Schedule:
     """Order the configurations of a tracker's campaign, each approached straight from the last.
 
-    Calibration poses come first, then those of them that are repeated, then the held-out ones. The
-    first configuration is approached from where the arm stands already.
+    Calibration poses come first, then their repeats, then the held-out ones. The first
+    configuration is approached from where the arm stands already.
 
     Args:
         commands: (P, n) commanded joint positions [rad, or m of a prismatic joint].
-        plan: share held out, repeats, loads, time a configuration takes.
+        plan: share held out, repeats and their order, loads, time a configuration takes.
+        rng: draws the order where it is drawn.
     """
     count = len(commands)
     holdout = round(plan.holdout_share * count)
     grid = count - holdout
+    if plan.by_first_joint:
+        first = np.argsort(commands[:grid, 0], kind="stable")
+        commands = np.concatenate([commands[first], commands[grid:]])
     every = plan.repeat_every
-    again = np.arange(every - 1, grid, every) if every else np.arange(0)
-    pose = np.concatenate([np.arange(grid), again, np.arange(grid, grid + holdout)])
-    repeat = np.ones(len(pose), dtype=np.int64)
-    repeat[grid : grid + len(again)] = 2
+    runs = [
+        np.arange(grid),
+        *(_run(grid, number, plan, rng) for number in range(1, plan.repeats)),
+        np.arange(every - 1, grid, every) if every else np.arange(0),
+    ]
+    pose = np.concatenate([*runs, np.arange(grid, grid + holdout)])
+    repeat = np.repeat(np.arange(1, len(runs) + 1), [len(run) for run in runs])
     labels = np.array(
         [f"P{number:03d}" for number in range(1, grid + 1)]
         + [f"H{number:03d}" for number in range(1, holdout + 1)]
@@ -109,11 +116,25 @@ def one_after_another(commands: Array, plan: TrackerOptions) -> Schedule:
         kind=np.where(pose < grid, "grid", "holdout"),
         pose=labels[pose],
         load_N=np.resize(plan.loads_N, count)[pose],
-        repeat=repeat,
+        repeat=np.concatenate([repeat, np.ones(holdout, dtype=np.int64)]),
         start_s=plan.seconds_a_pose * np.arange(len(pose), dtype=float),
         q=q,
         q_from=np.concatenate([q[:1], q[:-1]]),
     )
+
+
+def _run(
+    count: int, number: int, plan: TrackerOptions, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """Return the order of `count` poses in a repeat, numbered from 0."""
+    if plan.order == "shuffled":
+        return rng.permutation(count)
+    backwards = {
+        "same": False,
+        "there_and_back": number % 2 == 1,
+        "there_there_back_back": number >= (plan.repeats + 1) // 2,
+    }[plan.order]
+    return np.arange(count)[::-1] if backwards else np.arange(count)
 
 
 def _sweep(kind: str, letter: str, q: Array, load_N: float, repeats: int, path: str) -> Schedule:

@@ -120,7 +120,7 @@ def draw_tracker_trials(
         SettingsError: for a kind that does not exist.
     """
     refuse_unknown(kind)
-    known = [_Known.of(bench) for bench in benches]
+    known = [KnownBench.of(bench) for bench in benches]
     trials = []
     for number in range(count):
         rng = np.random.default_rng([random_seed, len(KINDS) + KINDS.index(kind), number])
@@ -132,7 +132,7 @@ def draw_tracker_trials(
 def _tracked(
     kind: TrialKind,
     number: int,
-    bench: _Known,
+    bench: KnownBench,
     known: dict[str, type[Effect]],
     size: float | None,
     rng: np.random.Generator,
@@ -158,24 +158,13 @@ def _tracked(
     }
     raw = {"random_seed": seed, "robot": asked.robot, "without_touches": plan}
     own = robot_of(robot.arm, parse_section(SimulateOptions, raw, where=f"trial {number}"))
-    x_m, y_m, z_m = own.T_instr_base[:3, 3].tolist()
     hidden: list[dict[str, Any]] = []
     sizes: list[float] = []
     while len(hidden) < MEMBERS.get(kind, 0):
         name = in_turn(number, known) if takes_turns(kind) else str(rng.choice(list(known)))
         effect = known[name]
         factor = effect.plausible_size if kind == "single" else log_uniform(OTHER_SIZES, rng)
-        of = str(rng.choice(bench.places(effect)))
-        joint = joint_of(of)
-        rated_Nm = float(np.nan_to_num(robot.arm.torque_limit_Nm[joint - 1])) if joint else 0.0
-        site = Site(
-            of,
-            rated_Nm=rated_Nm,
-            typical_Nm=float(bench.typical_Nm[joint - 1]) if joint else 0.0,
-            coulomb_Nm=COULOMB_PER_RATED * rated_Nm,
-            half_m=0.5 * robot.arm.reach_m,
-            middle_m=(x_m, y_m, z_m),
-        )
+        site = bench.site(str(rng.choice(bench.places(effect))), own)
         hide(hidden, sizes, effect, site, factor if size is None else size, rng)
         logs_torques = logs_torques or issubclass(effect, TorqueLogEffect)
     raw |= {
@@ -189,7 +178,7 @@ def _tracked(
 
 
 @dataclass(frozen=True)
-class _Known:
+class KnownBench:
     """What may be hidden at a bench.
 
     Attributes:
@@ -203,7 +192,8 @@ class _Known:
     typical_Nm: Array
 
     @classmethod
-    def of(cls, asked: Bench) -> _Known:
+    def of(cls, asked: Bench) -> KnownBench:
+        """Return what may be hidden at a bench."""
         arm = load_arm(asked.robot)
         plan = {"instrument": asked.instrument, "flexible_joints": asked.flexible_joints}
         settings = parse_section(
@@ -212,6 +202,25 @@ class _Known:
         robot = robot_of(arm, settings)
         q = np.random.default_rng(0).uniform(*joint_bounds(arm), (_TYPICAL_POSES, arm.n))
         return cls(asked, robot, robot.mechanism.statics(q, np.zeros(len(q))).torque_Nm.std(axis=0))
+
+    def site(self, of: str, own: Robot) -> Site:
+        """Return what the size of an effect at a place goes by.
+
+        Args:
+            of: the place.
+            own: the robot of the trial.
+        """
+        arm, joint = self.robot.arm, joint_of(of)
+        rated_Nm = float(np.nan_to_num(arm.torque_limit_Nm[joint - 1])) if joint else 0.0
+        x_m, y_m, z_m = own.T_instr_base[:3, 3].tolist()
+        return Site(
+            of,
+            rated_Nm=rated_Nm,
+            typical_Nm=float(self.typical_Nm[joint - 1]) if joint else 0.0,
+            coulomb_Nm=COULOMB_PER_RATED * rated_Nm,
+            half_m=0.5 * arm.reach_m,
+            middle_m=(x_m, y_m, z_m),
+        )
 
     def places(self, effect: type[Effect]) -> list[str]:
         """Return where an effect does something at this bench."""
@@ -227,8 +236,8 @@ class _Known:
 
 
 def _bench_in_turn(
-    kind: TrialKind, number: int, benches: Sequence[_Known]
-) -> tuple[_Known, dict[str, type[Effect]]]:
+    kind: TrialKind, number: int, benches: Sequence[KnownBench]
+) -> tuple[KnownBench, dict[str, type[Effect]]]:
     """Return the bench of a trial, and the effects that may be hidden there."""
     known = hideable(kind)
     if takes_turns(kind):

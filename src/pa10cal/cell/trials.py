@@ -66,14 +66,14 @@ class Trial:
         kind: `null`: nothing hidden; `single`, `pair`, `triple`: so many effects of the
             vocabulary; `outside`: one that has no name in it; `wrong_noise`, `wrong_mass`: nothing
             hidden, but the campaign states a wrong uncertainty, or a link has another mass than
-            the arm's description says.
+            the arm's description says; or a kind of `wild_trials`.
         bench: layout of the poses, or arm and instrument.
         settings: what the virtual cell is to do, with the hidden effects.
         sizes: one a hidden effect: factor of its usual size.
     """
 
     name: str
-    kind: TrialKind
+    kind: str
     bench: str
     settings: SimulateOptions
     sizes: tuple[float, ...]

@@ -14,14 +14,19 @@ import pandas as pd
 import yaml
 
 from pa10cal.cell.campaign import REFERENCE_TEMPERATURE_C, Campaign
+from pa10cal.cell.disturbances.disturbance import disturb
 from pa10cal.cell.mechanism import GRAVITY_M_S2
+from pa10cal.cell.raw_log import RawLog
 from pa10cal.cell.robot import Robot
 from pa10cal.errors import SimulationError
 from pa10cal.files.arm_text import arm_text
 from pa10cal.files.arms import arm_names
 from pa10cal.files.output import whole_file, write_text
 from pa10cal.results.codec import write
-from pa10cal.results.truth import TrueEffect, TrueParameter, TrueTool, TruthRecord
+from pa10cal.results.truth import TrueDisturbance, TrueEffect, TrueParameter, TrueTool, TruthRecord
+
+#: Where each disturbance of a campaign is: poses, joints, loads or keys.
+Places = tuple[tuple[str, ...], ...]
 
 CAMPAIGN_SCHEMA = "pa10cal-campaign/1"
 DESCRIPTION_FILE = "campaign.yaml"
@@ -32,7 +37,7 @@ PROVENANCE = (
 _UNITS = {"a_m": "m", "alpha_rad": "rad", "d_m": "m", "theta_rad": "rad", "beta_rad": "rad"}
 
 
-def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) -> None:
+def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) -> Places:
     """Write a campaign's folder and, where requested, its truth elsewhere.
 
     An arm that is not shipped is described in the folder. The campaign's description comes last,
@@ -43,24 +48,28 @@ def write_campaign(campaign: Campaign, folder: Path, truth: Path | None = None) 
         folder: the campaign's folder; files of a former campaign in it are replaced.
         truth: the file for what is hidden; None for none.
 
+    Returns:
+        Where each disturbance of the settings was put.
+
     Raises:
         SimulationError: when the truth would lie inside the folder, or when the folder holds
             anything that is not a campaign's.
     """
-    instrument = campaign.instrument
-    arm = campaign.truth.robot.arm
+    instrument, settings = campaign.instrument, campaign.settings
+    log = RawLog.of(campaign_description(campaign), campaign.tables, campaign.truth.robot.arm)
+    places = disturb(log, settings.disturbances, settings.random_seed)
+    arm = log.arm
     described = {} if arm.name in arm_names() else {f"{arm.name}.yaml": arm_text(arm)}
     _claim_folder(folder, truth, [*instrument.files.values(), *described])
     if truth is not None:
-        write(truth_record(campaign), truth)
+        write(truth_record(campaign, places), truth)
     for key, name in instrument.files.items():
-        write_table(campaign.tables[key], folder / name, instrument.decimals)
+        write_table(log.tables[key], folder / name, instrument.decimals)
     for name, text in described.items():
         write_text(folder / name, text)
-    text = yaml.safe_dump(
-        campaign_description(campaign), sort_keys=False, default_flow_style=None, width=90
-    )
+    text = yaml.safe_dump(log.description, sort_keys=False, default_flow_style=None, width=90)
     write_text(folder / DESCRIPTION_FILE, text)
+    return places
 
 
 def campaign_description(campaign: Campaign) -> dict[str, Any]:
@@ -78,8 +87,13 @@ def campaign_description(campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def truth_record(campaign: Campaign) -> TruthRecord:
-    """Return all that a campaign hides; no estimate reads it."""
+def truth_record(campaign: Campaign, places: Places = ()) -> TruthRecord:
+    """Return all that a campaign hides; no estimate reads it.
+
+    Args:
+        campaign: as it was measured.
+        places: where each disturbance of its settings was put.
+    """
     truth, settings = campaign.truth, campaign.settings
     robot, mechanism = truth.robot, truth.robot.mechanism
     payload, targets, poses = mechanism.payload, robot.targets, truth.poses
@@ -104,6 +118,10 @@ def truth_record(campaign: Campaign) -> TruthRecord:
         hidden_effects=tuple(
             TrueEffect(id=effect.id, of=effect.of, parameters=effect.model_dump(mode="json"))
             for effect in truth.effects
+        ),
+        disturbances=tuple(
+            TrueDisturbance(id=entry.id, where=where)
+            for entry, where in zip(settings.disturbances, places, strict=True)
         ),
         settings=settings.model_dump(mode="json"),
         poses_rad_or_m={}

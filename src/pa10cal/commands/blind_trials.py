@@ -40,6 +40,10 @@ def blind_trials(
             them where none are given.
         size: factor of all effects; without it, drawn for each.
         settings: sections ingest, calibration and discovery.
+
+    Examples:
+        pa10cal blind_trials --kind single --first 0 --count 3 --random-seed 1 --verdicts \\
+          v.jsonl --truths t.jsonl
     """
     from pa10cal.cell.trials import TrialKind
     from pa10cal.errors import DiscoveryError

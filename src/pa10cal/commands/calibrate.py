@@ -39,6 +39,12 @@ def calibrate(
         load: one load case alone: a load such as 44N; combined; or general.
         named: extended model that discovery wrote, for `effects: named` (.json).
         settings: section calibration.
+
+    Examples:
+        pa10cal calibrate --campaign-dir data/raw/mine --poses poses.parquet --base-frame \\
+          base_frame.json --out calibration
+        pa10cal calibrate --campaign-dir data/raw/mine --poses poses.parquet --base-frame \\
+          base_frame.json --load 44N --out 44N.json
     """
     from pa10cal.calibration.campaign import calibration_record
     from pa10cal.calibration.input_checks import check_input, explained

@@ -2,8 +2,9 @@
 
 A command is a function without a result: positional parameters are positional arguments, keyword
 parameters are options, one without a default is required, and a `bool` is a switch. The docstring
-gives the help: its text stands above the arguments, its `Args:` section beside each of them. A
-parameter whose type is a section of the settings takes a JSON object or the path of a YAML file.
+gives the help: its text stands above the arguments, its `Args:` section beside each of them, its
+`Examples:` section below. A parameter whose type is a section of the settings takes a JSON object
+or the path of a YAML file.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NoReturn, Union, get_args, get_origin, get_type_hints
 
 from pa10cal import __version__
 from pa10cal.errors import Pa10calError
@@ -33,31 +34,41 @@ FAULT = 3
 INTERRUPTED = 130
 CLOSED = 141
 
-#: Commands in the order of the workflow. Each is a function in a module, both of the same name.
-COMMANDS = (
-    "fetch",
-    "import",
-    "import_arm",
-    "simulate",
-    "ingest",
-    "seed",
-    "calibrate",
-    "montecarlo",
-    "effects",
-    "discover",
-    "evaluate",
-    "transfer",
-    "export",
-    "figures",
-    "blind_trials",
-    "score_trials",
-    "curve",
-    "curve_calibration",
-    "coverage",
-)
+#: Commands by whom they serve, as `--help` lists them. Each is a function in a module of its name.
+GROUPS = {
+    "one step of a run": (
+        "ingest",
+        "seed",
+        "calibrate",
+        "montecarlo",
+        "discover",
+        "evaluate",
+        "transfer",
+        "export",
+        "figures",
+    ),
+    "arms, effects and public data": ("effects", "import_arm", "fetch", "import"),
+    "for maintainers: simulations and studies": (
+        "simulate",
+        "coverage",
+        "draw_trials",
+        "blind_trials",
+        "score_trials",
+        "curve",
+        "curve_calibration",
+    ),
+}
+COMMANDS = tuple(name for names in GROUPS.values() for name in names)
 
 #: Commands whose function cannot have their name, since it is a word of Python.
 _FUNCTIONS = {"import": "import_data"}
+
+_USE = "usage: pa10cal COMMAND [options]\n       pa10cal COMMAND --help | pa10cal --version"
+_EXAMPLES = """\
+examples:
+  pa10cal effects --robot ur10                    what the program can find missing at an arm
+  pa10cal import_arm robot.urdf --out arm.yaml    an arm of one's own
+  pa10cal calibrate --help                        arguments and examples of one command"""
 
 Command = Callable[..., None]
 
@@ -76,6 +87,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
     except BrokenPipeError:
         return _closed()
+    except KeyboardInterrupt:
+        print("pa10cal: interrupted", file=sys.stderr)
+        return INTERRUPTED
 
 
 def _run(words: list[str]) -> int:
@@ -87,10 +101,11 @@ def _run(words: list[str]) -> int:
         print(f"pa10cal {__version__}")
         return 0
     if not words or words[0] not in COMMANDS:
-        print(_usage(), file=sys.stderr)
         if words:
-            remedy = remedy_for(words[0], COMMANDS, "see the list above")
-            print(f"pa10cal: no such command (got {words[0]!r}); {remedy}", file=sys.stderr)
+            remedy = remedy_for(words[0], COMMANDS, "see the list of pa10cal --help")
+            print(f"{_USE}\npa10cal: no such command (got {words[0]!r}); {remedy}", file=sys.stderr)
+        else:
+            print(_usage(), file=sys.stderr)
         return REFUSED
     limit_threads()
     return run_command(words[0], words[1:])
@@ -173,15 +188,11 @@ def _print_traceback(debug: bool) -> None:
 def _usage() -> str:
     """Return how to call the program, with a line for every command."""
     width = max(map(len, COMMANDS))
-    lines = [f"  {name:<{width}}  {_summary(name)}" for name in COMMANDS]
-    return "\n".join(
-        (
-            "usage: pa10cal COMMAND [options]",
-            "       pa10cal COMMAND --help",
-            "",
-            *lines,
-        )
+    listed = (
+        "\n".join((f"{title}:", *(f"  {name:<{width}}  {_summary(name)}" for name in names)))
+        for title, names in GROUPS.items()
     )
+    return "\n\n".join((_USE, *listed, _EXAMPLES))
 
 
 def _summary(name: str) -> str:
@@ -202,16 +213,33 @@ def _summary(name: str) -> str:
 
 def _parser(name: str, command: Command, types: Mapping[str, Any]) -> argparse.ArgumentParser:
     """Return the parser of a command's arguments."""
-    text, meanings = _documented(inspect.getdoc(command) or "")
-    parser = argparse.ArgumentParser(prog=f"pa10cal {name}", description=text)
+    text, meanings, examples = _documented(inspect.getdoc(command) or "")
+    parser = _Parser(
+        prog=f"pa10cal {name}",
+        description=text,
+        epilog=f"examples:\n{examples}" if examples else None,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     for parameter in inspect.signature(command).parameters.values():
         _add(parser, parameter, types[parameter.name], meanings.get(parameter.name, ""))
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     return parser
 
 
-def _documented(docstring: str) -> tuple[str, dict[str, str]]:
-    """Return the text of a docstring, and what its `Args:` section says of each parameter."""
+class _Parser(argparse.ArgumentParser):
+    """A parser that names the option that was probably meant."""
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse wrong use, with the nearest option where one is unknown."""
+        word = re.match(r"unrecognized arguments: (--[\w-]+)", message)
+        options = [each for action in self._actions for each in action.option_strings]
+        remedy = remedy_for(word[1], options, "") if word else ""
+        super().error(f"{message}; {remedy}" if remedy else message)
+
+
+def _documented(docstring: str) -> tuple[str, dict[str, str], str]:
+    """Return the text of a docstring, what `Args:` says of each parameter, and the examples."""
+    docstring, _, examples = docstring.partition("\n\nExamples:\n")
     text, _, rest = docstring.partition("\nArgs:\n")
     section, _, _ = rest.partition("\n\n")
     meanings: dict[str, str] = {}
@@ -220,7 +248,7 @@ def _documented(docstring: str) -> tuple[str, dict[str, str]]:
     ):
         for each in names.split(", "):
             meanings[each] = " ".join(meaning.split()).removesuffix(".")
-    return text.strip(), meanings
+    return text.strip(), meanings, "\n".join(f"  {line.strip()}" for line in examples.splitlines())
 
 
 def _add(

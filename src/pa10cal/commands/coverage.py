@@ -22,6 +22,9 @@ def coverage(
         table: the same in brief, to write (.csv).
         settings: section coverage.
         calibration: section calibration.
+
+    Examples:
+        pa10cal coverage --out coverage.json --table coverage.csv
     """
     from functools import partial
 

@@ -19,6 +19,10 @@ def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) 
         settings: curve, link_m, links, roll, limits, gait.
         out_dir: folder for curve.json, angles.csv, points.csv, links.csv and shape.csv.
         points: points of the curve (.csv): x_m,y_m,z_m or x_mm,y_mm,z_mm.
+
+    Examples:
+        pa10cal curve --out-dir helix --settings '{"curve": {"shape": "helix", "radius_m": 0.2, \\
+          "pitch_m": 0.4, "turns": 1.5}, "link_m": 0.1}'
     """
     from pa10cal.curve.from_options import curve_through, gait_of, shape_of
     from pa10cal.curve.records import curve_record, summary

@@ -20,6 +20,9 @@ def curve_calibration(
         out: record to write (.json).
         settings: section curve.
         calibration: section calibration.
+
+    Examples:
+        pa10cal curve_calibration --out calibration.json
     """
     from pa10cal.results.codec import write
     from pa10cal.studies.chain import chain_study

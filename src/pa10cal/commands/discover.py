@@ -31,6 +31,11 @@ def discover(
         extended: model with the effects that are named, to write (.json).
         suggested: poses to measure next, to write (.csv).
         settings: section discovery.
+
+    Examples:
+        pa10cal discover --campaign-dir data/raw/mine --poses poses.parquet --calibration \\
+          calibration/combined.json --verdict verdict.json --analysis analysis.json \\
+          --extended extended.json --suggested suggested_poses.csv
     """
     from pa10cal.calibration.records import calibration_options, models_of
     from pa10cal.campaign.description import read_description

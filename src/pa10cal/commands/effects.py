@@ -16,6 +16,10 @@ def effects(*, robot: str = "pa10_6ce") -> None:
 
     Args:
         robot: name of an arm description.
+
+    Examples:
+        pa10cal effects
+        pa10cal effects --robot iiwa14
     """
     from pa10cal.files.arms import load_arm
     from pa10cal.terms.effects.family import vocabulary_of

@@ -21,6 +21,10 @@ def evaluate(
         calibration: calibration to evaluate (.json).
         out: errors of every model, to write (.json).
         extended: model with the effects that discovery named (.json).
+
+    Examples:
+        pa10cal evaluate --campaign-dir data/raw/mine --poses poses.parquet --calibration \\
+          calibration/combined.json --extended extended.json --out holdout.json
     """
     from pa10cal.calibration.records import calibration_options, models_of
     from pa10cal.campaign.description import read_description

@@ -22,6 +22,10 @@ def export(
         extended: model with the effects that discovery named (.json).
         force: export a calibration that is neither good nor few_poses nor incomplete; the files
             are marked.
+
+    Examples:
+        pa10cal export --calibration calibration/combined.json --extended extended.json \\
+          --model model.yaml --urdf robot.urdf
     """
     from pa10cal.arm.urdf import urdf_text
     from pa10cal.calibration.records import models_of

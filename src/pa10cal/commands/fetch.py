@@ -12,6 +12,10 @@ def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
         dataset: name of the data set.
         out: folder for its files.
         source: folder or address to take them from, if not where they are published.
+
+    Examples:
+        pa10cal fetch ipa-robot-accuracy --out data/ipa
+        pa10cal fetch ipa-robot-accuracy --out data/ipa --source /media/copy
     """
     from pa10cal.datasets.catalogue import dataset_named
     from pa10cal.datasets.fetching import fetch as fetch_files

@@ -26,6 +26,11 @@ def figures(
         force: draw a calibration that is neither good nor few_poses nor incomplete; every picture
             is marked.
         settings: sections figures, kcub_reading, montecarlo and evaluation.
+
+    Examples:
+        pa10cal figures --results results/mine --campaign-dir data/raw/mine
+        pa10cal figures --results results/mine --campaign-dir data/raw/mine --figure health \\
+          --out-dir /tmp/one
     """
     from pa10cal.figures.draw import draw_all, draw_one, summary
     from pa10cal.figures.sources import read_source

@@ -13,6 +13,10 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
         out: description to write; its stem names the arm.
         base: link that is the arm's base; without it, the root.
         tip: link that is the end-effector; without it, the only tip.
+
+    Examples:
+        pa10cal import_arm robot.urdf --out my_arm.yaml
+        pa10cal import_arm cell.urdf --base base_link --tip tool0 --out my_arm.yaml
     """
     import numpy as np
     import yaml

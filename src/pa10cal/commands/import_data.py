@@ -26,6 +26,9 @@ def import_data(
         out: folder of campaigns to write to.
         any_version: accept files that are not the published ones, and note it in the provenance.
         settings: section ingest.
+
+    Examples:
+        pa10cal import ipa-robot-accuracy data/ipa --out data/raw
     """
     from pa10cal.datasets.campaign_folder import write_campaigns
     from pa10cal.datasets.catalogue import dataset_named

@@ -22,6 +22,9 @@ def ingest(
         out: table of poses (.parquet).
         quarantine: rows that are not used, and why (.csv).
         settings: section ingest.
+
+    Examples:
+        pa10cal ingest --campaign-dir data/raw/mine --out poses.parquet --quarantine quarantine.csv
     """
     from pa10cal.campaign.quarantine import quarantine_csv
     from pa10cal.campaign.read import read_campaign

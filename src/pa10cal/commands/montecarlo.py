@@ -29,6 +29,11 @@ def montecarlo(
         plane_mm: one plane alone: height of the flange above the base [mm].
         campaign_dir: folder that may hold a description of the arm.
         settings: section montecarlo.
+
+    Examples:
+        pa10cal montecarlo --campaign mine --robot pa10_6ce --out montecarlo
+        pa10cal montecarlo --campaign mine --robot ur10 --plane-mm 500 --out z500.json \\
+          --settings '{"cycles": 1000}'
     """
     import math
 

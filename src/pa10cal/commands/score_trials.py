@@ -22,6 +22,10 @@ def score_trials(
         truths: what the trials hide, one a trial (JSON lines).
         scores: scores to write (.json).
         trials: table of trials to write (.csv).
+
+    Examples:
+        pa10cal score_trials --verdicts v.jsonl --truths t.jsonl --scores scores.json \\
+          --trials trials.csv
     """
     from pa10cal.evaluation.trial_records import scores_record
     from pa10cal.files.output import write_text

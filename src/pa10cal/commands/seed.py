@@ -21,6 +21,9 @@ def seed(
         poses: table of poses (.parquet).
         out: base frame in the instrument's frame, to write (.json).
         settings: section base_frame.
+
+    Examples:
+        pa10cal seed --campaign-dir data/raw/mine --poses poses.parquet --out base_frame.json
     """
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations

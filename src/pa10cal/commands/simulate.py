@@ -24,6 +24,11 @@ def simulate(
         truth: file for what is hidden in it.
         kcub_reading: exponent of the paper's cubic stiffness.
         settings: an entry of section simulate.
+
+    Examples:
+        pa10cal simulate --name mine --out data/raw/mine --truth truth.json
+        pa10cal simulate --name mine --out data/raw/mine --truth truth.json --settings \\
+          '{"robot": "ur10", "without_touches": {}}'
     """
     from pa10cal.cell.campaign import simulate_campaign
     from pa10cal.cell.write import write_campaign

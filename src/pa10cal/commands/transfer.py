@@ -21,6 +21,11 @@ def transfer(
         poses: table of poses of that campaign (.parquet).
         out: errors of the model there, to write (.json).
         extended: the model with the effects that discovery named (.json).
+
+    Examples:
+        pa10cal transfer --calibration results/ur10-a/calibration/combined.json \\
+          --campaign-dir data/raw/ur10-c --poses results/ur10-c/ingest/poses.parquet --out \\
+          transfer_ur10-a.json
     """
     from pa10cal.calibration.records import calibration_options, models_of
     from pa10cal.campaign.description import read_description

@@ -22,7 +22,7 @@ def trial_counts(counts: TrialCounts) -> dict[str, int]:
 
 
 def all_effects() -> int:
-    """Return the number of effects that the virtual cell can hide."""
+    """Return the number of effects that trials other than wild ones draw."""
     return len(_declared())
 
 
@@ -49,6 +49,6 @@ def _declared() -> dict[str, bool]:
                     for name in ast.walk(entry)
                     if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store)
                 }
-                if isinstance(stated.get("id"), str):
+                if isinstance(stated.get("id"), str) and not stated.get("wild", False):
                     found[str(stated["id"])] = stated.get("named", True) is not False
     return found

@@ -49,6 +49,13 @@ class TrueEffect(EffectName):
     )
 
 
+class TrueDisturbance(Part):
+    """A change of the raw files: a stressor, or a fault of the log."""
+
+    id: str = Field(description="id of the disturbance")
+    where: tuple[str, ...] = Field(description="where: poses, joints, loads or keys")
+
+
 class TruthRecord(CampaignRecord):
     """What a simulated campaign hides."""
 
@@ -79,6 +86,9 @@ class TruthRecord(CampaignRecord):
     )
     tool: TrueTool = Field(description="the tool")
     hidden_effects: tuple[TrueEffect, ...] = Field(description="effects hidden")
+    disturbances: tuple[TrueDisturbance, ...] = Field(
+        (), description="what was changed in the raw files before they were written"
+    )
     settings: Mapping[Annotated[str, Key("option")], JsonValue] = Field(
         description="settings it was simulated with"
     )

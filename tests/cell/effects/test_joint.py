@@ -80,7 +80,9 @@ TAU = RNG.normal(0.0, 40.0, 6)
 
 
 def test_joint_compliance_yields_in_proportion():
-    deflection = joint.JointCompliance(K=2e4).at("joint 4").deflection_rad(TAU[None])[0]
+    deflection = (
+        joint.JointCompliance(K=2e4).at("joint 4").deflection_rad(TAU[None], np.zeros((1, 6)))[0]
+    )
     assert deflection[3] == TAU[3] / 2e4
     assert np.count_nonzero(deflection) == 1
 
@@ -89,7 +91,7 @@ def test_soft_windup_is_softer_near_zero_and_then_full():
     effect = joint.SoftWindup(A=1e-4, tau0=5.0).at("joint 2")
 
     def at(tau):
-        return effect.deflection_rad(np.array([[1.0, tau, 1, 1, 1, 1]]))[0]
+        return effect.deflection_rad(np.array([[1.0, tau, 1, 1, 1, 1]]), np.zeros((1, 6)))[0]
 
     assert at(0.01)[1] == pytest.approx(1e-4 * 0.01 / 5.0, rel=1e-5)
     assert at(500.0)[1] == pytest.approx(1e-4)

@@ -145,6 +145,8 @@ class Effect(Section):
     places: ClassVar[tuple[str, ...]]
     #: Whether it is in the vocabulary of effects; what is not can be hidden, but not be named.
     named: ClassVar[bool] = True
+    #: Whether wild trials alone draw it.
+    wild: ClassVar[bool] = False
     #: Where trials put it so that it does something; none: at any of `places`.
     trial_places: ClassVar[tuple[str, ...]] = ()
     #: Whether it does nothing without weights.
@@ -222,12 +224,13 @@ class WindupEffect(Effect):
     by_weights: ClassVar[bool] = True
 
     @abstractmethod
-    def bent_rad(self, tau_Nm: Array) -> Array:
-        """Return the deflection of the joint under its torques `tau_Nm`, (P,)."""
+    def bent_rad(self, tau_Nm: Array, q_rad: Array) -> Array:
+        """Return the deflection of the joint under its torques, at its angles, both (P,)."""
 
-    def deflection_rad(self, tau_Nm: Array) -> Array:
-        """Return the (P, n) deflections under the torques `tau_Nm` (P, n)."""
-        return self.at_joint(self.bent_rad(tau_Nm[:, self.joint]), tau_Nm.shape[1])
+    def deflection_rad(self, tau_Nm: Array, q_rad: Array) -> Array:
+        """Return the (P, n) deflections under torques, with the links at `q_rad`, both (P, n)."""
+        bent_rad = self.bent_rad(tau_Nm[:, self.joint], q_rad[:, self.joint])
+        return self.at_joint(bent_rad, tau_Nm.shape[1])
 
 
 class LostMotionEffect(Effect):

@@ -210,8 +210,9 @@ class JointCompliance(WindupEffect):
 
     K: FinitePositive = Field(description="stiffness [N m/rad]")
 
-    def bent_rad(self, tau_Nm: Array) -> Array:
+    def bent_rad(self, tau_Nm: Array, q_rad: Array) -> Array:
         """Return tau_j / K."""
+        del q_rad
         return tau_Nm / self.K
 
 
@@ -230,8 +231,9 @@ class SoftWindup(WindupEffect):
     A: Finite = Field(description="extra deflection under large torque [rad]")
     tau0: FinitePositive = Field(description="torque by which most of it has come [N m]")
 
-    def bent_rad(self, tau_Nm: Array) -> Array:
+    def bent_rad(self, tau_Nm: Array, q_rad: Array) -> Array:
         """Return A tanh(tau_j / tau0)."""
+        del q_rad
         bent: Array = self.A * np.tanh(tau_Nm / self.tau0)
         return bent
 

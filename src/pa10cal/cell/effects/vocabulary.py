@@ -44,7 +44,12 @@ def vocabulary() -> dict[str, type[Effect]]:
 
 
 def outside() -> dict[str, type[Effect]]:
-    """Return the effects that can be hidden and have no name in the vocabulary."""
+    """Return the effects without a name in the vocabulary that every kind of trial may hide."""
+    return {n: each for n, each in all_effects().items() if not each.named and not each.wild}
+
+
+def nameless() -> dict[str, type[Effect]]:
+    """Return all effects that can be hidden and have no name in the vocabulary."""
     return {name: each for name, each in all_effects().items() if not each.named}
 
 

@@ -48,6 +48,7 @@ class Tracker(Instrument):
         "hall",
         "thermometer",
         "unseen",
+        "order",
     )
     #: What was measured is written finer than it can be, so that nothing is lost on the way.
     decimals: ClassVar[Mapping[str, int]] = {
@@ -86,7 +87,7 @@ class Tracker(Instrument):
             q = commanded_positions(arm, plan.commanded, "without_touches.commanded")
         else:
             q = streams["poses"].uniform(*joint_bounds(arm), (plan.poses, arm.n))
-        return one_after_another(as_written(arm, q), plan), None
+        return one_after_another(as_written(arm, q), plan, streams["order"]), None
 
     @property
     def at_rest_s(self) -> float:

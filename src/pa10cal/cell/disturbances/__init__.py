@@ -1,0 +1,1 @@
+"""What ordinary logs have and what may be wrong in them: one class each, put into raw files."""

@@ -1,0 +1,129 @@
+"""The raw files of a campaign in memory, and what may be done to them before they are written."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_CONFIGURATION = ["kind", "pose", "load_N", "repeat"]
+_QUATERNION = ["qw", "qx", "qy", "qz"]
+
+
+@dataclass
+class RawLog:
+    """Description and raw tables of a campaign; disturbances change them in place.
+
+    Attributes:
+        description: content of campaign.yaml.
+        tables: raw tables by their key under `files`.
+        arm: the arm that the campaign names; one that is not shipped is described in the folder.
+    """
+
+    description: dict[str, Any]
+    tables: dict[str, pd.DataFrame]
+    arm: Arm
+
+    @classmethod
+    def of(
+        cls, description: Mapping[str, Any], tables: Mapping[str, pd.DataFrame], arm: Arm
+    ) -> RawLog:
+        """Copy what an instrument gave, so that its own stays as it is."""
+        copied = {key: table.copy() for key, table in tables.items()}
+        return cls(copy.deepcopy(dict(description)), copied, arm)
+
+    @property
+    def kind(self) -> str:
+        """Return the kind of the instrument."""
+        return str(self.description["instrument"]["kind"])
+
+    @property
+    def touched(self) -> bool:
+        """Return whether readings and joints are in two logs."""
+        return "cmm" in self.tables
+
+    @property
+    def readings(self) -> pd.DataFrame:
+        """Return the table of what the instrument read."""
+        return self.tables["cmm" if self.touched else "poses"]
+
+    @property
+    def joints(self) -> pd.DataFrame:
+        """Return the table of the joints."""
+        return self.tables["resolver" if self.touched else "poses"]
+
+    @property
+    def configuration(self) -> Indices:
+        """Return the number of the configuration, from 0, of each row of the readings."""
+        if not self.touched:
+            return np.arange(len(self.readings)).astype(np.int64)
+        groups = self.readings.groupby(_CONFIGURATION, sort=False)
+        return np.asarray(groups.ngroup(), dtype=np.int64)
+
+    @property
+    def configurations(self) -> pd.DataFrame:
+        """Return kind, pose, load, repeat and time of each configuration, in order of time."""
+        first = np.unique(self.configuration, return_index=True)[1]
+        return self.readings.iloc[first][[*_CONFIGURATION, "time_s"]].reset_index(drop=True)
+
+    def of_kind(self, kind: str) -> Indices:
+        """Return the numbers of the configurations of a kind."""
+        kinds = self.configurations["kind"].to_numpy()
+        return np.flatnonzero(kinds == kind).astype(np.int64)
+
+    @property
+    def points(self) -> list[list[str]]:
+        """Return the columns of coordinates, three a point; one of a distance."""
+        if self.kind == "distance":
+            return [["d_mm"]]
+        ends = [name for name in map(str, self.readings) if name.endswith("x_mm")]
+        return [[f"{end[:-4]}{axis}_mm" for axis in "xyz"] for end in ends if end[:2] != "u_"]
+
+    @property
+    def uncertainties(self) -> list[str]:
+        """Return the columns of stated uncertainties."""
+        return [str(name) for name in self.readings if str(name).startswith("u_")]
+
+    def move(self, shift_mm: Array) -> None:
+        """Add to what was read in each configuration, (C, 3) along the instrument's axes.
+
+        A distance takes the first of the three.
+        """
+        of_rows = shift_mm[self.configuration]
+        for columns in self.points:
+            self.readings[columns] = self.readings[columns] + of_rows[:, : len(columns)]
+
+    def quaternions(self) -> Array:
+        """Return the attitudes, (C, 4), w first."""
+        return self.readings[_QUATERNION].to_numpy(dtype=float)
+
+    def set_quaternions(self, quaternions: Array) -> None:
+        """Put other attitudes, (C, 4), under the same headers."""
+        self.readings[_QUATERNION] = quaternions
+
+    def angles_of(self, joint: int) -> pd.Series[float]:
+        """Return the logged angles of a joint, from 1 [deg]."""
+        return self.joints[f"q{joint}_deg"]
+
+    def set_angles_of(self, joint: int, angles_deg: pd.Series[float]) -> None:
+        """Log other angles of a joint, from 1 [deg]."""
+        self.joints[f"q{joint}_deg"] = angles_deg
+
+    def torques_of(self, joint: int) -> str | None:
+        """Return the column of logged torques of a joint, from 1; None where none are logged."""
+        name = f"tau{joint}_Nm"
+        return name if name in self.joints else None
+
+    def label(self, configuration: int) -> str:
+        """Return the pose of a configuration."""
+        return str(self.configurations["pose"].iloc[configuration])

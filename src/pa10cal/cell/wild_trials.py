@@ -1,0 +1,327 @@
+"""Wild trials: campaigns of any arm and instrument, with what ordinary logs have, and with faults.
+
+Kinds of `trials` and `tracker_trials` hide effects in logs that are otherwise in order. These put
+stressors and faults into the raw files besides (`cell/disturbances/`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from pa10cal.cell.campaign import robot_of
+from pa10cal.cell.disturbances.disturbance import Disturbance, Need, all_disturbances
+from pa10cal.cell.disturbances.faults_of_logs import DirectionReversed
+from pa10cal.cell.disturbances.stressors import TemperatureRamp
+from pa10cal.cell.effects.effect import Effect, TorqueLogEffect
+from pa10cal.cell.effects.vocabulary import nameless, vocabulary
+from pa10cal.cell.options import SimulateOptions
+from pa10cal.cell.tracker_trials import (
+    ATTITUDE_RAD,
+    POSITION_MM,
+    SECONDS_A_POSE,
+    TOOL_KG,
+    TRACKED_DRIFT_C,
+    Bench,
+    KnownBench,
+)
+from pa10cal.cell.trials import (
+    COULOMB_NM,
+    DRIFTING,
+    OTHER_SIZES,
+    Trial,
+    TrialKind,
+    by_temperature,
+    draw_trials,
+    hide,
+    hideable,
+    log_uniform,
+)
+from pa10cal.errors import SettingsError
+from pa10cal.observe.kinds import sees_several
+from pa10cal.settings_reading import parse_section
+
+#: `right`: nothing wrong; `stressed`: a stressor, nothing hidden; `effect`: one effect of the
+#: vocabulary at its plausible size, among a stressor or a joint zero that is off; `beyond`: one
+#: that has no name; `fault`: an error in the log, nothing hidden.
+WildKind = Literal["right", "stressed", "effect", "beyond", "fault"]
+WILD_KINDS: tuple[WildKind, ...] = get_args(WildKind)
+_FIRST_SEED = 900  #: apart from those of the other trials
+
+#: Arms under instruments that do not touch; every joint gives way where masses are described.
+WILD_BENCHES = tuple(
+    Bench(robot, instrument, tuple(range(1, joints + 1)), logs_torques=joints > 0)
+    for instrument in ("pose", "points", "distance")
+    for robot, joints in (("ur10", 6), ("irb120", 0), ("iiwa14", 7))
+)
+#: Repeats of every calibration pose, in turn, with the calibration poses of each.
+POSES_BY_REPEATS = {1: 240, 4: 48, 8: 36}
+#: One distance a pose needs more of them.
+DISTANCE_POSES_BY_REPEATS = {1: 300, 4: 100, 8: 80}
+#: Held-out poses of a campaign with repeats, and their part of the others in one without.
+HELD_OUT = 16
+HELD_OUT_SHARE = 0.2
+#: Orders of the poses in the repeats.
+ORDERS = ("same", "there_and_back", "there_there_back_back", "shuffled")
+#: Links about their motors, from reading to reading [rad].
+UNSEEN_RAD = 1e-5
+#: Part of the campaigns with loads, of arms with masses, and the loads.
+LOADED = 0.3
+LOADS_N = (0.0, 44.0)
+#: Among what an effect must be found, besides the stressors of every log.
+ALSO_AMONG = ("joint_zero",)
+#: The PA10 under touched balls; its wide layout is shorter than that of other trials.
+TOUCHED = "pa10-touched"
+_TOUCHED_POSES = 40
+#: Friction of the joint whose direction is reversed in the log; else nothing shows it [N m].
+FRICTION_NM = 4.0
+#: What the calibrated model of these arms has already.
+_IN_EVERY_MODEL = ("joint_compliance",)
+_NOTHING = "nothing"
+_TRIES = 2000
+
+
+def draw_wild_trials(
+    kind: WildKind, count: int, random_seed: int, benches: Sequence[str] = (), only: str = ""
+) -> tuple[Trial, ...]:
+    """Draw wild trials of one kind; the same arguments give the same trials.
+
+    What is put in takes turns; where it means anything, bench, repeats, order, loads and whether
+    torques are logged are drawn. Trials of a smaller count are the first of a larger one.
+
+    Args:
+        kind: what they put in.
+        count: how many.
+        random_seed: draws them.
+        benches: `ur10-pose` and so on, or `pa10-touched`; none for all.
+        only: one disturbance or effect; empty for all in turn.
+
+    Raises:
+        SettingsError: for a kind, a bench, a disturbance or an effect that does not exist, or one
+            that means nothing at any of the benches.
+    """
+    _refuse_unless(kind, WILD_KINDS, "kind")
+    for bench in benches:
+        _refuse_unless(bench, _bench_names(), "benches")
+    subjects = subjects_of(kind)
+    if only:
+        _refuse_unless(only, subjects, "only")
+        subjects = (only,)
+    trials = []
+    for number in range(count):
+        rng = np.random.default_rng([random_seed, _FIRST_SEED + WILD_KINDS.index(kind), number])
+        subject = subjects[number % len(subjects)]
+        trials.append(_drawn(kind, number, subject, benches or _bench_names(), rng))
+    return tuple(trials)
+
+
+def subjects_of(kind: WildKind) -> tuple[str, ...]:
+    """Return the disturbances or effects that trials of a kind go through in turn."""
+    every = all_disturbances()
+    by_kind = {
+        "right": (_NOTHING,),
+        "stressed": tuple(name for name, each in every.items() if each.stressor),
+        "effect": tuple(name for name in vocabulary() if name not in _IN_EVERY_MODEL),
+        "beyond": tuple(nameless()),
+        "fault": tuple(name for name, each in every.items() if not each.stressor),
+    }
+    return by_kind[kind]
+
+
+@dataclass(frozen=True)
+class _SetUp:
+    """How a campaign is measured.
+
+    Attributes:
+        bench: arm and instrument; None for the PA10 and its balls.
+        repeats: of every calibration pose.
+        loads_N: external loads.
+        logs_torques: whether torques are logged.
+        targets: seen by the instrument.
+    """
+
+    bench: KnownBench | None
+    repeats: int
+    loads_N: tuple[float, ...]
+    logs_torques: bool
+    targets: int
+
+    @classmethod
+    def drawn(cls, name: str, rng: np.random.Generator) -> _SetUp:
+        """Draw how a bench is used."""
+        repeats = int(rng.choice(list(POSES_BY_REPEATS)))
+        loads_N = LOADS_N if rng.random() < LOADED else LOADS_N[:1]
+        logs_torques, targets = bool(rng.random() < 0.5), int(rng.choice([1, 2, 3]))
+        if name == TOUCHED:
+            return cls(None, 4, LOADS_N, logs_torques=True, targets=3)
+        bench = _known(name)
+        has_masses = bench.robot.arm.mass_kg is not None
+        return cls(
+            bench,
+            repeats,
+            loads_N if has_masses else LOADS_N[:1],
+            logs_torques and has_masses,
+            targets if sees_several(bench.asked.instrument) else 1,
+        )
+
+    def has(self, need: Need) -> bool:
+        """Return whether its campaigns have what a disturbance needs."""
+        bench = self.bench
+        return {
+            "loads": len(self.loads_N) > 1,
+            "masses": bench is None or bench.robot.arm.mass_kg is not None,
+            "springs": bench is None or bool(bench.asked.flexible_joints),
+            "repeats": self.repeats > 1,
+            "touches": bench is None,
+            "tracker": bench is not None,
+            "attitude": bench is not None and bench.asked.instrument == "pose",
+            "targets": self.targets > 1,
+        }[need]
+
+    def hides(self, effect: type[Effect]) -> bool:
+        """Return whether an effect does something here."""
+        if self.bench is None:
+            return not effect.wild
+        if issubclass(effect, TorqueLogEffect) and not self.logs_torques:
+            return False
+        return bool(self.bench.places(effect))
+
+
+def _drawn(
+    kind: WildKind, number: int, subject: str, benches: Sequence[str], rng: np.random.Generator
+) -> Trial:
+    """Draw a trial that puts in a subject, at a bench where that means anything."""
+    every = all_disturbances()
+    effect = {**vocabulary(), **nameless()}.get(subject)
+    put = [every[subject]] if subject in every else []
+    stressors = [*subjects_of("stressed"), *ALSO_AMONG]
+    for attempt in range(_TRIES):
+        turn = number + number // len(subjects_of(kind)) + attempt // 100
+        among = [every[stressors[turn % len(stressors)]]] if kind == "effect" else []
+        name = benches[number % len(benches)] if kind == "right" else str(rng.choice(benches))
+        setup = _SetUp.drawn(name, rng)
+        fits = all(setup.has(need) for each in (*put, *among) for need in each.needs)
+        if fits and (effect is None or setup.hides(effect)):
+            make = _touched if setup.bench is None else _tracked
+            return make(kind, number, setup, effect, (*put, *among), rng)
+    raise SettingsError(
+        f"{subject} does nothing at any of the benches",
+        where="benches",
+        value=", ".join(benches),
+        allowed="benches with what it needs among them",
+        remedy="add one",
+    )
+
+
+def _tracked(
+    kind: WildKind,
+    number: int,
+    setup: _SetUp,
+    effect: type[Effect] | None,
+    put: Sequence[type[Disturbance]],
+    rng: np.random.Generator,
+) -> Trial:
+    """Draw the campaign of a tracker."""
+    bench = setup.bench
+    if bench is None:
+        raise ValueError("touched balls have no bench")
+    asked, arm, seed = bench.asked, bench.robot.arm, int(rng.integers(2**31))
+    of_distance = asked.instrument == "distance"
+    poses = (DISTANCE_POSES_BY_REPEATS if of_distance else POSES_BY_REPEATS)[setup.repeats]
+    held_out = round(poses * HELD_OUT_SHARE) if setup.repeats == 1 else HELD_OUT
+    plan: dict[str, Any] = {
+        "instrument": asked.instrument,
+        "poses": poses + held_out,
+        "holdout_share": held_out / (poses + held_out),
+        "repeats": setup.repeats,
+        "order": str(rng.choice(ORDERS)) if setup.repeats > 1 else "same",
+        "by_first_joint": any(each is TemperatureRamp for each in put),
+        "loads_N": setup.loads_N,
+        "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
+        "flexible_joints": asked.flexible_joints,
+        "hardening": False,
+        "tool_mass_kg": round(log_uniform(TOOL_KG, rng), 3),
+        "targets": setup.targets,
+        "unseen_rad": UNSEEN_RAD,
+        "position_mm": round(log_uniform(POSITION_MM, rng), 4),
+        "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
+        "logs_torques": setup.logs_torques,
+    }
+    raw: dict[str, Any] = {"random_seed": seed, "robot": asked.robot, "without_touches": plan}
+    own = robot_of(arm, parse_section(SimulateOptions, raw, where=f"trial {number}"))
+    disturbances = [{"id": each.id, "parameters": each.drawn(arm.n, rng)} for each in put]
+    hidden: list[dict[str, Any]] = []
+    sizes: list[float] = []
+    if effect is not None:
+        of = str(rng.choice(bench.places(effect)))
+        size = effect.plausible_size if kind == "effect" else log_uniform(OTHER_SIZES, rng)
+        hide(hidden, sizes, effect, bench.site(of, own), size, rng)
+    warms = by_temperature(hidden) or (kind == "right" and rng.random() < DRIFTING)
+    raw |= {
+        "hidden_effects": hidden,
+        "disturbances": disturbances,
+        "temperature_drift_C": TRACKED_DRIFT_C if warms else 0.0,
+    }
+    settings = parse_section(SimulateOptions, raw, where=f"trial {number}")
+    return Trial(f"wild-{seed:08x}", kind, asked.name, settings, tuple(sizes))
+
+
+def _touched(
+    kind: WildKind,
+    number: int,
+    setup: _SetUp,
+    effect: type[Effect] | None,
+    put: Sequence[type[Disturbance]],
+    rng: np.random.Generator,
+) -> Trial:
+    """Draw the campaign of touched balls: one of the other trials, shorter and disturbed."""
+    del number, setup
+    seed = int(rng.integers(2**31))
+    joints = len(COULOMB_NM)
+    disturbances: list[dict[str, Any]] = [
+        {"id": each.id, "parameters": each.drawn(joints, rng)} for each in put
+    ]
+    reversed_ = [each["parameters"] for each in disturbances if each["id"] == DirectionReversed.id]
+    base_kind: TrialKind = "null" if effect is None else "single" if effect.named else "outside"
+    known = list(hideable(base_kind))
+    place = known.index(effect.id) if effect is not None else 0
+    size = None if effect is None or not effect.named else effect.plausible_size
+    drawn = draw_trials(base_kind, place + 1, seed, ("wide",), size)[place]
+    hidden = [entry.model_dump() for entry in drawn.settings.hidden_effects]
+    for parameters in reversed_:
+        of, amount = f"joint {parameters['joint']}", {"tau_c": FRICTION_NM}
+        hidden.append({"id": "friction_torque", "of": of, "parameters": amount})
+    raw = drawn.settings.model_dump(exclude={"without_touches"}) | {
+        "random_seed": seed,
+        "disturbances": disturbances,
+        "hidden_effects": hidden,
+        "loads_N": (0.0, 22.0, 44.0),
+    }
+    raw["poses"] |= {"wide_poses": _TOUCHED_POSES}
+    settings = parse_section(SimulateOptions, raw, where=drawn.name)
+    sizes = drawn.sizes + (1.0,) * (len(hidden) - len(drawn.sizes))
+    return Trial(f"wild-{seed:08x}", kind, TOUCHED, settings, sizes)
+
+
+@cache
+def _known(name: str) -> KnownBench:
+    return KnownBench.of(next(bench for bench in WILD_BENCHES if bench.name == name))
+
+
+def _bench_names() -> tuple[str, ...]:
+    return (*(bench.name for bench in WILD_BENCHES), TOUCHED)
+
+
+def _refuse_unless(value: str, known: Sequence[str], where: str) -> None:
+    if value not in known:
+        raise SettingsError(
+            "no such thing in wild trials",
+            where=where,
+            value=value,
+            allowed=", ".join(known),
+            remedy="name one of these",
+        )
