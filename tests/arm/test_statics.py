@@ -154,6 +154,43 @@ def test_torques_follow_masses_and_load_as_their_derivatives_say(random_arm, see
 
 
 @quick
+@given(seed=seeds, convention=conventions)
+def test_torques_follow_each_weight_as_its_derivative_says(random_arm, seed, convention):
+    arm = random_arm(seed, 4, convention)
+    chain, coordinates, load_N, payload = drawn(seed, 4, arm)
+    found = statics(chain, coordinates, load_N, payload)
+    by_weights = found.static_loads.by_weights
+
+    def torque_Nm(arm=arm, payload=payload):
+        return statics(Chain.of(arm), coordinates, load_N, payload).torque_Nm
+
+    heavier = replace(arm, mass_kg=arm.mass_kg + np.array([0.0, 2.0, 0.0, 0.0]))
+    elsewhere = replace(arm, com_m=arm.com_m + np.outer([0, 1, 0, 0], [0.0, 0.1, 0.0]))
+    tool = replace(payload, mass_kg=payload.mass_kg + 2.0)
+    wanted = [
+        (torque_Nm(heavier), 2.0 * by_weights[..., 4]),
+        (torque_Nm(elsewhere), 0.1 * arm.mass_kg[1] * by_weights[..., 6]),
+        (torque_Nm(payload=tool), 2.0 * by_weights[..., 16]),
+    ]
+    for changed, by_it in wanted:
+        np.testing.assert_allclose(changed - found.torque_Nm, by_it, atol=1e-10)
+    g = payload.gravity_m_s2
+    tilts = by_weights[..., 17:]
+    rng = np.random.default_rng(seed)
+    turn = np.cross(1e-6 * rng.normal(size=3), g)
+    tilted = torque_Nm(payload=replace(payload, gravity_m_s2=g + turn)) - found.torque_Nm
+    left = (
+        tilted.ravel()
+        - tilts.reshape(-1, 2)
+        @ np.linalg.lstsq(tilts.reshape(-1, 2), tilted.ravel(), rcond=None)[0]
+    )
+    np.testing.assert_allclose(left, 0.0, atol=1e-9)
+    size = np.linalg.norm(turn) / np.linalg.norm(g)
+    along = np.linalg.lstsq(tilts.reshape(-1, 2), tilted.ravel(), rcond=None)[0]
+    assert np.linalg.norm(along) == pytest.approx(size, rel=1e-6)
+
+
+@quick
 @given(seed=seeds)
 def test_down_is_gravity_seen_from_the_end(random_arm, seed):
     chain, coordinates, load_N, payload = drawn(seed, 4, random_arm(seed, 4))

@@ -22,12 +22,16 @@ class StaticLoads:
         base_Nm: (P, 3) overturning moment about the base's origin, along base axes.
         joint_Nm: (P, n) torques with which the joints hold links, apparatus and load.
         down_ee: (P, 3) direction of gravity along the end-effector's axes, a unit vector.
+        by_weights: (P, n, 4 n + 3) derivative of `joint_Nm` by the mass of every link, which sits
+            at its centre, and by its first moment about that; by the mass of the apparatus; and by
+            two small turns of gravity.
     """
 
     link_Nm: Array
     base_Nm: Array
     joint_Nm: Array
     down_ee: Array
+    by_weights: Array
 
 
 @dataclass(frozen=True)

@@ -28,12 +28,14 @@ class Payload:
         com_m: (3,) its centre of mass in the end-effector frame, the end of the chain.
         load_point_m: (3,) where the external load hangs, in the end-effector frame.
         gravity_m_s2: (3,) gravity along the axes of the robot base.
+        known: whether the mass is that of the apparatus, and not merely left at zero.
     """
 
     mass_kg: float
     com_m: Array
     load_point_m: Array
     gravity_m_s2: Array
+    known: bool = True
 
 
 @dataclass(frozen=True)
@@ -89,9 +91,10 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     lever = _Levers(chain, found, payload.gravity_m_s2)
     by_mass = lever.by_mass_of_links()
     by_load = lever.by_mass_at(p_base_load) / g
+    by_apparatus = lever.by_mass_at(p_base_apparatus)
     torque_Nm = (
         by_mass @ np.column_stack([mass_kg, first_moments_kg_m]).ravel()
-        + payload.mass_kg * lever.by_mass_at(p_base_apparatus)
+        + payload.mass_kg * by_apparatus
         + load_N[:, None] * by_load
     )
 
@@ -104,9 +107,38 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
         + (found.T_base_rows[..., :3, :3] @ first_moments_kg_m[:, None, :, None])[..., 0]
     )
     moments_kg_m[-1] += payload.mass_kg * p_base_apparatus + hung_kg[:, None] * p_base_load
+    masses_kg = masses_kg[::-1].cumsum(axis=0)[::-1]
+    moments_kg_m = moments_kg_m[::-1].cumsum(axis=0)[::-1]
     link_Nm, base_Nm = _moments(found, masses_kg, moments_kg_m, payload.gravity_m_s2)
     down_ee = (payload.gravity_m_s2 / g) @ found.T_base_ee[:, :3, :3]
-    return Statics(torque_Nm, by_mass, by_load, StaticLoads(link_Nm, base_Nm, torque_Nm, down_ee))
+    by_level = lever.by_gravity(masses_kg, moments_kg_m) @ _turns(payload.gravity_m_s2)
+    by_weights = np.concatenate(
+        [_at_centres(by_mass, chain.arm.com_m), by_apparatus[..., None], by_level], axis=2
+    )
+    loads = StaticLoads(link_Nm, base_Nm, torque_Nm, down_ee, by_weights)
+    return Statics(torque_Nm, by_mass, by_load, loads)
+
+
+def torque_by_mass(chain: Chain, coordinates: Array, gravity_m_s2: Array) -> Array:
+    """Return the torques by mass and first moment of every link, (P, n, 4 n); see `Statics`.
+
+    The masses themselves need not be known.
+    """
+    return _Levers(chain, frames(chain, coordinates), gravity_m_s2).by_mass_of_links()
+
+
+def _at_centres(by_mass: Array, com_m: Array | None) -> Array:
+    """Return the torques by masses that sit at their centres, and by moments, (P, n, 4 n)."""
+    links = by_mass.reshape(*by_mass.shape[:2], -1, 4).copy()
+    links[..., 0] += np.sum(links[..., 1:] * (0.0 if com_m is None else com_m), axis=-1)
+    return links.reshape(by_mass.shape)
+
+
+def _turns(gravity_m_s2: Array) -> Array:
+    """Return how gravity changes with two small turns about axes across it, (3, 2)."""
+    _, _, right = np.linalg.svd(gravity_m_s2[None])
+    turns: Array = np.linalg.norm(gravity_m_s2) * right[1:].T
+    return turns
 
 
 def _moments(
@@ -114,10 +146,8 @@ def _moments(
 ) -> tuple[Array, Array]:
     """Return the moments in links (P, n, 3) and base (P, 3).
 
-    From masses (n, P) and first moments (n, P, 3) of each link and what sits on it.
+    From masses (n, P) and first moments (n, P, 3) of each link and all that sits beyond.
     """
-    masses_kg = masses_kg[::-1].cumsum(axis=0)[::-1]
-    moments_kg_m = moments_kg_m[::-1].cumsum(axis=0)[::-1]
     ends = found.T_base_joints[1:]
     about_ends = moments_kg_m[1:] - masses_kg[1:, :, None] * ends[..., :3, 3]
     along_base_Nm = np.cross(about_ends, gravity_m_s2)
@@ -138,6 +168,7 @@ class _Levers:
         axes, origins = joints[..., :3, 2], joints[..., :3, 3]
         turns = ~chain.arm.prismatic
         self._T_base_rows = found.T_base_rows
+        self._turns, self._axes, self._origins = turns, axes, origins
         self._pull = np.where(turns[:, None], np.cross(axes, gravity_m_s2), 0.0)
         about_origins = -np.einsum("pjc,pjc->pj", self._pull, origins)
         self._own = np.where(turns, about_origins, -(axes @ gravity_m_s2))
@@ -146,6 +177,13 @@ class _Levers:
         """Return the torques (P, n) a kilogram at (P, 3), beyond the last joint."""
         torque: Array = (self._pull @ p_base[:, :, None])[..., 0] + self._own
         return torque
+
+    def by_gravity(self, masses_kg: Array, moments_kg_m: Array) -> Array:
+        """Return the torques by gravity (P, n, 3), from what joints hold, (n, P) and (n, P, 3)."""
+        held_kg, moments = masses_kg.T[:, :, None], np.swapaxes(moments_kg_m, 0, 1)
+        turning = np.cross(moments - held_kg * self._origins, self._axes)
+        by_gravity: Array = np.where(self._turns[:, None], turning, -held_kg * self._axes)
+        return by_gravity
 
     def by_mass_of_links(self) -> Array:
         """Return the torques by mass and first moment of the links, (P, n, 4 n)."""

@@ -56,6 +56,10 @@ class Tool(Section):
     """The apparatus at the flange, in the end-effector frame."""
 
     mass_kg: Annotated[FiniteFloat, Field(ge=0)]
+    massless: bool = Field(
+        default=False,
+        description="whether a mass of 0 is that of the apparatus; else it is unknown",
+    )
     com_mm: Place
     load_point_mm: Place
     balls_mm: dict[BallName, Place] = Field(
@@ -122,6 +126,7 @@ class CampaignDescription(Section):
             com_m=1e-3 * np.array(self.tool.com_mm),
             load_point_m=1e-3 * np.array(self.tool.load_point_mm),
             gravity_m_s2=np.array(self.gravity_m_s2),
+            known=self.tool.mass_kg > 0.0 or self.tool.massless,
         )
 
 

@@ -13,6 +13,7 @@ from pa10cal.discovery.noise import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
 from pa10cal.discovery.not_sought import TooLittle, not_sought
 from pa10cal.discovery.preparation import MeasurementSetup, prepared
 from pa10cal.errors import DiscoveryError
+from pa10cal.fit.uncertain_weights import open_unknowns
 
 if TYPE_CHECKING:
     from pa10cal.discovery.verdict import Verdict
@@ -89,7 +90,7 @@ def too_little(readings: Observations, baseline: FittedModel) -> TooLittle | Non
             f"{LEAST_DIFFERENCES} readings at the same pose, load and direction of arrival",
         )
     poses = len(np.unique(readings.pose))
-    unknowns = len(baseline.model.parameters) + 6 + len(baseline.targets_m)
+    unknowns = open_unknowns(baseline.model) + 6 + len(baseline.targets_m)
     components = float(readings.measured.components_seen.sum(axis=1).mean())
     needed = int(np.ceil(_ROWS_AN_UNKNOWN * unknowns / components))
     if poses < needed:

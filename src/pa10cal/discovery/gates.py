@@ -16,6 +16,7 @@ from pa10cal.calibration.grade import JOINT_RAD, most_stated
 from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.verdict import Finding, Unexplained, Verdict, is_named, label_of
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.uncertain_weights import open_unknowns
 
 V = TypeVar("V", bound=Verdict[object])
 
@@ -120,7 +121,7 @@ def doubts(found: Verdict[object]) -> Iterator[str]:
     measured = train.poses.measured
     floor_mm = train.noise_floor_mm
     # Residuals are smaller than errors by what the fit takes up; predictions add its uncertainty.
-    taken = min(len(found.model.x) / max(int(measured.components_seen.sum()), 1), 0.9)
+    taken = min(open_unknowns(found.model.model) / max(int(measured.components_seen.sum()), 1), 0.9)
     error_mm = train.after.mean_mm / np.sqrt(1.0 - taken)
     spread_mm = measured.spread_mm
     stated_mm = mean_error_of_noise_mm(measured, measured.stated_covariance)

@@ -19,6 +19,7 @@ from pa10cal.observe.quantities import Comparison
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Parameter, Term
+from pa10cal.terms.weights import WEIGHT
 
 Array = NDArray[np.float64]
 
@@ -36,15 +37,14 @@ def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
         measured: the instrument, whose t coordinates of targets follow; None for none.
     """
     targets = () if measured is None else measured.target_parameters
-    return np.array(
-        [
-            next(
-                (size for start, size in _POSSIBLE_UNITS.items() if p.name.startswith(start)),
-                _POSSIBLE_SCALES * p.scale,
-            )
-            for p in (*model.parameters, *targets)
-        ]
-    )
+    return np.array([_possible_size(each) for each in (*model.parameters, *targets)])
+
+
+def _possible_size(parameter: Parameter) -> float:
+    if parameter.name.startswith(WEIGHT):
+        return parameter.scale
+    sizes = (size for start, size in _POSSIBLE_UNITS.items() if parameter.name.startswith(start))
+    return next(sizes, _POSSIBLE_SCALES * parameter.scale)
 
 
 def residual(at: FittedModel, poses: Observations) -> Array:

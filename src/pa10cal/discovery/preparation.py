@@ -15,12 +15,14 @@ from pa10cal.discovery.gross_errors import gross_errors
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
+from pa10cal.fit.uncertain_weights import with_uncertain_weights
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
+from pa10cal.terms.weights import Weights
 
 Array = NDArray[np.float64]
 
@@ -95,6 +97,8 @@ def prepared(every: Observations, model: FittedModel, setup: MeasurementSetup) -
     held_out = average_repeats(every.of_kind("holdout")).turned(model.R_ee_target)
     states, torques = with_torques(model.model, model.x, readings.states, setup.payload)
     held_out_states, _ = with_torques(model.model, model.x, held_out.states, setup.payload)
+    if torques == "masses" and setup.payload is not None:
+        model = with_uncertain_weights(model, setup.payload)
     return Prepared(
         readings=readings.with_states(states),
         held_out=held_out.with_states(held_out_states) if len(held_out) else None,
@@ -109,8 +113,8 @@ def complete(poses: Observations, baseline: FittedModel, setup: MeasurementSetup
     """Add to the states of poses what they carry and how they were read."""
     states = poses.states
     if setup.payload is not None:
-        if any(isinstance(term, Effect) for term in baseline.model.terms):
-            # Its effects need what the arm carries as it stands nominally first.
+        if any(isinstance(term, Effect | Weights) for term in baseline.model.terms):
+            # Such terms need what the arm carries as it stands nominally first.
             rigid = Model(baseline.model.chain, ())
             nominal = statics_of(rigid, np.zeros(0), states, setup.payload)
             states = replace(states, static_loads=states.static_loads or nominal.static_loads)

@@ -33,7 +33,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
-from pa10cal.terms.term import Report, Term, shows_torque, yields
+from pa10cal.terms.term import Report, Term, falsifies_log, yields
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -315,9 +315,7 @@ class FittedModel:
     def _physical(self) -> tuple[Model, Array, NDArray[np.intp]]:
         """Return the terms that move the robot, their parameters, and the places of these in x."""
         moving = [
-            term
-            for term in self.model.terms
-            if term.of != "instrument" and not (shows_torque(term) and not term.carried)
+            term for term in self.model.terms if term.of != "instrument" and not falsifies_log(term)
         ]
         columns = [np.arange(len(self.x))[self.model.columns_of(term)] for term in moving]
         chosen = np.concatenate([np.zeros(0, dtype=np.intp), *columns])

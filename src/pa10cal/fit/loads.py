@@ -41,13 +41,13 @@ def with_torques(
     if payload is None or chain.arm.mass_kg is None:
         return states, "none"
     # What springs give way by needs torques itself: those of the nominal arm, near enough.
-    nominal = statics_of(Model(chain, ()), np.zeros(0), states, payload)
-    states = replace(states, tau_Nm=nominal.torque_Nm)
+    found = statics_of(Model(chain, ()), np.zeros(0), states, payload)
+    states = replace(states, tau_Nm=found.torque_Nm, static_loads=found.static_loads)
     own = tuple(term for term in model.terms if not isinstance(term, Effect))
     if own:
         x = np.concatenate([x[model.columns_of(term)] for term in own])
-        modelled = statics_of(Model(chain, own), x, states, payload)
-        states = replace(states, tau_Nm=modelled.torque_Nm)
+        found = statics_of(Model(chain, own), x, states, payload)
+        states = replace(states, tau_Nm=found.torque_Nm, static_loads=found.static_loads)
     return states, "masses"
 
 

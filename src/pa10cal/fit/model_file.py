@@ -179,6 +179,7 @@ def model_from_plain(
                 com_m=np.array(payload["com_m"], dtype=float),
                 load_point_m=np.array(payload["load_point_m"], dtype=float),
                 gravity_m_s2=np.array(payload["gravity_m_s2"], dtype=float),
+                known=bool(payload.get("known", True)),
             ),
             fitted_to=None if fitted is None else _fitted_to(fitted),
             seen=None

@@ -20,6 +20,7 @@ from pa10cal.terms.faults.family import every_fault
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Term
+from pa10cal.terms.weights import Weights
 
 
 def term_to_plain(term: Term) -> dict[str, Any]:
@@ -75,8 +76,8 @@ def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
 
 @cache
 def term_kinds() -> dict[str, Any]:
-    """Return every class of term by its id: constant departures, springs, effects."""
-    kinds: tuple[Any, ...] = (Offsets, JointSpring, *every_effect(), *every_fault())
+    """Return every class of term by its id: departures, springs, weights, effects, faults."""
+    kinds: tuple[Any, ...] = (Offsets, JointSpring, Weights, *every_effect(), *every_fault())
     return {kind.id: kind for kind in kinds}
 
 

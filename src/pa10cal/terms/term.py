@@ -118,6 +118,12 @@ def shows_torque(term: Term) -> TypeGuard[TorqueTerm]:
     return hasattr(type(term), "torque_derivative")
 
 
+def falsifies_log(term: Term) -> bool:
+    """Return whether a term shows in a log of torques alone, and moves no robot."""
+    of_calculated = getattr(type(term), "of_calculated", False)
+    return shows_torque(term) and not term.carried and not of_calculated
+
+
 def report_as_solved(parameters: tuple[Parameter, ...], x: Array) -> Report:
     """Report parameters that readers know in the form they are solved in."""
     return Report(parameters, x, np.eye(len(x)))

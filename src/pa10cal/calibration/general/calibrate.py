@@ -20,11 +20,13 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.loads import TorqueSource, with_torques
 from pa10cal.fit.problem import Problem
+from pa10cal.fit.uncertain_weights import unknown_tool
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.weights import Weights
 
 Array = NDArray[np.float64]
 
@@ -108,7 +110,10 @@ def calibrate_general(
     if not links:
         unknowns = replace(unknowns, links=Offsets((), ()))
     terms = tuple(JointSpring(joint, float(tau_Nm[joint - 1]), cubic=False) for joint in springs)
-    model = Model(chain, (unknowns.links, *terms, unknowns.tool, unknowns.base))
+    weights: tuple[Weights, ...] = ()
+    if terms and source == "masses" and payload is not None and not payload.known:
+        weights = (unknown_tool(arm, payload),)
+    model = Model(chain, (unknowns.links, *terms, *weights, unknowns.tool, unknowns.base))
     problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, observations)
     _check_enough(problem)
     x_start = problem.start(_model_start(problem.model, start))

@@ -151,6 +151,10 @@ class _Span:
         bounds = Bounds.of(problem.parameters)
         width = bounds.upper - bounds.lower
         reach = np.where(np.isfinite(width), width, _REACH * problem.scale)
+        expected = [p.plausible for p in problem.parameters]
+        reach = np.array(
+            [far if size is None else size for far, size in zip(reach, expected, strict=True)]
+        )
         return cls(bounds.clip(x_start), bounds, reach)
 
     def off(self, x: Array) -> Array:

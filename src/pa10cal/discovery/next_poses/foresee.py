@@ -14,7 +14,9 @@ from pa10cal.discovery.linear import by_every_joint
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import complete
 from pa10cal.errors import DiscoveryError
+from pa10cal.fit.loads import statics_of
 from pa10cal.observe.observations import Observations
+from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
 
@@ -51,6 +53,9 @@ def foresee(problem: Problem, found: Fit, q_rad: Array, load_N: Array, arrival: 
         temperature_C=np.full(count, measured.temperature_C[last]),
         time_s=np.full(count, measured.time_s[last]),
     )
+    if setup.payload is not None:
+        nominal = statics_of(Model(baseline.model.chain, ()), np.zeros(0), states, setup.payload)
+        states = replace(states, static_loads=nominal.static_loads)
     repeats = round(len(problem.readings) / (1 + int(same_circumstances(problem.readings).max())))
     T_instr_ee = baseline.T_instr_base @ baseline.model.predict(states, baseline.x)
     poses = Observations(
@@ -64,7 +69,9 @@ def foresee(problem: Problem, found: Fit, q_rad: Array, load_N: Array, arrival: 
     poses = _on_apparatus(poses, T_instr_ee, problem)
     states = complete(poses, baseline, setup).states
     if states.static_loads is not None:
-        tau_Nm = states.static_loads.joint_Nm + found.model.torque_Nm(states, found.at.x)
+        tau_Nm = states.static_loads.joint_Nm
+        if problem.torques_logged:
+            tau_Nm = tau_Nm + found.model.torque_Nm(states, found.at.x)
         states = replace(states, tau_Nm=tau_Nm)
     T_instr_ee = found.at.T_instr_base @ found.model.predict(states, found.at.x)
     ideal = problem.readings.measured.ideal(T_instr_ee, found.at.targets_m)

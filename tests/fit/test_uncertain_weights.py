@@ -1,0 +1,130 @@
+"""Uncertain weights: what they do to calculated torques, and a model that has them open."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import Payload
+from pa10cal.arm.tolerances import Tolerances
+from pa10cal.calibration.general.calibrate import calibrate_general
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.loads import with_torques
+from pa10cal.fit.model_file import load_model, save_model
+from pa10cal.fit.uncertain_weights import open_unknowns, unknown_tool, with_uncertain_weights
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import link_departures
+from pa10cal.terms.weights import Weights
+
+ARM = load_arm("ur10")
+TOOL_KG = 1.5
+TOOL = Payload(TOOL_KG, np.array([0.01, -0.02, 0.06]), np.zeros(3), np.array([0.0, 0.0, -9.80665]))
+NOT_KNOWN = replace(TOOL, mass_kg=0.0, known=False)
+STIFFNESS = {2: 7e4, 3: 5e4, 4: 1.5e4}
+
+
+def states(count=60, seed=1):
+    q_rad = np.random.default_rng(seed).uniform(-2.0, 2.0, (count, ARM.n))
+    nothing = np.zeros(count)
+    unknown = np.full_like(q_rad, np.nan)
+    return PoseStates(q_rad, unknown, np.zeros_like(q_rad), nothing, nothing + 20.0, nothing)
+
+
+def on_springs(payload=TOOL):
+    """A model with nominal links and the springs above."""
+    links = link_departures(ARM, Tolerances())
+    springs = tuple(JointSpring(joint, 50.0, cubic=False) for joint in STIFFNESS)
+    values = [spring.solved(k, 0.0) for spring, k in zip(springs, STIFFNESS.values(), strict=True)]
+    x = np.concatenate([np.zeros(len(links.parameters)), *values])
+    model = Model(Chain.of(ARM), (links, *springs))
+    return FittedModel(model, x, np.eye(4), payload=payload, covariance=np.eye(len(x) + 6) * 1e-12)
+
+
+def predicted(model, states, payload):
+    loaded, source = with_torques(model.model, model.x, states, payload)
+    assert source == "masses"
+    return model.model.predict(loaded, model.x)
+
+
+def test_a_weight_that_differs_moves_the_arm_as_if_it_were_described():
+    arm = replace(ARM, mass_kg=ARM.mass_kg + np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
+    heavier = on_springs(replace(TOOL, mass_kg=TOOL_KG + 0.5))
+    heavier = replace(heavier, model=Model(Chain.of(arm), heavier.model.terms))
+    weights = with_uncertain_weights(on_springs(), TOOL)
+    names = [parameter.name for parameter in weights.model.parameters]
+    weights.x[names.index("weight_2_mass")] = 1.0
+    weights.x[names.index("weight_tool_mass")] = 0.5
+    moved = predicted(weights, states(), TOOL) - predicted(on_springs(), states(), TOOL)
+    wanted = predicted(heavier, states(), heavier.payload) - predicted(on_springs(), states(), TOOL)
+    assert np.abs(wanted).max() > 1e-5
+    np.testing.assert_allclose(moved, wanted, atol=2e-3 * np.abs(wanted).max())
+    # Wherever the model is asked, too.
+    q_rad = states().q_rad
+    np.testing.assert_allclose(weights.predict(q_rad).T, heavier.predict(q_rad).T, atol=1e-7)
+
+
+def test_opening_the_weights_changes_no_prediction_and_counts_as_no_unknown(tmp_path):
+    model, open_model = on_springs(), with_uncertain_weights(on_springs(), TOOL)
+    np.testing.assert_array_equal(
+        predicted(model, states(), TOOL), predicted(open_model, states(), TOOL)
+    )
+    assert open_unknowns(open_model.model) == open_unknowns(model.model) == len(model.x)
+    again = with_uncertain_weights(open_model, TOOL)
+    assert again.model.terms == open_model.model.terms
+    std = np.sqrt(np.diag(open_model.covariance))
+    assert std[: len(model.x)] == pytest.approx(1e-6)
+    assert std[-6:] == pytest.approx(1e-6)
+    assert std[len(model.x) : -6] == pytest.approx(open_model.model.terms[-1].sizes)
+    save_model(open_model, tmp_path / "model.yaml")
+    loaded = load_model(tmp_path / "model.yaml")
+    assert loaded.model.terms == open_model.model.terms
+    assert loaded.payload.known
+
+
+def test_a_tool_of_unknown_mass_is_estimated_and_stiffness_is_as_uncertain():
+    truth = on_springs()
+    some = states(150)
+    T = predicted(truth, some, TOOL)
+    rng = np.random.default_rng(5)
+    T[:, :3, 3] += 2e-5 * rng.standard_normal((len(T), 3))
+    covariance = np.tile(np.diag([2e-5] * 3 + [1e-4] * 3) ** 2, (len(T), 1, 1))
+    count = len(T)
+    observations = Observations(
+        pose=np.array([f"{k}" for k in range(count)]),
+        states=some,
+        measured=Pose.of(T, covariance),
+        kind=np.full(count, "grid"),
+        repeat=np.ones(count, dtype=np.int64),
+        readings=np.ones(count, dtype=np.int64),
+    )
+    start = observations.measured.find_start(Chain.of(ARM).forward(some.q_rad))
+    found = {
+        payload.known: calibrate_general(ARM, observations, start, payload)
+        for payload in (TOOL, NOT_KNOWN)
+    }
+
+    def stiffness(known):
+        model, std = found[known].problem.model, np.sqrt(np.diag(found[known].fit.covariance))
+        for term in model.terms:
+            if isinstance(term, JointSpring) and term.joint in STIFFNESS:
+                at = model.columns_of(term)
+                windup = found[known].fit.x[at][0]
+                yield STIFFNESS[term.joint], term.tau_ref_Nm / windup, std[at][0] / windup
+
+    for true, value, share in stiffness(known=False):
+        assert abs(value / true - 1.0) < 4.0 * share
+    known, unknown = (max(share for *_, share in stiffness(k)) for k in (True, False))
+    assert unknown > known
+    terms = found[False].problem.model
+    (weights,) = (term for term in terms.terms if isinstance(term, Weights))
+    assert weights == unknown_tool(ARM, NOT_KNOWN)
+    mass_kg = found[False].fit.x[terms.columns_of(weights)][-1]
+    std_kg = np.sqrt(np.diag(found[False].fit.covariance))[terms.columns_of(weights)][-1]
+    assert abs(mass_kg - TOOL_KG) < 4.0 * std_kg < 4.0 * weights.sizes[-1]
+    assert not any(isinstance(term, Weights) for term in found[True].problem.model.terms)
