@@ -45,7 +45,7 @@ def discover(
     """
     campaign = prepared(every, model, setup)
     error_rate = setup.options.error_rate
-    if judged_by_blocks(campaign.readings):
+    if judged_by_blocks(campaign.trusted):
         from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
 
         return gated(discover_by_blocks(campaign, error_rate))

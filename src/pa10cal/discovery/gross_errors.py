@@ -1,46 +1,266 @@
-"""Readings that a gross error moved: far from the calibrated model, and none like them.
+"""Single readings that a gross error moved: their repeats do not confirm them.
 
 What a model lacks moves all readings of a pose alike, while a gross error moves one. So a reading
-is suspected where it lies far outside the scatter about the model and no other reading of its pose
-and load lies near it. That of a pose measured once is suspected as its calibration suspects it.
+is judged by the other readings of its pose, load and direction of arrival; where there is none, by
+the calibrated model, and only beyond what heavy tails of its errors make. Touched balls are judged
+as all else is: each touch was within its ball, and the ball may have been another place.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
-from pa10cal.discovery.linear import residual
+from pa10cal.discovery.linear import by_every_joint, residual
+from pa10cal.discovery.noise import noise_of_repeats, same_circumstances
+from pa10cal.discovery.tails import Tails
 from pa10cal.discovery.weights import pose_weights
+from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.observe.averages import reading_groups
 from pa10cal.observe.observations import Observations
 
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
-def gross_errors(readings: Observations, model: FittedModel) -> NDArray[np.bool_]:
-    """Return (P,) which single readings are suspected of a gross error.
+#: Probability that any reading is excluded where none is wrong and errors are normal.
+EXCLUDED_RATE = 0.1
+#: Probability that any reading of right data, whatever its tails, is called wrong.
+ACCUSED_RATE = 1e-3
+#: Readings before and after one that are looked at: where most of them are off as well, something
+#: happened in time, and the reading is no single one.
+_NEIGHBOURS = 5
+#: Another reading confirms one where they differ by less than this part of how far it is off.
+_CONFIRMED = 0.3
+#: Scatter is no less than this part of what is stated, or of the noise found: rounding is none.
+_LEAST_STATED = 1e-3
+_LEAST_NOISE = 0.1
 
-    Touches are judged one by one when they are read, so that no pose made of them is suspected.
+
+@dataclass(frozen=True)
+class GrossErrors:
+    """Which of P single readings have a gross error.
+
+    Attributes:
+        excluded: (P,) readings that are not to be averaged.
+        accused: (P,) those of them that no tail of right data makes.
+        times: (P,) how many times as far off as is usual.
+        off_mm: (P,) how far off, of the position or distance.
+    """
+
+    excluded: Mask
+    accused: Mask
+    times: Array
+    off_mm: Array
+
+
+def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
+    """Return which single readings have a gross error.
 
     Args:
         readings: P single readings, with what the model needs.
         model: the calibrated model.
     """
-    suspected = np.zeros(len(readings), dtype=bool)
-    measured = readings.measured
-    if measured.from_touches:
-        return suspected
-    seen, left = measured.components_seen, residual(model, readings)
+    left = residual(model, readings)
+    by_repeats = _off_repeats(readings, model, left)
+    return _off_model(readings, model, left, by_repeats)
+
+
+def off_prediction(poses: Observations, model: FittedModel, fitted: Observations) -> GrossErrors:
+    """Return which readings held out of a fit are far from where it predicts them.
+
+    Args:
+        poses: P single readings held out, with what the model needs.
+        model: the calibrated model.
+        fitted: single readings that it was fitted to, likewise: they show what is usual.
+    """
+    usual = _by_stated(fitted, residual(model, fitted))
+    left = residual(model, poses)
+    white = _by_stated(poses, left)
+    far = np.zeros(len(poses), dtype=bool)
+    for _, at in poses.measured.component_kinds:
+        of_fitted, own = _tails(usual, fitted, at), _tails(white, poses, at)
+        scale = max(of_fitted.scale, own.scale, _LEAST_STATED)
+        white[:, at] /= scale
+        seen = poses.measured.components_seen[:, at]
+        both = np.concatenate([white[:, at][seen], usual[:, at][_seen(fitted, at)] / scale])
+        limit = Tails.of(both).largest(ACCUSED_RATE, int(seen.sum()))
+        far |= np.abs(np.where(seen, white[:, at], 0.0)).max(axis=1, initial=0.0) > limit
+    far &= ~_confirmed(poses, left, np.flatnonzero(far))
+    components = np.sqrt(np.maximum(poses.measured.components_seen.sum(axis=1), 1))
+    times = np.linalg.norm(white, axis=1) / components
+    return GrossErrors(far, far, times, _position_mm(poses, left))
+
+
+def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> GrossErrors:
+    """Judge readings by the others of their circumstances."""
+    count = len(readings)
+    group, seen = same_circumstances(readings), readings.measured.components_seen
+    nobody = np.zeros(count, dtype=bool)
+    alone = np.bincount(group)[group] < 2
+    nothing = np.zeros(count)
+    if alone.all():
+        return GrossErrors(nobody, nobody, nothing, nothing)
+    further = np.linalg.norm(_by_stated(readings, left), axis=1)
+
+    def judged(white: Array, without: Mask, least: float) -> GrossErrors:
+        """Exclude the reading furthest from the others of its group, group by group, anew.
+
+        What is usual is found without some readings, and is at least this part of what was thought.
+        """
+        out = nobody.copy()
+        scaled = white.copy()
+        first = _from_others(white, group, seen, without)
+        for _, at in readings.measured.component_kinds:
+            here = seen[:, at] & ~(alone | without)[:, None]
+            scaled[:, at] /= max(Tails.of(first[:, at][here]).scale, least)
+        components = np.maximum(seen.sum(axis=1), 1)
+        limit = np.sqrt(chdtri(components, EXCLUDED_RATE / count))
+        while True:
+            distance = np.linalg.norm(_from_others(scaled, group, seen, out), axis=1)
+            far = np.flatnonzero(~out & (distance > limit))
+            if not len(far):
+                break
+            # Of two readings the one further from the model; of more, the one off the others.
+            left_in = np.bincount(group[~out], minlength=group.max() + 1)[group]
+            order = np.lexsort((further[far], np.where(left_in[far] > 2, distance[far], 0.0)))
+            worst = np.unique(group[far[order[::-1]]], return_index=True)[1]
+            out[far[order[::-1]][worst]] = True
+        apart = _from_others(scaled, group, seen, out)
+        times = np.linalg.norm(apart, axis=1) / np.sqrt(components)
+        out &= ~_in_time(out, readings.states.time_s)
+        beyond = _beyond_tails(apart, readings, ~alone)
+        return GrossErrors(out, out & beyond, times, nothing)
+
+    found = judged(_by_stated(readings, left), nobody, _LEAST_STATED)
+    try:
+        plain = _with_means_of_others(left, group, seen, found.excluded)
+        noise = noise_of_repeats(readings, -plain, by_every_joint(model, readings))
+    except DiscoveryError:
+        pass
+    else:
+        least = _LEAST_STATED**2 * readings.measured.stated_covariance
+        whitener = np.linalg.inv(np.linalg.cholesky(noise.cov + least))
+        white = (whitener @ left[:, :, None])[:, :, 0]
+        found = judged(white, found.excluded, _LEAST_NOISE)
+    apart, _ = _less_others(left, group, seen, found.excluded)
+    return GrossErrors(found.excluded, found.accused, found.times, _position_mm(readings, apart))
+
+
+def _off_model(
+    readings: Observations, model: FittedModel, left: Array, found: GrossErrors
+) -> GrossErrors:
+    """Judge readings without a repeat of the same circumstances by the model."""
+    group, seen = same_circumstances(readings), readings.measured.components_seen
+    alone = np.bincount(group)[group] < 2
+    if not alone.any():
+        return found
     dof = len(model.model.parameters) + len(model.targets_m) + 6
-    whitener = pose_weights(left, dof, measured).whitener
-    limit = suspect_beyond(seen)
-    group = reading_groups(readings)
-    far = np.linalg.norm((whitener @ left[:, :, None])[:, :, 0], axis=1) > limit
-    for row in np.flatnonzero(far):
+    whitener = pose_weights(left, dof, readings.measured).whitener
+    white = (whitener @ left[:, :, None])[:, :, 0]
+    far = alone & _beyond_tails(white, readings, np.ones(len(readings), dtype=bool))
+    far &= ~_confirmed(readings, left, np.flatnonzero(far))
+    far &= ~_in_time(far, readings.states.time_s)
+    components = np.sqrt(np.maximum(seen.sum(axis=1), 1))
+    return GrossErrors(
+        found.excluded | far,
+        found.accused | far,
+        np.where(far, np.linalg.norm(white, axis=1) / components, found.times),
+        np.where(far, _position_mm(readings, left), found.off_mm),
+    )
+
+
+def _beyond_tails(white: Array, readings: Observations, judged: Mask) -> Mask:
+    """Return (P,) which readings are further off than any tail of right data makes.
+
+    Args:
+        white: (P, b) of about unit size.
+        readings: P single readings.
+        judged: (P,) those that show what tails there are.
+    """
+    beyond = np.zeros(len(readings), dtype=bool)
+    for _, at in readings.measured.component_kinds:
+        here = _seen(readings, at) & judged[:, None]
+        limit = Tails.of(white[:, at][here]).largest(ACCUSED_RATE)
+        beyond |= np.any(here & (np.abs(white[:, at]) > limit), axis=1)
+    return beyond
+
+
+def _confirmed(readings: Observations, left: Array, rows: Index) -> Mask:
+    """Return (P,) which of some rows another reading of the pose and load confirms.
+
+    It does where it is off by about as much in the same direction.
+
+    Args:
+        readings: P single readings.
+        left: (P, b) what the model leaves of them.
+        rows: those that are far from it.
+    """
+    group, near = reading_groups(readings), np.zeros(len(readings), dtype=bool)
+    seen = readings.measured.components_seen
+    for row in rows:
         others = np.flatnonzero(group == group[row])
         others = others[others != row]
-        apart = np.where(seen[others] & seen[row], left[others] - left[row], 0.0) / np.sqrt(2.0)
-        near = np.linalg.norm(apart @ whitener[row].T, axis=1) <= limit[row]
-        suspected[row] = not near.any()
-    return suspected
+        both = seen[others] & seen[row]
+        apart = np.linalg.norm(np.where(both, left[others] - left[row], 0.0), axis=1)
+        near[row] = bool(np.any(apart <= _CONFIRMED * np.linalg.norm(left[row])))
+    return near
+
+
+def _from_others(values: Array, group: Index, seen: Mask, out: Mask) -> Array:
+    """Return values (P, b) less the mean of the others of their group, in their own scatter.
+
+    Zero where nothing else was seen. What is out counts in no mean.
+    """
+    apart, others = _less_others(values, group, seen, out)
+    return np.asarray(apart / np.sqrt(1.0 + 1.0 / np.maximum(others, 1.0)))
+
+
+def _less_others(values: Array, group: Index, seen: Mask, out: Mask) -> tuple[Array, Array]:
+    counts = seen & ~out[:, None]
+    shape = (int(group.max()) + 1, values.shape[1])
+    total, times = np.zeros(shape), np.zeros(shape)
+    np.add.at(total, group, np.where(counts, values, 0.0))
+    np.add.at(times, group, counts)
+    others = times[group] - counts
+    mean = (total[group] - np.where(counts, values, 0.0)) / np.maximum(others, 1.0)
+    return np.where(seen & (others > 0), values - mean, 0.0), others
+
+
+def _with_means_of_others(values: Array, group: Index, seen: Mask, out: Mask) -> Array:
+    apart, _ = _less_others(values, group, seen, out)
+    return np.where(out[:, None], values - apart, values)
+
+
+def _in_time(off: Mask, time_s: Array) -> Mask:
+    """Return (P,) readings that are off in a stretch of time in which most readings are."""
+    order = np.argsort(time_s, kind="stable")
+    window = np.ones(2 * _NEIGHBOURS + 1)
+    most = np.convolve(off[order], window, mode="same") - off[order] > _NEIGHBOURS
+    together = np.zeros(len(off), dtype=bool)
+    together[order] = np.convolve(most & off[order], window, mode="same") > 0.5
+    return together & off
+
+
+def _by_stated(readings: Observations, values: Array) -> Array:
+    """Return values (P, b) in the stated uncertainty of the readings."""
+    stated = np.linalg.inv(np.linalg.cholesky(readings.measured.stated_covariance))
+    return np.asarray((stated @ values[:, :, None])[:, :, 0])
+
+
+def _seen(readings: Observations, at: slice) -> Mask:
+    return np.asarray(readings.measured.components_seen[:, at])
+
+
+def _tails(white: Array, readings: Observations, at: slice) -> Tails:
+    return Tails.of(white[:, at][_seen(readings, at)])
+
+
+def _position_mm(readings: Observations, apart: Array) -> Array:
+    """Return the length (P,) [mm] of what differs in the first kind of components."""
+    _, at = readings.measured.component_kinds[0]
+    return np.asarray(1e3 * np.linalg.norm(apart[:, at], axis=1))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, Statics
 from pa10cal.discovery.faults import Fault
-from pa10cal.discovery.gross_errors import gross_errors
 from pa10cal.discovery.options import DiscoveryOptions
+from pa10cal.discovery.row_faults import RowFaults, held_out_faults, row_faults
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
 from pa10cal.fit.uncertain_weights import with_uncertain_weights
 from pa10cal.observe.arrivals import with_arrivals
-from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.averages import average_repeats, reading_groups
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.joint_spring import JointSpring
@@ -59,7 +59,9 @@ class Prepared:
         setup: what is known besides the poses.
         torques: where the torques come from: `logged`, `masses`, or `none`.
         arrivals_from_order: whether directions of arrival are those of the order of poses.
-        faults: faults of single rows or poses, which are not among the readings any more.
+        faults: faults of single rows or poses.
+        excluded: (P,) readings that are not to be averaged; None for none.
+        suspected: (H,) held-out poses with a suspected reading; None for none.
     """
 
     readings: Observations
@@ -69,44 +71,72 @@ class Prepared:
     torques: TorqueSource
     arrivals_from_order: bool
     faults: tuple[Fault, ...] = ()
+    excluded: NDArray[np.bool_] | None = None
+    suspected: NDArray[np.bool_] | None = None
 
-    @cached_property
+    @property
     def gross(self) -> NDArray[np.bool_]:
-        """Return which readings are suspected of a gross error, (P,)."""
-        readings = self.readings
-        if not readings.measured.from_touches:
-            readings = complete(readings, self.baseline, self.setup)
-        return gross_errors(readings, self.baseline)
+        """Return which readings have a gross error, or a fault of their own, (P,)."""
+        return np.zeros(len(self.readings), bool) if self.excluded is None else self.excluded
 
     @property
     def trusted(self) -> Observations:
-        """Return the readings that may be averaged: those not suspected of a gross error."""
+        """Return the readings that may be averaged: those without a gross error or a fault."""
         return self.readings.take(~self.gross) if self.gross.any() else self.readings
 
 
-def prepared(every: Observations, model: FittedModel, setup: MeasurementSetup) -> Prepared:
+def prepared(
+    every: Observations,
+    model: FittedModel,
+    setup: MeasurementSetup,
+    faults: Sequence[Fault] = (),
+) -> Prepared:
     """Make a campaign ready: directions of arrival, attitudes and torques as the model has them.
 
     Args:
         every: single readings of all kinds, with the instrument's covariance.
         model: the calibrated model.
         setup: what is known besides the poses.
+        faults: those found when the raw files were read.
     """
     every, from_order = with_arrivals(every)
-    readings = every.of_kind("grid").turned(model.R_ee_target)
-    held_out = average_repeats(every.of_kind("holdout")).turned(model.R_ee_target)
-    states, torques = with_torques(model.model, model.x, readings.states, setup.payload)
-    held_out_states, _ = with_torques(model.model, model.x, held_out.states, setup.payload)
+    as_calibrated = model.with_bends()
+
+    def with_their_torques(poses: Observations) -> tuple[Observations, TorqueSource]:
+        states, torques = with_torques(model.model, model.x, poses.states, setup.payload)
+        return poses.with_states(states), torques
+
+    readings, torques = with_their_torques(every.of_kind("grid").turned(model.R_ee_target))
+    whole = complete(readings, as_calibrated, setup)
+    found = row_faults(whole, as_calibrated, setup.payload, torques)
+    single = every.of_kind("holdout")
+    held_out, held_out_found = None, None
+    if len(single):
+        held_out, _ = with_their_torques(average_repeats(single).turned(model.R_ee_target))
+        alone, _ = with_their_torques(single.turned(model.R_ee_target))
+        alone = complete(alone, as_calibrated, setup)
+        held_out_found = held_out_faults(alone, as_calibrated, whole.take(~found.excluded))
     if torques == "masses" and setup.payload is not None:
         model = with_uncertain_weights(model, setup.payload)
     return Prepared(
-        readings=readings.with_states(states),
-        held_out=held_out.with_states(held_out_states) if len(held_out) else None,
+        readings=readings,
+        held_out=held_out,
         baseline=model.with_bends(),
         setup=setup,
         torques=torques,
         arrivals_from_order=from_order,
+        faults=(*faults, *found.faults, *(held_out_found.faults if held_out_found else ())),
+        excluded=found.excluded,
+        suspected=_averages_with(single, held_out_found),
     )
+
+
+def _averages_with(single: Observations, found: RowFaults | None) -> NDArray[np.bool_] | None:
+    """Return which averages of readings have a suspected one among them."""
+    if found is None or not found.excluded.any():
+        return None
+    group = reading_groups(single)
+    return np.bincount(group, found.excluded) > 0.0
 
 
 def complete(poses: Observations, baseline: FittedModel, setup: MeasurementSetup) -> Observations:

@@ -237,6 +237,14 @@ class Instrument(ABC):
             CalibrationError: when these poses do not determine frames and targets.
         """
 
+    def in_order(self, order: Sequence[int]) -> Self:  # noqa: ARG002 - one target has one order
+        """Return what was measured, each target under the label of another.
+
+        Args:
+            order: for every label, the number of the target that it is given to.
+        """
+        return self
+
     def turned(self, R_ee_target: Array) -> Self:  # noqa: ARG002 - only attitudes are turned
         """Return the measurements with attitudes of the end-effector in place of the target's."""
         return self

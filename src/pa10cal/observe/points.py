@@ -82,6 +82,12 @@ class Points(Instrument):
         unit = np.broadcast_to(np.eye(3), (*p_instr_m.shape[:2], 3, 3))
         return replace(self, p_instr_m=p_instr_m, cov_m2=unit)
 
+    @override
+    def in_order(self, order: Sequence[int]) -> Self:
+        """Return the positions with each target under the label of another."""
+        at = list(order)
+        return replace(self, p_instr_m=self.p_instr_m[:, at], cov_m2=self.cov_m2[:, at])
+
     @property
     @override
     def target_names(self) -> tuple[str, ...]:

@@ -153,7 +153,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         DiscoveryError: when there are too few poses.
     """
     judged = survey(
-        campaign.readings,
+        campaign.trusted,
         campaign.baseline,
         campaign.setup,
         torques_logged=campaign.torques == "logged",
