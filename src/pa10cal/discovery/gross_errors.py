@@ -36,6 +36,8 @@ ACCUSED_RATE = 1e-3
 _NEIGHBOURS = 5
 #: Another reading confirms one where they differ by less than this part of how far it is off.
 _CONFIRMED = 0.3
+#: Relative error of a scatter that is found from one deviate, by its median, twice.
+_OF_SCALE = 2.3
 #: Scatter is no less than this part of what is stated, or of the noise found: rounding is none.
 _LEAST_STATED = 1e-3
 _LEAST_NOISE = 0.1
@@ -120,6 +122,7 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
             scaled[:, at] /= max(Tails.of(first[:, at][here]).scale, least)
         components = np.maximum(seen.sum(axis=1), 1)
         limit = np.sqrt(chdtri(components, EXCLUDED_RATE / count))
+        limit *= 1.0 + _OF_SCALE / np.sqrt(float(seen[~(alone | without)].sum()))
         while True:
             distance = np.linalg.norm(_from_others(scaled, group, seen, out), axis=1)
             far = np.flatnonzero(~out & (distance > limit))
