@@ -124,3 +124,17 @@ def test_too_few_repeats_are_refused():
     assert refused.value.value.startswith(f"{LEAST_DIFFERENCES - 1} pairs")
     assert refused.value.allowed == f"at least {LEAST_DIFFERENCES}"
     assert refused.value.remedy == "measure poses repeatedly"
+
+
+def test_where_no_side_comes_twice_repeats_from_any_side_are_compared():
+    readings, deviation, screws = readings_of(repeats=4)
+    sides = np.random.default_rng(4).choice([-1.0, 1.0], (len(readings), 2))
+    sides[:, 1] = np.arange(len(readings)) % 97  # hardly ever the same
+    shuffled = readings.with_states(replace(readings.states, arrival=sides))
+    steady = noise_of_repeats(readings, deviation, screws)
+    lost_rad = 40.0 * JOINT_RAD * np.array([1.0, 0.02])
+    lost = np.einsum("pij,pj->pi", screws, lost_rad * sides)
+    found = noise_of_repeats(shuffled, deviation + lost, screws)
+    assert found.differences > 2 * LEAST_DIFFERENCES
+    np.testing.assert_allclose(found.joint_rad, steady.joint_rad, rtol=0.3)
+    assert found.instrument == pytest.approx(steady.instrument, rel=0.2)

@@ -1,5 +1,7 @@
 """Directions of arrival that the order of poses gives."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from pa10cal.arm.state import PoseStates
@@ -51,3 +53,11 @@ def test_what_was_logged_is_left_alone():
 
 def test_no_readings_stay_as_they_are():
     assert with_arrivals(observed([], []))[1] is False
+
+
+def test_times_that_readings_share_give_no_order():
+    rows = observed([0.0, 0.5, 0.3, 0.7], [0.0] * 4)
+    timeless = rows.with_states(replace(rows.states, time_s=np.zeros(4)))
+    found, from_order = with_arrivals(timeless)
+    assert not from_order
+    assert not found.states.arrival.any()

@@ -3,6 +3,8 @@
 Pure error is how much one reading differs from the next of the same pose, load and direction.
 Successive readings are compared, not readings with their mean: what drifts slowly, or depends on
 the direction of arrival, is then no noise (von Neumann's mean square of successive differences).
+Where poses come in another order each time, hardly any is reached from the same side twice: then
+all repeats of a pose and load are compared, less what goes with the direction of each joint.
 The scatter is attributed to its sources, joints that stop a little elsewhere and the instrument, so
 that it can be stated for any pose. Without repeats, poses that are nearly the same stand for them.
 """
@@ -18,6 +20,7 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
 from pa10cal.errors import DiscoveryError
+from pa10cal.observe.averages import reading_groups
 from pa10cal.observe.observations import Observations
 
 Array = NDArray[np.float64]
@@ -28,6 +31,8 @@ LEAST_DIFFERENCES = 20
 #: Part of the readings that must be repeats, where there are so many poses that blocks of them can
 #: be held out instead.
 LEAST_REPEATED = 0.25
+#: Repeats from any side are compared where they are so many times those from the same side.
+_FAR_MORE = 2.0
 #: Poses closer than this in every joint count as the same [rad; m of a prismatic joint].
 NEARLY_SAME = 2e-3
 #: Scatter of a torque, as part of the largest torque, that rounding alone makes.
@@ -80,18 +85,22 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
     Raises:
         DiscoveryError: when too little is repeated, or repeats show no noise.
     """
-    order, pairs = _successive(readings)
-    if len(pairs) < LEAST_DIFFERENCES:
+    first, second = _pairs(readings)
+    if len(first) < LEAST_DIFFERENCES:
         raise DiscoveryError(
             "too few repeats to determine the repeatability of the measurement",
             where="grid poses",
-            value=f"{len(pairs)} pairs of successive readings of one pose, load and direction",
+            value=f"{len(first)} pairs of successive readings of one pose, load and direction",
             allowed=f"at least {LEAST_DIFFERENCES}",
             remedy="measure poses repeatedly",
         )
-    first, second = order[pairs], order[pairs + 1]
     difference = (deviation[second] - deviation[first]) / np.sqrt(2.0)
     seen = readings.measured.components_seen
+    turned = (readings.states.arrival[second] - readings.states.arrival[first]) / np.sqrt(2.0)
+    if turned.any():
+        stated = np.diagonal(readings.measured.stated_covariance, axis1=1, axis2=2)[first]
+        by_direction = 0.5 * (screws[first] + screws[second]) * turned[:, None, :]
+        difference = difference - _along(difference, by_direction, np.sqrt(stated), seen[first])
     sources = np.concatenate(
         [
             np.einsum("pik,pjk->pkij", screws, screws),
@@ -119,9 +128,13 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
     n = screws.shape[2]
     torque = readings.states.tau_Nm
     torque_difference = (torque[second] - torque[first]) / np.sqrt(2.0)
+    if turned.any():
+        squares = np.sum(turned**2, axis=0)
+        by_direction_Nm = np.sum(turned * torque_difference, axis=0) / np.where(squares, squares, 1)
+        torque_difference = torque_difference - turned * by_direction_Nm
     return Noise(
         cov=_whole(np.einsum("k,pkij->pij", variances, sources), seen),
-        differences=len(pairs),
+        differences=len(first),
         joint_rad=np.sqrt(variances[:n]),
         instrument=float(np.sqrt(variances[n])),
         torque_Nm=_torque_noise_Nm(torque_difference, torque),
@@ -199,16 +212,37 @@ def same_circumstances(readings: Observations) -> Index:
 
 
 def repeated(readings: Observations) -> int:
-    """Return how many readings repeat one of the same pose, load and direction of arrival."""
-    return len(_successive(readings)[1])
+    """Return how many readings repeat one of the same pose, load and direction of arrival.
+
+    Of the same pose and load, where hardly any is reached from the same side twice.
+    """
+    return len(_pairs(readings)[0])
 
 
-def _successive(readings: Observations) -> tuple[Index, Index]:
-    """Return an order of the readings, and where in it a reading and its next one stand."""
-    circumstances = same_circumstances(readings)
+def _pairs(readings: Observations) -> tuple[Index, Index]:
+    """Return readings and their next ones of the same circumstances; see `repeated`."""
+    found = _successive(readings, same_circumstances(readings))
+    if len(found[0]) >= LEAST_REPEATED * len(readings):
+        return found
+    any_side = _successive(readings, reading_groups(readings))
+    return any_side if len(any_side[0]) > _FAR_MORE * len(found[0]) else found
+
+
+def _successive(readings: Observations, circumstances: Index) -> tuple[Index, Index]:
+    """Return each reading that is followed in time by one of its circumstances, and that one."""
     order = np.lexsort((readings.states.time_s, circumstances))
     sorted_codes = circumstances[order]
-    return order, np.flatnonzero(sorted_codes[1:] == sorted_codes[:-1])
+    pairs = np.flatnonzero(sorted_codes[1:] == sorted_codes[:-1])
+    return order[pairs], order[pairs + 1]
+
+
+def _along(difference: Array, columns: Array, sizes: Array, seen: NDArray[np.bool_]) -> Array:
+    """Return what columns (D, b, n), each times a number, explain of differences (D, b)."""
+    weight = np.where(seen, 1.0 / np.where(sizes > 0.0, sizes, 1.0), 0.0)
+    white = (columns * weight[..., None]).reshape(-1, columns.shape[2])
+    amounts = np.linalg.lstsq(white, (difference * weight).ravel(), rcond=None)[0]
+    explained: Array = columns @ amounts
+    return explained
 
 
 def mean_covariance(cov: Array, seen: NDArray[np.bool_], code: Index) -> Array:

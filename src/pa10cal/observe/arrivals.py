@@ -15,6 +15,8 @@ M = TypeVar("M", bound=Instrument)
 
 #: A joint that turned less [rad, or m of a prismatic joint] has not moved.
 _STOOD_STILL = 1e-4
+#: Part of the configurations that must have a time of their own for times to give an order.
+_OWN_TIMES = 0.95
 
 
 def with_arrivals(every: Observations[M]) -> tuple[Observations[M], bool]:
@@ -22,13 +24,16 @@ def with_arrivals(every: Observations[M]) -> tuple[Observations[M], bool]:
 
     Where no joint of any configuration has one, each joint is taken to come straight from where it
     stood in the configuration measured before, of whatever kind; one that stays keeps the direction
-    of its last movement, and the first configuration has none.
+    of its last movement, and the first configuration has none. Times that many configurations share
+    give no order: then no direction is known.
 
     Args:
         every: single readings of all kinds.
     """
     states = every.states
     if not len(every) or states.arrival.any():
+        return every, False
+    if len(np.unique(states.time_s)) < _OWN_TIMES * len(every):
         return every, False
     in_time = np.argsort(states.time_s, kind="stable")
     moved = np.diff(states.q_rad[in_time], axis=0, prepend=np.nan)
