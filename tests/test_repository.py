@@ -62,7 +62,16 @@ MAY_IMPORT = {
         "terms",
     },
     "fit": {"arm", "files.output", "frame", "observe", "terms"},
-    "discovery": {"arm", "calibration", "campaign.description", "fit", "frame", "observe", "terms"},
+    "discovery": {
+        "arm",
+        "calibration",
+        "campaign.description",
+        "campaign.findings",
+        "fit",
+        "frame",
+        "observe",
+        "terms",
+    },
     "montecarlo": {"arm"},
     "curve": {"arm.description"},
     "evaluation": {

@@ -18,6 +18,8 @@ from pa10cal.campaign.description import (
     Holdout,
     read_description,
 )
+from pa10cal.campaign.findings import InputFinding
+from pa10cal.campaign.labels import exchanged_among
 from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.quarantine import Ingested, Quarantined
 from pa10cal.campaign.touched import read_touched
@@ -55,6 +57,11 @@ class Campaign:
     def name(self) -> str:
         """Return its name."""
         return self.description.name
+
+    @cached_property
+    def exchanged_labels(self) -> tuple[InputFinding, ...]:
+        """Return the configurations whose labels are exchanged, which are quarantined."""
+        return exchanged_among(self.quarantined)
 
     @cached_property
     def calibration(self) -> Observations:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.campaign.description import CampaignDescription
+from pa10cal.campaign.findings import InputFinding
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import JointLog, Observations
 
@@ -23,7 +26,11 @@ SCHEMA = "pa10cal-poses/1"
 
 
 def write_pose_table(
-    path: Path, every: Observations, prismatic: NDArray[np.bool_], campaign: str
+    path: Path,
+    every: Observations,
+    prismatic: NDArray[np.bool_],
+    campaign: str,
+    findings: Sequence[InputFinding] = (),
 ) -> None:
     """Write single readings as a Parquet table, the same bytes for the same readings.
 
@@ -32,9 +39,13 @@ def write_pose_table(
         every: single readings of all kinds.
         prismatic: (n,) which joints slide.
         campaign: name of the campaign, kept in the file's metadata.
+        findings: what was found wrong of rows that are not in it, likewise.
     """
     table = pa.table(_columns(every, prismatic))
-    table = table.replace_schema_metadata({"schema": SCHEMA, "campaign": campaign})
+    metadata = {"schema": SCHEMA, "campaign": campaign}
+    if findings:
+        metadata["findings"] = json.dumps([asdict(finding) for finding in findings])
+    table = table.replace_schema_metadata(metadata)
     pq.write_table(table, path, compression="zstd")
 
 
@@ -50,6 +61,12 @@ def read_observations(path: Path, description: CampaignDescription) -> Observati
     """
     table = read_pose_table(path, description.name)
     return _observations({str(name): table[name].to_numpy() for name in table}, description)
+
+
+def read_findings(path: Path) -> tuple[InputFinding, ...]:
+    """Read what was found wrong of rows that are not in a table of poses."""
+    metadata = pq.read_schema(path).metadata or {}
+    return tuple(InputFinding(**each) for each in json.loads(metadata.get(b"findings", b"[]")))
 
 
 def read_pose_table(path: Path, campaign: str | None = None) -> pd.DataFrame:

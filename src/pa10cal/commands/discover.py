@@ -39,7 +39,7 @@ def discover(
     """
     from pa10cal.calibration.records import calibration_options, models_of
     from pa10cal.campaign.description import read_description
-    from pa10cal.campaign.table import read_observations
+    from pa10cal.campaign.table import read_findings, read_observations
     from pa10cal.discovery import discover as search
     from pa10cal.discovery.records import discovery_records, summary
     from pa10cal.discovery.setup import setup_of
@@ -57,7 +57,10 @@ def discover(
     used = calibration_options(record, str(calibration))
     *_, fitted = models_of(record, str(calibration)).values()
     found = search.discover(
-        read_observations(poses, campaign), fitted, setup_of(campaign, arm, used, settings)
+        read_observations(poses, campaign),
+        fitted,
+        setup_of(campaign, arm, used, settings),
+        read_findings(poses),
     )
     ahead = found.next_poses(settings.suggestions, settings.random_seed)
     records = discovery_records(found, ahead, campaign, record.load, time.perf_counter() - began)

@@ -33,7 +33,13 @@ def ingest(
 
     campaign = read_campaign(campaign_dir, settings)
     with whole_files(out, quarantine) as (table, listing):
-        write_pose_table(table, campaign.observations, campaign.arm.prismatic, campaign.name)
+        write_pose_table(
+            table,
+            campaign.observations,
+            campaign.arm.prismatic,
+            campaign.name,
+            campaign.exchanged_labels,
+        )
         listing.write_text(quarantine_csv(campaign.quarantined), encoding="utf-8", newline="\n")
     print(campaign.summary)
     for warning in campaign.warnings:

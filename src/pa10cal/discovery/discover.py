@@ -12,10 +12,14 @@ from pa10cal.discovery.gates import gated
 from pa10cal.discovery.noise import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
 from pa10cal.discovery.not_sought import TooLittle, not_sought
 from pa10cal.discovery.preparation import MeasurementSetup, prepared
+from pa10cal.discovery.row_faults import of_labels
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.uncertain_weights import open_unknowns
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pa10cal.campaign.findings import InputFinding
     from pa10cal.discovery.verdict import Verdict
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.observe.observations import Observations
@@ -29,6 +33,7 @@ def discover(
     every: Observations,
     model: FittedModel,
     setup: MeasurementSetup,
+    labels: Sequence[InputFinding] = (),
 ) -> Verdict[object]:
     """Find which effects are missing from a calibrated model.
 
@@ -39,11 +44,12 @@ def discover(
         every: single readings of a campaign, of all kinds, with the instrument's covariance.
         model: the calibrated model.
         setup: what is known of the campaign besides its readings, and the options of the search.
+        labels: configurations whose labels are exchanged, which are not among the readings.
 
     Raises:
         CalibrationError: when a joint with a spring has no torque.
     """
-    campaign = prepared(every, model, setup)
+    campaign = prepared(every, model, setup, tuple(map(of_labels, labels)))
     error_rate = setup.options.error_rate
     if judged_by_blocks(campaign.trusted):
         from pa10cal.discovery.blocked_cv.discover import discover_by_blocks

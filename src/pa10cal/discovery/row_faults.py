@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.statics import Payload
+from pa10cal.campaign.findings import InputFinding
 from pa10cal.discovery.faults import Fault
 from pa10cal.discovery.gross_errors import GrossErrors, gross_errors, off_prediction
 from pa10cal.discovery.linear import residual
@@ -78,6 +79,11 @@ def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observat
     found = off_prediction(held_out, model, fitted)
     faults = _of_readings(held_out, model, found, "held out, ")
     return RowFaults(found.excluded, tuple(faults))
+
+
+def of_labels(finding: InputFinding) -> Fault:
+    """Return the fault of a configuration whose labels were found exchanged when it was read."""
+    return Fault("label", finding.where, finding.what, finding.remedy)
 
 
 def place_of(readings: Observations, row: int) -> str:

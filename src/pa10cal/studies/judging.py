@@ -60,7 +60,8 @@ class CalibratedCampaign:
         began = time.perf_counter()
         campaign, options, terms = self.campaign, self.options, self.model.model.terms
         setup = setup_of(campaign.description, campaign.arm, options.calibration, options.discovery)
-        found = discover(campaign.observations, self.model, setup)
+        every, wrong = campaign.observations, campaign.exchanged_labels
+        found = discover(every, self.model, setup, wrong)
         return JudgedTrialRecord(
             **dict(verdict_keys(found)),
             campaign=campaign.name,

@@ -1,0 +1,119 @@
+"""Faults of single readings and poses, and what the verdict makes of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pa10cal.campaign.findings import InputFinding
+from pa10cal.campaign.labels import EXCHANGED, exchanged_among
+from pa10cal.campaign.quarantine import quarantined
+from pa10cal.discovery.loads_exchanged import loads_exchanged
+from pa10cal.discovery.preparation import complete
+from pa10cal.discovery.row_faults import held_out_faults, of_labels, row_faults
+from pa10cal.discovery.tails import Tails
+
+
+def with_loads(readings, load_N):
+    return readings.with_states(replace(readings.states, load_N=load_N))
+
+
+def exchanged_at(readings, pose, repeats=None):
+    """Return readings with the two loads of a pose exchanged, at all repeats or some."""
+    load_N = readings.states.load_N.copy()
+    first, second = np.unique(load_N)[:2]
+    here = readings.pose == pose
+    if repeats is not None:
+        here &= np.isin(readings.repeat, repeats)
+    load_N[here] = first + second - load_N[here]
+    return with_loads(readings, load_N), here
+
+
+class TestLoads:
+    def found(self, made, readings):
+        return loads_exchanged(readings, made.baseline, made.setup.payload, "logged")
+
+    def test_right_ones_are_left_alone(self, null):
+        found = self.found(null, null.readings)
+        np.testing.assert_array_equal(found.load_N, null.readings.states.load_N)
+
+    def test_an_exchange_at_one_pose_is_found(self, null):
+        wrong, here = exchanged_at(null.readings, null.readings.pose[40])
+        found = self.found(null, wrong)
+        np.testing.assert_array_equal(found.load_N, null.readings.states.load_N)
+        assert here.any()
+        assert found.gain[here].sum() > 0.5
+
+    def test_effects_of_torque_are_no_exchange(self, rubbing):
+        found = self.found(rubbing, rubbing.readings)
+        np.testing.assert_array_equal(found.load_N, rubbing.readings.states.load_N)
+
+    def test_a_load_that_is_always_another_is_no_slip_of_a_row(self, null):
+        load_N = null.readings.states.load_N
+        first, second = np.unique(load_N)[:2]
+        found = self.found(null, with_loads(null.readings, first + second - load_N))
+        np.testing.assert_array_equal(found.gain, 0.0)
+
+
+class TestTails:
+    @pytest.mark.parametrize("dof", [3, 5, 200])
+    def test_right_deviates_seldom_exceed_the_largest(self, dof):
+        generator = np.random.default_rng(1)
+        over = 0
+        for _ in range(100):
+            deviates = generator.standard_t(dof, 1200)
+            over += np.abs(deviates).max() > Tails.of(deviates).largest(1e-3)
+        assert over <= 2
+
+    def test_gross_errors_do_not_hide_themselves(self):
+        generator = np.random.default_rng(2)
+        deviates = generator.standard_normal(1000)
+        deviates[:20] *= 100.0
+        assert Tails.of(deviates).largest(1e-3) < 20.0
+
+    def test_no_deviates_have_no_size(self):
+        assert Tails.of(np.zeros(0)).largest(0.1) == Tails.of(np.zeros(9)).largest(0.1) == 0.0
+
+
+class TestLabels:
+    def test_configurations_are_told_once(self):
+        rows = quarantined(
+            "cmm.csv", [7, 8], f"{EXCHANGED}: B and C", ["P07 at 22 N, repeat 4"] * 2
+        )
+        rows += quarantined("poses.csv", [5], EXCHANGED, ["T1 and T3"])
+        rows += quarantined("poses.csv", [6], "another reason", ["x"])
+        first, second = exchanged_among(rows)
+        assert first.where == "cmm.csv: P07 at 22 N, repeat 4"
+        assert "B and C" in first.what
+        assert second.where == "poses.csv: line 5"
+        assert "T1 and T3" in second.what
+
+    def test_they_decide(self):
+        fault = of_labels(InputFinding("what", "where", "do", kind="target_label"))
+        assert (fault.kind, fault.where, fault.decides) == ("label", "where", True)
+
+
+class TestReadings:
+    def test_a_load_exchanged_once_is_told_with_its_repeat(self, null):
+        readings = complete(null.readings, null.baseline, null.setup)
+        wrong, here = exchanged_at(readings, readings.pose[40], [readings.repeat[40]])
+        found = row_faults(wrong, null.baseline, null.setup.payload, "logged")
+        (fault,) = found.faults
+        assert (fault.kind, fault.decides) == ("load", True)
+        assert f"pose {readings.pose[40]}, 0 N, 44 N" in fault.where
+        assert "exchanged" in fault.what
+        np.testing.assert_array_equal(found.excluded, here)
+
+    def test_a_reading_held_out_is_told_and_kept(self, null):
+        held_out = complete(null.held_out, null.baseline, null.setup)
+        fitted = complete(null.readings, null.baseline, null.setup)
+        assert not held_out_faults(held_out, null.baseline, fitted).faults
+        T = held_out.measured.T_instr_target.copy()
+        T[4, 1, 3] += 5e-3
+        wrong = held_out.with_measured(T_instr_target=T)
+        found = held_out_faults(wrong, null.baseline, fitted)
+        (fault,) = found.faults
+        assert fault.kind == "outlier"
+        assert fault.where.startswith(f"held out, pose {held_out.pose[4]}")
+        assert not fault.decides
+        np.testing.assert_array_equal(np.flatnonzero(found.excluded), [4])
