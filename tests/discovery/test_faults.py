@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.family import effects_in, is_fault
-from pa10cal.discovery.faults import Fault, fault_of, to_check
+from pa10cal.discovery.faults import Fault, fault_of, faults_of_input, to_check
 from pa10cal.discovery.verdict import is_named
+from pa10cal.fit.prediction import Suspicion
 from pa10cal.terms.effects.in_time import BaseDrift
 from pa10cal.terms.faults.log_fault import FaultText, LogFault
 from pa10cal.terms.term import Parameter
@@ -69,3 +70,21 @@ def test_a_fault_of_the_whole_log_is_told_with_its_uncertainty_and_is_no_name():
 def test_faults_do_not_make_it_harder_to_name_an_effect():
     effects = [BaseDrift("base", 0.0), BaseDrift("base", 1.0)]
     assert effects_in([*effects, Shift("base")]) == effects_in(effects) == 2
+
+
+def test_what_the_calibration_finds_wrong_in_the_log_is_a_fault_of_it():
+    found = faults_of_input(
+        [
+            Suspicion(
+                "departure", "delta_theta_3", "140 tolerances from nominal", "check the zero"
+            ),
+            Suspicion("departure", "a_2", "109 tolerances from nominal", "check it"),
+            Suspicion("joint_sign", "q6", "the sign of joint 6 is reversed", "reverse it", 0.05),
+            Suspicion("gravity", "campaign.yaml: gravity_m_s2", "upside down", "state it"),
+        ]
+    )
+    assert [(fault.kind, fault.where) for fault in found] == [
+        ("joint_zero", "joint 3"),
+        ("joint_sign", "joint 6"),
+    ]
+    assert "0.05 mm rms would remain" in found[1].what

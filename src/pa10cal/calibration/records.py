@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.fit.fitted_model import FittedModel, FittedTo
 from pa10cal.fit.identifiability import observability
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
+from pa10cal.fit.prediction import Suspicion
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.results.accuracy import ResidualRows
@@ -231,6 +232,7 @@ def fitted_to(
         time_s=(float(states.time_s.min()), float(states.time_s.max())),
         grade=health.grade,
         health=health.line,
+        suspicions=tuple(Suspicion(**asdict(finding)) for finding in health.findings),
     )
 
 

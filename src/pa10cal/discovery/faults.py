@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.fit.prediction import Suspicion
 from pa10cal.terms.faults.log_fault import FaultKind, LogFault
 
 Array = NDArray[np.float64]
+
+#: Kinds of what a calibration finds in its input that are faults of the log.
+_OF_INPUT: dict[str, FaultKind] = {
+    "joint_sign": "joint_sign",
+    "joint_order": "joint_sign",
+    "joint_zero": "joint_zero",
+    "target_label": "label",
+}
 
 
 @dataclass(frozen=True)
@@ -49,6 +59,23 @@ def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) ->
     """
     told = term.told(x, np.sqrt(np.diag(covariance)))
     return Fault(term.kind, told.where, told.what, told.remedy, gain)
+
+
+def faults_of_input(suspicions: Sequence[Suspicion]) -> tuple[Fault, ...]:
+    """Return what the calibration found wrong in the input, as far as it is a fault of the log."""
+    found = []
+    for each in suspicions:
+        kind = _OF_INPUT.get(each.kind)
+        joint = re.fullmatch(r"(?:delta_theta_|q)(\d+)", each.where)
+        if each.kind == "departure" and joint is not None:
+            kind = "joint_zero"
+        if kind is None:
+            continue
+        left = each.would_leave_mm
+        then = "" if left is None else f" ({left:.3g} mm rms would remain if that is put right)"
+        where = each.where if joint is None else f"joint {joint[1]}"
+        found.append(Fault(kind, where, f"{each.what}{then}", each.remedy))
+    return tuple(found)
 
 
 def to_check(faults: Sequence[Fault], *, effects: bool) -> bool:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, Statics
-from pa10cal.discovery.faults import Fault
+from pa10cal.discovery.faults import Fault, faults_of_input
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.row_faults import RowFaults, held_out_faults, row_faults
 from pa10cal.fit.fitted_model import FittedModel
@@ -101,6 +101,7 @@ def prepared(
     """
     every, from_order = with_arrivals(every)
     as_calibrated = model.with_bends()
+    of_input = () if model.fitted_to is None else faults_of_input(model.fitted_to.suspicions)
 
     def with_their_torques(poses: Observations) -> tuple[Observations, TorqueSource]:
         states, torques = with_torques(model.model, model.x, poses.states, setup.payload)
@@ -125,7 +126,12 @@ def prepared(
         setup=setup,
         torques=torques,
         arrivals_from_order=from_order,
-        faults=(*faults, *found.faults, *(held_out_found.faults if held_out_found else ())),
+        faults=(
+            *faults,
+            *of_input,
+            *found.faults,
+            *(held_out_found.faults if held_out_found else ()),
+        ),
         excluded=found.excluded,
         suspected=_averages_with(single, held_out_found),
     )

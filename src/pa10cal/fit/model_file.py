@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel, FittedTo
+from pa10cal.fit.prediction import Suspicion
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 from pa10cal.terms.term import Term
@@ -101,6 +102,8 @@ def model_to_plain(model: FittedModel, **about: Any) -> dict[str, Any]:
     """Return a fitted model as numbers, texts, lists and mappings; see `model_from_plain`."""
     fitted = model.fitted_to
     head = {} if fitted is None else {f.name: getattr(fitted, f.name) for f in fields(fitted)}
+    if suspicions := head.pop("suspicions", ()):
+        head["suspicions"] = [asdict(each) for each in suspicions]
     content: dict[str, Any] = {
         "schema": SCHEMA,
         "robot": model.arm.name,
@@ -319,6 +322,7 @@ def _fitted_to(content: Mapping[str, Any]) -> FittedTo:
         time_s=(float(first), float(last)),
         grade=str(content["grade"]),
         health=str(content["health"]),
+        suspicions=tuple(Suspicion(**each) for each in content.get("suspicions", ())),
     )
 
 

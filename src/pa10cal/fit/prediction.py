@@ -11,6 +11,25 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Suspicion:
+    """Something in the input that is probably wrong, as the calibration found it.
+
+    Attributes:
+        kind: a word of the table in `docs/raw-data.md`.
+        where: column, joint, parameter, pose or file.
+        what: what it is, one clause.
+        remedy: what to do about it.
+        would_leave_mm: root mean square position error if it were put right; None if not tried.
+    """
+
+    kind: str
+    where: str
+    what: str
+    remedy: str
+    would_leave_mm: float | None = None
+
+
+@dataclass(frozen=True)
 class FittedTo:
     """What a model was fitted to.
 
@@ -25,6 +44,7 @@ class FittedTo:
         grade: how good the calibration is: `good`, `few_poses`, `incomplete`, `suspect_input` or
             `not_converged`; empty where that is not known.
         health: the reason, and what to do, in one sentence.
+        suspicions: what is probably wrong in the input.
     """
 
     campaign: str
@@ -36,6 +56,7 @@ class FittedTo:
     time_s: tuple[float, float]
     grade: str = ""
     health: str = ""
+    suspicions: tuple[Suspicion, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
