@@ -27,6 +27,7 @@ RESERVED = (
     "curve",
     "datasets",
     "simulated",
+    "wild_trials",
 )
 
 

@@ -1,7 +1,8 @@
 """Numbers of blind trials, counted without importing the effects."""
 
 from pa10cal.cell.effects.vocabulary import outside, vocabulary
-from pa10cal.evaluation.options import BlindTrialsOptions, TrialCounts
+from pa10cal.cell.wild_trials import subjects_of
+from pa10cal.evaluation.options import BlindTrialsOptions, TrialCounts, WildCounts
 from pa10cal.planning.trials import all_effects, named_effects, trial_counts
 
 
@@ -18,6 +19,14 @@ def test_singles_and_effects_outside_count_their_rounds():
     assert full["outside"] == 3 * len(outside())
 
 
+def test_rounds_of_wild_trials_go_through_what_the_cell_puts_in():
+    wild = trial_counts(WildCounts(right=3, stressed=1, effect=1, beyond=1, fault=1))
+    found = {kind: len(subjects_of(kind)) for kind in ("stressed", "beyond", "fault")}
+    assert {kind: wild[kind] for kind in found} == found
+    assert wild["right"] == 3
+    assert wild["effect"] == len(vocabulary())
+
+
 def test_the_studies_are_as_large_as_their_bars_need():
     options = BlindTrialsOptions()
     tracked = trial_counts(options.tracked)
@@ -25,3 +34,4 @@ def test_the_studies_are_as_large_as_their_bars_need():
     assert tracked["single"] >= 150
     assert trial_counts(options.full)["single"] >= 380
     assert trial_counts(options.reduced)["single"] == len(vocabulary())
+    assert sum(trial_counts(options.wild).values()) >= 300

@@ -19,6 +19,12 @@ rule blind_trials_reduced:
         expand(trial_result("pictures.json"), study="blind_trials_reduced"),
 
 
+rule wild_trials:
+    """Campaigns of any arm and instrument with stressors and faults in their raw files."""
+    input:
+        expand(trial_result("pictures.json"), study="wild_trials"),
+
+
 rule judge_trials:
     """Some trials of one kind: hidden, measured, judged; the truth goes into a file apart."""
     output:
@@ -62,23 +68,30 @@ rule score_trials:
         " --scores {output.scores:q} --trials {output.trials:q} 2>&1 | tee {log:q} >&2"
 
 
-rule trial_pictures:
-    """The figures and the table of a study that have something to show."""
-    input:
-        scores=trial_result("scores.json"),
-    output:
-        index=trial_result("pictures.json"),
-        figures=reported(trial_result("figures"), "trials", "{picture}.svg", **OF_TRIALS),
-        tables=reported(trial_result("tables"), "trials", "{picture}.html", **OF_TRIALS),
-    log:
-        trial_result("logs/pictures.log"),
-    wildcard_constraints:
-        study="|".join(TRIAL_STUDIES),
-    params:
-        code=code_of("commands.figures", "figures.registry"),
-        captions=Captions("trials", "study"),
-        folder=lambda wildcards, input: os.path.dirname(input.scores),
-        settings=sections_of("figures"),
-    shell:
-        "python -m pa10cal figures --results {params.folder:q} --settings {params.settings:q}"
-        " 2>&1 | tee {log:q} >&2"
+for pictures_of, studies in {
+    "trials": [study for study in TRIAL_STUDIES if study != "wild_trials"],
+    "wild": ["wild_trials"],
+}.items():
+
+    # The figures and the tables of a study that have something to show.
+    rule:
+        name:
+            {"trials": "trial_pictures", "wild": "wild_pictures"}[pictures_of]
+        input:
+            scores=trial_result("scores.json"),
+        output:
+            index=trial_result("pictures.json"),
+            figures=reported(trial_result("figures"), pictures_of, "{picture}.svg", **OF_TRIALS),
+            tables=reported(trial_result("tables"), pictures_of, "{picture}.html", **OF_TRIALS),
+        log:
+            trial_result("logs/pictures.log"),
+        wildcard_constraints:
+            study="|".join(studies),
+        params:
+            code=code_of("commands.figures", "figures.registry"),
+            captions=Captions(pictures_of, "study"),
+            folder=lambda wildcards, input: os.path.dirname(input.scores),
+            settings=sections_of("figures"),
+        shell:
+            "python -m pa10cal figures --results {params.folder:q} --settings {params.settings:q}"
+            " 2>&1 | tee {log:q} >&2"

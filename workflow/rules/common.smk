@@ -53,6 +53,7 @@ TRIAL_STUDIES = {
     "blind_trials": ("touched", trial_counts(SETTINGS.blind_trials.full)),
     "blind_trials_reduced": ("touched", trial_counts(SETTINGS.blind_trials.reduced)),
     "blind_trials_tracked": ("tracked", trial_counts(SETTINGS.blind_trials.tracked)),
+    "wild_trials": ("wild", trial_counts(SETTINGS.blind_trials.wild)),
 }
 
 

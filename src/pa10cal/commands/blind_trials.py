@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast
+from typing import TYPE_CHECKING, Literal
 
 from pa10cal.evaluation.options import JudgingOptions
 
@@ -21,7 +21,7 @@ def blind_trials(
     verdicts: Path,
     truths: Path,
     first: int = 0,
-    measured: Literal["touched", "tracked"] = "touched",
+    measured: Literal["touched", "tracked", "wild"] = "touched",
     layouts: str = "",
     size: float | None = None,
     settings: JudgingOptions = JudgingOptions(),
@@ -29,15 +29,17 @@ def blind_trials(
     """Hide effects in campaigns of the virtual cell, and judge these blindly.
 
     Args:
-        kind: what the trials hide: null, single, pair, triple, outside, wrong_noise or wrong_mass.
+        kind: what the trials hide: null, single, pair, triple, outside, wrong_noise or wrong_mass;
+            of wild ones right, stressed, effect, beyond or fault.
         count: how many trials.
         random_seed: draws robots, poses, noise and hidden effects.
         verdicts: verdicts to write, one a trial (JSON lines).
         truths: what the trials hide, to write apart, one a trial (JSON lines).
         first: number of the first of them.
-        measured: touched: balls of the PA10, poses repeated; tracked: other arms, no pose repeated.
-        layouts: layouts of touched balls, or arms under trackers, with commas between them; all of
-            them where none are given.
+        measured: touched: balls of the PA10, poses repeated; tracked: other arms, no pose repeated;
+            wild: either, with stressors and faults in the raw files.
+        layouts: layouts of touched balls, or arms under instruments, with commas between them; all
+            of them where none are given.
         size: factor of all effects; without it, drawn for each.
         settings: sections ingest, calibration and discovery.
 
@@ -45,16 +47,13 @@ def blind_trials(
         pa10cal blind_trials --kind single --first 0 --count 3 --random-seed 1 --verdicts \\
           v.jsonl --truths t.jsonl
     """
-    from pa10cal.cell.trials import TrialKind
     from pa10cal.errors import DiscoveryError
     from pa10cal.files.output import whole_files
     from pa10cal.results.codec import lines
     from pa10cal.results.trials import FailedTrialRecord
     from pa10cal.studies.blind_trials import draw, try_trial
 
-    drawn = draw(
-        measured, cast(TrialKind, kind), first + max(count, 0), random_seed, layouts, size
-    )[first:]
+    drawn = draw(measured, kind, first + max(count, 0), random_seed, layouts, size)[first:]
     progress = _Progress(f"{kind} trials", len(drawn))
     judgements, hidden = [], []
     for trial in drawn:

@@ -27,33 +27,46 @@ def score_trials(
         pa10cal score_trials --verdicts v.jsonl --truths t.jsonl --scores scores.json \\
           --trials trials.csv
     """
-    from pa10cal.evaluation.trial_records import scores_record
+    from pa10cal.evaluation import trial_records, wild_scores
+    from pa10cal.evaluation.blind_trial import WILD
     from pa10cal.files.output import write_text
     from pa10cal.results.codec import write
+    from pa10cal.results.trials import JudgedTrial
+    from pa10cal.results.wild_trials import WildTrial
     from pa10cal.studies.trial_records import read_trials
 
-    record = scores_record(read_trials(verdicts, truths))
-    write_text(trials, _table(record.per_trial))
-    write(record, scores)
-    for bar in record.bars:
+    known = read_trials(verdicts, truths)
+    if any(trial.measured == WILD for trial in known):
+        wild = wild_scores.scores_record(known)
+        write_text(trials, _table(WildTrial.model_fields, map(dict, wild.per_trial)))
+        write(wild, scores)
+        bars = wild.bars
+    else:
+        record = trial_records.scores_record(known)
+        write_text(trials, _table(JudgedTrial.model_fields, map(_blind, record.per_trial)))
+        write(record, scores)
+        bars = record.bars
+    for bar in bars:
         print(_said(bar))
 
 
-def _table(trials: Iterable[JudgedTrial]) -> str:
-    """Return one line a trial, lists joined."""
-    from pa10cal.results.trials import JudgedTrial
+def _blind(trial: JudgedTrial) -> dict[str, object]:
+    """Return a row of a blind trial."""
+    hidden = (
+        f"{effect.id} of {effect.of} x{effect.size:.3g}"
+        + ("" if effect.ratio is None else f", {effect.ratio:.3g} floors")
+        + f": {effect.outcome}"
+        for effect in trial.hidden
+    )
+    return {**dict(trial), "hidden": tuple(hidden)}
 
+
+def _table(header: Iterable[str], rows: Iterable[dict[str, object]]) -> str:
+    """Return one line a trial, lists joined."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(JudgedTrial.model_fields)
-    for trial in trials:
-        hidden = (
-            f"{effect.id} of {effect.of} x{effect.size:.3g}"
-            + ("" if effect.ratio is None else f", {effect.ratio:.3g} floors")
-            + f": {effect.outcome}"
-            for effect in trial.hidden
-        )
-        row = {**dict(trial), "hidden": tuple(hidden)}
+    writer.writerow(header)
+    for row in rows:
         writer.writerow(
             "; ".join(value) if isinstance(value, tuple) else "" if value is None else value
             for value in row.values()

@@ -13,6 +13,8 @@ MAP = "joint_error_map"
 OUTSIDE = "outside"
 #: Trials of trackers, in which no pose is repeated.
 TRACKED = "tracked"
+#: Trials with stressors and faults in the raw files.
+WILD = "wild"
 #: Root mean square over mean of the length of a vector with independent, equal normal components.
 _RMS_OVER_MEAN = float(np.sqrt(3.0 * np.pi / 8.0))
 #: What shows in the logged torque at every joint, and in the pose only by way of a spring.
@@ -22,7 +24,7 @@ _TORQUE_BY_SPRING = "friction_torque"
 _IN_THE_MODEL = "joint_compliance"
 #: Effects outside the vocabulary that are an error depending on the joint's angle, so that a map at
 #: their joint gives the place and leaves the cause open.
-_OF_ANGLE = ("third_harmonic", "dress_pack")
+_OF_ANGLE = ("third_harmonic", "dress_pack", "sawtooth", "soft_by_angle")
 
 
 @dataclass(frozen=True, order=True)
@@ -52,6 +54,42 @@ class Hidden:
 
 
 @dataclass(frozen=True)
+class Disturbed:
+    """A stressor or a fault that a wild trial puts into the raw files.
+
+    Attributes:
+        id: which.
+        where: poses, joints, loads or keys.
+        stressor: whether ordinary logs have it; else somebody must be told.
+        kinds: kinds of fault of a verdict that tell it.
+        measured: whether `moved_mm` says how much it matters; else it is far above the noise.
+        moved_mm: how far it moves what the calibrated model leaves; None where not known.
+    """
+
+    id: str
+    where: tuple[str, ...]
+    stressor: bool
+    kinds: tuple[str, ...]
+    measured: bool
+    moved_mm: float | None
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a verdict and its calibration say of the log.
+
+    Attributes:
+        faults: kind and place of each fault of the verdict.
+        grade: of the calibration.
+        left_out: poses with quarantined rows, or that are suspected outliers.
+    """
+
+    faults: tuple[tuple[str, str], ...] = ()
+    grade: str = ""
+    left_out: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
 class Named:
     """An effect of a verdict.
 
@@ -76,7 +114,7 @@ class Verdict:
     """The verdict on a trial.
 
     Attributes:
-        word: `none`, `named`, `ambiguous`, `unexplained` or `not_sought`.
+        word: `none`, `named`, `ambiguous`, `unexplained`, `check_the_log` or `not_sought`.
         effects: what was named, in order.
         places: where something without a name sits; None where it is unknown.
         not_testable: what the data cannot show, or not surely at its plausible size.
@@ -86,6 +124,8 @@ class Verdict:
         held_out_after_mm: mean position error of the extended model at held-out poses; None where
             there are none.
         seconds, seconds_simulating: what judging, and making, the trial took.
+        held_out_before_mm: of the calibrated model at held-out poses; None where there are none.
+        told: what is said of the log.
     """
 
     word: str
@@ -98,6 +138,8 @@ class Verdict:
     held_out_after_mm: float | None
     seconds: float
     seconds_simulating: float
+    held_out_before_mm: float | None = None
+    told: Told = Told()
 
     @property
     def says_something(self) -> bool:
@@ -111,12 +153,14 @@ class BlindTrial:
 
     Attributes:
         campaign, kind, layout, path: which trial.
-        measured: `touched`, with poses repeated, or `tracked`, without.
+        measured: `touched`, with poses repeated, `tracked`, without, or `wild`, either.
         flexible_joints: joints with a spring.
         hidden: what it hides.
         seconds_twin: what it took to find how far the residual is moved.
         verdict: None where it failed.
         failed: the message where it failed.
+        refused: whether that is a command's, that the campaign is not fit to be calibrated.
+        put_in: stressors and faults in its raw files.
     """
 
     campaign: str
@@ -129,8 +173,10 @@ class BlindTrial:
     seconds_twin: float
     verdict: Verdict | None
     failed: str | None
+    refused: bool = False
+    put_in: tuple[Disturbed, ...] = ()
 
-    def moved_over_floor(self, hidden: Hidden) -> float | None:
+    def moved_over_floor(self, hidden: Hidden | Disturbed) -> float | None:
         """Return how far an effect moves the residual, relative to that of noise alone.
 
         Both are position errors, root mean square over averaged poses; the floor's from its mean as
@@ -206,12 +252,15 @@ class BlindTrial:
         (hidden,) = self.hidden
         return hidden.name.of in self.verdict.places or any(map(self._leaves_open, self._effects()))
 
-    def is_confidently_wrong(self) -> bool:
+    def is_confidently_wrong(self, *words: str) -> bool:
         """Return whether the verdict is `named` and a name stands alone that is not what is hidden.
 
         A map at the joint of an error that depends on the joint's angle leaves the cause open.
+
+        Args:
+            words: further verdicts whose names are trusted.
         """
-        if self.verdict is None or self.verdict.word != "named":
+        if self.verdict is None or self.verdict.word not in ("named", *words):
             return False
         right = {hidden.name for hidden in self.hidden}
         return any(

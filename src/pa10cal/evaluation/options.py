@@ -42,6 +42,22 @@ class TrialCounts(Section):
     )
 
 
+class WildCounts(Section):
+    """How many wild trials of each kind."""
+
+    right: NonNegativeInt = Field(170, description="nothing wrong and nothing hidden")
+    stressed: NonNegativeInt = Field(
+        7, description="rounds through the stressors, one a trial, nothing hidden"
+    )
+    effect: NonNegativeInt = Field(
+        4, description="rounds through the vocabulary, one effect a trial, among a stressor"
+    )
+    beyond: NonNegativeInt = Field(
+        6, description="rounds through the effects that no name covers, one a trial"
+    )
+    fault: NonNegativeInt = Field(5, description="rounds through the faults, one a trial")
+
+
 class BlindTrialsOptions(Section):
     """Campaigns of the virtual cell judged without their truth, and scored apart."""
 
@@ -61,6 +77,11 @@ class BlindTrialsOptions(Section):
             null=156, single=10, pair=24, triple=12, outside=6, wrong_noise=12, wrong_mass=12
         ),
         description="what it runs of trackers, with many different poses and none repeated",
+    )
+    wild: WildCounts = Field(
+        WildCounts(),
+        description="what `snakemake --cores 2 wild_trials` runs: any instrument, stressors and "
+        "faults in the raw files",
     )
 
 

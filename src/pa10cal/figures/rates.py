@@ -1,4 +1,4 @@
-"""Rates of blind trials as they are drawn: shares with their intervals, of how many beside."""
+"""Rates of trials as they are drawn and listed: shares, their intervals, of how many."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 
 from pa10cal.figures.style import BLUE, GREY, SKY, write_beside
-from pa10cal.results.trials import Rate
+from pa10cal.results.trials import Bar, Rate
+
+BAR_HEADER = ("quantity", "to reach", "reached", "95 % interval", "trials", "met")
 
 
 def draw_rates(axes: Axes, rates: Sequence[Rate]) -> None:
@@ -24,3 +26,21 @@ def draw_rates(axes: Axes, rates: Sequence[Rate]) -> None:
             capsize=2.0,
         )
         write_beside(axes, y, f"{rate.count} of {rate.of}", color=GREY)
+
+
+def bar_row(bar: Bar) -> tuple[object, ...]:
+    """Return a figure to reach, and the one reached, as a row under `BAR_HEADER`."""
+    return (
+        bar.what,
+        f"{'≥' if bar.at_least else '≤'} {_figure(bar.limit, bar)}",
+        "" if bar.reached is None else _figure(bar.reached, bar),
+        ""
+        if bar.low is None or bar.high is None or not bar.trials
+        else f"{_figure(bar.low, bar)} to {_figure(bar.high, bar)}",
+        bar.trials,
+        {None: "no trial", True: "yes", False: "no"}[bar.met],
+    )
+
+
+def _figure(value: float, bar: Bar) -> str:
+    return f"{100.0 * value:.1f} %" if bar.share else f"{value:.3g}"

@@ -19,7 +19,7 @@ import pa10cal.figures
 Kind = Literal["figure", "table", "film"]
 
 #: Folders of this package that hold pictures, by what the pictures are of.
-FOLDERS = ("campaign", "trials", "curve", "chain")
+FOLDERS = ("campaign", "trials", "wild", "curve", "chain")
 _FUNCTIONS: dict[str, Kind] = {"draw": "figure", "tabulate": "table", "film": "film"}
 
 

@@ -11,9 +11,10 @@ from pa10cal.errors import SettingsError
 from pa10cal.figures.curve_results import CurveResults, read_curve
 from pa10cal.figures.options import PictureOptions
 from pa10cal.figures.results import Results
-from pa10cal.results.codec import read
+from pa10cal.results.codec import read, schema_of
 from pa10cal.results.studies import CurveCalibrationRecord
 from pa10cal.results.trials import TrialScoresRecord
+from pa10cal.results.wild_trials import WildScoresRecord
 
 
 def _nothing(need: str) -> None:
@@ -57,7 +58,7 @@ def read_source(
     if campaign_dir is not None:
         return of_campaign(Results.of(campaign_dir, folder, settings, force=force))
     if (folder / "scores.json").exists():
-        return _of_trials(read(TrialScoresRecord, folder / "scores.json"))
+        return _of_scores(folder / "scores.json")
     if (folder / "curve.json").exists():
         return _of_curve(folder.name, read_curve(folder))
     if (folder / "calibration.json").exists():
@@ -74,6 +75,17 @@ def read_source(
 def of_campaign(results: Results) -> Source:
     """Return the source of a campaign's pictures."""
     return Source("campaign", results.campaign, results.footer, results, results.lacks)
+
+
+def _of_scores(path: Path) -> Source:
+    if schema_of(path) == WildScoresRecord.SCHEMA:
+        return _of_wild_trials(read(WildScoresRecord, path))
+    return _of_trials(read(TrialScoresRecord, path))
+
+
+def _of_wild_trials(scores: WildScoresRecord) -> Source:
+    footer = f"{scores.trials} wild trials. Synthetic data. Provenance: {scores.provenance}."
+    return Source("wild", "wild trials", footer, scores)
 
 
 def _of_trials(scores: TrialScoresRecord) -> Source:

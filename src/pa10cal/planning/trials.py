@@ -6,39 +6,52 @@ import ast
 from functools import cache
 from pathlib import Path
 
-from pa10cal.evaluation.options import TrialCounts
+from pa10cal.evaluation.options import TrialCounts, WildCounts
 
-_EFFECTS = Path(__file__).parents[1] / "cell" / "effects"
+_CELL = Path(__file__).parents[1] / "cell"
 
 
-def trial_counts(counts: TrialCounts) -> dict[str, int]:
+def trial_counts(counts: TrialCounts | WildCounts) -> dict[str, int]:
     """Return the number of trials of each kind.
 
     Args:
-        counts: as in the settings, where kinds that go through effects in turn count their rounds.
+        counts: as in the settings, where kinds that go through effects or disturbances in turn
+            count their rounds.
     """
-    rounds = {"single": named_effects(), "outside": all_effects() - named_effects()}
-    return {kind: number * rounds.get(kind, 1) for kind, number in counts}
+    return {kind: number * _rounds().get(kind, 1) for kind, number in counts}
 
 
 def all_effects() -> int:
     """Return the number of effects that trials other than wild ones draw."""
-    return len(_declared())
+    return sum(not stated.get("wild", False) for stated in _declared("effects"))
 
 
 def named_effects() -> int:
     """Return the number of those in the vocabulary."""
-    return sum(_declared().values())
+    return sum(stated.get("named", True) is not False for stated in _declared("effects"))
+
+
+def _rounds() -> dict[str, int]:
+    """Return what kinds of trials go through in turn, and how many there are."""
+    stressors = sum(stated.get("stressor", False) for stated in _declared("disturbances"))
+    return {
+        "single": named_effects(),
+        "outside": all_effects() - named_effects(),
+        "effect": named_effects(),
+        "beyond": len(_declared("effects")) - named_effects(),
+        "stressed": stressors,
+        "fault": len(_declared("disturbances")) - stressors,
+    }
 
 
 @cache
-def _declared() -> dict[str, bool]:
-    """Return the ids of effects, and whether each is in the vocabulary, from the source alone.
+def _declared(folder: str) -> tuple[dict[str, bool], ...]:
+    """Return what the classes of a folder with an id state of themselves, from the source alone.
 
-    Importing the effects would take half a second of every start of the workflow.
+    Importing them would take half a second of every start of the workflow.
     """
-    found: dict[str, bool] = {}
-    for path in sorted(_EFFECTS.glob("*.py")):
+    found = []
+    for path in sorted((_CELL / folder).glob("*.py")):
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.ClassDef):
                 stated = {
@@ -49,6 +62,6 @@ def _declared() -> dict[str, bool]:
                     for name in ast.walk(entry)
                     if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store)
                 }
-                if isinstance(stated.get("id"), str) and not stated.get("wild", False):
-                    found[str(stated["id"])] = stated.get("named", True) is not False
-    return found
+                if isinstance(stated.get("id"), str):
+                    found.append({name: value is True for name, value in stated.items()})
+    return tuple(found)

@@ -52,6 +52,16 @@ def read(kind: type[_R], path: Path, campaign: str | None = None) -> _R:
     return _checked(kind, content, str(path), campaign)
 
 
+def schema_of(path: Path) -> str | None:
+    """Return the schema that a JSON file states; None where it cannot be read or states none."""
+    try:
+        content = from_json(path.read_bytes(), allow_inf_nan=False)
+    except (OSError, ValueError):
+        return None
+    found = content.get("schema") if isinstance(content, dict) else None
+    return found if isinstance(found, str) else None
+
+
 def read_lines(kind: type[_R], path: Path) -> list[_R]:
     """Read a file of records, one a line.
 

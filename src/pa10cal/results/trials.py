@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
 from pa10cal.results.discovery import EffectName, VerdictKeys
-from pa10cal.results.record import CampaignRecord, Key, Part, Record
+from pa10cal.results.health import Grade
+from pa10cal.results.record import CampaignRecord, Key, Part, Record, optional
 
 _Id = Annotated[str, Key("id")]
 _Kind = Annotated[str, Key("kind")]
@@ -30,6 +31,20 @@ class HiddenEffect(EffectName):
     )
 
 
+class PutIn(Part):
+    """A stressor or a fault that a wild trial puts into the raw files."""
+
+    id: str = Field(description="id of the disturbance")
+    where: tuple[str, ...] = Field(description="where: poses, joints, loads or keys")
+    stressor: bool = Field(description="whether ordinary logs have it; else it must be told")
+    kinds: tuple[str, ...] = Field(description="kinds of fault of a verdict that tell it")
+    moved_mm: float | None = Field(
+        description="root mean square by which it moves the residual of the calibrated model [mm]; "
+        "null where that does not measure it, or the trial failed"
+    )
+    measured: bool = Field(description="whether that measures it; else it is far above the noise")
+
+
 class TrialTruthRecord(CampaignRecord):
     """A line of `trials/<...>.truths.jsonl`: what a trial hides, and how it was measured."""
 
@@ -38,12 +53,17 @@ class TrialTruthRecord(CampaignRecord):
     COMMAND: ClassVar[str] = "blind_trials"
 
     kind: str = Field(description="what the trial hides: `null`, `single`, `pair`, ...")
-    measured: str = Field(description="`touched`: balls, poses repeated; `tracked`: none repeated")
+    measured: str = Field(
+        description="`touched`: balls, poses repeated; `tracked`: none repeated; `wild`: any"
+    )
     layout: str = Field(description="layout of the poses, or arm and instrument")
     path: str = Field(description="path between the poses; empty where none is repeated")
     temperature_drift_C: float = Field(description="change of temperature [K]")
     flexible_joints: tuple[int, ...] = Field(description="joints with a spring, from 1")
     hidden_effects: tuple[HiddenEffect, ...] = Field(description="effects that it hides")
+    put_in: tuple[PutIn, ...] = Field(
+        (), description="stressors and faults in its raw files; of wild trials alone"
+    )
     stated_uncertainty_mm: float | None = Field(
         description="uncertainty stated in place of the true one [mm]; null where it is true"
     )
@@ -76,10 +96,21 @@ class TrialVerdictRecord(CampaignRecord):
         raise NotImplementedError
 
 
+class TrialHealth(Part):
+    """What the calibration of a trial says of its input."""
+
+    grade: Grade = Field(description="its grade")
+    findings: tuple[str, ...] = Field(description="what is probably wrong in the input, and where")
+    left_out: tuple[str, ...] = Field(
+        description="poses with quarantined rows, or that are suspected outliers"
+    )
+
+
 class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
     """The verdict on a trial."""
 
     springs: tuple[int, ...] = Field(description="joints with a spring in the judged model, from 1")
+    health: TrialHealth | None = optional("what the calibration says of its input; of wild trials")
     seconds: float = Field(description="time taken to judge the campaign [s]")
     seconds_simulating: float = Field(description="time taken to simulate the campaign [s]")
 
@@ -93,11 +124,14 @@ class FailedTrialRecord(TrialVerdictRecord):
     """Why a trial has no verdict."""
 
     failed: str = Field(description="what went wrong")
+    refused: bool = Field(
+        False, description="whether a command refused the campaign, and said why; of wild trials"
+    )
 
     @property
     def word(self) -> str:
         """Return what went wrong."""
-        return f"failed: {self.failed}"
+        return f"{'refused' if self.refused else 'failed'}: {self.failed}"
 
 
 class Rate(Part):

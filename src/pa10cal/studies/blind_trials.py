@@ -9,7 +9,7 @@ from __future__ import annotations
 import tempfile
 import time
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.tracker_trials import BENCHES, draw_tracker_trials
 from pa10cal.cell.trials import LAYOUTS, Trial, TrialKind, draw_trials
+from pa10cal.cell.wild_trials import WILD_KINDS, WildKind, draw_wild_trials
 from pa10cal.cell.write import write_campaign
 from pa10cal.errors import SettingsError
 from pa10cal.evaluation.options import JudgingOptions
@@ -29,29 +30,30 @@ from pa10cal.results.trials import (
 )
 from pa10cal.studies.judging import CalibratedCampaign, calibrated_campaign
 from pa10cal.studies.trial_records import truth_record
+from pa10cal.studies.wild_trials import try_wild_trial
 
 Array = NDArray[np.float64]
-Measured = Literal["touched", "tracked"]
+Measured = Literal["touched", "tracked", "wild"]
 
 
 def draw(
     measured: Measured,
-    kind: TrialKind,
+    kind: str,
     count: int,
     random_seed: int,
     layouts: str = "",
     size: float | None = None,
 ) -> tuple[Trial, ...]:
-    """Draw trials of touched balls with repeats, or of trackers without.
+    """Draw trials of touched balls with repeats, of trackers without, or wild ones of either.
 
     Args:
-        measured: which of the two.
+        measured: which of these.
         kind: what they hide.
         count: how many.
         random_seed: draws them.
-        layouts: layouts of touched balls, or arms under trackers, with commas between them; empty
-            for all.
-        size: factor of the usual size of all effects; None draws it.
+        layouts: layouts of touched balls, or arms under instruments, with commas between them;
+            empty for all.
+        size: factor of the usual size of all effects; None draws it; not of wild ones.
 
     Raises:
         SettingsError: for a kind or a layout that does not exist, or no trial at all.
@@ -65,6 +67,8 @@ def draw(
             remedy="request more trials",
         )
     names = layouts.split(",") if layouts else []
+    if measured == "wild":
+        return draw_wild_trials(cast(WildKind, kind), count, random_seed, names)
     benches = {bench.name: bench for bench in BENCHES}
     known = benches if measured == "tracked" else LAYOUTS
     if unknown := sorted(set(names) - set(known)):
@@ -77,13 +81,15 @@ def draw(
         )
     if measured == "tracked":
         chosen = [benches[name] for name in names or benches]
-        return draw_tracker_trials(kind, count, random_seed, chosen, size)
+        return draw_tracker_trials(cast(TrialKind, kind), count, random_seed, chosen, size)
     order = [layout for name in names or LAYOUTS for layout in LAYOUTS if layout == name]
-    return draw_trials(kind, count, random_seed, order, size)
+    return draw_trials(cast(TrialKind, kind), count, random_seed, order, size)
 
 
 def try_trial(trial: Trial, options: JudgingOptions) -> tuple[TrialVerdictRecord, TrialTruthRecord]:
     """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped."""
+    if trial.kind in WILD_KINDS:
+        return try_wild_trial(trial, options)
     moved_mm: list[float | None] = [None] * len(trial.sizes)
     seconds = 0.0
     began = time.perf_counter()

@@ -8,7 +8,15 @@ from typing import TypeVar
 
 from pa10cal.cell.trials import Trial
 from pa10cal.errors import RecordError
-from pa10cal.evaluation.blind_trial import BlindTrial, Hidden, Name, Named, Verdict
+from pa10cal.evaluation.blind_trial import (
+    BlindTrial,
+    Disturbed,
+    Hidden,
+    Name,
+    Named,
+    Told,
+    Verdict,
+)
 from pa10cal.results.codec import read_lines
 from pa10cal.results.discovery import EffectName
 from pa10cal.results.record import CampaignRecord
@@ -24,7 +32,7 @@ _R = TypeVar("_R", bound=CampaignRecord)
 
 
 def truth_record(
-    trial: Trial, moved_mm: Sequence[float | None], seconds: float
+    trial: Trial, moved_mm: Sequence[float | None], seconds: float, measured: str = ""
 ) -> TrialTruthRecord:
     """Return what a trial hides, how it was measured, and how far that moves the residual.
 
@@ -32,13 +40,14 @@ def truth_record(
         trial: what was drawn.
         moved_mm: how far, one a hidden effect; None where the trial failed.
         seconds: what finding that out took.
+        measured: the study; empty for what the instrument says.
     """
     settings = trial.settings
     plan = settings.without_touches
     return TrialTruthRecord(
         campaign=trial.name,
         kind=trial.kind,
-        measured="touched" if plan is None else "tracked",
+        measured=measured or ("touched" if plan is None else "tracked"),
         layout=trial.bench,
         path=settings.path if plan is None else "",
         temperature_drift_C=settings.temperature_drift_C,
@@ -105,6 +114,11 @@ def _trial(record: TrialVerdictRecord, truth: TrialTruthRecord) -> BlindTrial:
         seconds_twin=truth.seconds_twin,
         verdict=_verdict(record) if isinstance(record, JudgedTrialRecord) else None,
         failed=record.failed if isinstance(record, FailedTrialRecord) else None,
+        refused=isinstance(record, FailedTrialRecord) and record.refused,
+        put_in=tuple(
+            Disturbed(each.id, each.where, each.stressor, each.kinds, each.measured, each.moved_mm)
+            for each in truth.put_in
+        ),
     )
 
 
@@ -131,6 +145,12 @@ def _verdict(record: JudgedTrialRecord) -> Verdict:
         held_out_after_mm=None if held_out is None else held_out.after.mean_mm,
         seconds=record.seconds,
         seconds_simulating=record.seconds_simulating,
+        held_out_before_mm=None if held_out is None else held_out.before.mean_mm,
+        told=Told(
+            faults=tuple((fault.kind, fault.where) for fault in record.faults),
+            grade="" if record.health is None else record.health.grade,
+            left_out=frozenset(() if record.health is None else record.health.left_out),
+        ),
     )
 
 

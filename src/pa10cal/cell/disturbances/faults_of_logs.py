@@ -81,7 +81,6 @@ class DirectionReversed(JointFault):
     """The approaches of a joint are logged as if it came from the other side."""
 
     id = "direction_reversed"
-    measured = True
     kinds = ("direction",)
     needs = ("touches",)
 

@@ -151,9 +151,11 @@ class LengthTypo(Disturbance):
     def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
         """Name an arm of one's own, with another length of one of its longer rows."""
         arm = log.arm
+        # That of the first row along z is the height of the base, and the last is the tool's.
         rows = np.flatnonzero(np.abs(arm.a_m[:-1]) > _LINK_M)
         along_x = len(rows) > 0
-        row = int(rng.choice(rows if along_x else np.flatnonzero(np.abs(arm.d_m[:-1]) > _LINK_M)))
+        along_z = 1 + np.flatnonzero(np.abs(arm.d_m[1:-1]) > _LINK_M)
+        row = int(rng.choice(rows if along_x else along_z))
         off_m = 1e-3 * self.off_mm * (np.arange(arm.n) == row)
         wrong = replace(arm, a_m=arm.a_m + off_m) if along_x else replace(arm, d_m=arm.d_m + off_m)
         _describe(log, wrong)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from pa10cal.figures.rates import BAR_HEADER, bar_row
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.table import Shown, Table, frame_of
-from pa10cal.results.trials import Bar, TrialScoresRecord
+from pa10cal.results.trials import TrialScoresRecord
 
 PICTURE = Picture(
     title="Targets, and values reached",
@@ -18,7 +19,6 @@ does on errors that the simulation can produce.
 """,
 )
 
-_HEADER = ("quantity", "to reach", "reached", "95 % interval", "trials", "met")
 _NOTES = (
     "Ratio: remaining position error of the calibrated model over that of noise alone, from the "
     "difference to the same campaign without the effect. A rotation about the last axis, a gain of "
@@ -31,25 +31,8 @@ _NOTES = (
 
 def tabulate(scores: TrialScoresRecord) -> Table:
     """Return a row a figure."""
-    data = frame_of(_HEADER, map(_row, scores.bars))
+    data = frame_of(BAR_HEADER, map(bar_row, scores.bars))
     return Table("Blind trials: targets", data, (Shown(data.astype(str)),), _notes(scores))
-
-
-def _row(bar: Bar) -> tuple[object, ...]:
-    return (
-        bar.what,
-        f"{'≥' if bar.at_least else '≤'} {_figure(bar.limit, bar)}",
-        "" if bar.reached is None else _figure(bar.reached, bar),
-        ""
-        if bar.low is None or bar.high is None or not bar.trials
-        else f"{_figure(bar.low, bar)} to {_figure(bar.high, bar)}",
-        bar.trials,
-        {None: "no trial", True: "yes", False: "no"}[bar.met],
-    )
-
-
-def _figure(value: float, bar: Bar) -> str:
-    return f"{100.0 * value:.1f} %" if bar.share else f"{value:.3g}"
 
 
 def _notes(scores: TrialScoresRecord) -> tuple[str, ...]:

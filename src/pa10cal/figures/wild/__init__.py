@@ -1,0 +1,1 @@
+"""Pictures of wild trials: campaigns with stressors and faults."""

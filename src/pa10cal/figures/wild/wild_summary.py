@@ -1,0 +1,36 @@
+"""The figures that wild trials are to reach, and those reached."""
+
+from __future__ import annotations
+
+from pa10cal.figures.rates import BAR_HEADER, bar_row
+from pa10cal.figures.registry import Picture
+from pa10cal.figures.table import Shown, Table, frame_of
+from pa10cal.results.wild_trials import WildScoresRecord
+
+PICTURE = Picture(
+    title="Targets, and values reached",
+    needs=(),
+    caption="""
+Targets of the whole pipeline in wild trials, and the values reached ({name}). Each trial is a
+simulated campaign of one of several arms and instruments; stressors of ordinary logs or faults are
+put into its raw files. Every command runs on these files alone, and what is said is compared with
+what was put in afterwards. The interval is that of a share of so many trials. A target that is
+missed is reported like any other. The data are synthetic: rates hold for errors that the
+simulation can produce.
+""",
+)
+
+_NOTES = (
+    "A fault is above the noise where it moves the residual of the calibrated model by more than "
+    "three times what repeatability leaves, against the same campaign without it; faults of single "
+    "rows, signs, zeros and units always are.",
+    "Told: by kind and place in the faults of the verdict, by suspect_input, by a refusal before "
+    "calibration, or, of a single reading, by its quarantine or among the suspected outliers.",
+    "A refusal after calibration counts as a crash.",
+)
+
+
+def tabulate(scores: WildScoresRecord) -> Table:
+    """Return a row a figure."""
+    data = frame_of(BAR_HEADER, map(bar_row, scores.bars))
+    return Table("Wild trials: targets", data, (Shown(data.astype(str)),), _NOTES)

@@ -1,0 +1,132 @@
+"""Wild trials: raw folders with stressors and faults, judged as a user judges a campaign."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.cell.campaign import simulate_campaign
+from pa10cal.cell.disturbances.disturbance import all_disturbances
+from pa10cal.cell.options import SimulateOptions
+from pa10cal.cell.trials import Trial
+from pa10cal.cell.write import Places, write_campaign
+from pa10cal.errors import Pa10calError
+from pa10cal.evaluation.blind_trial import WILD
+from pa10cal.evaluation.options import JudgingOptions
+from pa10cal.files.arms import load_arm
+from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.trials import (
+    FailedTrialRecord,
+    PutIn,
+    TrialTruthRecord,
+    TrialVerdictRecord,
+)
+from pa10cal.studies.by_commands import calibrated_by_commands, judged_by_commands
+from pa10cal.studies.trial_records import truth_record
+
+Array = NDArray[np.float64]
+
+
+def try_wild_trial(
+    trial: Trial, options: JudgingOptions, keep: Path | None = None
+) -> tuple[TrialVerdictRecord, TrialTruthRecord]:
+    """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped.
+
+    Args:
+        trial: as drawn.
+        options: how the campaign is judged.
+        keep: gets the raw folder of the trial; None for a folder of the moment.
+    """
+    with tempfile.TemporaryDirectory() as place:
+        began = time.perf_counter()
+        raw, out = (keep or Path(place, "raw")) / trial.name, Path(place, "results")
+        places = _write(trial.name, trial.settings, raw)
+        simulating = time.perf_counter() - began
+        calibration = None
+        try:
+            began = time.perf_counter()
+            calibration = calibrated_by_commands(raw, out, options)
+            seconds = time.perf_counter() - began
+            judged = judged_by_commands(raw, out, calibration, options)
+            verdict: TrialVerdictRecord = judged.record(simulating, seconds)
+        except Pa10calError as error:
+            # What can be calibrated is not withheld, so discovery that refuses is a crash.
+            refused = calibration is None
+            verdict = FailedTrialRecord(campaign=trial.name, failed=str(error), refused=refused)
+        except Exception as error:
+            verdict = FailedTrialRecord(campaign=trial.name, failed=_crash(error))
+        began = time.perf_counter()
+        effects, put_in = _moved(trial, calibration, Path(place, "twin"), options)
+        seconds = time.perf_counter() - began
+    truth = truth_record(trial, effects, seconds, WILD)
+    return verdict, truth.model_copy(update={"put_in": _put_in(trial, places, put_in)})
+
+
+def _write(name: str, settings: SimulateOptions, raw: Path) -> Places:
+    made = simulate_campaign(name, load_arm(settings.robot), settings)
+    return write_campaign(made, raw)
+
+
+def _crash(error: Exception) -> str:
+    """Return an internal fault with the place where it happened."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return f"{text} (in {Path(last.filename).name}, line {last.lineno})"
+
+
+def _put_in(trial: Trial, places: Places, moved_mm: Sequence[float | None]) -> tuple[PutIn, ...]:
+    known = all_disturbances()
+    return tuple(
+        PutIn(
+            id=entry.id,
+            where=where,
+            stressor=known[entry.id].stressor,
+            kinds=known[entry.id].kinds,
+            measured=known[entry.id].measured,
+            moved_mm=moved,
+        )
+        for entry, where, moved in zip(trial.settings.disturbances, places, moved_mm, strict=True)
+    )
+
+
+def _moved(
+    trial: Trial, calibration: CalibrationRecord | None, place: Path, options: JudgingOptions
+) -> tuple[list[float | None], list[float | None]]:
+    """Return how far each effect and disturbance moves what the calibrated model leaves [mm].
+
+    Root mean square over the poses fitted of the difference to the same campaign, noise and all,
+    without it. For the scoring alone: no verdict sees it. None where that does not measure it.
+    """
+    settings, known = trial.settings, all_disturbances()
+
+    def against(key: str, number: int, *, measured: bool) -> float | None:
+        if calibration is None or not measured:
+            return None
+        entries = getattr(settings, key)
+        others = (*entries[:number], *entries[number + 1 :])
+        raw = place / f"{key}{number}"
+        try:
+            _write(trial.name, settings.model_copy(update={key: others}), raw)
+            twin = calibrated_by_commands(raw, raw.with_suffix(".results"), options)
+        except Exception:
+            return None
+        return _distance_mm(calibration.residuals.position_mm, twin.residuals.position_mm)
+
+    effects = [against("hidden_effects", k, measured=True) for k in range(len(trial.sizes))]
+    put_in = [
+        against("disturbances", k, measured=known[entry.id].measured)
+        for k, entry in enumerate(settings.disturbances)
+    ]
+    return effects, put_in
+
+
+def _distance_mm(one_mm: Array, other_mm: Array) -> float | None:
+    if one_mm.shape != other_mm.shape:  # other rows were quarantined
+        return None
+    return float(np.sqrt(np.mean(np.sum((one_mm - other_mm) ** 2, axis=1))))
