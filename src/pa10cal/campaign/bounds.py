@@ -114,8 +114,7 @@ def within_bounds(raw: RawRows, names: list[str], bounds: Bounds) -> RawRows:
         bound = bounds.of(name)
         for off, reason in ((column < bound.low, bound.below), (column > bound.high, bound.above)):
             if off.any():
-                text = raw.numbers_of(name).as_text
-                values = [f"{name} = {text(int(row))}" for row in np.flatnonzero(off)]
+                values = [raw.shown(name, int(row)) for row in np.flatnonzero(off)]
                 return within_bounds(raw.take(~off, reason, values), names, bounds)
     return raw
 

@@ -14,6 +14,8 @@ import zlib
 from array import array
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import IO, cast
 
@@ -34,13 +36,65 @@ ROWS_A_PART = 20_000
 #: Share of rows that must write their last field in one format for a shorter one to count as cut.
 SAME_FORMAT = 0.99
 
+OWN_NAMES = "; pa10cal columns proposes how to read a file with names of its own"
 CUT = "the last line is cut short"
 FIELDS = "the number of fields differs from the header"
 
 
-def column_names(path: Path) -> list[str]:
-    """Return the names in the header of a CSV file, none where there is no header."""
-    return next((_fields(text) for _, text, _ in _lines(path)), [])
+@dataclass(frozen=True)
+class Layout:
+    """How a file is written.
+
+    Attributes:
+        separator: between fields; None for any number of blanks.
+        decimal: sign before the decimals.
+        header: line of the column names; 0 where there is none, the columns then being 1, 2, ….
+        text: columns of text.
+        missing: what to do where a column is missing.
+    """
+
+    separator: str | None = ","
+    decimal: str = "."
+    header: int = 1
+    text: tuple[str, ...] = TEXT
+    missing: str = "rename it"
+
+    def fields(self, text: str) -> list[str]:
+        """Return the fields of a line."""
+        return [field.strip(' \t"') for field in text.split(self.separator)]
+
+    def names(self, text: str) -> list[str]:
+        """Return the names of the columns, of the line that has them or else of the first."""
+        fields = self.fields(text)
+        return fields if self.header else [str(k) for k in range(1, len(fields) + 1)]
+
+    def row(self, text: str, width: int) -> list[str]:
+        """Return the fields of a row; a separator at the end of each makes no further field."""
+        row = self.fields(text)
+        own = self.separator != "," or self.header != 1
+        return row[:-1] if own and len(row) == width + 1 and row[-1] == "" else row
+
+    def plain(self, field: str) -> str:
+        """Return a number with a decimal point; no number for one with another sign."""
+        if self.decimal == ".":
+            return field
+        return "?" if "." in field else field.replace(self.decimal, ".")
+
+
+CONTRACT = Layout()
+#: Number from 1, text, and whether a line end follows.
+_Line = tuple[int, str, bool]
+
+
+def column_names(path: Path, layout: Layout = CONTRACT) -> list[str]:
+    """Return the names of the columns of a file, none where it is empty."""
+    first = _first(_lines(path), layout)
+    return [] if first is None else layout.names(first[1])
+
+
+def _first(lines: Iterator[_Line], layout: Layout) -> _Line | None:
+    """Return the line with the names, or without names the first; None where there is none."""
+    return next((line for line in lines if line[0] >= layout.header), None)
 
 
 def read_rows(
@@ -48,6 +102,7 @@ def read_rows(
     required: Sequence[str],
     optional: Sequence[str] = (),
     together: Sequence[str] = (),
+    layout: Layout = CONTRACT,
 ) -> RawRows:
     """Read a CSV file, plain or gzipped, in parts.
 
@@ -59,26 +114,28 @@ def read_rows(
         required: columns that must be there.
         optional: columns that may be there.
         together: columns that are all there or all absent.
+        layout: how the file is written.
 
     Raises:
         RawDataError: when the file is empty or too large, is no UTF-8 text, uses another separator
             or decimal commas throughout, or lacks a required column.
     """
     lines = _lines(path)
-    header_line, header_text, _ = next(lines, (0, "", True))
-    if not header_line:
+    first = _first(lines, layout)
+    if first is None:
         raise _refusal(path, 1, "the file is empty", "a header and rows", "export it again")
-    header = _fields(header_text)
+    header_line, header_text, _ = first
+    header = layout.names(header_text)
     needed = [*required, *(together if set(together) & set(header) else ())]
-    _check_header(path, header_line, header_text, header, needed)
+    _check_header(path, header_line, header_text, header, needed, layout)
     used = [name for name in header if name in needed or name in optional]
-    parts = _Parts(header, used)
-    for number, text, ended in lines:
+    parts = _Parts(header, used, layout)
+    for number, text, ended in lines if layout.header else chain([first], lines):
         parts.add(number, text, ended=ended)
     if not parts.lines:
         raise _refusal(path, header_line, "there is no row under the header", "rows", "export it")
     line, widths = np.array(parts.lines, dtype=np.int64), np.array(parts.widths)
-    _refuse_systematic_width(path, widths, len(header), line)
+    _refuse_systematic_width(path, widths, len(header), line, layout)
     right = widths == len(header)
     cut = not parts.ended and widths[-1] < len(header)
     wrong = ~right
@@ -92,9 +149,9 @@ def read_rows(
     kept = np.ones(len(raw.line), dtype=bool)
     if not parts.ended and right[-1]:
         kept[-1] = not _cut_last(np.array(parts.decimals))
-        raw = raw.take(kept, CUT, [_fields(parts.last)[-1]] * int(not kept[-1]))
-    first = ~pd.Series(np.array(parts.hashes, dtype=np.int64)[kept]).duplicated().to_numpy()
-    return raw.take(first, "repeats an earlier row", [""] * int((~first).sum()))
+        raw = raw.take(kept, CUT, [layout.row(parts.last, len(header))[-1]] * int(not kept[-1]))
+    once = ~pd.Series(np.array(parts.hashes, dtype=np.int64)[kept]).duplicated().to_numpy()
+    return raw.take(once, "repeats an earlier row", [""] * int((~once).sum()))
 
 
 class _Parts:
@@ -106,7 +163,8 @@ class _Parts:
         ended, last: whether the last line has a line end, and its text.
     """
 
-    def __init__(self, header: Sequence[str], used: Sequence[str]) -> None:
+    def __init__(self, header: Sequence[str], used: Sequence[str], layout: Layout) -> None:
+        self._layout = layout
         self.lines = array("q")
         self.widths = array("q")
         self.hashes = array("q")
@@ -117,20 +175,20 @@ class _Parts:
         self._at = {name: header.index(name) for name in used}
         self._rows: list[list[str]] = []
         # Buffers that grow in place: parts that are joined in the end would need twice the room.
-        self._numbers = {name: array("d") for name in used if name not in TEXT}
+        self._numbers = {name: array("d") for name in used if name not in layout.text}
         self._odd: dict[str, tuple[list[int], list[str]]] = {n: ([], []) for n in self._numbers}
-        self._text: dict[str, list[str]] = {name: [] for name in used if name in TEXT}
+        self._text: dict[str, list[str]] = {name: [] for name in used if name in layout.text}
 
     def add(self, number: int, text: str, *, ended: bool) -> None:
         """Take up a line."""
-        row = _fields(text)
+        row = self._layout.row(text, self._width)
         self.lines.append(number)
         self.widths.append(len(row))
         self.ended, self.last = ended, text
         if len(row) != self._width:
             return
         self.hashes.append(hash(tuple(row)))
-        self.decimals.append(len(row[-1].partition(".")[2]))
+        self.decimals.append(len(row[-1].partition(self._layout.decimal)[2]))
         self._rows.append(row)
         if len(self._rows) >= ROWS_A_PART:
             self._finish_part()
@@ -140,7 +198,7 @@ class _Parts:
         self._finish_part()
         columns: dict[str, NumberColumn | NDArray[np.object_]] = {}
         for name in self._at:
-            if name in TEXT:
+            if name in self._layout.text:
                 columns[name] = np.array(self._text.pop(name), dtype=object)
             else:
                 rows, text = self._odd[name]
@@ -154,14 +212,14 @@ class _Parts:
     def _finish_part(self) -> None:
         for name, at in self._at.items():
             fields = [row[at] for row in self._rows]
-            if name in TEXT:
+            if name in self._layout.text:
                 self._text[name] += map(sys.intern, fields)
             else:
                 self._add_numbers(name, fields)
         self._rows = []
 
     def _add_numbers(self, name: str, fields: list[str]) -> None:
-        text = np.array(fields, dtype=object)
+        text = np.array([self._layout.plain(field) for field in fields], dtype=object)
         values = np.asarray(pd.to_numeric(text, errors="coerce"), dtype=np.float64)
         odd = np.flatnonzero(~np.isfinite(values))
         values = np.where(np.isfinite(values), values, np.nan)
@@ -171,7 +229,7 @@ class _Parts:
         self._numbers[name].frombytes(values.tobytes())
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str, bool]]:
+def _lines(path: Path) -> Iterator[_Line]:
     """Yield the lines that are not blank: number from 1, text, and whether a line end follows.
 
     Raises:
@@ -218,21 +276,26 @@ def _refuse_large(content: IO[bytes], path: Path) -> None:
             )
 
 
-def _fields(text: str) -> list[str]:
-    return [field.strip(' \t"') for field in text.split(",")]
-
-
 def _check_header(
-    path: Path, line: int, text: str, header: Sequence[str], required: Sequence[str]
+    path: Path,
+    line: int,
+    text: str,
+    header: Sequence[str],
+    required: Sequence[str],
+    layout: Layout,
 ) -> None:
-    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
-        if text.count(separator) > text.count(","):
+    for separator, name in ((";", "semicolons"), ("\t", "tabs"), (",", "commas")):
+        here = layout.separator
+        if here and here != separator and text.count(separator) > text.count(here):
             raise _refusal(
                 path,
                 line,
                 f"the fields are separated by {name}",
-                "commas between fields, decimal points",
-                "export the file with commas, and with decimal points",
+                "commas between fields, decimal points"
+                if layout.separator == ","
+                else f"the separator {here!r}, as campaign.yaml states it",
+                "state the file's layout under columns of campaign.yaml (pa10cal columns "
+                f"{path.name} proposes it), or export it with commas and decimal points",
             )
     twice = [name for name, times in Counter(header).items() if times > 1]
     if twice:
@@ -246,18 +309,24 @@ def _check_header(
             where=f"{path}:{line}",
             value=", ".join(header),
             allowed=", ".join(required),
-            remedy=f"is it {near[0]!r}? rename it" if near else "add it, or check the header",
+            remedy=f"is it {near[0]!r}? {layout.missing}"
+            if near
+            else f"add it, or check the header{OWN_NAMES if layout == CONTRACT else ''}",
         )
 
 
 def _refuse_systematic_width(
-    path: Path, widths: NDArray[np.int64], expected: int, line: NDArray[np.int64]
+    path: Path,
+    widths: NDArray[np.int64],
+    expected: int,
+    line: NDArray[np.int64],
+    layout: Layout,
 ) -> None:
     wrong = widths != expected
     if 2 * wrong.sum() <= len(widths):
         return
     first = int(np.argmax(wrong))
-    commas = widths[first] > expected
+    commas = widths[first] > expected and layout.separator == ","
     raise _refusal(
         path,
         int(line[first]),

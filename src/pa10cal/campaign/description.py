@@ -16,6 +16,7 @@ from pa10cal.campaign.bounds import (
     refuse_impossible_gravity,
     refuse_impossible_temperature,
 )
+from pa10cal.campaign.own_columns import OwnColumns
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import Instrument as MeasuredBy
 from pa10cal.observe.kinds import InstrumentKind
@@ -99,6 +100,7 @@ class CampaignDescription(Section):
     files: Files
     ball_diameter_mm: Annotated[FiniteFloat, Field(gt=0.1, le=1e3)] | None = None
     holdout: Holdout | None = None
+    columns: OwnColumns | None = None
 
     @property
     def ball_names(self) -> tuple[str, ...]:
@@ -205,6 +207,10 @@ def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
             raise _unfit(folder, f"files.{key}", None, f"a file name, as the kind is {kind}")
         if not (folder / name).is_file():
             raise _unfit(folder, f"files.{key}", name, "a file inside the campaign's folder")
+    mapped = set() if campaign.columns is None else campaign.columns.model_fields_set
+    for key in sorted(mapped - set(needed)):
+        allowed = " and ".join(f"columns.{each}" for each in needed)
+        raise _unfit(folder, f"columns.{key}", key, f"{allowed}, as the kind is {kind}")
 
 
 def _check_holdout(holdout: Holdout, path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,22 @@ class NumberColumn:
 
 
 @dataclass(frozen=True)
+class OwnColumn:
+    """What a column of the contract was read from, where the file has names of its own.
+
+    Attributes:
+        name: the file's own name of it; of several columns all of them.
+        unit: the file's own unit.
+        factor, offset: what the file's number is multiplied by, and what is added then.
+    """
+
+    name: str
+    unit: str = ""
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
 class RawRows:
     """Rows of one CSV file: numbers where a column holds them, else text.
 
@@ -55,6 +71,7 @@ class RawRows:
         total: rows in the file, quarantined ones included.
         unused: columns that were not requested.
         quarantined: rows that are not used.
+        own: the file's own columns, by the contract's names; empty where it has those.
     """
 
     file: str
@@ -63,21 +80,37 @@ class RawRows:
     total: int
     unused: tuple[str, ...]
     quarantined: tuple[Quarantined, ...]
+    own: dict[str, OwnColumn] = field(default_factory=dict)
+
+    def name_of(self, name: str) -> str:
+        """Return the file's own name of a column."""
+        return self.own[name].name if name in self.own else name
+
+    def shown(self, name: str, row: int) -> str:
+        """Return a column's name and what stands in a row, as the file has both."""
+        text = self.numbers_of(name).as_text(row)
+        if name not in self.own:
+            return f"{name} = {text}"
+        own, value = self.own[name], float(self.numbers_of(name).values[row])
+        if not np.isfinite(value) or (own.factor, own.offset) == (1.0, 0.0):
+            return f"{own.name} = {text}"
+        return f"{own.name} = {(value - own.offset) / own.factor:.10g} {own.unit} ({name} = {text})"
 
     def take(self, keep: NDArray[np.bool_], reason: str, values: Sequence[object]) -> RawRows:
         """Keep some rows; quarantine the others with a reason and (for each of them) a value."""
         if keep.all():
             return self
-        return RawRows(
-            self.file,
-            {
+        return replace(
+            self,
+            columns={
                 name: column.take(keep) if isinstance(column, NumberColumn) else column[keep]
                 for name, column in self.columns.items()
             },
-            self.line[keep],
-            self.total,
-            self.unused,
-            (*self.quarantined, *quarantined(self.file, self.line[~keep], reason, values)),
+            line=self.line[keep],
+            quarantined=(
+                *self.quarantined,
+                *quarantined(self.file, self.line[~keep], reason, values),
+            ),
         )
 
     def numbers_of(self, name: str) -> NumberColumn:
@@ -124,7 +157,7 @@ def finite(raw: RawRows, names: Sequence[str], *, may_be_blank: bool = False) ->
     for name, column in zip(names, columns, strict=True):
         for row, text in zip(column.odd, column.text, strict=True):
             if text != "" or not may_be_blank:
-                wrong.setdefault(int(row), f"{name} = {text!r}")
+                wrong.setdefault(int(row), f"{raw.name_of(name)} = {text!r}")
     keep = np.ones(len(raw.line), dtype=bool)
     keep[list(wrong)] = False
     return raw.take(keep, "not a finite number", [wrong[row] for row in sorted(wrong)])
@@ -135,7 +168,7 @@ def whole_numbers(raw: RawRows, name: str) -> tuple[RawRows, NDArray[np.int64]]:
     raw, found = numbers(raw, [name])
     column = found[:, 0]
     keep = column == np.round(column)
-    values = [f"{name} = {value:g}" for value in column[~keep]]
+    values = [f"{raw.name_of(name)} = {value:g}" for value in column[~keep]]
     return raw.take(keep, "not a whole number", values), column[keep].astype(np.int64)
 
 
@@ -143,5 +176,5 @@ def choices(raw: RawRows, name: str, allowed: Sequence[str]) -> RawRows:
     """Keep the rows whose column holds one of the allowed words."""
     column = raw.text_of(name)
     keep = np.isin(column, list(allowed))
-    values = [f"{name} = {str(value)!r}" for value in column[~keep]]
+    values = [f"{raw.name_of(name)} = {str(value)!r}" for value in column[~keep]]
     return raw.take(keep, f"{name} is none of {', '.join(allowed)}", values)

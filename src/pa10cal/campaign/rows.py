@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -13,15 +12,17 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.campaign.bounds import Bounds, within_bounds
-from pa10cal.campaign.csv_rows import column_names, read_rows
 from pa10cal.campaign.quarantine import Quarantined
+from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import (
+    NumberColumn,
     RawRows,
     choices,
     finite,
     numbers,
     whole_numbers,
 )
+from pa10cal.campaign.same_commands import labels, same_commands
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.quantities import Stated
@@ -139,11 +140,13 @@ class FileRead:
         return (*((late,) if self.out_of_order else ()), *unused)
 
 
-def read_touches(path: Path, ball_names: Sequence[str], bounds: Bounds) -> tuple[Touches, FileRead]:
+def read_touches(
+    file: RawFile, ball_names: Sequence[str], bounds: Bounds
+) -> tuple[Touches, FileRead]:
     """Read the touches of a touch-trigger instrument.
 
     Args:
-        path: cmm.csv or cmm.csv.gz.
+        file: the file of touches.
         ball_names: names of the tool's balls.
         bounds: of the columns.
 
@@ -151,8 +154,7 @@ def read_touches(path: Path, ball_names: Sequence[str], bounds: Bounds) -> tuple
         RawDataError: when the file as a whole cannot be used.
     """
     places = ["x_mm", "y_mm", "z_mm"]
-    labels = ["kind", "pose", "load_N", "repeat", "ball", "touch"]
-    raw = read_rows(path, ["time_s", *labels, *places])
+    raw = file.read(["time_s", "kind", "pose", "load_N", "repeat", "ball", "touch", *places])
     raw = choices(choices(raw, "kind", KINDS), "ball", ball_names)
     raw = finite(raw, ["time_s", "load_N", *places])
     raw = within_bounds(raw, ["time_s", *places], bounds)
@@ -164,7 +166,7 @@ def read_touches(path: Path, ball_names: Sequence[str], bounds: Bounds) -> tuple
     return _in_time(Touches(**labelled, ball=ball, p_instr_mm=p_instr_mm), raw)
 
 
-def read_samples(path: Path, bounds: Bounds) -> tuple[Samples, FileRead]:
+def read_samples(file: RawFile, bounds: Bounds) -> tuple[Samples, FileRead]:
     """Read the resolver and torque log of the arm whose bounds are given.
 
     Samples at the time of an earlier one are quarantined.
@@ -175,7 +177,7 @@ def read_samples(path: Path, bounds: Bounds) -> tuple[Samples, FileRead]:
     joints = bounds.arm.n
     q = [f"q{j}_deg" for j in range(1, joints + 1)]
     tau = [f"tau{j}_Nm" for j in range(1, joints + 1)]
-    raw = read_rows(path, ["time_s", *q, *tau, "temperature_C"])
+    raw = file.read(["time_s", *q, *tau, "temperature_C"])
     raw = finite(raw, ["time_s", *q, *tau, "temperature_C"])
     raw = within_bounds(raw, ["time_s", *q, *tau, "temperature_C"], bounds)
     _, table = numbers(raw, ["time_s", *q, *tau, "temperature_C"])
@@ -193,7 +195,7 @@ def read_samples(path: Path, bounds: Bounds) -> tuple[Samples, FileRead]:
 
 
 def read_pose_rows(
-    path: Path,
+    file: RawFile,
     bounds: Bounds,
     instrument: type[Instrument],
     stated: Stated,
@@ -203,8 +205,8 @@ def read_pose_rows(
     """Read the configurations of an instrument that touches nothing.
 
     Args:
-        path: the file named by `files.poses`.
-        prismatic: (n,) which joints slide; torques are logged for all joints or for none.
+        file: the file named by `files.poses`; torques are logged for all joints or for none.
+        bounds: of the columns.
         instrument: the class of the instrument.
         stated: what the campaign's description states of it.
         kind_stated: whether the rows must state their kind; else all are of the grid.
@@ -216,14 +218,14 @@ def read_pose_rows(
     Raises:
         RawDataError: when the file as a whole cannot be used.
     """
-    measured = instrument.raw_columns(column_names(path))
+    measured = instrument.raw_columns(file.names)
     prismatic = bounds.arm.prismatic
     q = position_columns(prismatic)
     tau = [f"tau{joint}_Nm" for joint in range(1, len(q) + 1)]
-    labels = ["pose", "load_N", "repeat", *(["kind"] if kind_stated else [])]
+    labelling = ["pose", "load_N", "repeat", *(["kind"] if kind_stated else [])]
     stated_u = [f"u_{name}" for name in (*q, *tau, *measured.names)]
     optional = ["temperature_C", *stated_u]
-    raw = read_rows(path, ["time_s", *labels, *q, *measured.names], ["kind", *optional], tau)
+    raw = file.read(["time_s", *labelling, *q, *measured.names], ["kind", *optional], tau)
     if "kind" not in raw.columns:
         raw.columns["kind"] = np.full(len(raw.line), "grid", dtype=object)
     raw = choices(raw, "kind", KINDS)
@@ -233,7 +235,7 @@ def read_pose_rows(
     given = [name for name in optional if name in raw.columns]
     raw = finite(raw, given, may_be_blank=True)
     raw = within_bounds(raw, ["time_s", *q, *logged, *measured.names, *given], bounds)
-    raw = _usable(raw, instrument, measured)
+    raw = _with_labels(_usable(raw, instrument, measured, file), q, prismatic)
     raw, labelled = _labelled(raw, bounds)
     given += [*logged, *q, *measured.names]
     columns = dict(zip(given, numbers(raw, given, may_be_blank=True)[1].T, strict=True))
@@ -280,13 +282,40 @@ def in_radians(q: Array, prismatic: NDArray[np.bool_]) -> Array:
     return np.asarray(np.where(prismatic, 1e-3 * q, np.radians(q)))
 
 
-def _usable(raw: RawRows, instrument: type[Instrument], measured: RawColumns) -> RawRows:
+def _usable(
+    raw: RawRows, instrument: type[Instrument], measured: RawColumns, file: RawFile
+) -> RawRows:
     """Quarantine rows that are no measurement of the instrument."""
     _, values = numbers(raw, measured.names, may_be_blank=measured.may_be_blank)
     remaining = np.ones(len(raw.line), dtype=bool)
     for found in instrument.unusable(measured, values):
-        raw = raw.take(~found.rows[remaining], found.reason, list(found.values))
+        raw = raw.take(
+            ~found.rows[remaining], found.reason, list(map(file.in_own_words, found.values))
+        )
         remaining &= ~found.rows
+    return raw
+
+
+def _with_labels(raw: RawRows, q: Sequence[str], prismatic: NDArray[np.bool_]) -> RawRows:
+    """Label rows whose own file does not: equal joint positions are one pose, its repeats counted.
+
+    Poses and repeats are numbered in order of time.
+    """
+    if {"pose", "repeat"} <= set(raw.columns):
+        return raw
+    _, table = numbers(raw, ["time_s", "load_N", *q])
+    order = np.argsort(table[:, 0], kind="stable")
+    if "pose" not in raw.columns:
+        pose = np.empty(len(order), dtype=object)
+        pose[order] = labels(same_commands(in_radians(table[order, 2:], prismatic)))
+        raw.columns["pose"] = pose
+    if "repeat" not in raw.columns:
+        keys = pd.DataFrame({"pose": raw.text_of("pose"), "load": table[:, 1]}).iloc[order]
+        counted = keys.groupby(["pose", "load"], sort=False).cumcount().to_numpy() + 1.0
+        repeat = np.empty(len(order))
+        repeat[order] = counted
+        nothing = np.zeros(0, dtype=np.intp)
+        raw.columns["repeat"] = NumberColumn(repeat, nothing, nothing.astype(object))
     return raw
 
 

@@ -246,7 +246,7 @@ def refuse_wrong_angle_unit(
         where=where,
         value=f"joint ranges of {range_deg:.3g} deg in all, while the tool moved {moved_mm:.0f} mm",
         allowed="joint positions in degrees",
-        remedy="convert the columns to degrees"
+        remedy="convert the columns to degrees, or state their unit under columns in campaign.yaml"
         if radians
         else "check the unit of these columns, and of the measured places",
     )
@@ -290,5 +290,8 @@ def refuse_wrong_length_unit(scale: float | None, what: str, where: str) -> None
         where=where,
         value=f"one measured millimetre is {scale:.3g} mm of the nominal model's motion",
         allowed=f"{what} in millimetres",
-        remedy="convert the columns to millimetres" if unit else "check the unit of these columns",
+        remedy="convert the columns to millimetres, or state their unit under columns in "
+        "campaign.yaml"
+        if unit
+        else "check the unit of these columns",
     )

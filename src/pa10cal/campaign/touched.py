@@ -37,6 +37,7 @@ from pa10cal.campaign.labels import (
 )
 from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.quarantine import Ingested, Quarantined, quarantined, refuse_too_many
+from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.rows import Samples, Touches, read_samples, read_touches
 from pa10cal.campaign.screens import (
     OFF_MODEL,
@@ -83,9 +84,10 @@ def read_touched(
     Raises:
         RawDataError: when a file, or too much of it, cannot be used.
     """
-    cmm, resolver = (folder / str(name) for name in (campaign.files.cmm, campaign.files.resolver))
-    touches, cmm_read = read_touches(cmm, campaign.ball_names, Bounds(arm))
-    samples, resolver_read = read_samples(resolver, Bounds(arm))
+    files = [RawFile.of(campaign, folder, key, arm.prismatic) for key in ("cmm", "resolver")]
+    cmm, resolver = (file.path for file in files)
+    touches, cmm_read = read_touches(files[0], campaign.ball_names, Bounds(arm))
+    samples, resolver_read = read_samples(files[1], Bounds(arm))
     reads = (cmm_read, resolver_read)
     totals = {read.file: read.total for read in reads}
     listed = [*cmm_read.quarantined, *resolver_read.quarantined]

@@ -23,6 +23,7 @@ from pa10cal.campaign.labels import (
 )
 from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.quarantine import Ingested, Quarantined, quarantined, refuse_too_many
+from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.rows import PoseRows, in_radians, position_columns, read_pose_rows
 from pa10cal.campaign.screens import (
     OFF_MODEL,
@@ -76,10 +77,10 @@ def read_tracked(
     Raises:
         RawDataError: when the file, or too much of it, cannot be used.
     """
-    path = folder / str(description.files.poses)
+    file = RawFile.of(description, folder, "poses", arm.prismatic)
     instrument, stated = description.instrument.type, description.stated
     rows, read, columns = read_pose_rows(
-        path, Bounds(arm), instrument, stated, kind_stated=description.holdout is None
+        file, Bounds(arm), instrument, stated, kind_stated=description.holdout is None
     )
     totals, most = {read.file: read.total}, options.max_quarantined_fraction
     listed = list(read.quarantined)
@@ -92,7 +93,7 @@ def read_tracked(
     listed += quarantined(read.file, rows.line[again & other], ONE_LABEL, shared)
     refuse_too_many(listed, totals, most)
     rows = rows.take(~again)
-    screened = _Screen(columns, arm, path).of(rows)
+    screened = _Screen(columns, arm, file).of(rows)
     listed += screened.quarantined
     rows, found = screened.rows, screened.rows.observations
     off = off_command(found.pose, found.states.q_rad, arm.prismatic)
@@ -120,7 +121,7 @@ class _Screen:
 
     columns: RawColumns
     arm: Arm
-    path: Path
+    file: RawFile
 
     def of(self, rows: PoseRows) -> _Screened:
         """Screen rows."""
@@ -162,8 +163,8 @@ class _Screen:
         values = []
         for row, b in zip(lost, off[lost].argmax(axis=1), strict=True):
             numbers = ", ".join(f"{1e3 * value:g}" for value in places_m[row, b])
-            values.append(f"{', '.join(self.columns.targets[b])} = {numbers}")
-        listed = quarantined(self.path.name, rows.line[lost], reason, values)
+            values.append(f"{self._target(int(b))} = {numbers}")
+        listed = quarantined(self.file.path.name, rows.line[lost], reason, values)
         kept = np.setdiff1d(np.arange(len(rows)), lost)
         return rows.take(kept), listed
 
@@ -178,15 +179,15 @@ class _Screen:
             return rows, ()
         orders = exchanged(places_m, modelled)
         swapped = np.array([order is not None for order in orders])
-        _refuse_all_exchanged(swapped, orders, names, str(self.path))
+        _refuse_all_exchanged(swapped, orders, names, str(self.file.path))
         values = [exchange_text(order, names) for order in orders[swapped]]
-        listed = quarantined(self.path.name, rows.line[swapped], EXCHANGED, values)
+        listed = quarantined(self.file.path.name, rows.line[swapped], EXCHANGED, values)
         return rows.take(~swapped), listed
 
     def _refuse_units(self, rows: PoseRows) -> None:
         found = rows.observations
         refuse_one_attitude(
-            found.measured.attitudes, Chain.of(self.arm).forward(found.states.q_rad), self.path
+            found.measured.attitudes, Chain.of(self.arm).forward(found.states.q_rad), self.file.path
         )
         places_m = found.measured.places_m
         seen = np.isfinite(places_m[..., 0])
@@ -200,7 +201,7 @@ class _Screen:
         )
         self._refuse_better_unit(rows)
         what = "distances" if places_m.shape[2] == 1 else "positions"
-        where = f"{self.path}: {', '.join(self.columns.targets[best])}"
+        where = f"{self.file.path}: {self._target(best)}"
         T_base_ee = Chain.of(self.arm).forward(found.states.q_rad)
         refuse_wrong_length_unit(found.measured.scale(T_base_ee), what, where)
 
@@ -228,7 +229,8 @@ class _Screen:
                 f"{1e3 * np.median(logged.size_m):.0f} mm, and of "
                 f"{1e3 * np.median(misfit.size_m):.0f} mm with {unit}",
                 allowed=f"joint {what} in {right}",
-                remedy=f"convert the columns to {right}",
+                remedy=f"convert the columns to {right}, or state their unit under columns in "
+                "campaign.yaml",
             )
 
     def _misfit(self, rows: PoseRows, q_rad: Array) -> Misfit | None:
@@ -247,7 +249,12 @@ class _Screen:
     @property
     def _where_joints(self) -> str:
         names = position_columns(self.arm.prismatic)
-        return f"{self.path}: {names[0]} … {names[-1]}"
+        first, last = map(self.file.in_own_words, (names[0], names[-1]))
+        return f"{self.file.path}: {first} … {last}"
+
+    def _target(self, b: int) -> str:
+        """Return the columns of a target."""
+        return self.file.in_own_words(", ".join(self.columns.targets[b]))
 
 
 def _refuse_all_exchanged(

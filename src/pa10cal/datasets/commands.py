@@ -5,14 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+
+from pa10cal.campaign.same_commands import labels, same_commands
 
 Array = NDArray[np.float64]
-
-#: Commands whose joints differ by less are one command [rad].
-SAME_COMMAND_RAD = 1e-6
 
 
 def command_columns(time_s: Array, q_rad: Array) -> pd.DataFrame:
@@ -29,24 +25,13 @@ def command_columns(time_s: Array, q_rad: Array) -> pd.DataFrame:
         time_s, kind (`grid`), pose, load_N (0), repeat, q1_deg … qn_deg.
     """
     number = same_commands(q_rad)
-    digits = max(5, len(str(number.max(initial=0) + 1)))
     columns: dict[str, object] = {
         "time_s": time_s,
         "kind": "grid",
-        "pose": [f"P{k:0{digits}d}" for k in number + 1],
+        "pose": labels(number),
         "load_N": 0,
         "repeat": pd.Series(number).groupby(number).cumcount().to_numpy() + 1,
     }
     for joint, column in enumerate(np.degrees(q_rad).T, start=1):
         columns[f"q{joint}_deg"] = column
     return pd.DataFrame(columns)
-
-
-def same_commands(q_rad: Array) -> NDArray[np.intp]:
-    """Number the commands (N,) from 0 in the order in which they first appear."""
-    count = len(q_rad)
-    pairs = cKDTree(q_rad).query_pairs(SAME_COMMAND_RAD, p=np.inf, output_type="ndarray")
-    ones = np.ones(len(pairs), dtype=np.int8)
-    graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    group = connected_components(graph, directed=False)[1]
-    return np.asarray(pd.factorize(group)[0], dtype=np.intp)

@@ -1,0 +1,303 @@
+"""A raw file under the contract's own names, or read as it is by `columns` of campaign.yaml."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pa10cal.campaign.csv_rows import Layout, column_names, read_rows
+from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
+from pa10cal.campaign.own_columns import (
+    ANGLES,
+    FORCES,
+    ISO,
+    LENGTHS,
+    SEPARATORS,
+    TIMES,
+    TORQUES,
+    FileColumns,
+    Position,
+    Time,
+)
+from pa10cal.campaign.own_rotation import COLUMNS, no_rotation, quaternion_uncertainty, quaternions
+from pa10cal.campaign.raw_rows import TEXT, NumberColumn, OwnColumn, RawRows, finite, numbers
+from pa10cal.errors import RawDataError
+
+Array = NDArray[np.float64]
+
+QUATERNION = ("qw", "qx", "qy", "qz")
+#: Least standard uncertainty of a component of a quaternion that follows from stated ones.
+LEAST_U = 1e-9
+#: What a file with names of its own need not have: rows are numbered, loads are 0, and equal joint
+#: positions are repeats of one pose.
+FILLED = {
+    "poses": ("time_s", "load_N", "pose", "repeat"),
+    "cmm": ("load_N", "repeat", "touch"),
+}
+#: Columns of the contract, by the key of `columns` that maps them.
+_KEYS = {
+    "time_s": "time",
+    "load_N": "load",
+    "temperature_C": "temperature",
+    "d_mm": "distance",
+    r"q\d+_(deg|mm)": "joints",
+    r"tau\d+_Nm": "torques",
+    "[xyz]_mm": "position",
+    "q[wxyz]": "rotation",
+    r"\w+_[xyz]_mm": "targets",
+}
+
+
+@dataclass(frozen=True)
+class RawFile:
+    """A raw file of a campaign.
+
+    Attributes:
+        path: where it is.
+        key: what campaign.yaml calls it: poses, cmm or resolver.
+        prismatic: (n,) which joints of the arm slide.
+        columns: what its columns are; None where it follows the contract.
+    """
+
+    path: Path
+    key: str
+    prismatic: NDArray[np.bool_]
+    columns: FileColumns | None = None
+
+    @classmethod
+    def of(
+        cls, campaign: CampaignDescription, folder: Path, key: str, prismatic: NDArray[np.bool_]
+    ) -> RawFile:
+        """Return a file that campaign.yaml names."""
+        columns = None if campaign.columns is None else getattr(campaign.columns, key)
+        return cls(folder / str(getattr(campaign.files, key)), key, prismatic, columns)
+
+    @property
+    def names(self) -> list[str]:
+        """Return the columns of the contract that the file has, or stands for."""
+        return column_names(self.path) if self.columns is None else list(self.sources)
+
+    @cached_property
+    def sources(self) -> dict[str, OwnColumn]:
+        """Return the file's own columns, by the contract's names; empty without `columns`.
+
+        Raises:
+            RawDataError: when a mapping has another number of columns than what it maps.
+        """
+        if self.columns is None:
+            return {}
+        self._check_counts(self.columns)
+        return dict(_sources(self.columns, self.prismatic))
+
+    def in_own_words(self, text: str) -> str:
+        """Return a text in which the file's own names stand beside those of the contract."""
+
+        def named(match: re.Match[str]) -> str:
+            own = self.sources.get(match[0])
+            return match[0] if own is None else f"{own.name} ({match[0]})"
+
+        return re.sub(r"\w+", named, text)
+
+    def read(
+        self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
+    ) -> RawRows:
+        """Read columns of the contract; see `read_rows`.
+
+        Raises:
+            RawDataError: as `read_rows`; when `columns` maps nothing to a column that is required.
+        """
+        if self.columns is None:
+            return read_rows(self.path, required, optional, together)
+        sources = self.sources
+        filled = FILLED.get(self.key, ())
+        needed = [*required, *(together if set(together) & set(sources) else ())]
+        missing = [name for name in needed if name not in sources and name not in filled]
+        if missing:
+            raise self._unmapped(missing)
+        wanted = {name for name in (*needed, *optional) if name in sources}
+        raw = self._own_rows(self.columns)
+        found = self._translated(raw, self.columns, wanted)
+        labels = {"pose", "repeat"} if self.key == "poses" else set()  # made of what is read
+        for name in set(filled) & set(required) - set(sources) - labels:
+            counted = np.arange(len(found.line), dtype=np.float64)
+            value = {"load_N": 0.0 * counted, "repeat": 0.0 * counted + 1.0}.get(name, counted)
+            found.columns[name] = _numbers(value)
+        return found
+
+    def _own_rows(self, columns: FileColumns) -> RawRows:
+        names = dict.fromkeys(
+            each for source in self.sources.values() for each in source.name.split(", ")
+        )
+        text = [getattr(columns, name) for name in ("pose", "ball") if getattr(columns, name)]
+        text += [columns.kind.names] if columns.kind else []
+        text += [columns.time.names] if columns.time and columns.time.format else []
+        layout = Layout(
+            SEPARATORS.get(columns.separator, columns.separator),
+            columns.decimal,
+            columns.header,
+            tuple(name for some in text for name in some),
+            f"correct columns.{self.key} in {DESCRIPTION_FILE}",
+        )
+        return replace(read_rows(self.path, list(names), layout=layout), unused=())
+
+    def _translated(self, raw: RawRows, columns: FileColumns, wanted: set[str]) -> RawRows:
+        """Return rows under the contract's names, in its units."""
+        turned = columns.rotation if wanted & set(QUATERNION) else None
+        if turned is not None:
+            raw, values = numbers(raw, turned.names)
+            off = no_rotation(values, turned)
+            raw = raw.take(~off, f"{', '.join(turned.names[:2])} …: no rotation", [""] * off.sum())
+            raw = raw if turned.u is None else finite(raw, turned.u, may_be_blank=True)
+        made: dict[str, NumberColumn | NDArray[np.object_]] = {}
+        for name in sorted(wanted - {*QUATERNION, *(f"u_{each}" for each in QUATERNION)}):
+            source = self.sources[name]
+            if name in TEXT:
+                made[name] = raw.text_of(source.name).astype(object)
+            elif name == "time_s" and columns.time and columns.time.format:
+                made[name] = _clock(raw, columns.time, from_first=self.key == "poses")
+            else:
+                made[name] = _linear(raw.numbers_of(source.name), source, name.startswith("u_"))
+        if columns.kind is not None and "kind" in made:
+            words = columns.kind.words
+            stated = raw.text_of(self.sources["kind"].name).tolist()
+            made["kind"] = np.array([words.get(each, each) for each in stated], dtype=np.object_)
+        if turned is not None:
+            _, values = numbers(raw, turned.names)
+            made |= zip(QUATERNION, map(_numbers, quaternions(values, turned).T), strict=True)
+            if turned.u is not None:
+                _, u = numbers(raw, turned.u, may_be_blank=True)
+                u = quaternion_uncertainty(values, np.where(u > 0.0, u, np.nan), turned)
+                u = np.maximum(u, LEAST_U)
+                made |= {f"u_{name}": _numbers(u[:, k]) for k, name in enumerate(QUATERNION)}
+        return replace(raw, columns=made, own=self.sources)
+
+    def _check_counts(self, columns: FileColumns) -> None:
+        """Refuse a list of names that is too long or too short for what it maps."""
+        joints = len(self.prismatic)
+        expected = {"joints": joints, "torques": joints}
+        if columns.rotation is not None:
+            expected["rotation"] = COLUMNS.get(columns.rotation.convention, 3)
+        for key, count in expected.items():
+            found = getattr(columns, key)
+            for part in ("names", "u"):
+                names = None if found is None else getattr(found, part)
+                if names is not None and len(names) != count:
+                    raise RawDataError(
+                        f"{len(names)} columns are named",
+                        where=f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}.{key}"
+                        f".{part}",
+                        value=", ".join(names),
+                        allowed=f"{count}, one for each joint of the arm"
+                        if key != "rotation"
+                        else f"{count}, as {columns.rotation and columns.rotation.convention} has",
+                        remedy="name as many, in order",
+                    )
+
+    def _unmapped(self, missing: Sequence[str]) -> RawDataError:
+        keys = [key for name in missing for like, key in _KEYS.items() if re.fullmatch(like, name)]
+        key = next(iter(keys), missing[0])
+        return RawDataError(
+            f"nothing is mapped to {', '.join(missing)}",
+            where=f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}",
+            value=", ".join(self.sources),
+            allowed=f"the columns of {self.path.name} that hold it",
+            remedy=f"set columns.{self.key}.{key}"
+            + ("; or state holdout" if key == "kind" and self.key == "poses" else ""),
+        )
+
+
+def _sources(columns: FileColumns, prismatic: NDArray[np.bool_]) -> Iterator[tuple[str, OwnColumn]]:
+    """Yield the columns of the contract, and what each is read from."""
+    if columns.time is not None:
+        time = columns.time
+        factor = 1.0 if time.format else TIMES[time.unit]
+        yield "time_s", OwnColumn(", ".join(time.names), "" if time.format else time.unit, factor)
+    for name in ("pose", "repeat", "ball", "touch"):
+        if (one := getattr(columns, name)) is not None:
+            yield name, OwnColumn(one[0])
+    if columns.kind is not None:
+        yield "kind", OwnColumn(columns.kind.names[0])
+    if columns.load is not None:
+        load = columns.load
+        yield "load_N", OwnColumn(load.names[0], load.unit, FORCES[load.unit])
+    if columns.temperature is not None:
+        yield "temperature_C", _temperature(columns.temperature.names[0], columns.temperature.unit)
+    if columns.joints is not None:
+        joints = columns.joints
+        for k, slides in enumerate(prismatic):
+            unit = joints.stroke_unit if slides else joints.unit
+            factor = LENGTHS[joints.stroke_unit] if slides else ANGLES[joints.unit]
+            name = f"q{k + 1}_{'mm' if slides else 'deg'}"
+            yield from _with_u(name, OwnColumn(joints.names[k], unit, factor), joints.u, k)
+    if columns.torques is not None:
+        torques = columns.torques
+        for k, name in enumerate(torques.names):
+            own = OwnColumn(name, torques.unit, TORQUES[torques.unit])
+            yield from _with_u(f"tau{k + 1}_Nm", own, torques.u, k)
+    if columns.position is not None:
+        yield from _position("", columns.position)
+    for target, position in columns.targets.items():
+        yield from _position(f"{target}_", position)
+    if columns.distance is not None:
+        distance = columns.distance
+        own = OwnColumn(distance.names[0], distance.unit, LENGTHS[distance.unit])
+        yield from _with_u("d_mm", own, distance.u, 0)
+    if columns.rotation is not None:
+        for name in QUATERNION:
+            yield name, OwnColumn(", ".join(columns.rotation.names))
+            if columns.rotation.u is not None:
+                yield f"u_{name}", OwnColumn(", ".join(columns.rotation.u))
+
+
+def _position(before: str, position: Position) -> Iterator[tuple[str, OwnColumn]]:
+    for k, axis in enumerate("xyz"):
+        own = OwnColumn(position.names[k], position.unit, LENGTHS[position.unit])
+        yield from _with_u(f"{before}{axis}_mm", own, position.u, k)
+
+
+def _with_u(
+    name: str, own: OwnColumn, u: Sequence[str] | None, k: int
+) -> Iterator[tuple[str, OwnColumn]]:
+    yield name, own
+    if u is not None:
+        yield f"u_{name}", replace(own, name=u[k])
+
+
+def _temperature(name: str, unit: str) -> OwnColumn:
+    if unit == "K":
+        return OwnColumn(name, unit, 1.0, -273.15)
+    if unit == "F":
+        return OwnColumn(name, unit, 5.0 / 9.0, -160.0 / 9.0)
+    return OwnColumn(name, unit)
+
+
+def _numbers(values: Array) -> NumberColumn:
+    return NumberColumn(values, np.zeros(0, dtype=np.intp), np.zeros(0, dtype=object))
+
+
+def _linear(column: NumberColumn, own: OwnColumn, uncertainty: bool) -> NumberColumn:
+    """Return a column in the contract's unit; an uncertainty of 0 states nothing."""
+    values = own.factor * column.values + own.offset
+    values = np.where(values == 0.0, np.nan, values) if uncertainty else values
+    return NumberColumn(values, column.odd, column.text)
+
+
+def _clock(raw: RawRows, time: Time, *, from_first: bool) -> NumberColumn:
+    """Return seconds since 1970, or since the first row, of dates and times of day."""
+    parts = [raw.text_of(name) for name in time.names]
+    text = pd.Series([" ".join(words) for words in zip(*parts, strict=True)], dtype=object)
+    how = "ISO8601" if time.format == ISO else time.format
+    moments = pd.to_datetime(text, format=how, errors="coerce", utc=True)
+    since = (moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
+    seconds: Array = np.array(since, dtype=np.float64)
+    odd = np.flatnonzero(np.isnan(seconds))
+    if from_first and len(odd) < len(seconds):
+        seconds -= np.nanmin(seconds)
+    return NumberColumn(seconds, odd, text.to_numpy(dtype=object)[odd])
