@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 from pa10cal.settings_section import Section
 
 #: What one unit of a column is of the contract's unit: mm, degrees, N m, seconds.
-LENGTHS = {"mm": 1.0, "m": 1e3, "um": 1e-3, "in": 25.4}
+LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}
 ANGLES = {"deg": 1.0, "rad": 57.29577951308232}
 TORQUES = {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3}
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
@@ -65,7 +65,7 @@ class Joints(Section):
 
     names: Names
     unit: Literal["deg", "rad"] = "deg"
-    stroke_unit: Literal["mm", "m", "um", "in"] = "mm"
+    stroke_unit: Literal["mm", "cm", "m", "um", "in"] = "mm"
     u: Names | None = Field(default=None, description="standard uncertainties, in the same unit")
 
 
@@ -81,7 +81,7 @@ class Position(Section):
     """A measured position: x, y, z in the instrument's frame."""
 
     names: Three
-    unit: Literal["mm", "m", "um", "in"] = "mm"
+    unit: Literal["mm", "cm", "m", "um", "in"] = "mm"
     u: Three | None = None
 
 
@@ -89,7 +89,7 @@ class Distance(Section):
     """A measured distance."""
 
     names: One
-    unit: Literal["mm", "m", "um", "in"] = "mm"
+    unit: Literal["mm", "cm", "m", "um", "in"] = "mm"
     u: One | None = None
 
 
