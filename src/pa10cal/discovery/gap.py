@@ -111,7 +111,30 @@ def gap(
         seen: joint positions that the fit of the extended model has seen; None where it has seen
             all that it may predict.
     """
-    found = [left_by(before, poses), after]
+    inside = None if seen is None else seen.inside(poses.states.q_rad)
+    return _gap(poses, [left_by(before, poses), after], noise_floor_mm, inside)
+
+
+def fallen_back(found: Gap, outside: NDArray[np.bool_]) -> Gap:
+    """Return the gap where some configurations (P,) are left to the calibrated model."""
+    after = found.found_after.with_others(outside, found.found_before)
+    inside = None if found.parts is None else found.parts.inside
+    return _gap(found.poses, [found.found_before, after], found.noise_floor_mm, inside)
+
+
+def reduction(found: Gap, rows: NDArray[np.bool_]) -> Paired:
+    """Return the mean reduction over some configurations (P,), paired over their poses."""
+    saved_mm = found.found_before.distance_mm - found.found_after.distance_mm
+    return _paired(saved_mm[rows], found.poses.pose[rows])
+
+
+def _gap(
+    poses: Observations,
+    found: list[Deviations],
+    noise_floor_mm: float,
+    inside: NDArray[np.bool_] | None,
+) -> Gap:
+    """Return the gap of deviations before and after."""
     saved = found[0].distance_mm - found[1].distance_mm
     load_N = poses.states.load_N
     loads = [float(load) for load in np.unique(load_N)]
@@ -130,7 +153,7 @@ def gap(
         found_after=found[1],
         poses=poses,
         noise_floor_mm=noise_floor_mm,
-        parts=None if seen is None else _parts(seen.inside(poses.states.q_rad), found),
+        parts=None if inside is None else _parts(inside, found),
     )
 
 

@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from pa10cal.calibration.grade import JOINT_RAD, most_stated
+from pa10cal.discovery.harm import harmless
 from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.verdict import Finding, Unexplained, Verdict, is_named, label_of
 from pa10cal.fit.fitted_model import FittedModel
@@ -40,7 +41,7 @@ def gated(found: V) -> V:
     """Return a verdict whose names and whose `none` have passed the gates."""
     if found.method is None:
         return found
-    found = _with_names_that_pass(found)
+    found = harmless(_with_names_that_pass(found))
     if found.verdict == "none" and (reasons := tuple(doubts(found))):
         why = f"no effect was found, yet {'; '.join(reasons)}"
         unknown = Unexplained(None, None, found.train.after.mean_mm, why)

@@ -130,6 +130,9 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
         remaining=None if by_blocks is None else _remaining(by_blocks),
         search=_search(found),
         angles_seen=None if found.seen is None else angles_part(found.seen),
+        falls_back=None
+        if found.falls_back is None
+        else parts.FallsBack(within=angles_part(found.falls_back.within), why=found.falls_back.why),
         suggested_poses=() if ahead is None else tuple(map(_suggested, ahead.poses)),
         separations=None
         if ahead is None or ahead.separations is None
@@ -260,12 +263,8 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
         place = verdict.unexplained.of or "unknown place"
         found.append(f"an unidentified effect of {place} is missing: uncertainties do not cover it")
     found += [f"{fault.where}: {fault.what}; {fault.remedy}" for fault in verdict.faults]
-    held_out = verdict.gap.holdout
-    if held_out is not None and held_out.reduction.interval95_mm[1] < 0.0:
-        found.append(
-            "held-out poses have larger errors than before: do not use the extended model; the "
-            "poses fitted are too few or too similar for the effects in it"
-        )
+    if verdict.falls_back is not None:
+        found.append(verdict.falls_back.why)
     search = verdict.search
     if isinstance(search, parts.SearchByRepeats) and search.readings_excluded:
         many = "s are" if search.readings_excluded > 1 else " is"

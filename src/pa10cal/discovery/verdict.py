@@ -19,7 +19,7 @@ from pa10cal.discovery.next_poses.room import NextPose
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.with_effects import ModelWithEffects
 from pa10cal.fit.angles_seen import AnglesSeen
-from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.fitted_model import FallBack, FittedModel
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.faults.log_fault import LogFault
 
@@ -116,6 +116,19 @@ class NotTestable:
 
 
 @dataclass(frozen=True)
+class FallsBack:
+    """Where the effects found do not hold, so that the model is the calibrated one.
+
+    Attributes:
+        within: joint positions in which they hold.
+        why: what held-out poses show, one sentence.
+    """
+
+    within: AnglesSeen
+    why: str
+
+
+@dataclass(frozen=True)
 class Separation:
     """How far apart an effect and its rival are expected to be, in log evidence.
 
@@ -194,6 +207,7 @@ class Verdict(ABC, Generic[P_co]):
         train, holdout: the gap before and after; None without held-out poses.
         steps: of the search.
         faults_of_rows: faults of single rows or poses that were found after the search.
+        falls_back: where the effects do not hold; None where nothing speaks against them.
     """
 
     prepared: Prepared
@@ -211,6 +225,7 @@ class Verdict(ABC, Generic[P_co]):
     holdout: Gap | None
     steps: tuple[Step, ...]
     faults_of_rows: tuple[Fault, ...] = ()
+    falls_back: FallsBack | None = None
 
     #: How effects are judged; None where they are not sought.
     method: ClassVar[str | None]
@@ -305,6 +320,9 @@ class Verdict(ABC, Generic[P_co]):
             self.extended.fitted(self.covariance),
             targets_off_m=self.targets_off_m,
             seen=self.baseline.seen if self.seen is None else self.seen,
+            falls_back=None
+            if self.falls_back is None
+            else FallBack(self.falls_back.within, self.baseline),
         )
 
     @property

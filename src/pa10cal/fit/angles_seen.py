@@ -18,6 +18,10 @@ Array = NDArray[np.float64]
 #: a turn, are ten times as long.
 WITHIN_RAD = float(np.radians(1.25))
 LEAST_POSES = 5
+#: Gaps between neighbours, in their mean, that still count as visited: one in 150 is longer.
+USUAL_GAPS = 5.0
+#: However densely a joint was seen, what was fitted holds so much further [rad].
+REACH_RAD = 2.0 * WITHIN_RAD
 _TURN = 2.0 * np.pi
 
 
@@ -57,6 +61,30 @@ def span_seen(q_rad: Array) -> AnglesSeen:
     """
     spans = np.stack([q_rad.min(axis=0), q_rad.max(axis=0)], axis=1)
     return AnglesSeen(tuple(spans[:, None]), (False,) * len(spans))
+
+
+def span_visited(q_rad: Array) -> AnglesSeen:
+    """Return the positions of every joint that poses (P, n) have visited, gaps as usual bridged.
+
+    Beyond them nothing that depends on a joint's angle was fitted. A gap is usual up to
+    `USUAL_GAPS` times the mean distance of neighbours, or twice `REACH_RAD`; half of that is added
+    at both ends.
+    """
+    stretches = []
+    for q in q_rad.T:
+        angle = np.sort(q)
+        spacing = float(angle[-1] - angle[0]) / max(len(angle) - 1, 1)
+        reach = max(0.5 * USUAL_GAPS * spacing, REACH_RAD)
+        begins = np.concatenate([[True], np.diff(angle) > 2.0 * reach])
+        starts = angle[begins] - reach
+        ends = angle[np.append(begins[1:], True)] + reach
+        stretches.append(np.column_stack([starts, ends]))
+    return AnglesSeen(tuple(stretches), (False,) * q_rad.shape[1])
+
+
+def nothing_seen(joints: int) -> AnglesSeen:
+    """Return that no position of any joint was seen."""
+    return AnglesSeen((np.zeros((0, 2)),) * joints, (False,) * joints)
 
 
 def angles_seen(q_rad: Array, turns: NDArray[np.bool_]) -> AnglesSeen:

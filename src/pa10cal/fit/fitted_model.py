@@ -26,6 +26,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.errors import ModelError
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.loads import statics_of, with_torques
+from pa10cal.fit.prediction import FallBack as FallBack
 from pa10cal.fit.prediction import FittedTo as FittedTo
 from pa10cal.fit.prediction import Prediction as Prediction
 from pa10cal.observe.instrument import Instrument
@@ -65,6 +66,8 @@ class FittedModel:
         payload: what the arm carried, which springs and bending links need; None where not known.
         fitted_to: what it was fitted to, or None.
         seen: joint positions seen by the fit, or None.
+        falls_back: where its effects do not hold, and what is predicted there; None where they hold
+            everywhere.
     """
 
     model: Model
@@ -78,6 +81,7 @@ class FittedModel:
     payload: Payload | None = None
     fitted_to: FittedTo | None = None
     seen: AnglesSeen | None = None
+    falls_back: FallBack | None = None
 
     def __post_init__(self) -> None:
         count = len(self.model.parameters)
@@ -181,7 +185,11 @@ class FittedModel:
     def deviations(self, observations: Observations) -> Deviations:
         """Compare predictions with observations whose states hold what the terms need."""
         measured = observations.measured.turned(self.R_ee_target)
-        return measured.deviations(self.as_read(observations), self.T_instr_base, self.targets_m)
+        found = measured.deviations(self.as_read(observations), self.T_instr_base, self.targets_m)
+        if self.falls_back is None:
+            return found
+        outside = ~self.falls_back.within.inside(observations.states.q_rad)
+        return found.with_others(outside, self.falls_back.model.deviations(observations))
 
     def as_read(self, observations: Observations) -> Array:
         """Return the end of the chain as the instrument is expected to read it, (P, 4, 4) [m]."""
@@ -193,7 +201,8 @@ class FittedModel:
 
     def nominal(self) -> FittedModel:
         """Return the arm as it was designed, at the same base."""
-        return replace(self, model=Model(self.model.chain, ()), x=np.zeros(0), covariance=None)
+        rigid = Model(self.model.chain, ())
+        return replace(self, model=rigid, x=np.zeros(0), covariance=None, falls_back=None)
 
     def values_of(self, term: Term) -> Array:
         """Return the parameters of one of its terms (ValueError where it has no such term)."""
@@ -242,7 +251,14 @@ class FittedModel:
             if self.seen is None
             else self.seen.inside(states.q_rad)
         )
-        return Prediction(T @ self._T_end_frame(frame), u_mm, inside)
+        found = Prediction(T @ self._T_end_frame(frame), u_mm, inside)
+        if self.falls_back is None:
+            return found
+        without = self.falls_back.model
+        given = {"temperature_C": temperature_C, "time_s": time_s}
+        away = without.predict(q, frame=frame, load_N=load_N, arrival=arrival, **given)
+        T = np.linalg.inv(self.T_instr_base) @ without.T_instr_base @ away.T
+        return found.with_others(~self.falls_back.within.inside(states.q_rad), T)
 
     def jacobian(self, q: ArrayLike, *, frame: str = FLANGE, load_N: ArrayLike = 0.0) -> Array:
         """Return how a frame moves with the joints, (N, 6, n), at positions as for `predict`.

@@ -17,7 +17,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
 from pa10cal.fit.angles_seen import AnglesSeen
-from pa10cal.fit.fitted_model import FittedModel, FittedTo
+from pa10cal.fit.fitted_model import FallBack, FittedModel, FittedTo
 from pa10cal.fit.prediction import Suspicion
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
@@ -121,12 +121,13 @@ def model_to_plain(model: FittedModel, **about: Any) -> dict[str, Any]:
             for name, place in zip(model.target_names, model.targets_m.reshape(-1, 3), strict=True)
         },
         "targets_off_m": model.targets_off_m.tolist(),
-        "seen": None
-        if model.seen is None
-        else [
-            {"turns": turns, "intervals": stretches.tolist()}
-            for stretches, turns in zip(model.seen.intervals, model.seen.turns, strict=True)
-        ],
+        "seen": None if model.seen is None else _seen_to_plain(model.seen),
+        "falls_back": None
+        if model.falls_back is None
+        else {
+            "within": _seen_to_plain(model.falls_back.within),
+            "model": model_to_plain(model.falls_back.model),
+        },
         "covariance": None,
     }
     return content
@@ -166,6 +167,7 @@ def model_from_plain(
         chain = Chain.of(arm, bends=tuple(content["arm"]["bends"]))
         targets = content["targets_m"]
         fitted, payload, seen = content["fitted_to"], content["payload"], content["seen"]
+        away = content.get("falls_back")  # not in files written before there was one
         return FittedModel(
             model=Model(chain, terms),
             x=np.concatenate([np.zeros(0), *(x for _, x in pairs)]),
@@ -185,11 +187,12 @@ def model_from_plain(
                 known=bool(payload.get("known", True)),
             ),
             fitted_to=None if fitted is None else _fitted_to(fitted),
-            seen=None
-            if seen is None
-            else AnglesSeen(
-                tuple(np.array(s["intervals"], dtype=float).reshape(-1, 2) for s in seen),
-                tuple(bool(s["turns"]) for s in seen),
+            seen=None if seen is None else _seen_from_plain(seen),
+            falls_back=None
+            if away is None
+            else FallBack(
+                _seen_from_plain(away["within"]),
+                model_from_plain(away["model"], where=f"{where}: falls_back.model"),
             ),
         )
     except Pa10calError:
@@ -209,6 +212,20 @@ def model_from_plain(
             allowed=f"values as {SCHEMA} has them",
             remedy="export the model again",
         ) from None
+
+
+def _seen_to_plain(seen: AnglesSeen) -> list[dict[str, Any]]:
+    return [
+        {"turns": turns, "intervals": stretches.tolist()}
+        for stretches, turns in zip(seen.intervals, seen.turns, strict=True)
+    ]
+
+
+def _seen_from_plain(content: Any) -> AnglesSeen:
+    return AnglesSeen(
+        tuple(np.array(joint["intervals"], dtype=float).reshape(-1, 2) for joint in content),
+        tuple(bool(joint["turns"]) for joint in content),
+    )
 
 
 def _term_to_plain(model: FittedModel, term: Term) -> dict[str, Any]:

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from pa10cal.fit.angles_seen import AnglesSeen
+    from pa10cal.fit.fitted_model import FittedModel
 
 Array = NDArray[np.float64]
 
@@ -76,3 +81,28 @@ class Prediction:
 
     def __len__(self) -> int:
         return len(self.T)
+
+    def with_others(self, rows: NDArray[np.bool_], T: Array) -> Prediction:
+        """Return the prediction with other frames T (N, 4, 4) in some of the poses (N,).
+
+        How far they are from those that stood there becomes part of the uncertainty.
+        """
+        moved_mm = 1e3 * np.linalg.norm(T[:, :3, 3] - self.T[:, :3, 3], axis=1)
+        return Prediction(
+            np.where(rows[:, None, None], T, self.T),
+            np.where(rows, np.hypot(self.u_mm, moved_mm), self.u_mm),
+            self.inside & ~rows,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class FallBack:
+    """What a model falls back to outside the joint positions in which its effects hold.
+
+    Attributes:
+        within: joint positions in which they hold.
+        model: the model without them, of the same arm and measured by the same instrument.
+    """
+
+    within: AnglesSeen
+    model: FittedModel

@@ -141,3 +141,14 @@ class Deviations:
         """Return some of the configurations."""
         turned = None if self.rotation_deg is None else self.rotation_deg[rows]
         return Deviations(self.distance_mm[rows], self.position_mm[rows], turned)
+
+    def with_others(self, rows: NDArray[np.bool_], others: Deviations) -> Deviations:
+        """Return these deviations, in some of the configurations (P,) the others'."""
+        turned = None
+        if self.rotation_deg is not None and others.rotation_deg is not None:
+            turned = np.where(rows[:, None], others.rotation_deg, self.rotation_deg)
+        return Deviations(
+            np.where(rows, others.distance_mm, self.distance_mm),
+            np.where(rows[:, None], others.position_mm, self.position_mm),
+            turned,
+        )

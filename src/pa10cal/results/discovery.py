@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
 from pa10cal.results.accuracy import BeforeAfter, EffectParameter, Parameter
-from pa10cal.results.arrays import Shape
+from pa10cal.results.angles import AnglesSeen as AnglesSeen
+from pa10cal.results.angles import FallsBack as FallsBack
 from pa10cal.results.record import (
     Key,
     LoadKey,
@@ -265,15 +264,6 @@ class SearchByBlocks(Search):
     refit_converged: bool = Field(description="whether the last refit converged")
 
 
-class AnglesSeen(Part):
-    """Values of a joint that the fit has seen."""
-
-    turns: bool = Field(description="whether the joint turns; else it slides")
-    stretches: Annotated[NDArray[np.float64], Shape("stretches", 2)] = Field(
-        description="intervals seen [rad; m of a sliding joint]"
-    )
-
-
 class SuggestedPose(Part):
     """A configuration to measure next."""
 
@@ -341,6 +331,10 @@ class VerdictKeys(Part):
     angles_seen: tuple[AnglesSeen, ...] | None = optional(
         "values of each joint seen by the fit, where effects were judged by blocks and a map was "
         "found: it holds there"
+    )
+    falls_back: FallsBack | None = optional(
+        "where the extended model leaves the effects out, because held-out poses are predicted "
+        "worse with them than before"
     )
     suggested_poses: tuple[SuggestedPose, ...] = Field(
         description="configurations to measure next, the most useful first"

@@ -12,7 +12,7 @@ from pa10cal.calibration.general.fit import fit
 from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.fitted_model import FallBack, FittedModel
 from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.fixed import Fixed
@@ -63,6 +63,7 @@ def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
             remedy="measure more poses, with attitudes further apart",
         )
     of_model = problem.of_model(found.x)
+    away = model.falls_back
     tool = len(unknowns.tool.parameters)
     return replace(
         model,
@@ -71,6 +72,9 @@ def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
         T_instr_base=start.T_instr_base @ base_motion(with_frames, of_model[tool:]),
         R_ee_target=start.R_ee_target,
         targets_m=problem.places_at(found.x),
+        falls_back=None
+        if away is None
+        else FallBack(away.within, refit_frames(away.model, observations)),
     )
 
 

@@ -1,0 +1,104 @@
+"""No harm: where held-out poses come out worse, the model falls back; names are contradicted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pa10cal.discovery.gap import _gap
+from pa10cal.discovery.harm import harmless
+from pa10cal.fit.angles_seen import nothing_seen, span_visited
+from pa10cal.fit.model_file import load_model
+
+
+def with_errors(found, factor, beyond):
+    """Return a verdict whose held-out poses have other errors after, some beyond the fit's angles.
+
+    Args:
+        found: the verdict.
+        factor: of the errors before, in the poses beyond; elsewhere errors after stay as they are.
+        beyond: how many poses; their joint 3 is moved past all that the fit has seen.
+    """
+    gap = found.holdout
+    states = gap.poses.states
+    q_rad = states.q_rad.copy()
+    rows = np.arange(len(q_rad)) < beyond
+    q_rad[rows, 2] += 4.0
+    poses = gap.poses.with_states(replace(states, q_rad=q_rad))
+    before = gap.found_before
+    worse = replace(before, distance_mm=factor * before.distance_mm)
+    after = gap.found_after.with_others(rows, worse)
+    held_out = _gap(poses, [before, after], gap.noise_floor_mm, None)
+    return replace(found, holdout=held_out), rows
+
+
+def test_a_campaign_without_held_out_poses_or_effects_passes_as_it_is(mapped, nothing_hidden):
+    for found in (replace(mapped.discovery, holdout=None), nothing_hidden.discovery):
+        assert harmless(found) is found
+    assert harmless(mapped.discovery) is mapped.discovery
+
+
+def test_a_map_that_harms_beyond_what_was_visited_is_left_out_there(mapped, tmp_path):
+    found, rows = with_errors(mapped.discovery, 1.2, 30)
+    after = harmless(found)
+    assert [each.id for each in after.effects] == ["joint_error_map"]
+    assert "beyond the joint positions of the fit" in after.falls_back.why
+    gap = after.holdout
+    np.testing.assert_array_equal(
+        gap.found_after.distance_mm[rows], gap.found_before.distance_mm[rows]
+    )
+    np.testing.assert_array_equal(
+        gap.found_after.distance_mm[~rows], mapped.discovery.holdout.found_after.distance_mm[~rows]
+    )
+    assert gap.after.rms_mm < gap.before.rms_mm
+    # The model that is taken away does the same, and comes back from its file as it went.
+    after.model.save(tmp_path / "model.yaml")
+    q_rad = gap.poses.states.q_rad
+    here, plain, away = (each.predict(q_rad) for each in (after.model, found.model, found.baseline))
+    again = load_model(tmp_path / "model.yaml").predict(q_rad)
+    np.testing.assert_allclose(again.T, here.T, atol=1e-12)
+    np.testing.assert_allclose(again.u_mm, here.u_mm)
+    np.testing.assert_array_equal(here.T[~rows], plain.T[~rows])
+    np.testing.assert_allclose(
+        (after.model.T_instr_base @ here.T)[rows], (found.baseline.T_instr_base @ away.T)[rows]
+    )
+    moved_mm = 1e3 * np.linalg.norm(here.T[rows, :3, 3] - plain.T[rows, :3, 3], axis=1)
+    np.testing.assert_allclose(here.u_mm[rows], np.hypot(plain.u_mm[rows], moved_mm))
+    assert not here.inside[rows].any()
+
+
+def test_a_model_that_harms_everywhere_is_the_calibrated_one(mapped):
+    found = mapped.discovery
+    worse = replace(
+        found.holdout.found_before, distance_mm=1.1 * found.holdout.found_before.distance_mm
+    )
+    gap = found.holdout
+    harming = _gap(gap.poses, [gap.found_before, worse], gap.noise_floor_mm, None)
+    after = harmless(replace(found, holdout=harming))
+    assert after.holdout.after == after.holdout.before
+    assert after.train.after == after.train.before
+    assert "everywhere" in after.falls_back.why
+    assert not any(len(stretches) for stretches in after.falls_back.within.intervals)
+
+
+@pytest.mark.parametrize(("factor", "contradicted"), [(1.02, False), (30.0, True)])
+def test_a_name_is_contradicted_by_errors_beyond_its_uncertainty(eccentric, factor, contradicted):
+    found, _ = with_errors(eccentric.discovery, factor, 40)
+    after = harmless(found)
+    assert (after.effects == ()) == contradicted
+    reasons = [place.why for place in after.unexplained]
+    assert any("held-out poses contradict it" in why for why in reasons) == contradicted
+
+
+def test_positions_visited_bridge_usual_gaps_only():
+    rng = np.random.default_rng(1)
+    q_rad = np.column_stack(
+        [rng.uniform(-1.0, 1.0, 300), np.r_[np.zeros(150), np.ones(150)] + rng.uniform(0, 0.1, 300)]
+    )
+    visited = span_visited(q_rad)
+    assert [len(stretches) for stretches in visited.intervals] == [1, 2]
+    assert visited.inside(q_rad).all()
+    assert not visited.inside(np.array([[0.0, 0.5], [1.2, 0.05]])).any()
+    assert not nothing_seen(2).inside(q_rad).any()
