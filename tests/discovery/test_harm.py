@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.discovery.gap import _gap
+from pa10cal.discovery.gap import gap_of
 from pa10cal.discovery.harm import harmless
 from pa10cal.fit.angles_seen import nothing_seen, span_visited
 from pa10cal.fit.model_file import load_model
@@ -30,7 +30,7 @@ def with_errors(found, factor, beyond):
     before = gap.found_before
     worse = replace(before, distance_mm=factor * before.distance_mm)
     after = gap.found_after.with_others(rows, worse)
-    held_out = _gap(poses, [before, after], gap.noise_floor_mm, None)
+    held_out = gap_of(poses, [before, after], gap.noise_floor_mm, None)
     return replace(found, holdout=held_out), rows
 
 
@@ -75,7 +75,7 @@ def test_a_model_that_harms_everywhere_is_the_calibrated_one(mapped):
         found.holdout.found_before, distance_mm=1.1 * found.holdout.found_before.distance_mm
     )
     gap = found.holdout
-    harming = _gap(gap.poses, [gap.found_before, worse], gap.noise_floor_mm, None)
+    harming = gap_of(gap.poses, [gap.found_before, worse], gap.noise_floor_mm, None)
     after = harmless(replace(found, holdout=harming))
     assert after.holdout.after == after.holdout.before
     assert after.train.after == after.train.before

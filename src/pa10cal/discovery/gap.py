@@ -112,14 +112,14 @@ def gap(
             all that it may predict.
     """
     inside = None if seen is None else seen.inside(poses.states.q_rad)
-    return _gap(poses, [left_by(before, poses), after], noise_floor_mm, inside)
+    return gap_of(poses, [left_by(before, poses), after], noise_floor_mm, inside)
 
 
 def fallen_back(found: Gap, outside: NDArray[np.bool_]) -> Gap:
     """Return the gap where some configurations (P,) are left to the calibrated model."""
     after = found.found_after.with_others(outside, found.found_before)
     inside = None if found.parts is None else found.parts.inside
-    return _gap(found.poses, [found.found_before, after], found.noise_floor_mm, inside)
+    return gap_of(found.poses, [found.found_before, after], found.noise_floor_mm, inside)
 
 
 def reduction(found: Gap, rows: NDArray[np.bool_]) -> Paired:
@@ -128,7 +128,7 @@ def reduction(found: Gap, rows: NDArray[np.bool_]) -> Paired:
     return _paired(saved_mm[rows], found.poses.pose[rows])
 
 
-def _gap(
+def gap_of(
     poses: Observations,
     found: list[Deviations],
     noise_floor_mm: float,
