@@ -64,7 +64,9 @@ def errors_by_name(
     steps = [_named((), [found.before for found in every])]
     for count in range(1, len(level.members)):
         own, amounts = level.fit(count)
-        of_terms, base, targets = np.split(sizes * own, [len(baseline.x), len(baseline.x) + 6])
+        of_terms, base, targets = np.split(
+            sizes * own[: len(sizes)], [len(baseline.x), len(baseline.x) + 6]
+        )
         joined = tuple(member.effect for member in level.members[:count])
         model = replace(
             baseline,

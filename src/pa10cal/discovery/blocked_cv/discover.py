@@ -29,12 +29,15 @@ from pa10cal.discovery.blocked_cv.judge import (
 )
 from pa10cal.discovery.blocked_cv.reference import noise_squares, weighted_rows
 from pa10cal.discovery.blocked_cv.refit import Refit, refit
-from pa10cal.discovery.blocked_cv.rows import Rows
+from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.search import Search, Step
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
+from pa10cal.discovery.family import sought
 from pa10cal.discovery.gap import Gap, Named
+from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, wandering
+from pa10cal.discovery.in_time.wander import InTime
 from pa10cal.discovery.lack_of_fit import CellResiduals, LackOfFit, lack_of_fit
-from pa10cal.discovery.linear import mean_error_of_noise_mm, residual
+from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.next_poses.fill import fill
 from pa10cal.discovery.noise import Noise, noise_of_near_poses
 from pa10cal.discovery.preparation import Prepared
@@ -159,14 +162,15 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         torques_logged=campaign.torques == "logged",
     )
     shaped, unknown = computable(judged)
-    rows = weighted_rows(judged, shaped, SPACINGS[-1][0])
-    searched = _search(rows, error_rate)
-    fine, finer_steps = finest(rows, searched.members)
+    found = _found(judged, shaped, error_rate)
+    wander = _in_time(found.rows.survey, found.extended).wander
+    if wander is not None:
+        found = _found(judged.moving(wander), shaped, error_rate)
+    judged, rows, searched = found.survey, found.rows, found.searched
+    fine, extended = found.fine, found.extended
     effects = tuple(member.effect for member in fine.members)
-    _, amounts = fine.fit(len(effects))
-    extended = refit(judged, effects, amounts, rows.weights)
     fitted, poses = extended.fitted(), judged.poses
-    noise = noise_of_near_poses(poses, residual(fitted, poses))
+    noise = noise_of_near_poses(poses, judged.left_by(fitted))
     floor_mm = mean_error_of_noise_mm(poses.measured, noise.cov)
     remaining = remaining_error(rows, searched.errors_mm, floor_mm)
     findings = tuple(
@@ -183,7 +187,10 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         error_rate=error_rate,
         candidates=searched.candidates,
         findings=findings,
-        unexplained=unexplained(remaining, searched.nameless, searched.tried),
+        unexplained=(
+            *unexplained(remaining, searched.nameless, searched.tried),
+            *(() if judged.wander is None else wandering(judged.wander, floor_mm)),
+        ),
         not_testable=(*unknown, *searched.hidden),
         below_detection_limit=searched.below_detection_limit,
         extended=extended,
@@ -195,8 +202,11 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
                 tuple(member.effect for member in step.members),
                 squared_error_of_a_row=float(step.squares.sum()) / components,
             )
-            for step in (*searched.steps, *finer_steps)
+            for step in (*searched.steps, *found.finer_steps)
         ),
+        faults_of_rows=()
+        if judged.wander is None
+        else steps_in_time(judged.wander, extended.at, poses),
         survey=judged,
         nameless=searched.nameless,
         tried=searched.tried,
@@ -204,6 +214,53 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         least_gain=searched.least_gain,
         noise=noise,
         finest=fine,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What a survey comes to.
+
+    Attributes:
+        survey: the campaign, with the motion of its base as these effects leave it.
+        rows: by which it was searched.
+        searched: what the search found.
+        fine: the effects, by linear least squares.
+        finer_steps: steps to finer maps.
+        extended: the model with the effects.
+    """
+
+    survey: Survey
+    rows: Rows
+    searched: _Searched
+    fine: Level
+    finer_steps: tuple[Step, ...]
+    extended: Refit
+
+
+def _found(judged: Survey, shaped: tuple[ShapedEffect, ...], error_rate: float) -> _Found:
+    """Search a survey, and fit what was found."""
+    rows = weighted_rows(judged, shaped, SPACINGS[-1][0])
+    searched = _search(rows, error_rate)
+    fine, finer_steps = finest(rows, searched.members)
+    effects = tuple(member.effect for member in fine.members)
+    own, amounts = fine.fit(len(effects))
+    if judged.wander is not None:
+        moved = own[len(own) - len(judged.wander.sizes) :]
+        judged = replace(judged, wander=replace(judged.wander, amounts=moved))
+    extended = refit(judged, effects, amounts, rows.weights)
+    return _Found(judged, rows, searched, fine, finer_steps, extended)
+
+
+def _in_time(judged: Survey, found: Refit) -> InTime:
+    """Return what the poses show of time about a model."""
+    return in_time_of(
+        found.at,
+        judged.poses,
+        found.weights.whiteners(np.arange(len(judged.poses))),
+        sought(judged.context, judged.baseline.model.terms),
+        logged=judged.torques_logged,
+        weights=True,
     )
 
 
@@ -229,7 +286,7 @@ def _search(rows: Rows, error_rate: float) -> _Searched:
     products = rows.products()
     known = family(rows, products)
     poses = rows.survey.poses
-    noise = noise_squares(rows, noise_of_near_poses(poses, residual(rows.place, poses)))
+    noise = noise_squares(rows, noise_of_near_poses(poses, rows.survey.left_by(rows.place)))
     search = Search(products, rows.own, known.shown, noise, error_rate)
     chosen = search.run()
     others = tried(search, chosen)

@@ -12,7 +12,7 @@ from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.selection import no_wider_than
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes, residual
+from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes
 from pa10cal.discovery.weights import PoseWeights, pose_weights
 from pa10cal.discovery.with_effects import ModelWithEffects
 from pa10cal.fit.fitted_model import FittedModel
@@ -63,7 +63,7 @@ def refit(
     def reweighted(x: Array, taken: Step) -> Equations:
         nonlocal counts
         covariance = _inverse(taken.before.normal, fit.prior, ~taken.held)
-        left = residual(fit.place(x), survey.poses)
+        left = survey.left_by(fit.place(x))
         counts = pose_weights(left, fit.dof(covariance), survey.poses.measured)
         return fit.equations(x, counts)
 
@@ -142,7 +142,7 @@ class _Fit:
         dense = whiten @ np.concatenate([*of_terms, by_targets(at, poses)], axis=2)
         screws = whiten @ by_joints(at, poses, [each.joint for each in self._maps])
         q_rad = poses.states.q_rad[:, [each.joint - 1 for each in self._maps]]
-        white = (whiten @ residual(at, poses)[:, :, None]).ravel()
+        white = (whiten @ self._survey.left_by(at)[:, :, None]).ravel()
         gram, projection, _ = products(
             white,
             dense.reshape(-1, dense.shape[2]),
@@ -163,7 +163,7 @@ class _Fit:
     def cost(self, x: Array, weights: PoseWeights) -> float:
         """Return the sum of squares at a point."""
         every = np.arange(len(self._survey.poses))
-        white = weights.whiteners(every) @ residual(self.place(x), self._survey.poses)[:, :, None]
+        white = weights.whiteners(every) @ self._survey.left_by(self.place(x))[:, :, None]
         off = x - self._middle
         return float(np.sum(white**2) + off @ self.prior @ off)
 

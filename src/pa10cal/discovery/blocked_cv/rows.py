@@ -100,8 +100,9 @@ class Rows:
 
     @property
     def own(self) -> Index:
-        """Return the columns of the model's own parameters."""
-        return np.arange(len(unknowns(self.place)))
+        """Return the columns of the model's own parameters, and of the base's motion in time."""
+        wander = self.survey.wander
+        return np.arange(len(unknowns(self.place)) + (0 if wander is None else len(wander.sizes)))
 
     def of_shaped(self) -> list[Index]:
         """Return the columns of each effect."""
@@ -170,7 +171,9 @@ class Rows:
         columns = by_terms(self.place, poses, model.terms, points)
         columns.append(by_targets(self.place, poses))
         found: Array = np.concatenate(columns, axis=2) * possible_sizes(model, poses.measured)
-        return found
+        if self.survey.wander is None:
+            return found
+        return np.concatenate([found, self.survey.wander.columns(self.place, poses)], axis=2)
 
     def _effects(self, poses: Observations) -> Sequence[Array]:
         effects = [each.effect for each in self.shaped]

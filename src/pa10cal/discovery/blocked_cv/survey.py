@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.discovery.in_time.wander import Wander
+from pa10cal.discovery.linear import residual
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.discovery.with_effects import with_base_term
 from pa10cal.errors import DiscoveryError
@@ -32,11 +34,14 @@ class Survey:
 
     Attributes:
         poses: in order of time; their states hold what weights do and how they were seen.
-        block: (P,) number of the block of each pose, from 0: stretches of time of even size.
+        block: (P,) number of the block of each pose, from 0: stretches of time of even size, or
+            every tenth pose where the base moves in the course of time.
         baseline: the calibrated model, its chain with the bends of the long links.
         setup: what is known besides the poses.
         context: where effects may sit.
         torques_logged: whether the torques are those of a log, and not of described masses.
+        wander: how the base moves in the course of time; None where the data prefer that it
+            does not.
     """
 
     poses: Observations
@@ -45,11 +50,26 @@ class Survey:
     setup: MeasurementSetup
     context: CandidateContext
     torques_logged: bool
+    wander: Wander | None = None
 
     @property
     def cells(self) -> Observations:
         """Return the poses, each a cell of its own."""
         return self.poses
+
+    def moving(self, wander: Wander) -> Survey:
+        """Return the survey of a base that moves, in blocks of every tenth pose.
+
+        Between poses on either side a wander is known; past a stretch of time it is not.
+        """
+        return replace(self, wander=wander, block=np.arange(len(self.poses)) % BLOCKS)
+
+    def left_by(self, at: FittedModel) -> Array:
+        """Return predicted minus measured components, (P, b), without the motion of the base."""
+        left = residual(at, self.poses)
+        if self.wander is None or self.wander.amounts is None:
+            return left
+        return left + self.wander.shift(self.baseline, self.poses)
 
     def model(self, effects: tuple[Effect, ...] = ()) -> Model:
         """Return the calibrated model with effects, and small motions of the base last."""

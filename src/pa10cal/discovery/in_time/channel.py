@@ -20,7 +20,7 @@ from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 Array = NDArray[np.float64]
 
-#: Effects are expected to be so many plausible sizes large: what they can explain is theirs.
+#: Effects of time are expected to be so many plausible sizes large: theirs is what they explain.
 _SIZES = 3.0
 #: Waves of a joint's error a turn, and their size, that are taken out where poses are read once.
 _WAVES = 8
@@ -60,17 +60,21 @@ def in_time_of(
     own = [term for term in at.model.terms if not isinstance(term, JointErrorMap)]
     points = [at.x[at.model.columns_of(term)] for term in own]
     possible = possible_sizes(at.model)
-    static = [
+    held = [
         columns * possible[at.model.columns_of(term)]
         for term, columns in zip(own, by_terms(at, poses, own, points), strict=True)
     ]
+    static: list[Array] = []
     in_time: list[Array] = []
     asked = [(effect, start) for effect in known for start in effect.starts]
     found = by_terms(at, poses, [effect for effect, _ in asked], [start for _, start in asked])
     for (effect, _), columns in zip(asked, found, strict=True):
-        scaled = _SIZES * columns[:, :, : effect.linear] @ effect.prior_factor
-        (in_time if effect.goes_with_time else static).append(scaled)
-    static += [by_targets(at, poses) * _TARGET_M, _by_load(at, poses)]
+        scaled = columns[:, :, : effect.linear] @ effect.prior_factor
+        if effect.goes_with_time:
+            in_time.append(_SIZES * scaled)
+        else:
+            static.append(scaled)
+    held += [by_targets(at, poses) * _TARGET_M, _by_load(at, poses)]
     if len(np.unique(poses.pose)) == len(poses):
         static.append(_waves(at, poses))
     none = np.zeros((*whitener.shape[:2], 0))
@@ -78,7 +82,8 @@ def in_time_of(
         at,
         poses,
         whitener,
-        np.concatenate(static, axis=2),
+        np.concatenate(held, axis=2),
+        np.concatenate([none, *static], axis=2),
         np.concatenate([none, *in_time], axis=2),
     )
 
@@ -89,7 +94,8 @@ def steps_in_time(wander: Wander, at: FittedModel, readings: Observations) -> tu
     time_s, pose = readings.states.time_s[order], readings.pose[order]
     found = []
     for k, jump in enumerate(wander.jumps):
-        last = int(np.searchsorted(time_s, jump.time_s)) - 1
+        last = int(np.searchsorted(time_s, jump.before_s, side="right")) - 1
+        next_ = int(np.searchsorted(time_s, jump.after_s))
         motion = wander.of_jump(k)
         moved = by_base(at, readings) @ motion
         size_mm = float(np.sqrt(np.mean(error_mm(readings.measured, moved) ** 2)))
@@ -97,8 +103,8 @@ def steps_in_time(wander: Wander, at: FittedModel, readings: Observations) -> tu
         found.append(
             Fault(
                 "step_in_time",
-                f"between {pose[last]} at {time_s[last]:g} s and {pose[last + 1]} at "
-                f"{time_s[last + 1]:g} s",
+                f"between {pose[last]} at {time_s[last]:g} s and {pose[next_]} at "
+                f"{time_s[next_]:g} s",
                 f"the instrument or the base moved by {size_mm:.2g} mm and {turn_mrad:.2f} mrad",
                 "measure reference targets before and after, or calibrate the readings before and "
                 "after as two campaigns",

@@ -10,6 +10,8 @@ Where the data prefer neither, nothing of the search changes.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,6 +39,8 @@ _WALKS_M = np.geomspace(3e-6, 3e-3, 9)
 _JUMPS_M = (3e-5, 3e-4, 3e-3)
 #: Turns expected with a shift, or none [rad/m].
 _TURNS = (0.0, 1.0)
+#: Sizes of effects that are tried, in their plausible size.
+_SCALES = (0.1, 1.0, 3.0)
 #: Variances of the error that readings of a pose share, in those of one reading.
 _SHARED = (0.0, *np.geomspace(0.1, 1e4, 7))
 #: Probability allowed of seeing a motion where there is none.
@@ -47,12 +51,19 @@ _LEAST_SIDE = 4
 _COARSE = 40
 #: A motion counts from this part of the noise of one reading on, root mean squares.
 _LEAST_PART = 0.5
+#: Log evidence by which another time of a jump may be worse.
+_AS_GOOD = 3.0
 #: Log evidence from which a drift shows between the readings of a pose.
 _DRIFTS = 5.0
 
 
 def find_in_time(
-    at: FittedModel, poses: Observations, whitener: Array, static: Array, in_time: Array
+    at: FittedModel,
+    poses: Observations,
+    whitener: Array,
+    own: Array,
+    static: Array,
+    in_time: Array,
 ) -> InTime:
     """Find how the base moves in the course of time.
 
@@ -60,15 +71,20 @@ def find_in_time(
         at: the model, with a term of its own for the base.
         poses: P single readings, complete.
         whitener: (P, b, b) makes the noise of a reading independent and of unit size.
-        static: (P, b, s) columns of all that does not go with time, at its possible size.
+        own: (P, b, k) columns of the model's own parameters, at their possible size.
+        static: (P, b, s) columns of effects that do not go with time, at their plausible size.
         in_time: (P, b, t) columns of effects of time, at their possible size.
     """
     left = -residual(at, poses)
-    rows = _Rows(at, poses, whitener, np.concatenate([static, in_time], axis=2), left)
+    _, _, rows = max(
+        (max(rows.evidence((), 0.0, 0.0), rows.best_walk(())[0]), -scale, rows)
+        for scale in _SCALES
+        for held in [np.concatenate([own, scale * static, in_time], axis=2)]
+        for rows in [_Rows(at, poses, whitener, held, left)]
+    )
     times_s = rows.times_s
-    plain = rows.evidence((), 0.0, 0.0)
     jumps: tuple[Jump, ...] = ()
-    walk, best = (0.0, 0.0), plain
+    walk, best = (0.0, 0.0), rows.evidence((), 0.0, 0.0)
     needed_jump = float(np.log(len(times_s) * len(_JUMPS_M) * len(_TURNS) / _FALSE_RATE))
     needed_walk = float(np.log(len(_WALKS_M) * len(_TURNS) / _FALSE_RATE))
     while len(jumps) < _MOST_JUMPS:
@@ -149,24 +165,32 @@ class _Rows:
         times_s = self.times_s
         apart = np.flatnonzero(np.diff(times_s) > 0.0)
         apart = apart[(apart >= _LEAST_SIDE - 1) & (apart < len(times_s) - _LEAST_SIDE)]
-        taken = {(jump.before_s, jump.after_s) for jump in jumps}
+        taken = {jump.time_s for jump in jumps}
         best: tuple[float, Jump | None] = (-np.inf, None)
         places = np.unique(np.linspace(0, len(apart) - 1, _COARSE).round().astype(int))
         for _ in range(2):
             tried = [
-                Jump(float(times_s[apart[k]]), float(times_s[apart[k] + 1]), 0.0, 0.0)
+                Jump.between(float(times_s[apart[k]]), float(times_s[apart[k] + 1]))
                 for k in places
                 if len(apart)
             ]
-            tried = [jump for jump in tried if (jump.before_s, jump.after_s) not in taken]
+            tried = [jump for jump in tried if jump.time_s not in taken]
             if not tried:
                 break
-            value, k, size, turn = self._scan(tried, jumps, walk)
-            found = Jump(tried[k].before_s, tried[k].after_s, size, turn)
-            if value > best[0]:
-                best = value, found
-            assert best[1] is not None
-            middle = int(np.searchsorted(times_s[apart], best[1].before_s))
+            values, sizes = self._scan(tried, jumps, walk)
+            k = int(np.argmax(values))
+            close = [tried[each] for each in np.flatnonzero(values >= values[k] - _AS_GOOD)]
+            best = (
+                float(values[k]),
+                replace(
+                    tried[k],
+                    before_s=close[0].before_s,
+                    after_s=close[-1].after_s,
+                    size_m=sizes[k][0],
+                    turn=sizes[k][1],
+                ),
+            )
+            middle = int(np.searchsorted(times_s[apart], tried[k].before_s))
             wide = -(-len(apart) // _COARSE)
             places = np.arange(max(middle - wide, 0), min(middle + wide + 1, len(apart)))
         return best
@@ -196,11 +220,12 @@ class _Rows:
 
     def _scan(
         self, tried: list[Jump], jumps: tuple[Jump, ...], walk: tuple[float, float]
-    ) -> tuple[float, int, float, float]:
-        """Return the greatest log evidence of one more jump, which, its size and its turn."""
+    ) -> tuple[Array, list[tuple[float, float]]]:
+        """Return the greatest log evidence of each as one more jump, with its size and turn."""
         reduced = self._reduce((*jumps, *tried))
         sizes, at = self._columns(jumps, *walk, more=len(tried))
-        first, best = 6 * len(jumps), (-np.inf, 0, 0.0, 0.0)
+        first, values = 6 * len(jumps), np.full(len(tried), -np.inf)
+        chosen = [(0.0, 0.0)] * len(tried)
         for products, constant in reduced:
             taken, determinant = _without(products, at, sizes)
             for k in range(len(tried)):
@@ -214,8 +239,9 @@ class _Rows:
                         squares = taken[-1, -1] - explained @ explained
                         more = determinant + 2.0 * float(np.log(np.diag(factor)).sum())
                         value = self._log(squares, more + constant)
-                        best = max(best, (value, k, size, turn))
-        return best
+                        if value > values[k]:
+                            values[k], chosen[k] = value, (size, turn)
+        return values, chosen
 
     def _evidence(
         self,

@@ -27,20 +27,22 @@ class Jump:
     """A sudden motion of the base against the instrument.
 
     Attributes:
+        time_s: its most likely time.
         before_s, after_s: times of the readings between which it happened.
         size_m: standard deviation expected of its shift.
         turn: expected turn a shift [rad/m].
     """
 
+    time_s: float
     before_s: float
     after_s: float
-    size_m: float
-    turn: float
+    size_m: float = 0.0
+    turn: float = 0.0
 
-    @property
-    def time_s(self) -> float:
-        """Return the middle of the two times."""
-        return 0.5 * (self.before_s + self.after_s)
+    @classmethod
+    def between(cls, before_s: float, after_s: float) -> Jump:
+        """Return a jump in the middle of the times of two readings."""
+        return cls(0.5 * (before_s + after_s), before_s, after_s)
 
 
 @dataclass(frozen=True, eq=False)
