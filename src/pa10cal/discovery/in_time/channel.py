@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pa10cal.discovery.family import why_unknown
 from pa10cal.discovery.faults import Fault
 from pa10cal.discovery.in_time.find import find_in_time
-from pa10cal.discovery.in_time.wander import InTime, Wander, by_base
+from pa10cal.discovery.in_time.wander import STILL, InTime, Wander, by_base
 from pa10cal.discovery.linear import by_joints, by_targets, by_terms, error_mm, possible_sizes
 from pa10cal.discovery.verdict import Unexplained
 from pa10cal.fit.fitted_model import FittedModel
@@ -22,13 +22,19 @@ Array = NDArray[np.float64]
 
 #: Effects of time are expected to be so many plausible sizes large: theirs is what they explain.
 _SIZES = 3.0
-#: Waves of a joint's error a turn, and their size, that are taken out where poses are read once.
-_WAVES = 8
+#: Waves of a joint's error a turn, and their size, that are taken out where poses are read once;
+#: more of a joint that moves little from one pose to the next.
+_WAVES = (8, 24)
 _WAVE_RAD = 3e-4
 #: Motion of the base expected from load to load [m, rad].
 _BY_LOAD = 1e-3
 #: Places of targets.
 _TARGET_M = 3e-2
+#: Of more readings so many, spread evenly over time, stand for all.
+_MOST_READINGS = 1200
+#: Moves from one pose to the next, in those between any two, that are small: time then goes with
+#: the joint's angle.
+_SMALL_MOVES = 0.3
 _SECONDS_AN_HOUR = 3600.0
 
 
@@ -43,6 +49,9 @@ def in_time_of(
 ) -> InTime:
     """Find how the base moves in time, beside what effects and loads can explain.
 
+    Nothing is found where poses are read once and follow each other like those of a scan: what
+    goes with time and what goes with place are then the same.
+
     Args:
         at: the model, with a term of its own for the base.
         poses: P single readings, complete.
@@ -51,6 +60,14 @@ def in_time_of(
         logged: whether torques were logged.
         weights: whether the torques of the weights are known.
     """
+    once = len(np.unique(poses.pose)) == len(poses)
+    slow = _slow_joints(poses)
+    if once and slow.mean() > 0.5:
+        return STILL
+    if len(poses) > _MOST_READINGS:
+        order = np.argsort(poses.states.time_s, kind="stable")
+        shown = order[np.linspace(0, len(order) - 1, _MOST_READINGS).round().astype(int)]
+        poses, whitener = poses.take(shown), whitener[shown]
     known = [
         effect
         for effect in effects
@@ -75,8 +92,8 @@ def in_time_of(
         else:
             static.append(scaled)
     held += [by_targets(at, poses) * _TARGET_M, _by_load(at, poses)]
-    if len(np.unique(poses.pose)) == len(poses):
-        static.append(_waves(at, poses))
+    if once:
+        static.append(_waves(at, poses, slow))
     none = np.zeros((*whitener.shape[:2], 0))
     return find_in_time(
         at,
@@ -134,13 +151,23 @@ def _by_load(at: FittedModel, poses: Observations) -> Array:
     return np.asarray(_BY_LOAD * columns.reshape(*columns.shape[:2], -1))
 
 
-def _waves(at: FittedModel, poses: Observations) -> Array:
-    """Return waves of the error of every turning joint by its angle, (P, b, 2 w j)."""
+def _slow_joints(poses: Observations) -> NDArray[np.bool_]:
+    """Return (n,) which joints move little from one pose to the next."""
+    q_rad = poses.states.q_rad[np.argsort(poses.states.time_s, kind="stable")]
+    steps = np.median(np.abs(np.diff(q_rad, axis=0)), axis=0)
+    spread = np.median(np.abs(q_rad - np.median(q_rad, axis=0)), axis=0)
+    return np.asarray(steps < _SMALL_MOVES * spread)
+
+
+def _waves(at: FittedModel, poses: Observations, slow: NDArray[np.bool_]) -> Array:
+    """Return waves of the error of every turning joint by its angle, (P, b, w)."""
     arm = at.model.chain.arm
     joints = [joint for joint, slides in enumerate(arm.prismatic, start=1) if not slides]
     screws = by_joints(at, poses, joints)
     q_rad = poses.states.q_rad[:, [joint - 1 for joint in joints]]
-    angle = q_rad[:, :, None] * np.arange(1, _WAVES + 1)
-    waves = np.concatenate([np.sin(angle), np.cos(angle)], axis=2)
-    columns = screws[:, :, :, None] * waves[:, None]
-    return np.asarray(_WAVE_RAD * columns.reshape(*screws.shape[:2], -1))
+    columns = [np.zeros((*screws.shape[:2], 0))]
+    for k, joint in enumerate(joints):
+        angle = q_rad[:, k, None] * np.arange(1, _WAVES[int(slow[joint - 1])] + 1)
+        waves = np.concatenate([np.sin(angle), np.cos(angle)], axis=1)
+        columns.append(screws[:, :, k, None] * waves[:, None])
+    return np.asarray(_WAVE_RAD * np.concatenate(columns, axis=2))

@@ -76,12 +76,8 @@ def find_in_time(
         in_time: (P, b, t) columns of effects of time, at their possible size.
     """
     left = -residual(at, poses)
-    _, _, rows = max(
-        (max(rows.evidence((), 0.0, 0.0), rows.best_walk(())[0]), -scale, rows)
-        for scale in _SCALES
-        for held in [np.concatenate([own, scale * static, in_time], axis=2)]
-        for rows in [_Rows(at, poses, whitener, held, left)]
-    )
+    rows = _Rows(at, poses, whitener, (own, static, in_time), left)
+    rows.choose_scale()
     times_s = rows.times_s
     jumps: tuple[Jump, ...] = ()
     walk, best = (0.0, 0.0), rows.evidence((), 0.0, 0.0)
@@ -104,7 +100,7 @@ def find_in_time(
         value, without = rows.best_walk(less)
         if best - value < needed_jump - needed_walk:
             best, jumps, walk = value, less, without
-    drifts = rows.loses(jumps, walk, in_time) > _DRIFTS if in_time.shape[2] else False
+    drifts = rows.loses(jumps, walk) > _DRIFTS if in_time.shape[2] else False
     if not jumps and not walk[0]:
         return InTime(None, drifts)
     wander = Wander(times_s, jumps, *walk)
@@ -128,7 +124,12 @@ class _Rows:
     """Whitened rows of single readings, and the evidence of motions in time."""
 
     def __init__(
-        self, at: FittedModel, poses: Observations, whitener: Array, held: Array, left: Array
+        self,
+        at: FittedModel,
+        poses: Observations,
+        whitener: Array,
+        held: tuple[Array, Array, Array],
+        left: Array,
     ) -> None:
         self.time_s = poses.states.time_s
         self.times_s = np.sort(self.time_s)
@@ -141,9 +142,20 @@ class _Rows:
         self._group, self._count = group, count
         self._shared = _SHARED if count.max() > 1 else (0.0,)
         self._components = self._seen / len(seen)
-        self._held, self._data = whitener @ held, whitener @ left[:, :, None]
+        self._held = whitener @ np.concatenate(held, axis=2)
+        self._widths = tuple(columns.shape[2] for columns in held)
+        self._data = whitener @ left[:, :, None]
+        self._scale, self._without_time = 1.0, False
         self._walk = self._at(courses_at(self.times_s, self.time_s, [], walk=True))
-        self._cache: dict[tuple[float, ...], list[tuple[Array, float]]] = {}
+        self._products: dict[tuple[float, ...], list[tuple[Array, float]]] = {}
+
+    def choose_scale(self) -> None:
+        """Choose the size of effects, in their plausible one, by the evidence."""
+        found = []
+        for scale in _SCALES:
+            self._scale = scale
+            found.append(max(self.evidence((), 0.0, 0.0), self.best_walk(())[0]))
+        self._scale = _SCALES[int(np.argmax(found))]
 
     def evidence(self, jumps: tuple[Jump, ...], walk_m: float, turn: float) -> float:
         """Return the log evidence of jumps and a walk, the shared error chosen."""
@@ -209,20 +221,19 @@ class _Rows:
         reduced = self._reduced(wander.jumps)
         return self._evidence(reduced, wander.jumps, wander.walk_m, wander.walk_turn)[2]
 
-    def loses(self, jumps: tuple[Jump, ...], walk: tuple[float, float], in_time: Array) -> float:
-        """Return the log evidence that is lost without the effects of time, the last held."""
+    def loses(self, jumps: tuple[Jump, ...], walk: tuple[float, float]) -> float:
+        """Return the log evidence that is lost without the effects of time."""
         whole = self.evidence(jumps, *walk)
-        held, cache = self._held, self._cache
-        self._held, self._cache = held[:, :, : -in_time.shape[2]], {}
+        self._without_time = True
         without = self.evidence(jumps, *walk)
-        self._held, self._cache = held, cache
+        self._without_time = False
         return whole - without
 
     def _scan(
         self, tried: list[Jump], jumps: tuple[Jump, ...], walk: tuple[float, float]
     ) -> tuple[Array, list[tuple[float, float]]]:
         """Return the greatest log evidence of each as one more jump, with its size and turn."""
-        reduced = self._reduce((*jumps, *tried))
+        reduced = self._reduced((*jumps, *tried), keep=False)
         sizes, at = self._columns(jumps, *walk, more=len(tried))
         first, values = 6 * len(jumps), np.full(len(tried), -np.inf)
         chosen = [(0.0, 0.0)] * len(tried)
@@ -275,22 +286,34 @@ class _Rows:
             at = np.concatenate([at, np.arange(first, first + 6 * WAVES)])
         return np.concatenate([np.zeros(0), *parts]), at
 
-    def _reduced(self, jumps: tuple[Jump, ...]) -> list[tuple[Array, float]]:
-        key = tuple(jump.time_s for jump in jumps)
-        if key not in self._cache:
-            self._cache[key] = self._reduce(jumps)
-        return self._cache[key]
-
-    def _reduce(self, jumps: tuple[Jump, ...]) -> list[tuple[Array, float]]:
+    def _reduced(self, jumps: tuple[Jump, ...], *, keep: bool = True) -> list[tuple[Array, float]]:
         """Return products of jumps, walk and data, all held integrated out, at each shared error.
 
         With each, the logarithm of the determinant of what was integrated out and of the noise.
+        """
+        key = tuple(jump.time_s for jump in jumps)
+        every = self._products.get(key) or self._multiplied(jumps)
+        if keep:
+            self._products[key] = every
+        own, static, in_time = self._widths
+        held, size = own + static + in_time, np.ones(len(every[0][0]))
+        size[own : own + static] = self._scale
+        size[own + static : held] = 0.0 if self._without_time else 1.0
+        found = []
+        for products, determinant in every:
+            reduced, more = _integrated_out(products * np.outer(size, size), held)
+            found.append((reduced, determinant + more))
+        return found
+
+    def _multiplied(self, jumps: tuple[Jump, ...]) -> list[tuple[Array, float]]:
+        """Return products of all columns and the data at each shared error.
+
+        With each, the logarithm of the determinant of the noise.
         """
         steps = self._at(
             courses_at(self.times_s, self.time_s, [jump.time_s for jump in jumps], walk=False)
         )
         rows = np.concatenate([self._held, steps, self._walk, self._data], axis=2)
-        held = self._held.shape[2]
         flat = rows.reshape(-1, rows.shape[2])
         total = flat.T @ flat
         sums = np.zeros((len(self._count), *rows.shape[1:]))
@@ -300,6 +323,9 @@ class _Rows:
             if m > 1:
                 part = sums[self._count == m].reshape(-1, rows.shape[2]) / np.sqrt(m)
                 means[int(m)] = part.T @ part
+        alone = self._count[self._group] == 1
+        own = rows[alone].reshape(-1, rows.shape[2])
+        once = own.T @ own
         found = []
         for variance in self._shared:
             products, determinant = total, 0.0
@@ -308,12 +334,9 @@ class _Rows:
                 many = int(np.sum(self._count == m))
                 determinant += self._components * many * float(np.log1p(m * variance))
             if variance:  # of poses read once
-                alone = self._group[:, None] == np.flatnonzero(self._count == 1)
-                own = flat.reshape(rows.shape)[alone.any(axis=1)].reshape(-1, rows.shape[2])
-                products = products - (1.0 - 1.0 / (1.0 + variance)) * own.T @ own
-                determinant += self._components * alone.sum() * float(np.log1p(variance))
-            reduced, more = _integrated_out(products, held)
-            found.append((reduced, determinant + more))
+                products = products - (1.0 - 1.0 / (1.0 + variance)) * once
+                determinant += self._components * int(alone.sum()) * float(np.log1p(variance))
+            found.append((products, determinant))
         return found
 
     def _at(self, courses: Array) -> Array:
