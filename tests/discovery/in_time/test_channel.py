@@ -1,0 +1,77 @@
+"""What poses read once show of time, beside what goes with place."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_up_survey import POSITION_M, observe
+from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
+from pa10cal.discovery.in_time.channel import in_time_of
+from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.weights import unweighted
+from pa10cal.discovery.with_effects import with_base_term
+from pa10cal.terms.effects.family import candidates
+
+POSES = 120
+
+
+@pytest.fixture(scope="module")
+def small():
+    return observe(poses=POSES, held_out=10)
+
+
+def shifted(surveyed, shift_m):
+    """Return the readings, in order of time, each shifted by (P, 3)."""
+    readings = surveyed.readings
+    readings = readings.take(np.argsort(readings.states.time_s))
+    T = readings.measured.T_instr_target.copy()
+    T[:, :3, 3] += shift_m
+    return replace(surveyed, readings=readings.with_measured(T_instr_target=T))
+
+
+def shown(surveyed):
+    at, poses = surveyed.baseline, surveyed.survey.poses
+    return in_time_of(
+        replace(at, model=with_base_term(at), x=np.concatenate([at.x, np.zeros(6)])),
+        poses,
+        unweighted(poses.measured).whitener,
+        candidates(surveyed.survey.context),
+        logged=False,
+        weights=True,
+    )
+
+
+def test_nothing_moves_where_nothing_moved(small):
+    assert shown(small).wander is None
+
+
+def test_a_jump_of_three_times_the_noise_is_a_fault_and_no_drift(small):
+    jump_m = np.outer(np.arange(POSES) >= 70, [0.0, 3.5 * POSITION_M, 0.0])
+    moved = shifted(small, jump_m)
+    given = Prepared(moved.readings, None, moved.baseline, moved.setup, "masses", False)
+    found = discover_by_blocks(given, 0.01)
+    (fault,) = found.faults
+    first, last = (found.survey.wander.jumps[0].before_s, found.survey.wander.jumps[0].after_s)
+    assert found.verdict == "check_the_log"
+    assert found.effects == ()
+    assert fault.kind == "step_in_time"
+    assert first <= moved.readings.states.time_s[70] <= last
+
+
+def test_a_steady_drift_is_neither_a_jump_nor_a_wander(small):
+    found = shown(shifted(small, np.outer(np.linspace(0.0, 5.0, POSES), [POSITION_M, 0.0, 0.0])))
+    assert found.wander is None
+    assert found.drifts
+
+
+def test_nothing_is_said_where_time_goes_with_place(small):
+    order = np.argsort(small.readings.states.q_rad.sum(axis=1))
+    readings = small.readings.take(order)
+    ramp = np.linspace(-1.0, 1.0, POSES)[:, None] * np.ones(6)
+    states = replace(readings.states, q_rad=ramp, time_s=np.sort(readings.states.time_s))
+    moved = shifted(
+        replace(small, readings=readings.with_states(states)),
+        np.outer(np.arange(POSES) >= 70, [0.0, 10 * POSITION_M, 0.0]),
+    )
+    assert shown(moved).wander is None
