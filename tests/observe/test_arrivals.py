@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pa10cal.arm.state import PoseStates
-from pa10cal.observe.arrivals import with_arrivals
+from pa10cal.observe.arrivals import reversed_joints, with_arrivals
 from pa10cal.observe.distance import Distance
 from pa10cal.observe.observations import Observations
 
@@ -61,3 +62,27 @@ def test_times_that_readings_share_give_no_order():
     found, from_order = with_arrivals(timeless)
     assert not from_order
     assert not found.states.arrival.any()
+
+
+def many_arrivals(*, wrong):
+    """Three joints that come from where they stood; of those given, all are logged reversed."""
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (60, 3))
+    rows = observed(q[:, 0], q[:, 1])
+    states = replace(rows.states, q_rad=q, tau_Nm=np.zeros_like(q), arrival=np.zeros_like(q))
+    right = with_arrivals(rows.with_states(states))[0].states.arrival
+    side = np.where(np.isin(np.arange(3), wrong), -1.0, 1.0)
+    return rows.with_states(replace(states, arrival=right * side)), right
+
+
+def test_a_joint_that_is_always_logged_from_the_other_side_is_put_right():
+    logged, right = many_arrivals(wrong=[1])
+    assert reversed_joints(logged).tolist() == [False, True, False]
+    found, from_order = with_arrivals(logged)
+    assert not from_order
+    np.testing.assert_array_equal(found.states.arrival, right)
+
+
+@pytest.mark.parametrize("wrong", [[], [0, 1], [0, 1, 2]])
+def test_most_joints_must_arrive_from_where_they_stood(wrong):
+    logged, _ = many_arrivals(wrong=wrong)
+    assert not reversed_joints(logged).any()

@@ -25,6 +25,7 @@ class StaticLoads:
         by_weights: (P, n, 4 n + 3) derivative of `joint_Nm` by the mass of every link, which sits
             at its centre, and by its first moment about that; by the mass of the apparatus; and by
             two small turns of gravity.
+        by_load: (P, n) derivative of `joint_Nm` by the external load [N m/N].
     """
 
     link_Nm: Array
@@ -32,6 +33,7 @@ class StaticLoads:
     joint_Nm: Array
     down_ee: Array
     by_weights: Array
+    by_load: Array
 
 
 @dataclass(frozen=True)

@@ -115,7 +115,7 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     by_weights = np.concatenate(
         [_at_centres(by_mass, chain.arm.com_m), by_apparatus[..., None], by_level], axis=2
     )
-    loads = StaticLoads(link_Nm, base_Nm, torque_Nm, down_ee, by_weights)
+    loads = StaticLoads(link_Nm, base_Nm, torque_Nm, down_ee, by_weights, by_load)
     return Statics(torque_Nm, by_mass, by_load, loads)
 
 

@@ -47,7 +47,8 @@ def why_unknown(effect: Effect, states: PoseStates, *, logged: bool, weights: bo
         logged: whether torques were logged.
         weights: whether the torques of the weights are known.
     """
-    if shows_torque(effect) and not logged:
+    calculated = getattr(effect, "of_calculated", False)
+    if shows_torque(effect) and not (logged or calculated):
         return "the torques were not logged"
     start = effect.starts[0]
     try:
@@ -57,7 +58,7 @@ def why_unknown(effect: Effect, states: PoseStates, *, logged: bool, weights: bo
     if not all(np.all(np.isfinite(values)) for values in columns):
         return "what it depends on was not logged"
     if shows_torque(effect):
-        if not weights:
+        if not (weights or calculated):
             return "the torques of the weights are not known"
         if not np.all(np.isfinite(effect.torque_derivative(states, start))):
             return "what it depends on was not logged"

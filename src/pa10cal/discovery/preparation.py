@@ -16,7 +16,7 @@ from pa10cal.discovery.row_faults import RowFaults, held_out_faults, row_faults
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
 from pa10cal.fit.uncertain_weights import with_uncertain_weights
-from pa10cal.observe.arrivals import with_arrivals
+from pa10cal.observe.arrivals import reversed_joints, with_arrivals
 from pa10cal.observe.averages import average_repeats, reading_groups
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext, Effect
@@ -99,9 +99,11 @@ def prepared(
         setup: what is known besides the poses.
         faults: those found when the raw files were read.
     """
+    of_input = [_direction(int(k) + 1) for k in np.flatnonzero(reversed_joints(every))]
     every, from_order = with_arrivals(every)
     as_calibrated = model.with_bends()
-    of_input = () if model.fitted_to is None else faults_of_input(model.fitted_to.suspicions)
+    if model.fitted_to is not None:
+        of_input += faults_of_input(model.fitted_to.suspicions)
 
     def with_their_torques(poses: Observations) -> tuple[Observations, TorqueSource]:
         states, torques = with_torques(model.model, model.x, poses.states, setup.payload)
@@ -134,6 +136,17 @@ def prepared(
         ),
         excluded=found.excluded,
         suspected=_averages_with(single, held_out_found),
+    )
+
+
+def _direction(joint: int) -> Fault:
+    """Return that the directions of a joint, from 1, are reversed."""
+    return Fault(
+        "direction",
+        f"joint {joint}",
+        f"joint {joint} is logged to arrive from the other side than where it stood before, nearly "
+        "always, and the other joints are not; its directions were reversed",
+        f"check the sign of q{joint}_deg in the log of approaches",
     )
 
 
@@ -200,4 +213,15 @@ def context_of(
         p_instr_middle_m=np.mean(states.seen.p_instr_targets_m.reshape(-1, 3), axis=0),
         q_span_rad=np.stack([states.q_rad.min(axis=0), states.q_rad.max(axis=0)], axis=1),
         time_span_s=(float(states.time_s.min()), float(states.time_s.max())),
+        loads_N=tuple(np.unique(states.load_N).tolist()),
+        tool_kg=0.0 if setup.payload is None else setup.payload.mass_kg,
+        torques=_source(states, baseline),
     )
+
+
+def _source(states: PoseStates, baseline: FittedModel) -> TorqueSource:
+    """Return where the torques of complete poses come from."""
+    if any(isinstance(term, Weights) for term in baseline.model.terms):
+        return "masses"
+    logged = states.static_loads is not None and bool(np.isfinite(states.tau_Nm).all())
+    return "logged" if logged else "none"

@@ -66,7 +66,5 @@ def judged_models(
 
     found = {name: judge(model, every, None) for name, model in models.items()}
     if extended is not None:
-        if extended.arrival_from_order:
-            every = with_arrivals(every)[0]
-        found[EXTENDED] = judge(extended.model, every, extended)
+        found[EXTENDED] = judge(extended.model, with_arrivals(every)[0], extended)
     return found

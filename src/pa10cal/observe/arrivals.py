@@ -1,4 +1,4 @@
-"""Directions of arrival from the order of poses, where no approach was logged."""
+"""Directions of arrival from the order of poses, where no approach was logged, or a wrong one."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
@@ -17,6 +18,9 @@ M = TypeVar("M", bound=Instrument)
 _STOOD_STILL = 1e-4
 #: Part of the configurations that must have a time of their own for times to give an order.
 _OWN_TIMES = 0.95
+#: Directions that must be known to say that all of a joint are reversed, and how many must be.
+_LEAST_ARRIVALS = 30
+_NEARLY_ALWAYS = 0.85
 
 
 def with_arrivals(every: Observations[M]) -> tuple[Observations[M], bool]:
@@ -25,19 +29,57 @@ def with_arrivals(every: Observations[M]) -> tuple[Observations[M], bool]:
     Where no joint of any configuration has one, each joint is taken to come straight from where it
     stood in the configuration measured before, of whatever kind; one that stays keeps the direction
     of its last movement, and the first configuration has none. Times that many configurations share
-    give no order: then no direction is known.
+    give no order: then no direction is known. Logged directions of joints that are reversed
+    (`reversed_joints`) are put right.
 
     Args:
         every: single readings of all kinds.
     """
     states = every.states
-    if not len(every) or states.arrival.any():
+    if not len(every):
         return every, False
+    if states.arrival.any():
+        wrong = reversed_joints(every)
+        if not wrong.any():
+            return every, False
+        arrival = np.where(wrong, -states.arrival, states.arrival)
+        return every.with_states(replace(states, arrival=arrival)), False
+    ordered = _by_order(every)
+    if ordered is None:
+        return every, False
+    return every.with_states(replace(states, arrival=ordered)), True
+
+
+def reversed_joints(every: Observations) -> NDArray[np.bool_]:
+    """Return the joints whose logged direction of arrival is reversed in the whole log, (n,).
+
+    Those that are said to arrive from the other side than where they stood before, nearly always,
+    where the other joints nearly always arrive from there.
+
+    Args:
+        every: single readings of all kinds.
+    """
+    logged, ordered = every.states.arrival, _by_order(every)
+    none = np.zeros(logged.shape[1], dtype=bool)
+    if ordered is None or not logged.any():
+        return none
+    known = (logged != 0.0) & (ordered != 0.0)
+    times = known.sum(axis=0)
+    agree = np.sum(known & (logged == ordered), axis=0) / np.maximum(times, 1)
+    judged = times >= _LEAST_ARRIVALS
+    wrong = judged & (agree < 1.0 - _NEARLY_ALWAYS)
+    right = judged & (agree > _NEARLY_ALWAYS)
+    return wrong if right.sum() > wrong.sum() else none
+
+
+def _by_order(every: Observations) -> NDArray[np.float64] | None:
+    """Return directions (P, n) from where joints stood before; None where no order is known."""
+    states = every.states
     if len(np.unique(states.time_s)) < _OWN_TIMES * len(every):
-        return every, False
+        return None
     in_time = np.argsort(states.time_s, kind="stable")
     moved = np.diff(states.q_rad[in_time], axis=0, prepend=np.nan)
     direction = pd.DataFrame(np.sign(moved)).mask(np.abs(moved) < _STOOD_STILL).ffill().fillna(0.0)
     arrival = np.empty_like(states.arrival)
     arrival[in_time] = direction.to_numpy()
-    return every.with_states(replace(states, arrival=arrival)), True
+    return arrival

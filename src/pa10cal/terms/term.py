@@ -120,7 +120,7 @@ def shows_torque(term: Term) -> TypeGuard[TorqueTerm]:
 
 def falsifies_log(term: Term) -> bool:
     """Return whether a term shows in a log of torques alone, and moves no robot."""
-    of_calculated = getattr(type(term), "of_calculated", False)
+    of_calculated = getattr(term, "of_calculated", False)
     return shows_torque(term) and not term.carried and not of_calculated
 
 

@@ -32,6 +32,7 @@ def some_states() -> PoseStates:
             joint_Nm=rng.uniform(-60.0, 60.0, (POSES, arm.n)),
             down_ee=down / np.linalg.norm(down, axis=1, keepdims=True),
             by_weights=rng.normal(size=(POSES, arm.n, 4 * arm.n + 3)),
+            by_load=rng.normal(size=(POSES, arm.n)),
         ),
         seen=ObservedTargets(
             p_instr_targets_m=rng.uniform(0.0, 0.9, (POSES, TARGETS, 3)),

@@ -43,6 +43,7 @@ def states_of(arm, poses=5):
             rng.normal(size=(poses, arm.n)),
             np.tile([0.0, 0.0, -1.0], (poses, 1)),
             rng.normal(size=(poses, arm.n, 4 * arm.n + 3)),
+            rng.normal(size=(poses, arm.n)),
         ),
         seen=ObservedTargets(rng.uniform(0.0, 0.9, (poses, 2, 3)), rng.normal(size=(poses, 6, 6))),
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload, Statics
 from pa10cal.discovery.evidence.cells import READINGS_A_CELL, gather, shared_error
 from pa10cal.discovery.evidence.noise_model import NoiseModel
@@ -21,6 +22,7 @@ from pa10cal.discovery.preparation import (
     static_loads,
 )
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.uncertain_weights import unknown_tool
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext
 
@@ -197,10 +199,19 @@ def _common_torques(
             weights.torque_by_mass * by_link,
             options.load_uncertainty * weights.torque_by_load[:, :, None] * load_N[:, None, :],
             np.stack(by_payload, axis=2),
+            _unknown_tool(arm, payload, weights),
             zero,
         ],
         axis=2,
     )
+
+
+def _unknown_tool(arm: Arm, payload: Payload, weights: Statics) -> Array:
+    """Return what a tool of unknown mass does to the torques, (C, n, 4); none of one known."""
+    if payload.known:
+        return np.zeros((*weights.torque_Nm.shape, 0))
+    tool = unknown_tool(arm, payload)
+    return weights.static_loads.by_weights[:, :, list(tool.columns)] * tool.sizes
 
 
 def _misplaced(payload: Payload, options: DiscoveryOptions) -> list[Payload]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,9 @@ class CandidateContext:
         p_instr_middle_m: (3,) middle of the measured places in the instrument's frame.
         q_span_rad: (n, 2) lowest and highest angle that each joint took.
         time_span_s: first and last reading of the campaign.
+        loads_N: external loads that were measured at.
+        tool_kg: mass stated of the tool; 0 where it is not known.
+        torques: where torques come from: `logged`, `masses`, or `none`.
     """
 
     arm: Arm
@@ -40,6 +43,9 @@ class CandidateContext:
     p_instr_middle_m: Array
     q_span_rad: Array
     time_span_s: tuple[float, float]
+    loads_N: tuple[float, ...] = ()
+    tool_kg: float = 0.0
+    torques: Literal["logged", "masses", "none"] = "none"
 
     @property
     def rated_Nm(self) -> Array:

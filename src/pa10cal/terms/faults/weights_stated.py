@@ -1,0 +1,152 @@
+"""Weights that a campaign states wrongly: an external load, or the tool."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.effects.effect import CandidateContext, static_loads_in
+from pa10cal.terms.faults.log_fault import FaultKind, FaultText, LogFault
+from pa10cal.terms.term import Parameter
+
+Array = NDArray[np.float64]
+
+#: Part by which a load may well be misstated.
+_LOAD_PART = 0.1
+#: Part of its mass by which a tool may well be misstated, and its centre [m].
+_TOOL_PART = 0.3
+_TOOL_M = 0.05
+
+
+@dataclass(frozen=True)
+class WeightStated(LogFault):
+    """A weight that is not what is stated: the joints hold more than the weights described.
+
+    A log of torques shows it, and the springs know of it. Torques that were calculated lack it,
+    and it moves the arm by way of the springs.
+
+    Attributes:
+        of_calculated: whether torques were calculated.
+    """
+
+    of_calculated: bool
+
+    @property
+    def carried(self) -> bool:
+        """Return whether the joints are known to carry it, by their log."""
+        return not self.of_calculated
+
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return what the joints hold beyond what is stated, a unit of each parameter (P, n, k)."""
+        raise NotImplementedError
+
+    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
+        """Return what a log shows beyond the weights stated, or what calculated ones lack."""
+        torque: Array = self.torque_derivative(states, x) @ x
+        return torque
+
+    def torque_derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return its derivative by the parameters, (P, n, k)."""
+        del x
+        held = self.per_unit(states)
+        return -held if self.of_calculated else held
+
+
+@dataclass(frozen=True)
+class LoadStated(WeightStated):
+    """One external load is not what is stated, in all poses: true load = (1 + part) load.
+
+    Attributes:
+        load_N: the load as stated.
+    """
+
+    load_N: float
+    id: ClassVar[str] = "load_stated"
+    kind: ClassVar[FaultKind] = "load"
+
+    @classmethod
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
+        """Return every load, where there are several."""
+        if context.torques == "none" or len(context.loads_N) < 2:
+            return ()
+        calculated = context.torques == "masses"
+        return tuple(cls(f"load {load:g} N", calculated, load) for load in context.loads_N if load)
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return f"true load = (1 + part) {self.load_N:g} N"
+
+    @property
+    def reported(self) -> tuple[Parameter, ...]:
+        """Return the part by which the load is larger."""
+        return (Parameter("part", "1", 1e-2, plausible=_LOAD_PART),)
+
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return what the load makes the joints hold, (P, n, 1)."""
+        load_N = np.where(states.load_N == self.load_N, self.load_N, 0.0)
+        return (load_N[:, None] * static_loads_in(states, self).by_load)[..., None]
+
+    def told(self, x: Array, std: Array) -> FaultText:
+        """Say which load it is, and what it seems to be."""
+        true_N, std_N = self.load_N * (1.0 + x[0]), self.load_N * std[0]
+        return FaultText(
+            f"load_N = {self.load_N:g}",
+            f"the load stated as {self.load_N:g} N seems to be {true_N:.1f} ± {2 * std_N:.1f} N",
+            "weigh the load, and correct load_N in its rows",
+        )
+
+
+@dataclass(frozen=True)
+class ToolStated(WeightStated):
+    """Mass or centre of the tool are not what is stated, where torques were logged.
+
+    Attributes:
+        n: joints of the arm.
+        tool_kg: mass as stated.
+    """
+
+    n: int
+    tool_kg: float
+    id: ClassVar[str] = "tool_stated"
+    kind: ClassVar[FaultKind] = "payload"
+
+    @classmethod
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
+        """Return the tool, where torques were logged and its mass is known."""
+        if context.torques != "logged" or context.tool_kg == 0.0:
+            return ()
+        return (cls("tool", False, context.arm.n, context.tool_kg),)
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return "true mass = stated + mass, true first moment = stated + moment"
+
+    @property
+    def reported(self) -> tuple[Parameter, ...]:
+        """Return mass and first moment about the stated centre, along the flange's axes."""
+        mass = Parameter("mass", "kg", 1e-2, plausible=_TOOL_PART * self.tool_kg)
+        size = _TOOL_M * self.tool_kg
+        return (mass, *(Parameter(f"moment_{k}", "kg m", 1e-3, plausible=size) for k in "xyz"))
+
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return what mass and moments make the joints hold, (P, n, 4)."""
+        last = 4 * self.n
+        return static_loads_in(states, self).by_weights[..., [last, last - 3, last - 2, last - 1]]
+
+    def told(self, x: Array, std: Array) -> FaultText:
+        """Say what mass and centre seem to be."""
+        true_kg = self.tool_kg + x[0]
+        off_mm = 1e3 * x[1:] / max(true_kg, 0.1 * self.tool_kg)
+        axis = int(np.argmax(np.abs(off_mm)))
+        return FaultText(
+            "tool.mass_kg, tool.com_mm",
+            f"the tool stated as {self.tool_kg:.3g} kg seems to be {true_kg:.3g} ± "
+            f"{2 * std[0]:.1g} kg, its centre {off_mm[axis]:+.0f} mm along {'xyz'[axis]}",
+            "weigh the tool, and correct its mass and centre in campaign.yaml",
+        )

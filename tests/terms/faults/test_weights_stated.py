@@ -1,0 +1,88 @@
+"""Weights stated wrongly: what the joints hold then, and how it is told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.state import PoseStates
+from pa10cal.arm.statics import Payload, statics
+from pa10cal.files.arms import load_arm
+from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.faults.family import fault_candidates
+from pa10cal.terms.faults.weights_stated import LoadStated, ToolStated
+
+ARM = load_arm("pa10_6ce")
+TOOL = Payload(2.4, np.array([0.0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))
+LOADS_N = np.repeat([0.0, 22.0, 40.0], 4)
+
+
+def found(load_N=LOADS_N, tool=TOOL):
+    q_rad = np.random.default_rng(2).uniform(-1.5, 1.5, (len(LOADS_N), ARM.n))
+    loads = statics(Chain.of(ARM), Chain.of(ARM).coordinates(q_rad), load_N, tool)
+    nothing = np.zeros(len(LOADS_N))
+    return PoseStates(
+        q_rad, loads.torque_Nm, np.zeros_like(q_rad), LOADS_N, nothing, nothing, loads.static_loads
+    )
+
+
+def context(torques="logged", loads_N=(0.0, 22.0, 40.0), tool_kg=2.4):
+    return CandidateContext(
+        arm=ARM,
+        flexible_joints=(2, 3),
+        reference_temperature_C=20.0,
+        tau_span_Nm=np.ones(ARM.n),
+        T_instr_base=np.eye(4),
+        p_instr_middle_m=np.zeros(3),
+        q_span_rad=np.tile([-1.0, 1.0], (ARM.n, 1)),
+        time_span_s=(0.0, 1.0),
+        loads_N=loads_N,
+        tool_kg=tool_kg,
+        torques=torques,
+    )
+
+
+def of(kind, **changes):
+    return [fault for fault in fault_candidates(context(**changes)) if isinstance(fault, kind)]
+
+
+def test_a_load_stated_too_small_is_held_in_its_own_poses():
+    more = np.where(LOADS_N == 40.0, 44.0, LOADS_N)
+    held_Nm = found(more).tau_Nm - found().tau_Nm
+    _, logged = of(LoadStated)
+    assert logged.load_N == 40.0
+    np.testing.assert_allclose(logged.torque_Nm(found(), np.array([0.1])), held_Nm, atol=1e-12)
+    _, calculated = of(LoadStated, torques="masses")
+    np.testing.assert_allclose(calculated.torque_Nm(found(), np.array([0.1])), -held_Nm, atol=1e-12)
+    assert logged.carried
+    assert not calculated.carried
+
+
+def test_a_tool_stated_wrongly_is_held_everywhere():
+    truth = replace(TOOL, mass_kg=3.0, com_m=TOOL.com_m + np.array([0, 0.02, 0]))
+    held_Nm = found(tool=truth).tau_Nm - found().tau_Nm
+    (tool,) = of(ToolStated)
+    x = np.array([0.6, 0.0, 3.0 * 0.02, 0.0])
+    np.testing.assert_allclose(tool.torque_Nm(found(), x), held_Nm, atol=1e-12)
+    told = tool.told(x, np.full(4, 0.01))
+    assert "seems to be 3 ± 0.02 kg, its centre +20 mm along y" in told.what
+
+
+def test_a_load_is_told_as_it_seems_to_be():
+    told = LoadStated("load 40 N", False, 40.0).told(np.array([0.1]), np.array([0.005]))
+    assert told.where == "load_N = 40"
+    assert "44.0 ± 0.4 N" in told.what
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes"),
+    [
+        (LoadStated, {"loads_N": (40.0,)}),
+        (LoadStated, {"torques": "none"}),
+        (ToolStated, {"torques": "masses"}),
+        (ToolStated, {"tool_kg": 0.0}),
+    ],
+)
+def test_what_nothing_could_show_is_not_sought(kind, changes):
+    assert of(kind, **changes) == []
