@@ -139,16 +139,15 @@ class OneReadingOff(Disturbance):
 
 
 class LogCut(Disturbance):
-    """The joint log ends early, or with one log all of it."""
+    """The joint log ends early."""
 
     id = "log_cut"
+    needs = ("touches",)
 
     part: FinitePositive = Field(0.04, description="what is left of it")
 
     def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
         """Keep the first rows."""
         del rng
-        key = "resolver" if log.touched else "poses"
-        table = log.tables[key]
-        log.tables[key] = table.iloc[: max(1, round(self.part * len(table)))]
-        return [key]
+        log.tables["resolver"] = log.joints.iloc[: max(1, round(self.part * len(log.joints)))]
+        return ["resolver"]
