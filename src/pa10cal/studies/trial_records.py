@@ -80,7 +80,7 @@ def read_trials(verdicts: Sequence[Path], truths: Sequence[Path]) -> list[BlindT
             allowed="verdicts and truths of the same trials",
             remedy="give all files that pa10cal blind_trials wrote",
         )
-    return [_trial(records[name], truth) for name, truth in hidden.items()]
+    return [joined(records[name], truth) for name, truth in hidden.items()]
 
 
 def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
@@ -99,7 +99,8 @@ def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
     return records
 
 
-def _trial(record: TrialVerdictRecord, truth: TrialTruthRecord) -> BlindTrial:
+def joined(record: TrialVerdictRecord, truth: TrialTruthRecord) -> BlindTrial:
+    """Return a trial of what was said of it and what is true."""
     return BlindTrial(
         campaign=truth.campaign,
         kind=truth.kind,

@@ -1,0 +1,32 @@
+"""A few wild trials, judged by the commands: what was put in is told, and nothing else is."""
+
+import pytest
+
+from pa10cal.cell.wild_trials import draw_wild_trials
+from pa10cal.evaluation.options import JudgingOptions
+from pa10cal.evaluation.wild_scores import failings
+from pa10cal.studies.trial_records import joined
+from pa10cal.studies.wild_trials import try_wild_trial
+
+#: Kind, what is put in, bench and seed of campaigns that are quick to judge.
+CAMPAIGNS = [
+    ("right", "", "irb120-pose", 4),
+    ("right", "", "ur10-pose", 5),
+    ("stressed", "heavy_tails", "irb120-distance", 6),
+    ("stressed", "gross_errors", "irb120-pose", 6),
+    ("effect", "backlash", "irb120-pose", 4),
+    ("fault", "labels_exchanged", "irb120-points", 5),
+    ("fault", "one_reading_off", "irb120-points", 4),
+    ("fault", "held_out_reading_off", "irb120-pose", 4),
+    ("fault", "joint_zero", "irb120-pose", 5),
+    ("fault", "joint_sign", "irb120-points", 5),
+    ("fault", "unit", "irb120-distance", 4),
+    ("fault", "uncertainty_off", "irb120-pose", 5),
+]
+
+
+@pytest.mark.parametrize(("kind", "put_in", "bench", "seed"), CAMPAIGNS)
+def test_a_campaign_gets_the_verdict_that_it_should(kind, put_in, bench, seed):
+    (trial,) = draw_wild_trials(kind, 1, seed, (bench,), put_in if kind != "right" else "")
+    verdict, truth = try_wild_trial(trial, JudgingOptions())
+    assert failings(joined(verdict, truth)) == (), verdict.word
