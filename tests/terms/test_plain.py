@@ -36,6 +36,7 @@ def contexts(robot, seed):
         p_instr_middle_m=rng.uniform(-3.0, 3.0, 3),
         q_span_rad=np.column_stack([low, low + rng.uniform(0.1, 3.0, arm.n)]),
         time_span_s=(0.0, float(rng.uniform(1.0, 1e5))),
+        gravity_m_s2=np.array([0.0, 0.0, -9.81]),
     )
 
 
@@ -53,7 +54,8 @@ def test_every_effect_at_every_place_comes_back_equal(robot, seed):
 
 
 def test_the_whole_vocabulary_was_there():
-    found = {effect.id for effect in candidates(contexts("pa10_6ce", 1))}
+    arms = "pa10_6ce", "irb120"  # the second is described without masses
+    found = {effect.id for arm in arms for effect in candidates(contexts(arm, 1))}
     assert found == {kind.id for kind in every_effect()}
     assert found <= set(term_kinds())
 

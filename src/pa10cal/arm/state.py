@@ -63,6 +63,8 @@ class PoseStates:
         time_s: (P,) time of the reading.
         static_loads: what weights bend the structure with, where it was computed.
         seen: how the pose was read from the instrument's targets, where it was computed.
+        torque_by_mass: (P, n, 4 n) torques of weights by mass and first moment of every link, of an
+            arm whose masses are not known; None where they are, or where it was not computed.
     """
 
     q_rad: Array
@@ -73,6 +75,7 @@ class PoseStates:
     time_s: Array
     static_loads: StaticLoads | None = None
     seen: ObservedTargets | None = None
+    torque_by_mass: Array | None = None
 
     def __len__(self) -> int:
         return len(self.q_rad)

@@ -40,6 +40,7 @@ UNNAMED = {
     "windup_map": JOINTS,
     "direction_map": JOINTS,
     "drift_map": ("base",),
+    "gravity_sag": (),  # of an arm without masses
 }
 PAGE = Path(__file__).parents[3] / "docs/discovery.md"
 

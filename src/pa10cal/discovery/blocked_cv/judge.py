@@ -214,7 +214,7 @@ def unexplained(
             effect.id,
             left_mm,
             f"a smooth unknown function ({effect.id}) of {effect.of} predicts held-out blocks "
-            "better than any name",
+            f"better than any name{effect.advice}",
         )
         for effect in nameless
     ]

@@ -153,7 +153,7 @@ def _unexplained(
         if effect.generic and counts and confirmations[effect].p_flips <= FLIP_RATE:
             why = (
                 f"a smooth unknown function ({effect.id}) of {effect.of} predicts it better than "
-                "any name"
+                f"any name{effect.advice}"
             )
             places.append(Unexplained(effect.of, effect.id, shared_mm, why))
     left_mm = shared_error_mm(problem, found.score.pose_variance)

@@ -33,6 +33,7 @@ class CandidateContext:
         loads_N: external loads that were measured at.
         tool_kg: mass stated of the tool; 0 where it is not known.
         torques: where torques come from: `logged`, `masses`, or `none`.
+        gravity_m_s2: (3,) gravity along the base's axes, or None.
     """
 
     arm: Arm
@@ -46,6 +47,7 @@ class CandidateContext:
     loads_N: tuple[float, ...] = ()
     tool_kg: float = 0.0
     torques: Literal["logged", "masses", "none"] = "none"
+    gravity_m_s2: Array | None = None
 
     @property
     def rated_Nm(self) -> Array:
@@ -71,6 +73,8 @@ class Effect(ABC):
     id: ClassVar[str]
     #: Whether it only gives the place of a missing effect, not its cause: no name.
     generic: ClassVar[bool] = False
+    #: What a reader should do who finds it without a name, one clause.
+    advice: ClassVar[str] = ""
     #: Whether its linear parameters cannot be negative, as of a stiffness or a Coulomb torque.
     positive: ClassVar[bool] = False
     #: Whether it goes with time or temperature.
