@@ -34,9 +34,8 @@ def prepared(
     poses = average_repeats(every.of_kind(kind))
     states, _ = with_torques(model.model, model.x, poses.states, setup.payload)
     poses = poses.with_states(states)
-    if not poses.measured.measures_pose:
-        return poses
-    turned = measured_as_poses(poses).turned(model.R_ee_target)
+    read = measured_as_poses(poses) if poses.measured.measures_pose else poses
+    turned = read.turned(model.R_ee_target)
     return poses.with_states(complete_about(turned, model.nominal(), model, setup).states)
 
 
