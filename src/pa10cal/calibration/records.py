@@ -233,6 +233,7 @@ def fitted_to(
         grade=health.grade,
         health=health.line,
         suspicions=tuple(Suspicion(**asdict(finding)) for finding in health.findings),
+        loads_N=tuple(map(float, np.unique(states.load_N))),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -11,21 +10,15 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pa10cal.arm.chain import (
-    BASE,
-    TOOL,
-    Chain,
-    EndPose,
-    end_pose,
-    end_pose_with_screws,
-    long_links,
-)
+from pa10cal.arm.chain import TOOL, Chain, long_links
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
 from pa10cal.errors import ModelError
 from pa10cal.fit.angles_seen import AnglesSeen
-from pa10cal.fit.loads import statics_of, with_torques
+from pa10cal.fit.forward import FLANGE, TARGET, TOOL_FRAME, Forward, conditions, predicted
+from pa10cal.fit.loads import with_torques
+from pa10cal.fit.prediction import Compensation as Compensation
 from pa10cal.fit.prediction import FallBack as FallBack
 from pa10cal.fit.prediction import FittedTo as FittedTo
 from pa10cal.fit.prediction import Prediction as Prediction
@@ -34,15 +27,13 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
-from pa10cal.terms.term import Report, Term, falsifies_log, yields
+from pa10cal.terms.term import Report, Term
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[np.float64]
 M = TypeVar("M", bound=Instrument)
-
-FLANGE, TOOL_FRAME, TARGET = "flange", "tool", "target_"
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,8 +206,9 @@ class FittedModel:
         frame: str = FLANGE,
         load_N: ArrayLike = 0.0,
         arrival: ArrayLike = 0.0,
-        temperature_C: float | None = None,
-        time_s: float | None = None,
+        temperature_C: ArrayLike | None = None,
+        time_s: ArrayLike | None = None,
+        extrapolate: bool = False,
     ) -> Prediction:
         """Predict where a frame of the robot is.
 
@@ -229,162 +221,100 @@ class FittedModel:
                 instrument, else the first target with the flange's attitude; `target_<name>`.
             load_N: external load, one for all poses or (N,).
             arrival: direction in which each joint arrives, -1, 0 or 1; one for all or (N, n).
-            temperature_C: temperature; None for the mean of the fit.
-            time_s: time on the campaign's clock; None for the middle of the fit.
+            temperature_C: temperature, one or (N,); None for the mean of the fit.
+            time_s: time on the campaign's clock, one or (N,); None for the middle of the fit.
+            extrapolate: predict also for loads heavier than any that the fit has seen.
 
         Raises:
-            ModelError: when q is of another arm, the frame is unknown, or the model has springs and
-                the masses that load them are not known.
+            ModelError: when q is of another arm, the frame is unknown, a load is heavier than those
+                of the fit, or the model has springs and the masses that load them are not known.
         """
-        states = self.states(q, load_N, arrival, temperature_C, time_s)
-        physical, x, columns = self._physical
-        at = physical.chain_coordinates(states, x)
-        if not self._on_tool(frame):
-            at[:, physical.chain.columns(TOOL)] = 0.0
-        if self.covariance is None:
-            T, u_mm = end_pose(physical.chain, at), np.full(len(states), np.nan)
-        else:
-            end = end_pose_with_screws(physical.chain, at)
-            T, u_mm = end.T, self._uncertainty_mm(states, frame, end, columns)
-        inside = (
-            np.ones(len(states), dtype=bool)
-            if self.seen is None
-            else self.seen.inside(states.q_rad)
+        positions = self._positions(q)
+        given = conditions(
+            self,
+            len(positions),
+            load_N,
+            arrival,
+            temperature_C,
+            time_s,
+            extrapolate=extrapolate,
         )
-        found = Prediction(T @ self._T_end_frame(frame), u_mm, inside)
-        if self.falls_back is None:
-            return found
-        without = self.falls_back.model
-        given = {"temperature_C": temperature_C, "time_s": time_s}
-        away = without.predict(q, frame=frame, load_N=load_N, arrival=arrival, **given)
-        T = np.linalg.inv(self.T_instr_base) @ without.T_instr_base @ away.T
-        return found.with_others(~self.falls_back.within.inside(states.q_rad), T)
+        return predicted(self, positions, frame, given)
+
+    def compensate(
+        self,
+        T: ArrayLike,
+        *,
+        frame: str = FLANGE,
+        seed: ArrayLike | None = None,
+        load_N: ArrayLike = 0.0,
+        arrival: ArrayLike = 0.0,
+        temperature_C: ArrayLike | None = None,
+        time_s: ArrayLike | None = None,
+        extrapolate: bool = False,
+    ) -> Compensation:
+        """Find the joint positions to command so that a frame of the robot comes to poses.
+
+        Args:
+            T: (N, 4, 4) or (4, 4) poses wanted of the frame, in the robot's base frame [m].
+            seed: (N, n) or (n,) joint positions; of all branches the nearest within the joint
+                limits is taken. A row of nan, and every row but the first where (n,) is given, has
+                the nearest to the row before; without any the first row has the nearest to the
+                middle of the angles that the fit has seen.
+            frame, load_N, arrival, temperature_C, time_s, extrapolate: see `predict`.
+
+        Raises:
+            ModelError: when a pose is none, or see `predict`.
+        """
+        from pa10cal.fit.compensation import compensate  # late: it imports this module
+
+        wanted = np.asarray(T, dtype=float)
+        wanted = wanted[None] if wanted.ndim == 2 else wanted
+        given = conditions(
+            self, len(wanted), load_N, arrival, temperature_C, time_s, extrapolate=extrapolate
+        )
+        return compensate(self, wanted, frame, given, seed)
 
     def jacobian(self, q: ArrayLike, *, frame: str = FLANGE, load_N: ArrayLike = 0.0) -> Array:
         """Return how a frame moves with the joints, (N, 6, n), at positions as for `predict`.
 
         Velocity of its origin [m] over angular velocity [rad], along base axes, a unit of each
-        joint. How the terms themselves change with the joints (some parts in a thousand; a few in
-        a hundred for a strong transmission error) is omitted.
+        joint. Exact: springs and effects, which change with angles and weights, are in it.
         """
-        states = self.states(q, load_N, 0.0, None, None)
-        physical, x, _ = self._physical
-        at = physical.chain_coordinates(states, x)
-        if not self._on_tool(frame):
-            at[:, physical.chain.columns(TOOL)] = 0.0
-        end = end_pose_with_screws(physical.chain, at)
-        arm_m = (end.T[:, :3, :3] @ self._T_end_frame(frame)[:3, 3])[:, :, None]
-        screws = end.screws[:, :, physical.chain.joint_columns]
-        moved: Array = screws.copy()
-        moved[:, :3] += np.cross(screws[:, 3:], arm_m, axis=1)
-        return moved
+        forward, positions = Forward.of(self, frame), self._positions(q)
+        given = conditions(self, len(positions), load_N)
+        states = forward.states(positions, given)
+        return forward.by_joints(states, given, terms=True)[1]
 
-    def states(
-        self,
-        q: ArrayLike,
-        load_N: ArrayLike = 0.0,
-        arrival: ArrayLike = 0.0,
-        temperature_C: float | None = None,
-        time_s: float | None = None,
-    ) -> PoseStates:
+    def inside(self, q: Array) -> NDArray[np.bool_]:
+        """Return whether all joint angles of positions (N, n) were seen by the fit, (N,)."""
+        return np.ones(len(q), dtype=bool) if self.seen is None else self.seen.inside(q)
+
+    def states(self, q: ArrayLike, load_N: ArrayLike = 0.0) -> PoseStates:
         """Return the states in which poses are predicted, with what their weights do.
 
         Raises:
             ModelError: see `predict`.
         """
+        positions = self._positions(q)
+        return Forward.of(self).states(positions, conditions(self, len(positions), load_N))
+
+    def _positions(self, q: ArrayLike) -> Array:
+        """Return joint positions (N, n).
+
+        Raises:
+            ModelError: when they are of an arm with other joints, or are no numbers.
+        """
         positions = np.atleast_2d(np.asarray(q, dtype=float))
-        n, count = self.arm.n, len(positions)
-        if positions.ndim != 2 or positions.shape[1] != n:
+        n = self.arm.n
+        if positions.ndim != 2 or positions.shape[1] != n or not np.isfinite(positions).all():
             raise ModelError(
-                f"joint positions of {positions.shape[-1]} joints",
+                f"joint positions of {positions.shape[-1]} joints"
+                if positions.shape[-1] != n
+                else "joint positions that are no finite numbers",
                 where="q",
                 value=positions.shape,
                 allowed=f"(N, {n}) for {self.arm.name}",
                 remedy="give one column a joint, in radians (metres for a joint that slides)",
             )
-        fitted = self.fitted_to
-        if temperature_C is None:
-            temperature_C = np.nan if fitted is None else fitted.temperature_C
-        if time_s is None:
-            time_s = 0.0 if fitted is None else 0.5 * sum(fitted.time_s)
-        states = PoseStates(
-            q_rad=positions,
-            tau_Nm=np.full((count, n), np.nan),
-            arrival=np.broadcast_to(np.asarray(arrival, dtype=float), (count, n)),
-            load_N=np.broadcast_to(np.asarray(load_N, dtype=float), (count,)),
-            temperature_C=np.full(count, temperature_C),
-            time_s=np.full(count, time_s),
-        )
-        states, source = with_torques(self.model, self.x, states, self.payload)
-        physical, x, _ = self._physical
-        if source == "none" or self.payload is None:
-            self._refuse_springs()
-            return replace(states, tau_Nm=np.zeros((count, n)))
-        # Terms that bend need the static loads; those of the nominal arm come first.
-        rigid = Model(physical.chain, ())
-        for model, values in ((rigid, np.zeros(0)), (physical, x)):
-            loads = statics_of(model, values, states, self.payload).static_loads
-            states = replace(states, static_loads=loads)
-        return states
-
-    @cached_property
-    def _physical(self) -> tuple[Model, Array, NDArray[np.intp]]:
-        """Return the terms that move the robot, their parameters, and the places of these in x."""
-        moving = [
-            term for term in self.model.terms if term.of != "instrument" and not falsifies_log(term)
-        ]
-        columns = [np.arange(len(self.x))[self.model.columns_of(term)] for term in moving]
-        chosen = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
-        return Model(self.model.chain, tuple(moving)), self.x[chosen], chosen
-
-    def _refuse_springs(self) -> None:
-        """Refuse to predict springs whose torques are not known."""
-        springs = [term for term in self._physical[0].terms if yields(term)]
-        if springs:
-            raise ModelError(
-                "the weights that load the arm are not known",
-                where=f"{springs[0].id} of {springs[0].of}",
-                allowed="an arm with mass_kg and com_m, and a payload",
-                remedy="describe the masses and calibrate again",
-            )
-
-    def _on_tool(self, frame: str) -> bool:
-        """Return whether a frame follows the end of the chain, tool included, not the flange."""
-        if frame not in self.frames:
-            raise ModelError(
-                "unknown frame",
-                where="frame",
-                value=frame,
-                allowed=", ".join(self.frames),
-                remedy="correct the name",
-            )
-        return frame != FLANGE and not self.target_names
-
-    def _T_end_frame(self, frame: str) -> Array:
-        """Return a frame in the end of the chain, (4, 4)."""
-        T = np.eye(4)
-        if self._on_tool(frame):
-            T[:3, :3] = self.R_ee_target
-        elif frame != FLANGE:
-            name = frame.removeprefix(TARGET)
-            row = self.target_names.index(name) if frame != TOOL_FRAME else 0
-            T[:3, 3] = self.targets_m.reshape(-1, 3)[row]
-        return T
-
-    def _uncertainty_mm(
-        self, states: PoseStates, frame: str, end: EndPose, columns: NDArray[np.intp]
-    ) -> Array:
-        """Return the standard uncertainty of the position of a frame, (N,)."""
-        physical, x, _ = self._physical
-        assert self.covariance is not None
-        on_tool = self._on_tool(frame)
-        arm_m = (end.T[:, :3, :3] @ self._T_end_frame(frame)[:3, 3])[:, :, None]
-        by_x = physical.jacobian_at(states, x, end, without=() if on_tool else TOOL)
-        by_base = end.screws[:, :, physical.chain.columns(BASE)]
-        by_all = np.concatenate([by_x, by_base], axis=2)
-        moved = by_all[:, :3] + np.cross(by_all[:, 3:], arm_m, axis=1)
-        chosen = np.concatenate([columns, len(self.x) + np.arange(6)])
-        covariance = self.covariance[np.ix_(chosen, chosen)]
-        variance = np.einsum("pik,kl,pil->p", moved, covariance, moved, optimize=True)
-        uncertainty: Array = 1e3 * np.sqrt(np.maximum(variance, 0.0))
-        return uncertainty
+        return positions

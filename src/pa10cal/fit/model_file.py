@@ -340,6 +340,7 @@ def _fitted_to(content: Mapping[str, Any]) -> FittedTo:
         grade=str(content["grade"]),
         health=str(content["health"]),
         suspicions=tuple(Suspicion(**each) for each in content.get("suspicions", ())),
+        loads_N=tuple(map(float, content.get("loads_N") or ())),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,7 @@ class FittedTo:
             `not_converged`; empty where that is not known.
         health: the reason, and what to do, in one sentence.
         suspicions: what is probably wrong in the input.
+        loads_N: external loads of the poses, each once; empty where that is not known.
     """
 
     campaign: str
@@ -62,6 +63,7 @@ class FittedTo:
     grade: str = ""
     health: str = ""
     suspicions: tuple[Suspicion, ...] = ()
+    loads_N: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,3 +108,33 @@ class FallBack:
 
     within: AnglesSeen
     model: FittedModel
+
+
+#: What became of a target: its pose is reached; by joint positions beyond their limits; not at all;
+#: or where some direction takes large motions of the joints.
+Status = Literal["ok", "outside_limits", "unreachable", "near_singular"]
+
+
+@dataclass(frozen=True, eq=False)
+class Compensation:
+    """Joint positions that bring a frame of the robot to N poses, by its model.
+
+    Attributes:
+        q: (N, n) joint positions to command [rad, m]; of an unreachable pose those that come
+            nearest.
+        status: (N,) one of `Status`.
+        error_mm: (N,) distance of the model's position there from the one wanted.
+        error_deg: (N,) angle between the model's attitude there and the one wanted.
+        u_mm: (N,) standard uncertainty of the position, as of a prediction.
+        inside: (N,) whether all joint angles were seen by the fit.
+    """
+
+    q: Array
+    status: NDArray[np.str_]
+    error_mm: Array
+    error_deg: Array
+    u_mm: Array
+    inside: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.q)

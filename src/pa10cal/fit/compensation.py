@@ -1,0 +1,369 @@
+"""The inverse of a fitted model: joint positions that bring a frame where it should be.
+
+A search starts on a branch of the arm as designed and goes down to rounding on the model with all
+its terms: damped Newton steps (Sugihara 2011), all poses at once. Where no closed form gives the
+branches, a pose starts from the one before, and else from postures drawn within the joint limits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pa10cal.arm.branches import branches_of
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm
+from pa10cal.errors import ModelError
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.forward import (
+    Conditions,
+    Forward,
+    T_base_away,
+    conditions,
+    pose_difference,
+    predicted,
+)
+from pa10cal.fit.prediction import Compensation
+
+Array = NDArray[np.float64]
+
+#: A pose counts as reached within this [m, rad]; what a search leaves is far less.
+REACHED = 1e-6
+#: Fewer than six joints cannot turn a frame in all directions: an attitude as near as a calibrated
+#: arm comes to one of the arm as designed counts as reached [rad].
+_NEAR_RAD = 0.02
+#: Smallest motion of the frame, over the reach of the arm or [rad], for a radian (or the reach) of
+#: the joints together, below which a pose is near a singularity.
+SINGULAR = 0.005
+#: A search ends at steps or differences of this [m, rad], and below the second at no gain.
+_DONE, _SETTLED = 1e-12, 1e-10
+_LARGEST_STEP_RAD = 0.35
+#: Joint positions beyond a limit by less are at it [rad, m].
+_AT_LIMIT = 1e-9
+#: A branch of the arm as designed that is further from the pose is out of its reach [m].
+_NEARLY = 0.02
+#: Postures from which a pose is searched where nothing better is known.
+_DRAWN = 48
+_FIRST_BLOCK, _LARGEST_BLOCK = 4, 512
+#: Joint positions of neighbouring poses that differ by more are no path [rad].
+_JUMP_RAD = 0.3
+_TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class _Descent:
+    """How a search goes down.
+
+    Attributes:
+        exact: whether the derivative holds how the terms change with the joints.
+        steps: at most.
+        patience: steps without a gain of a third after which it ends.
+    """
+
+    exact: bool
+    steps: int
+    patience: int
+
+
+#: By the geometry alone, whose derivative is off by some parts in a hundred, ten digits take six
+#: steps; what is then within so much [m, rad] is gone on with exactly.
+_BY_GEOMETRY, _EXACT, _CLOSE = _Descent(False, 30, 4), _Descent(True, 40, 6), 1e-2
+
+
+def compensate(
+    model: FittedModel,
+    T: Array,
+    frame: str,
+    given: Conditions,
+    seed: ArrayLike | None = None,
+) -> Compensation:
+    """Find the joint positions that bring a frame to poses; see `FittedModel.compensate`.
+
+    Args:
+        model: the fitted model.
+        T: (N, 4, 4) poses of the frame in the base frame [m].
+        frame: one of the model's.
+        given: conditions of the poses.
+        seed: (N, n) or (n,) joint positions, nan where there are none.
+
+    Raises:
+        ModelError: when a pose is none, the frame is unknown, or a seed is of another arm.
+    """
+    _refuse_no_pose(T)
+    if not len(T):
+        none = np.zeros(0)
+        empty = np.zeros((0, model.arm.n))
+        return Compensation(empty, none.astype(str), none, none, none, none.astype(bool))
+    q = _searched(model, T, frame, given, seed)
+    forward = Forward.of(model, frame)
+    found = predicted(model, q, frame, given)
+    off = pose_difference(found.T, T)
+    off_m, off_rad = np.linalg.norm(off[:, :3], axis=1), np.linalg.norm(off[:, 3:], axis=1)
+    arm = model.arm
+    low, high = arm.limits_rad.T
+    status = np.full(len(T), "ok", dtype="U14")
+    lever = np.where(arm.prismatic, arm.reach_m, 1.0)
+    J = forward.by_joints(forward.states(q, given), given, terms=False)[1]
+    sizes = np.linalg.svd(J * lever / np.repeat([arm.reach_m, 1.0], 3)[:, None])[1]
+    status[sizes[:, -1] < SINGULAR] = "near_singular"
+    beyond = ((q < low - _AT_LIMIT) | (q > high + _AT_LIMIT)).any(axis=1)
+    status[beyond] = "outside_limits"
+    near = _reached(arm, off_m, off_rad)
+    if model.falls_back is not None:
+        # Between what holds inside and what holds outside there is a step, part of `u_mm`.
+        near |= 1e3 * off_m < found.u_mm
+    status[~near] = "unreachable"
+    return Compensation(q, status, 1e3 * off_m, np.degrees(off_rad), found.u_mm, found.inside)
+
+
+def _searched(
+    model: FittedModel, T: Array, frame: str, given: Conditions, seed: ArrayLike | None
+) -> Array:
+    """Return joint positions (N, n); where the model falls back, those of what it falls back to."""
+    seeds = _seeds(model, len(T), seed)
+    search = _Search(Forward.of(model, frame), T, given)
+    q = search.along(seeds) if search.branches is None else search.on_branches(seeds)
+    if model.falls_back is None:
+        return q
+    away = model.falls_back
+    outside = np.flatnonzero(~away.within.inside(q))
+    if len(outside):
+        T_away = np.linalg.inv(T_base_away(away, model)) @ T[outside]
+        q[outside] = _searched(away.model, T_away, frame, given.take(outside), q[outside])
+    return q
+
+
+def _refuse_no_pose(T: Array) -> None:
+    right = T.ndim == 3 and T.shape[1:] == (4, 4)
+    if right:
+        R = T[:, :3, :3]
+        turned = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+        handed = np.einsum("pi,pi->p", np.cross(R[:, :, 0], R[:, :, 1]), R[:, :, 2])
+        wrong = ~np.isfinite(T).all(axis=(1, 2)) | ~(turned < 1e-6) | ~(handed > 0.0)
+    if not right or wrong.any():
+        raise ModelError(
+            "not a pose",
+            where="T" if not right else f"T[{int(np.argmax(wrong))}]",
+            value=T.shape if not right else T[int(np.argmax(wrong))].tolist(),
+            allowed="(N, 4, 4), a rotation and a position in metres each",
+            remedy="check the attitude: columns are the frame's axes, of length one",
+        )
+
+
+def _seeds(model: FittedModel, count: int, seed: ArrayLike | None) -> Array:
+    """Return seeds (N, n), nan where there is none; the first row has one."""
+    n = model.arm.n
+    given = np.full(n, np.nan) if seed is None else np.asarray(seed, dtype=float)
+    if given.shape not in ((n,), (count, n)):
+        raise ModelError(
+            "seeds of another arm or of other poses",
+            where="seed",
+            value=given.shape,
+            allowed=f"({n},) or ({count}, {n}) for {model.arm.name}",
+            remedy="give one column a joint, in radians (metres for a joint that slides)",
+        )
+    seeds = given.copy() if given.ndim == 2 else np.full((count, n), np.nan)
+    if given.ndim == 1:
+        seeds[0] = given
+    if not np.isfinite(seeds[0]).all():
+        seeds[0] = _middle(model)
+    return seeds
+
+
+def _reached(arm: Arm, off_m: Array, off_rad: Array) -> NDArray[np.bool_]:
+    """Return which differences (N,) of position and attitude count as none."""
+    near_rad = REACHED if arm.n >= 6 else _NEAR_RAD
+    return np.asarray((off_m < REACHED) & (off_rad < near_rad))
+
+
+def _middle(model: FittedModel) -> Array:
+    """Return the middle of the joint positions that the fit has seen, else of the limits."""
+    arm, seen = model.arm, model.seen
+    middle: Array = arm.limits_rad.mean(axis=1)
+    if seen is not None:
+        for joint, stretches in enumerate(seen.intervals):
+            if len(stretches):
+                middle[joint] = 0.5 * (stretches[0, 0] + stretches[-1, 1])
+    return np.clip(middle, *arm.limits_rad.T)
+
+
+class _Search:
+    """Searches for N poses of one frame.
+
+    Attributes:
+        branches: what gives all branches of the arm as designed; None where that is not known.
+    """
+
+    def __init__(self, forward: Forward, T: Array, given: Conditions) -> None:
+        arm = forward.whole.arm
+        self._forward, self._T, self._given = forward, T, given
+        self._arm, self._low, self._high = arm, *arm.limits_rad.T
+        self._wide = (self._high - self._low >= _TURN) & ~arm.prismatic
+        # An arm of fewer than six joints reaches the position first.
+        of_attitude = 1.0 if arm.n >= 6 else 1e-3
+        self._weight = np.repeat([1.0 / arm.reach_m, of_attitude], 3)
+        self.branches = branches_of(arm)
+
+    def on_branches(self, seeds: Array) -> Array:
+        """Search from the branches of the arm as designed, nearest to seed or row before."""
+        assert self.branches is not None
+        T_base_flange = self._T @ self._T_frame_flange()
+        found = self.branches(T_base_flange)
+        ends = Chain.of(self._arm).forward(found.reshape(-1, self._arm.n))[:, :3, 3]
+        wanted = np.repeat(T_base_flange[:, :3, 3], found.shape[1], axis=0)
+        off_m = np.linalg.norm(ends - wanted, axis=1).reshape(found.shape[:2])
+        beside = np.asarray(off_m >= _NEARLY)
+        starts, order = self._nearest(found, beside, seeds)
+        q, done = self.newton(np.arange(len(starts)), starts)
+        # Near reach or limits a branch of the arm as designed may be none of the calibrated one.
+        good = done & self._inside(q)
+        for rank in range(1, found.shape[1]):
+            rows = np.flatnonzero(~good & ~beside[np.arange(len(q)), order[:, rank]])
+            if len(rows):
+                again, right = self.newton(rows, found[rows, order[rows, rank]])
+                inside = self._inside(again)
+                better = right & (inside | ~done[rows])
+                kept = rows[better]
+                q[kept], done[kept], good[kept] = again[better], True, inside[better]
+        return q
+
+    def along(self, seeds: Array) -> Array:
+        """Search from the seed, or from the row before, in blocks that grow on a smooth path."""
+        q, row, size, last = seeds.copy(), 0, _FIRST_BLOCK, seeds[:0]
+        while row < len(q):
+            rows = np.arange(row, min(row + size, len(q)))
+            none = ~np.asarray(np.isfinite(seeds[rows]).all(axis=1))
+            starts = np.where(none[:, None], last if len(last) else seeds[:1], seeds[rows])
+            found, done = self.newton(rows, starts)
+            found = self._turned_near(found, starts)
+            done &= self._inside(found)
+            before = np.vstack([starts[:1], found[:-1]])
+            jumps = none & (np.abs(found - before).max(axis=1) > _JUMP_RAD)
+            jumps[:1] = False
+            right = int(np.argmax(np.append(~done | jumps, True)))
+            if right == 0:
+                found[0], right = self._from_drawn(rows[0], starts[0], found[0]), 1
+                done[0] = True
+            q[rows[:right]] = found[:right]
+            last = found[right - 1 : right]
+            size = min(2 * size, _LARGEST_BLOCK) if right == len(rows) else max(right, 1)
+            row += right
+        return q
+
+    def newton(self, rows: NDArray[np.intp], starts: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Go down to the poses of some rows from starts (R, n).
+
+        Returns:
+            Joint positions (R, n), the best on the way, and whether they reach the pose.
+        """
+        found, best, done = self._descend(rows, starts, _BY_GEOMETRY)
+        # Near a singularity what the geometry leaves out of the derivative is too much.
+        hard = np.flatnonzero((best > _SETTLED) & (best < _CLOSE))
+        if len(hard) and self._arm.n >= 6:
+            found[hard], _, done[hard] = self._descend(rows[hard], found[hard], _EXACT)
+        return found, done
+
+    def _descend(
+        self, rows: NDArray[np.intp], starts: Array, how: _Descent
+    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Return the best positions on the way, how far they are off, whether they reach it."""
+        q, best = starts.copy(), np.full(len(rows), np.inf)
+        found, done = starts.copy(), np.zeros(len(rows), dtype=bool)
+        slow, open_ = np.zeros(len(rows), dtype=int), np.arange(len(rows))
+        for _ in range(how.steps):
+            given = self._given.take(rows[open_])
+            states = self._forward.states(q[open_], given)
+            T, J = self._forward.by_joints(states, given, terms=how.exact)
+            off = pose_difference(T, self._T[rows[open_]])
+            size = np.linalg.norm(off * self._weight, axis=1)
+            better = size < best[open_]
+            slow[open_] = np.where(size < 0.7 * best[open_], 0, slow[open_] + 1)
+            kept = open_[better]
+            found[kept], best[kept] = q[kept], size[better]
+            off_m, off_rad = (np.linalg.norm(part, axis=1) for part in (off[:, :3], off[:, 3:]))
+            done[kept] = _reached(self._arm, off_m, off_rad)[better]
+            step = self._step(J, off)
+            ended = (np.abs(step).max(axis=1) < _DONE) | (size < _DONE)
+            ended |= slow[open_] > np.where(best[open_] < _SETTLED, 1, how.patience)
+            q[open_] += step
+            open_ = open_[~ended]
+            if not len(open_):
+                break
+        return found, best, done
+
+    def _step(self, J: Array, off: Array) -> Array:
+        """Return damped Newton steps (R, n): the damping fades with the square of what is left."""
+        lever = np.where(self._arm.prismatic, self._arm.reach_m, 1.0)
+        J = J * self._weight[:, None] * lever
+        e = off * self._weight
+        damping = np.minimum(np.einsum("pi,pi->p", e, e), 1e-2)[:, None, None]
+        by_pose = np.swapaxes(J, 1, 2) @ e[..., None]
+        if J.shape[2] > 6:
+            inner = J @ np.swapaxes(J, 1, 2) + (damping + 1e-15) * np.eye(6)
+            step = (np.swapaxes(J, 1, 2) @ np.linalg.solve(inner, e[..., None]))[..., 0]
+        else:
+            inner = np.swapaxes(J, 1, 2) @ J + (damping + 1e-15) * np.eye(J.shape[2])
+            step = np.linalg.solve(inner, by_pose)[..., 0]
+        largest = np.abs(step).max(axis=1, keepdims=True)
+        step *= np.minimum(1.0, _LARGEST_STEP_RAD / np.maximum(largest, 1e-300))
+        return np.asarray(step * lever)
+
+    def _nearest(
+        self, found: Array, beside: NDArray[np.bool_], seeds: Array
+    ) -> tuple[Array, NDArray[np.intp]]:
+        """Return the branch (N, n) nearest to seed or row before, and the order of all (N, B)."""
+        starts = np.empty_like(seeds)
+        order = np.empty(found.shape[:2], dtype=np.intp)
+        seeded = np.asarray(np.isfinite(seeds).all(axis=1))
+        reference = seeds[0]
+        for row in range(len(seeds)):
+            reference = seeds[row] if seeded[row] else reference
+            near = self._turned_near(found[row], reference)
+            cost = ((near - reference) ** 2).sum(axis=1)
+            cost += 1e4 * ~self._inside(near) + 1e6 * beside[row]
+            order[row] = np.argsort(cost)
+            starts[row] = near[order[row, 0]]
+            found[row] = near
+            if not beside[row, order[row, 0]]:
+                reference = starts[row]
+        return starts, order
+
+    def _turned_near(self, q: Array, reference: Array) -> Array:
+        """Return joint positions (R, n) whole turns off, as near to others as limits allow."""
+        near = np.where(self._arm.prismatic, q, q + _TURN * np.rint((reference - q) / _TURN))
+        near = near - _TURN * (near > self._high) * ~self._arm.prismatic
+        return np.asarray(near + _TURN * (near < self._low) * ~self._arm.prismatic)
+
+    def _inside(self, q: Array) -> NDArray[np.bool_]:
+        """Return which joint positions (R, n) are within their limits."""
+        return np.asarray(
+            ((q >= self._low - _AT_LIMIT) & (q <= self._high + _AT_LIMIT)).all(axis=1)
+        )
+
+    def _from_drawn(self, row: int, reference: Array, otherwise: Array) -> Array:
+        """Return the nearest of what is found from postures drawn within the limits, or else."""
+        generator = np.random.default_rng(0)
+        low, high = self._low, self._high
+        low = np.where(self._wide, np.maximum(low, reference - np.pi), low)
+        high = np.where(self._wide, np.minimum(high, reference + np.pi), high)
+        starts = np.vstack([reference, generator.uniform(low, high, (_DRAWN, len(low)))])
+        found, done = self.newton(np.full(len(starts), row), starts)
+        found = self._turned_near(found, reference)
+        if not done.any():
+            return otherwise
+        far: Array = (
+            ((found - reference) ** 2).sum(axis=1) + 1e4 * ~self._inside(found) + 1e6 * ~done
+        )
+        return np.asarray(found[np.argmin(far)])
+
+    def _T_frame_flange(self) -> Array:
+        """Return the flange in the frame, (4, 4), as it is in the middle of the positions seen."""
+        forward = self._forward
+        q = _middle(forward.whole)[None]
+        at = conditions(forward.whole, 1)
+        flange = Forward.of(forward.whole)
+        T_base_frame = forward.T_base_frame(forward.states(q, at))[0]
+        T_base_flange = flange.T_base_frame(flange.states(q, at))[0]
+        return np.asarray(np.linalg.inv(T_base_frame) @ T_base_flange)

@@ -1,0 +1,291 @@
+"""Where a frame of a fitted model is, and how it moves with the joints, terms included."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pa10cal.arm.chain import BASE, TOOL, EndPose, end_pose, end_pose_with_screws
+from pa10cal.arm.state import PoseStates, Rows
+from pa10cal.errors import ModelError
+from pa10cal.fit.loads import statics_of, with_torques
+from pa10cal.fit.prediction import FallBack, Prediction
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.model import Model
+from pa10cal.terms.term import falsifies_log, yields
+
+if TYPE_CHECKING:
+    from pa10cal.fit.fitted_model import FittedModel
+
+Array = NDArray[np.float64]
+
+FLANGE, TOOL_FRAME, TARGET = "flange", "tool", "target_"
+#: Step of the central differences by which terms change with the joints [rad, m]: of harmonics as
+#: fine as those of a gear they are good to nine digits.
+_STEP = 1e-6
+#: How much heavier than the heaviest load of the fit a load may be: rounding of a unit.
+_SAME_LOAD = 1.0 + 1e-6
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What N poses are besides their joint positions.
+
+    Attributes:
+        load_N: (N,) external load.
+        arrival: (N, n) direction in which each joint arrives.
+        temperature_C: (N,) temperature.
+        time_s: (N,) time.
+    """
+
+    load_N: Array
+    arrival: Array
+    temperature_C: Array
+    time_s: Array
+
+    def take(self, rows: Rows) -> Conditions:
+        """Return those of some poses."""
+        return Conditions(
+            self.load_N[rows], self.arrival[rows], self.temperature_C[rows], self.time_s[rows]
+        )
+
+
+def conditions(
+    model: FittedModel,
+    count: int,
+    load_N: ArrayLike = 0.0,
+    arrival: ArrayLike = 0.0,
+    temperature_C: ArrayLike | None = None,
+    time_s: ArrayLike | None = None,
+    *,
+    extrapolate: bool = False,
+) -> Conditions:
+    """Return the conditions of poses; see `FittedModel.predict`.
+
+    Raises:
+        ModelError: when a load is no load, or heavier than any that the fit has seen.
+    """
+    fitted = model.fitted_to
+    if temperature_C is None:
+        temperature_C = np.nan if fitted is None else fitted.temperature_C
+    if time_s is None:
+        time_s = 0.0 if fitted is None else 0.5 * sum(fitted.time_s)
+    every_N, of_temperature, of_time = (
+        np.broadcast_to(np.asarray(value, dtype=float), (count,))
+        for value in (load_N, temperature_C, time_s)
+    )
+    directions = np.broadcast_to(np.asarray(arrival, dtype=float), (count, model.arm.n))
+    seen_N = () if fitted is None else fitted.loads_N
+    wrong = ~(every_N >= 0.0) | ~np.isfinite(every_N)
+    if seen_N and not extrapolate:
+        wrong |= every_N > _SAME_LOAD * max(seen_N)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise ModelError(
+            "the model does not know this load",
+            where=f"load_N of pose {row + 1}",
+            value=float(every_N[row]),
+            allowed=f"0 to {max(seen_N):g} N, the heaviest load of its fit" if seen_N else "0 N on",
+            remedy="calibrate with this load too; or extrapolate (on the command line --force), "
+            "which the uncertainty does not cover",
+        )
+    return Conditions(every_N, directions, of_temperature, of_time)
+
+
+@dataclass(frozen=True)
+class Forward:
+    """Forward kinematics of a frame of a fitted model.
+
+    Attributes:
+        whole: the fitted model.
+        physical: its terms that move the robot; what an instrument reads falsely and what a torque
+            log shows falsely move none.
+        x: their parameters.
+        columns: places of these in the parameters of the whole model.
+        on_tool: whether the frame follows the end of the chain, tool included, not the flange.
+        T_end_frame: (4, 4) the frame in the end of the chain.
+    """
+
+    whole: FittedModel
+    physical: Model
+    x: Array
+    columns: NDArray[np.intp]
+    on_tool: bool
+    T_end_frame: Array
+
+    @classmethod
+    def of(cls, model: FittedModel, frame: str = FLANGE) -> Forward:
+        """Return the forward kinematics of one of a model's frames.
+
+        Raises:
+            ModelError: when it has no such frame.
+        """
+        if frame not in model.frames:
+            raise ModelError(
+                "unknown frame",
+                where="frame",
+                value=frame,
+                allowed=", ".join(model.frames),
+                remedy="correct the name",
+            )
+        moving = [
+            term
+            for term in model.model.terms
+            if term.of != "instrument" and not falsifies_log(term)
+        ]
+        columns = [np.arange(len(model.x))[model.model.columns_of(term)] for term in moving]
+        chosen = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
+        on_tool = frame != FLANGE and not model.target_names
+        T = np.eye(4)
+        if on_tool:
+            T[:3, :3] = model.R_ee_target
+        elif frame != FLANGE:
+            name = frame.removeprefix(TARGET)
+            row = model.target_names.index(name) if frame != TOOL_FRAME else 0
+            T[:3, 3] = model.targets_m.reshape(-1, 3)[row]
+        physical = Model(model.model.chain, tuple(moving))
+        return cls(model, physical, model.x[chosen], chosen, on_tool, T)
+
+    def states(self, q: Array, given: Conditions) -> PoseStates:
+        """Return the states at joint positions (N, n), with what their weights do.
+
+        Raises:
+            ModelError: when the model has springs and the masses that load them are not known.
+        """
+        whole, payload = self.whole, self.whole.payload
+        states = PoseStates(q, np.full_like(q, np.nan), given.arrival, *_of_pose(given))
+        states, source = with_torques(whole.model, whole.x, states, payload)
+        if source == "none" or payload is None:
+            self._refuse_springs()
+            return replace(states, tau_Nm=np.zeros_like(q))
+        if not any(isinstance(term, Effect) for term in self.physical.terms):
+            return states
+        # Effects that bend need the static loads; those of the nominal arm come first.
+        rigid = Model(self.physical.chain, ())
+        for model, values in ((rigid, np.zeros(0)), (self.physical, self.x)):
+            loads = statics_of(model, values, states, payload).static_loads
+            states = replace(states, static_loads=loads)
+        return states
+
+    def T_base_frame(self, states: PoseStates) -> Array:
+        """Return where the frame is, (N, 4, 4) [m]."""
+        T: Array = end_pose(self.physical.chain, self._coordinates(states)) @ self.T_end_frame
+        return T
+
+    def end(self, states: PoseStates) -> EndPose:
+        """Return the end of the chain that carries the frame, and its screws."""
+        return end_pose_with_screws(self.physical.chain, self._coordinates(states))
+
+    def by_joints(
+        self, states: PoseStates, given: Conditions, *, terms: bool
+    ) -> tuple[Array, Array]:
+        """Return where the frame is (N, 4, 4), and its derivative by the joints (N, 6, n).
+
+        Args:
+            states: of the poses.
+            given: their conditions.
+            terms: whether the derivative holds how the terms themselves change with the joints,
+                through angles and through weights; else only that of the geometry, which is off by
+                some parts in a hundred and takes a tenth of the time.
+        """
+        chain = self.physical.chain
+        if terms:
+            end = self.end(states)
+            moved = end.screws @ self._coordinates_by_joints(states.q_rad, given)
+        else:
+            end = end_pose_with_screws(
+                chain, self._coordinates(states), chain.joint_columns.tolist()
+            )
+            moved = end.screws[:, :, chain.joint_columns]
+        return end.T @ self.T_end_frame, self.at_frame(end, moved)
+
+    def at_frame(self, end: EndPose, moved: Array) -> Array:
+        """Return motions (N, 6, k) of the end of the chain as those of the frame's origin."""
+        arm_m = (end.T[:, :3, :3] @ self.T_end_frame[:3, 3])[:, :, None]
+        found: Array = moved.copy()
+        found[:, :3] += np.cross(moved[:, 3:], arm_m, axis=1)
+        return found
+
+    def uncertainty_mm(self, states: PoseStates, end: EndPose) -> Array:
+        """Return the standard uncertainty of the frame's position, (N,); nan where not known."""
+        covariance = self.whole.covariance
+        if covariance is None:
+            return np.full(len(states), np.nan)
+        by_x = self.physical.jacobian_at(states, self.x, end, without=() if self.on_tool else TOOL)
+        by_base = end.screws[:, :, self.physical.chain.columns(BASE)]
+        moved = self.at_frame(end, np.concatenate([by_x, by_base], axis=2))[:, :3]
+        chosen = np.concatenate([self.columns, len(self.whole.x) + np.arange(6)])
+        covariance = covariance[np.ix_(chosen, chosen)]
+        variance = np.einsum("pik,pik->p", moved, moved @ covariance)
+        uncertainty: Array = 1e3 * np.sqrt(np.maximum(variance, 0.0))
+        return uncertainty
+
+    def _coordinates(self, states: PoseStates) -> Array:
+        at = self.physical.chain_coordinates(states, self.x)
+        if not self.on_tool:
+            at[:, self.physical.chain.columns(TOOL)] = 0.0
+        return at
+
+    def _coordinates_by_joints(self, q: Array, given: Conditions) -> Array:
+        """Return how the chain's coordinates change with the joints, (N, m, n)."""
+        columns = []
+        for joint in range(q.shape[1]):
+            step = np.zeros(q.shape[1])
+            step[joint] = _STEP
+            ahead, behind = (
+                self._coordinates(self.states(q + sign * step, given)) for sign in (1.0, -1.0)
+            )
+            columns.append((ahead - behind) / (2.0 * _STEP))
+        return np.stack(columns, axis=-1)
+
+    def _refuse_springs(self) -> None:
+        """Refuse to predict springs whose torques are not known."""
+        springs = [term for term in self.physical.terms if yields(term)]
+        if springs:
+            raise ModelError(
+                "the weights that load the arm are not known",
+                where=f"{springs[0].id} of {springs[0].of}",
+                allowed="an arm with mass_kg and com_m, and a payload",
+                remedy="describe the masses and calibrate again",
+            )
+
+
+def predicted(model: FittedModel, q: Array, frame: str, given: Conditions) -> Prediction:
+    """Predict a frame at joint positions (N, n); see `FittedModel.predict`."""
+    forward = Forward.of(model, frame)
+    states = forward.states(q, given)
+    end = forward.end(states)
+    u_mm = forward.uncertainty_mm(states, end)
+    found = Prediction(end.T @ forward.T_end_frame, u_mm, model.inside(q))
+    if model.falls_back is None:
+        return found
+    away = predicted(model.falls_back.model, q, frame, given)
+    outside = ~model.falls_back.within.inside(q)
+    return found.with_others(outside, T_base_away(model.falls_back, model) @ away.T)
+
+
+def T_base_away(away: FallBack, model: FittedModel) -> Array:
+    """Return the base of what a model falls back to, in the model's own base, (4, 4)."""
+    T: Array = np.linalg.inv(model.T_instr_base) @ away.model.T_instr_base
+    return T
+
+
+def _of_pose(given: Conditions) -> tuple[Array, Array, Array]:
+    return given.load_N, given.temperature_C, given.time_s
+
+
+def pose_difference(T: Array, T_wanted: Array) -> Array:
+    """Return the motion (N, 6) from poses to others: of the origin, and about base axes [rad]."""
+    R = T_wanted[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
+    sin = 0.5 * np.stack(
+        [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1
+    )
+    size = np.linalg.norm(sin, axis=1)
+    angle = np.arctan2(size, 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0))
+    # Half a turn has no axis to be read off like this: any will do to leave it.
+    sin[(size < 1e-9) & (angle > 1.0)] = [1e-9, 0.0, 0.0]
+    scale = np.where(angle > 1e-9, angle / np.maximum(size, 1e-9), 1.0)
+    return np.hstack([T_wanted[:, :3, 3] - T[:, :3, 3], scale[:, None] * sin])

@@ -1,0 +1,72 @@
+"""Closed forms of inverse kinematics, held against the chain's forward kinematics."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pa10cal.arm.branches import branches_of
+from pa10cal.arm.chain import Chain
+from pa10cal.files.arms import load_arm
+
+WITH_BRANCHES = ["pa10_6ce", "irb120", "ur10"]
+
+
+def apart(q, other):
+    """Largest difference of any joint, whole turns aside."""
+    return np.abs(np.remainder(q - other + np.pi, 2 * np.pi) - np.pi).max(axis=-1)
+
+
+@pytest.mark.parametrize("name", WITH_BRANCHES)
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_posture_itself_is_among_the_branches_and_all_that_are_in_reach_are_right(name, seed):
+    arm = load_arm(name)
+    chain, q = Chain.of(arm), np.random.default_rng(seed).uniform(-np.pi, np.pi, (20, 6))
+    T = chain.forward(q)
+    found = branches_of(arm)(T)
+    assert found.shape == (20, 8, 6)
+    off = np.abs(chain.forward(found.reshape(-1, 6)).reshape(20, 8, 4, 4) - T[:, None])
+    solved = off.max(axis=(2, 3)) < 1e-8
+    near = apart(found, q[:, None]).min(axis=1)
+    clear = np.abs(np.linalg.det(chain.forward_with_screws(q).screws[:, :, chain.joint_columns]))
+    regular = clear > 1e-2
+    assert (near[regular] < 1e-6).all()
+    assert (near < 0.3).all()
+    if name != "ur10":  # its branches differ in reach
+        assert solved[regular].all()
+
+
+@pytest.mark.parametrize("name", WITH_BRANCHES)
+def test_branches_of_a_pose_differ(name):
+    arm = load_arm(name)
+    q = np.array([[0.3, 0.5, 1.2, 0.4, 0.9, -0.6]])
+    found = branches_of(arm)(Chain.of(arm).forward(q))[0]
+    apart_by = [apart(a, b) for k, a in enumerate(found) for b in found[:k]]
+    assert min(apart_by) > 0.01
+
+
+def test_base_tool_and_offsets_of_joints_count():
+    arm = load_arm("irb120")
+    turned = np.array([[0.0, -1, 0, 0.4], [1, 0, 0, -0.2], [0, 0, 1, 0.7], [0, 0, 0, 1]])
+    arm = replace(arm, T_base_row1=turned, T_row_n_ee=turned, theta_rad=arm.theta_rad + 0.2)
+    q = np.array([[0.3, 0.5, 0.2, 0.4, 0.9, -0.6]])
+    found = branches_of(arm)(Chain.of(arm).forward(q))[0]
+    assert apart(found, q).min() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["iiwa14", "gx4_351s"])
+def test_other_arms_have_none(name):
+    assert branches_of(load_arm(name)) is None
+
+
+def test_axes_that_do_not_meet_have_none():
+    arm = load_arm("irb120")
+    a_m = arm.a_m.copy()
+    a_m[4] = 0.05
+    assert branches_of(replace(arm, a_m=a_m)) is None
+    alpha = load_arm("ur10").alpha_rad.copy()
+    alpha[1] = 0.3
+    assert branches_of(replace(load_arm("ur10"), alpha_rad=alpha)) is None

@@ -1,0 +1,217 @@
+"""Compensation: the joint positions it finds, on which branch, and what it says of the others."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from made_up_model import fitted, postures, vocabulary
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.tolerances import Tolerances
+from pa10cal.errors import ModelError
+from pa10cal.files.arms import arm_names, load_arm
+from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.fitted_model import FallBack, FittedModel
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import link_departures
+
+
+def links(arm):
+    return (link_departures(arm, Tolerances()),)
+
+
+def links_and_springs(arm):
+    springs = [JointSpring(joint, 80.0) for joint in range(1, arm.n + 1)]
+    return (link_departures(arm, Tolerances()), *springs)
+
+
+def regular(model, q, frame="flange"):
+    """Postures away from singularities and limits."""
+    low, high = model.arm.limits_rad.T
+    sizes = np.linalg.svd(model.jacobian(q, frame=frame), compute_uv=False)[:, -1]
+    clear = (q > low + 0.05).all(axis=1) & (q < high - 0.05).all(axis=1)
+    return q[(sizes > 0.02) & clear]
+
+
+def off_m(T, other):
+    return np.abs(T - other).max()
+
+
+@pytest.mark.parametrize("robot", ["pa10_6ce", "ur10", "iiwa14"])
+@settings(
+    max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_with_the_whole_vocabulary_the_round_trip_ends_where_it_began(robot, seed):
+    model = fitted(robot, seed, vocabulary)
+    q = regular(model, postures(model.arm, seed, 12), "tool")
+    given = {"frame": "tool", "load_N": 22.0, "arrival": 1.0, "temperature_C": 24.0}
+    T = model.predict(q, **given).T
+    near = q + 0.02 * np.random.default_rng(seed).normal(size=q.shape)
+    found = model.compensate(T, seed=near, **given)
+    assert set(found.status) <= {"ok"}
+    assert off_m(model.predict(found.q, **given).T, T) < 1e-9
+    assert found.error_mm.max(initial=0.0) < 1e-6
+    np.testing.assert_allclose(found.u_mm, model.predict(found.q, **given).u_mm, rtol=1e-6)
+    if model.arm.n == 6:
+        np.testing.assert_allclose(found.q, q, atol=1e-6)
+
+
+@pytest.mark.parametrize("robot", arm_names())
+def test_targets_anywhere_are_reached_without_a_seed(robot):
+    model = fitted(robot, 3, links)
+    q = regular(model, postures(model.arm, 4, 60))
+    T = model.predict(q).T
+    found = model.compensate(T)
+    arm = model.arm
+    # An arm of fewer than six joints that is not as designed cannot turn as it was found turned.
+    assert set(found.status) <= {"ok", "near_singular"}
+    assert off_m(model.predict(found.q).T[:, :3, 3], T[:, :3, 3]) < 1e-9
+    assert (found.q >= arm.limits_rad[:, 0]).all()
+    assert (found.q <= arm.limits_rad[:, 1]).all()
+
+
+def test_ten_thousand_poses_with_springs_take_seconds():
+    model = fitted("pa10_6ce", 5, links_and_springs)
+    q = postures(model.arm, 6, 10_000)
+    T = model.predict(q, load_N=22.0).T
+    begun = time.process_time()
+    found = model.compensate(T, load_N=22.0)
+    assert time.process_time() - begun < 15.0  # 3 s on an idle core; a busy machine takes longer
+    assert np.isin(found.status, ["ok", "near_singular"]).mean() > 0.999
+    ok = found.status == "ok"
+    assert off_m(model.predict(found.q[ok], load_N=22.0).T, T[ok]) < 1e-9
+
+
+@pytest.mark.parametrize("robot", ["ur10", "iiwa14", "gx4_351s"])
+def test_a_path_stays_on_its_branch(robot):
+    model = fitted(robot, 7, links)
+    arm = model.arm
+    low, high = np.clip(arm.limits_rad, -2.0, 2.0).T
+    ends = low + np.array([[0.6], [0.9]]) * (high - low)
+    along = np.linspace(0.0, 1.0, 80)[:, None]
+    q = ends[0] + along * (ends[1] - ends[0])
+    found = model.compensate(model.predict(q).T, seed=q[0])
+    assert set(found.status) <= {"ok", "near_singular"}
+    assert np.abs(np.diff(found.q, axis=0)).max() < 0.3
+    if arm.n <= 6:
+        np.testing.assert_allclose(found.q, q, atol=1e-4)
+
+
+def test_a_row_of_nan_follows_the_row_before_and_a_seed_chooses_the_branch():
+    model = fitted("irb120", 8, links)
+    q = np.array([0.3, 0.5, 0.2, 0.4, 0.9, -0.6])
+    T = np.tile(model.predict(q).T, (3, 1, 1))
+    flipped = q + np.array([0.0, 0.0, 0.0, -np.pi, -1.8, np.pi])
+    seeds = np.array([q, flipped, np.full(6, np.nan)])
+    found = model.compensate(T, seed=seeds)
+    assert list(found.status) == ["ok"] * 3
+    np.testing.assert_allclose(found.q[0], q, atol=1e-9)
+    assert np.abs(found.q[1] - flipped).max() < 0.1
+    np.testing.assert_allclose(found.q[2], found.q[1], atol=1e-9)
+
+
+def test_joints_that_turn_further_than_once_stay_near_the_row_before():
+    model = fitted("ur10", 9, links)
+    q = np.array([4.0, -1.2, 1.5, 0.4, 5.0, -4.5])
+    found = model.compensate(model.predict(q).T, seed=q + 0.01)
+    np.testing.assert_allclose(found.q[0], q, atol=1e-8)
+
+
+def test_what_cannot_be_done_is_said_and_no_row_is_dropped():
+    model = fitted("pa10_6ce", 10, links_and_springs)
+    q = np.array([0.3, 0.5, 0.9, 0.4, 0.8, -0.6])
+    far = model.predict(q).T[0].copy()
+    far[:3, 3] *= 3.0
+    T = np.stack([model.predict(q).T[0], far, model.predict(q).T[0]])
+    found = model.compensate(T, seed=q)
+    assert list(found.status) == ["ok", "unreachable", "ok"]
+    assert found.error_mm[1] > 100.0
+    assert np.isfinite(found.q).all()
+    assert found.error_mm[[0, 2]].max() < 1e-6
+
+
+@pytest.mark.parametrize("bent", [0.0, 1e-7, 0.003, 0.3])
+def test_a_straight_wrist_is_near_singular(bent):
+    model = FittedModel(Model(Chain.of(load_arm("pa10_6ce")), ()), np.zeros(0), np.eye(4))
+    q = np.array([[0.3, 0.5, 0.9, 0.4, bent, -0.6]])
+    T = model.predict(q).T
+    found = model.compensate(T, seed=q)
+    assert list(found.status) == ["ok" if bent > 0.1 else "near_singular"]
+    assert off_m(model.predict(found.q).T, T) < 1e-6
+
+
+def test_beyond_the_limits_of_all_branches():
+    model = fitted("irb120", 11, links)
+    q = np.array([0.3, 0.5, 0.2, 0.4, 0.9, -0.6])
+    T = model.predict(q).T
+    arm = replace(model.arm, limits_rad=np.tile([-0.1, 0.1], (6, 1)))
+    tight = FittedModel(Model(Chain.of(arm), model.model.terms), model.x, np.eye(4))
+    found = tight.compensate(T)
+    assert list(found.status) == ["outside_limits"]
+    assert off_m(tight.predict(found.q).T, T) < 1e-9
+
+
+def test_weights_and_direction_of_arrival_count():
+    model = fitted("pa10_6ce", 12, vocabulary)
+    q = np.array([[0.3, 0.5, 0.9, 0.4, 0.8, -0.6]])
+    T = model.predict(q).T
+    empty, loaded = (model.compensate(T, seed=q, load_N=load).q for load in (0.0, 44.0))
+    assert 1e-5 < np.abs(loaded - empty).max() < 0.1
+    assert model.compensate(T, seed=q, arrival=1.0).q.tolist() != empty.tolist()
+
+
+def test_no_pose_is_no_fault():
+    model = fitted("pa10_6ce", 13, links)
+    assert len(model.compensate(np.zeros((0, 4, 4)))) == 0
+
+
+@pytest.mark.parametrize(
+    ("T", "more", "message"),
+    [
+        (np.eye(3), {}, "not a pose"),
+        (np.diag([1.0, 1.0, -1.0, 1.0]), {}, r"T\[0\]: not a pose"),
+        (np.full((1, 4, 4), np.nan), {}, r"T\[0\]: not a pose"),
+        (np.eye(4), {"seed": np.zeros(5)}, "seeds of another arm"),
+        (np.eye(4), {"frame": "tol"}, "unknown frame.*flange, tool"),
+        (np.eye(4), {"load_N": -1.0}, "does not know this load"),
+        (np.eye(4), {"load_N": np.nan}, "does not know this load"),
+        (np.eye(4), {"load_N": 45.0}, "does not know this load.*0 to 44 N.*extrapolate"),
+    ],
+)
+def test_bad_requests_are_refused(T, more, message):
+    model = fitted("pa10_6ce", 14, links)
+    model = replace(model, fitted_to=replace(model.fitted_to, loads_N=(0.0, 44.0)))
+    with pytest.raises(ModelError, match=message):
+        model.compensate(T, **more)
+
+
+def test_a_load_heavier_than_those_seen_can_be_insisted_on():
+    model = fitted("pa10_6ce", 14, links_and_springs)
+    model = replace(model, fitted_to=replace(model.fitted_to, loads_N=(0.0, 44.0)))
+    q = postures(load_arm("pa10_6ce"), 15)
+    with pytest.raises(ModelError, match=r"load_N of pose 3.*45"):
+        model.predict(q, load_N=np.where(np.arange(len(q)) == 2, 45.0, 0.0))
+    assert np.isfinite(model.predict(q, load_N=45.0, extrapolate=True).T).all()
+
+
+def test_where_the_model_falls_back_the_commands_are_those_of_what_it_falls_back_to():
+    model = fitted("pa10_6ce", 16, vocabulary)
+    without = replace(model.nominal(), T_instr_base=np.eye(4))
+    held = AnglesSeen((np.array([[-9.0, 0.5]]), *[np.array([[-9.0, 9.0]])] * 5), (False,) * 6)
+    model = replace(model, falls_back=FallBack(held, without))
+    q = regular(model, postures(model.arm, 17, 30))
+    T = model.predict(q).T
+    found = model.compensate(T, seed=q)
+    outside = q[:, 0] > 0.5
+    assert outside.any()
+    assert not outside.all()
+    np.testing.assert_allclose(found.q, q, atol=1e-8)
+    np.testing.assert_array_equal(found.inside, model.predict(q).inside)
+    assert set(found.status) == {"ok"}

@@ -1,0 +1,78 @@
+"""Fitted models made up of terms and values, without a fit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pa10cal.arm.chain import Chain, long_links
+from pa10cal.arm.statics import Payload
+from pa10cal.arm.tolerances import Tolerances
+from pa10cal.calibration.general.unknowns import tool_frame
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.fitted_model import FittedModel, FittedTo
+from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import link_departures
+
+PAYLOAD = Payload(2.4, np.array([0.01, 0.0, 0.05]), np.zeros(3), np.array([0.0, 0.0, -9.81]))
+
+
+def postures(arm, seed, count=7):
+    rng = np.random.default_rng(seed)
+    low, high = np.clip(arm.limits_rad, -2.5, 2.5).T
+    return rng.uniform(low, high, (count, arm.n))
+
+
+def vocabulary(arm):
+    """Every term that can be made of the arm: links, a spring, the tool, all effects everywhere."""
+    context = CandidateContext(
+        arm=arm,
+        flexible_joints=(2,),
+        reference_temperature_C=20.0,
+        tau_span_Nm=np.full(arm.n, 50.0),
+        T_instr_base=np.eye(4),
+        p_instr_middle_m=np.zeros(3),
+        q_span_rad=np.tile([-1.5, 1.5], (arm.n, 1)),
+        time_span_s=(0.0, 3600.0),
+    )
+    effects = [
+        effect
+        for effect in candidates(context)
+        if not (effect.id == "transmission_error" and np.isnan(arm.gear_ratio).any())
+    ]
+    spring = [JointSpring(2, 80.0)] if not arm.prismatic[1] else []
+    return (link_departures(arm, Tolerances()), *spring, tool_frame(), *effects)
+
+
+def fitted(robot, seed, terms=None):
+    arm, rng = load_arm(robot), np.random.default_rng(seed)
+    terms = vocabulary(arm) if terms is None else terms(arm)
+    values = []
+    for term in terms:
+        x = (
+            0.5
+            * np.array([p.scale for p in term.parameters])
+            * rng.normal(size=len(term.parameters))
+        )
+        if isinstance(term, JointSpring):
+            x = term.solved(3e4, 1e7)
+        elif hasattr(term, "starts"):
+            x[getattr(term, "linear", 0) :] = term.starts[-1][getattr(term, "linear", 0) :]
+            x = np.clip(
+                x, [p.lower if p.lower is not None else -np.inf for p in term.parameters], np.inf
+            )
+        values.append(x)
+    x = np.concatenate(values)
+    root = 1e-7 * rng.normal(size=(len(x) + 6, 3))
+    return FittedModel(
+        model=Model(Chain.of(arm, bends=long_links(arm)), terms),
+        x=x,
+        T_instr_base=np.eye(4),
+        covariance=root @ root.T,
+        payload=PAYLOAD,
+        fitted_to=FittedTo("c1", "synthetic", "combined", "pose", 81, 21.5, (10.0, 3000.0), "good"),
+        seen=AnglesSeen(tuple(np.array([[-1.0, 1.0]]) for _ in range(arm.n)), (False,) * arm.n),
+    )
