@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pa10cal.discovery.verdict import Verdict as Verdict
     from pa10cal.errors import Pa10calError as Pa10calError
     from pa10cal.files.arms import load_arm as load_arm
+    from pa10cal.fit.fitted_model import Compensation as Compensation
     from pa10cal.fit.fitted_model import FittedModel as FittedModel
     from pa10cal.fit.fitted_model import Prediction as Prediction
     from pa10cal.fit.model_file import load_model as load_model
@@ -39,6 +40,7 @@ _HOMES = {
     "Campaign": "pa10cal.campaign.read",
     "FittedModel": "pa10cal.fit.fitted_model",
     "Prediction": "pa10cal.fit.fitted_model",
+    "Compensation": "pa10cal.fit.fitted_model",
     "Verdict": "pa10cal.discovery.verdict",
     "Pa10calError": "pa10cal.errors",
 }

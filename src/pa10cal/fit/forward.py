@@ -210,10 +210,9 @@ class Forward:
         return found
 
     def uncertainty_mm(self, states: PoseStates, end: EndPose) -> Array:
-        """Return the standard uncertainty of the frame's position, (N,); nan where not known."""
+        """Return the standard uncertainty of the frame's position, (N,), from the covariance."""
         covariance = self.whole.covariance
-        if covariance is None:
-            return np.full(len(states), np.nan)
+        assert covariance is not None
         by_x = self.physical.jacobian_at(states, self.x, end, without=() if self.on_tool else TOOL)
         by_base = end.screws[:, :, self.physical.chain.columns(BASE)]
         moved = self.at_frame(end, np.concatenate([by_x, by_base], axis=2))[:, :3]
@@ -257,9 +256,12 @@ def predicted(model: FittedModel, q: Array, frame: str, given: Conditions) -> Pr
     """Predict a frame at joint positions (N, n); see `FittedModel.predict`."""
     forward = Forward.of(model, frame)
     states = forward.states(q, given)
-    end = forward.end(states)
-    u_mm = forward.uncertainty_mm(states, end)
-    found = Prediction(end.T @ forward.T_end_frame, u_mm, model.inside(q))
+    if model.covariance is None:
+        T, u_mm = forward.T_base_frame(states), np.full(len(q), np.nan)
+    else:
+        end = forward.end(states)
+        T, u_mm = end.T @ forward.T_end_frame, forward.uncertainty_mm(states, end)
+    found = Prediction(T, u_mm, model.inside(q))
     if model.falls_back is None:
         return found
     away = predicted(model.falls_back.model, q, frame, given)
