@@ -29,6 +29,9 @@ pa10cal.load_model("model.yaml")
 ```
 """
 
+#: Characters in a line of prose.
+_LINE = 120
+
 
 def reference() -> str:
     """Return the page as Markdown."""
@@ -38,13 +41,22 @@ def reference() -> str:
         if inspect.isclass(thing):
             parts += [f"## `pa10cal.{name}`\n", _text(thing)]
             parts += [
-                f"### `{name}.{member}{_signature(of)}`\n\n{_text(of)}"
+                f"{_heading(f'{name}.{member}', _signature(of))}\n\n{_text(of)}"
                 for member, of in vars(thing).items()
                 if not member.startswith("_") and _documented(of)
             ]
         else:
             parts += [f"## `pa10cal.{name}{_signature(thing)}`\n", _text(thing)]
     return "\n".join(part.rstrip() + "\n" for part in parts)
+
+
+def _heading(name: str, signature: str) -> str:
+    """Return the heading of a member; a long signature stands in a block below it."""
+    line = f"### `{name}{signature}`"
+    if len(line) <= _LINE:
+        return line
+    arguments = ",\n    ".join(signature[1:-1].split(", "))
+    return f"### `{name}`\n\n```python\n{name}(\n    {arguments},\n)\n```"
 
 
 def _documented(member: Any) -> bool:
