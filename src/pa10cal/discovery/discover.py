@@ -11,8 +11,9 @@ from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
 from pa10cal.discovery.gates import gated
 from pa10cal.discovery.noise import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
 from pa10cal.discovery.not_sought import TooLittle, not_sought
-from pa10cal.discovery.preparation import MeasurementSetup, prepared
-from pa10cal.discovery.row_faults import of_labels
+from pa10cal.discovery.preparation import MeasurementSetup, Prepared, prepared
+from pa10cal.discovery.row_faults import carries, of_labels
+from pa10cal.discovery.verdict import label_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.uncertain_weights import open_unknowns
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 #: Components of different poses that there must be for every unknown of the model, where repeats
 #: are the judge: else the model's own parameters follow the poses wherever they are.
 _ROWS_AN_UNKNOWN = 1.25
+#: Poses that carry a name alone and are left out, one after the other.
+_MOST_CARRIERS = 3
 
 
 def discover(
@@ -51,6 +54,20 @@ def discover(
     """
     campaign = prepared(every, model, setup, tuple(map(of_labels, labels)))
     error_rate = setup.options.error_rate
+    found = _judged(campaign, model, error_rate)
+    for _ in range(_MOST_CARRIERS):
+        carried = [each for each in found.findings if each.carrier is not None]
+        if not carried:
+            break
+        # One pose is no evidence of what acts in all of them: it is wrong, and the rest decides.
+        fault = carries(str(carried[0].carrier), label_of(carried[0].effect, None), carried[0].gain)
+        campaign = campaign.without_pose(str(carried[0].carrier), fault)
+        found = _judged(campaign, model, error_rate)
+    return found
+
+
+def _judged(campaign: Prepared, model: FittedModel, error_rate: float) -> Verdict[object]:
+    """Return the verdict on a campaign made ready."""
     if judged_by_blocks(campaign.trusted):
         from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
 

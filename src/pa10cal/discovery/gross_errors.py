@@ -20,7 +20,8 @@ from pa10cal.discovery.tails import Tails
 from pa10cal.discovery.weights import pose_weights
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.averages import reading_groups
+from pa10cal.observe.averages import average_groups, reading_groups
+from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations
 
 Array = NDArray[np.float64]
@@ -162,9 +163,7 @@ def _off_model(
     alone = np.bincount(group)[group] < 2
     if not alone.any():
         return found
-    dof = len(model.model.parameters) + len(model.targets_m) + 6
-    whitener = pose_weights(left, dof, readings.measured).whitener
-    white = (whitener @ left[:, :, None])[:, :, 0]
+    white = _by_scatter(readings, model, left)
     far = alone & _beyond_tails(white, readings, np.ones(len(readings), dtype=bool))
     far &= ~_confirmed(readings, left, np.flatnonzero(far))
     far &= ~_in_time(far, readings.states.time_s)
@@ -175,6 +174,37 @@ def _off_model(
         np.where(far, np.linalg.norm(white, axis=1) / components, found.times),
         np.where(far, _position_mm(readings, left), found.off_mm),
     )
+
+
+def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[float, float]]:
+    """Return poses of which all readings are far from the model, and no other pose is like them.
+
+    Args:
+        readings: P single readings without gross errors, with what the model needs.
+        model: the calibrated model.
+
+    Returns:
+        How far off each is [mm], and how many times as far as is usual.
+    """
+    labels, pose = np.unique(readings.pose, return_inverse=True)
+    if len(labels) == len(readings):
+        return {}  # each was judged as a reading
+    averages = average_groups(readings, pose)
+    left = group_means(residual(model, readings), pose)
+    white = _by_scatter(averages, model, left)
+    far = _beyond_tails(white, averages, np.ones(len(labels), dtype=bool))
+    far &= ~_in_time(far, averages.states.time_s)
+    components = np.sqrt(np.maximum(averages.measured.components_seen.sum(axis=1), 1))
+    times = np.linalg.norm(white, axis=1) / components
+    off_mm = _position_mm(averages, left)
+    return {str(labels[k]): (float(off_mm[k]), float(times[k])) for k in np.flatnonzero(far)}
+
+
+def _by_scatter(readings: Observations, model: FittedModel, left: Array) -> Array:
+    """Return what a model leaves (P, b) in the scatter of it."""
+    dof = len(model.model.parameters) + len(model.targets_m) + 6
+    whitener = pose_weights(left, dof, readings.measured).whitener
+    return np.asarray((whitener @ left[:, :, None])[:, :, 0])
 
 
 def _beyond_tails(white: Array, readings: Observations, judged: Mask) -> Mask:

@@ -82,6 +82,11 @@ class Prepared:
         """Return which readings have a gross error, or a fault of their own, (P,)."""
         return np.zeros(len(self.readings), bool) if self.excluded is None else self.excluded
 
+    def without_pose(self, pose: str, fault: Fault) -> Prepared:
+        """Return the campaign without the readings of a pose, which have a fault."""
+        excluded = self.gross | (self.readings.pose == pose)
+        return replace(self, excluded=excluded, faults=(*self.faults, fault))
+
     @property
     def trusted(self) -> Observations:
         """Return the readings that may be averaged: those without a gross error or a fault."""

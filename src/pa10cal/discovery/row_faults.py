@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.statics import Payload
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.discovery.faults import Fault
-from pa10cal.discovery.gross_errors import GrossErrors, gross_errors, off_prediction
+from pa10cal.discovery.gross_errors import GrossErrors, gross_errors, off_prediction, poses_off
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.loads_exchanged import loads_exchanged
 from pa10cal.fit.fitted_model import FittedModel
@@ -30,6 +30,7 @@ Mask = NDArray[np.bool_]
 _EXCHANGED_LEFT = 0.25
 #: Targets whose orders are all tried.
 _MOST_TARGETS = 5
+_LOOK_AT_POSE = "look at the readings of this pose: joints, load, labels"
 _LOOK = "look at the raw reading, and measure it again or leave it out"
 
 
@@ -65,6 +66,10 @@ def row_faults(
     excluded = other.copy()
     excluded[rest] |= gross.excluded
     faults += _of_readings(readings.take(rest), model, gross, "")
+    for pose, (off_mm, times) in poses_off(readings.take(~excluded), model).items():
+        excluded |= readings.pose == pose
+        what = f"all its readings are {off_mm:.3g} mm off, {times:.3g} times as far as is usual"
+        faults.append(Fault("outlier", f"pose {pose}", what, _LOOK_AT_POSE, decides=False))
     return RowFaults(excluded, tuple(faults))
 
 
@@ -84,6 +89,17 @@ def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observat
 def of_labels(finding: InputFinding) -> Fault:
     """Return the fault of a configuration whose labels were found exchanged when it was read."""
     return Fault("label", finding.where, finding.what, finding.remedy)
+
+
+def carries(pose: str, name: str, gain: float | None) -> Fault:
+    """Return the fault of a pose that carried a name alone."""
+    return Fault(
+        "outlier",
+        f"pose {pose}",
+        f"without this pose nothing speaks for {name}: one pose is no evidence of what acts in all",
+        _LOOK_AT_POSE,
+        gain,
+    )
 
 
 def place_of(readings: Observations, row: int) -> str:

@@ -73,6 +73,12 @@ class Finding(Generic[P_co]):
         return None if gain is None else float(gain)
 
     @property
+    def carrier(self) -> str | None:
+        """Return the one pose that carries it, without which nothing speaks for it; else None."""
+        carrier = getattr(self.proof, "carrier", None)
+        return None if carrier is None else str(carrier)
+
+    @property
     def parameters(self) -> Mapping[str, ReportedValue]:
         """Return its reported parameters by name."""
         known = self.effect.report(np.zeros(len(self.effect.parameters))).parameters

@@ -292,7 +292,7 @@ def _search(rows: Rows, error_rate: float) -> _Searched:
     others = tried(search, chosen)
     nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
     chosen = without_rivals(chosen)
-    proofs, errors_mm = predictions(rows, chosen)
+    proofs, errors_mm = predictions(rows, chosen, search.least_gain)
     return _Searched(
         members=chosen.members,
         nameless=nameless,

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 _OVER_FLOOR = 1.15
 #: Standard errors over blocks by which it has to be larger.
 _SURELY = 3.0
+#: A name without one pose keeps more of its gain than this, or that pose alone carries it.
+CARRIED = 0.5
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class Prediction:
         blocks, improved: how many blocks, and in how many the weighed sum of squares came down.
         gain: part by which the weighed sum of squares came down.
         gain_std: its standard error, from how it scatters between blocks.
+        carrier: the one pose without which not half of the gain would be left, and too little for
+            a name; None where there is no such pose.
     """
 
     rms_without_mm: float
@@ -41,6 +45,7 @@ class Prediction:
     improved: int
     gain: float
     gain_std: float
+    carrier: str | None = None
 
     @property
     def z(self) -> float:
@@ -91,8 +96,15 @@ class Remaining:
         return self.mean_mm > _OVER_FLOOR * self.floor_mm and excess > _SURELY * self.std_mm
 
 
-def predictions(rows: Rows, chosen: Chosen) -> tuple[tuple[Prediction, ...], Array]:
+def predictions(
+    rows: Rows, chosen: Chosen, least_gain: float = 0.0
+) -> tuple[tuple[Prediction, ...], Array]:
     """Return the evidence of each member, and the remaining error of every block.
+
+    Args:
+        rows: of the campaign.
+        chosen: what the search holds.
+        least_gain: sum of squares by which a member must help at least.
 
     Returns:
         One entry a member; position errors (P,) [mm] of the held-out blocks.
@@ -102,13 +114,15 @@ def predictions(rows: Rows, chosen: Chosen) -> tuple[tuple[Prediction, ...], Arr
         [state.solution, *(state.solution_without(k + 1) for k in range(len(chosen.members)))]
     )
     count = rows.survey.block.size
-    errors_mm = np.empty((count, len(solutions)))
+    errors_mm, squares = np.empty((2, count, len(solutions)))
     for b in range(BLOCKS):
         x = np.zeros((len(state.total.projection), len(solutions)))
         x[state.at] = solutions[:, b].T
         here = rows.survey.block == b
         measured, left = rows.survey.poses.measured.take(here), rows.left_of(b, x)
         errors_mm[here] = np.stack([error_mm(measured, each) for each in left.T.swapaxes(1, 2)], 1)
+        whiteners = rows.weights.whiteners(np.flatnonzero(here))
+        squares[here] = np.sum((whiteners @ left) ** 2, axis=1)
     rms = np.sqrt(np.mean(errors_mm**2, axis=0))
     found = []
     for k, without in enumerate(state.without_each()):
@@ -122,9 +136,20 @@ def predictions(rows: Rows, chosen: Chosen) -> tuple[tuple[Prediction, ...], Arr
                 improved=int(np.sum(gain > 0.0)),
                 gain=float(gain.sum()) / whole,
                 gain_std=standard_error(gain) / whole,
+                carrier=_carrier(rows, squares[:, k + 1] - squares[:, 0], least_gain),
             )
         )
     return tuple(found), errors_mm[:, 0]
+
+
+def _carrier(rows: Rows, gain: Array, least_gain: float) -> str | None:
+    """Return the pose without which nearly nothing is gained (P,); None for none."""
+    by_pose: dict[str, float] = {}
+    for label, each in zip(rows.survey.poses.pose.tolist(), gain.tolist(), strict=True):
+        by_pose[label] = by_pose.get(label, 0.0) + each
+    worst = max(by_pose, key=lambda label: by_pose[label])
+    left = float(gain.sum()) - by_pose[worst]
+    return worst if left < min(least_gain, CARRIED * float(gain.sum())) else None
 
 
 def remaining_error(rows: Rows, errors_mm: Array, floor_mm: float) -> Remaining:

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 FLIPS = 999
+#: A name without one pose keeps more of its evidence than this, or that pose alone carries it.
+CARRIED = 0.5
 _FOLDS = 9
 _SEED = 20080427
 
@@ -50,12 +52,15 @@ class Confirmation:
         loss: evidence that the model would lose without it, natural logarithm.
         p_flips: probability that chance gives any candidate of the family as much (max-T).
         poses, loads: blocks of poses, and whole loads, held out; None where there is one load.
+        carrier: the one pose without which not half of this would be left, and too little for a
+            name; None where there is no such pose.
     """
 
     loss: float
     p_flips: float
     poses: HeldOutGain
     loads: HeldOutGain | None
+    carrier: str | None = None
 
     @property
     def gain(self) -> float:
@@ -82,13 +87,19 @@ class _Rows:
     cell: Index
 
 
-def confirm(problem: Problem, found: EndOfSearch) -> tuple[Confirmation, ...]:
-    """Confirm every effect that the search found."""
+def confirm(problem: Problem, found: EndOfSearch, needed: float = 0.0) -> tuple[Confirmation, ...]:
+    """Confirm every effect that the search found.
+
+    Args:
+        problem: the campaign.
+        found: where the search ended.
+        needed: evidence that a name needs, natural logarithm.
+    """
     if not found.fit.effects:
         return ()
     rows = _weighed(problem, found, turned=True)
     unturned = _weighed(problem, found, turned=False)
-    _, pose = np.unique(problem.cells.pose, return_inverse=True)
+    labels, pose = np.unique(problem.cells.pose, return_inverse=True)
     load_N = problem.cells.states.load_N
     loads, load = np.unique(load_N, return_inverse=True)
     generator = np.random.default_rng(_SEED)
@@ -101,6 +112,7 @@ def confirm(problem: Problem, found: EndOfSearch) -> tuple[Confirmation, ...]:
                 p_flips=_flipped(rows, k, pose, signs),
                 poses=_left_out(rows, k, pose % _FOLDS, pose),
                 loads=_left_out(unturned, k, load, pose) if len(loads) > 1 else None,
+                carrier=_carrier(rows, k, pose, labels, needed),
             )
         )
     return tuple(confirmed)
@@ -165,6 +177,39 @@ def _flipped(rows: _Rows, k: int, pose: Index, signs: Array) -> float:
     for columns in rows.family:
         highest = np.maximum(highest, _gain(*_scores(left(columns), data, pose[rows.cell]), signs))
     return float((1 + np.count_nonzero(highest >= mine[0])) / (1 + len(signs)))
+
+
+def _carrier(
+    rows: _Rows, k: int, pose: Index, labels: NDArray[np.str_], needed: float
+) -> str | None:
+    """Return the pose without which nearly nothing speaks for member k; None for none.
+
+    The products of each pose are taken from the sums; sizes and weights stay as they are.
+    """
+    columns = np.concatenate([rows.own, rows.data[:, None]], axis=1)
+    own = np.arange(rows.own.shape[1])
+    without = np.delete(own, rows.members[k])
+    total = columns.T @ columns
+
+    def loss(products: Array) -> float:
+        return _log_evidence(products, own) - _log_evidence(products, without)
+
+    of_row, whole = pose[rows.cell], loss(total)
+    left = np.empty(len(labels))
+    for number in range(len(labels)):
+        part = columns[of_row == number]
+        left[number] = loss(total - part.T @ part)
+    worst = int(left.argmin())
+    carried = left[worst] < min(needed, CARRIED * whole)
+    return str(labels[worst]) if carried else None
+
+
+def _log_evidence(products: Array, own: Index) -> float:
+    """Return the log evidence of columns of unit size, up to a constant of the data."""
+    lower, _ = factor = cho_factor(products[np.ix_(own, own)] + np.eye(len(own)))
+    projection = products[own, -1]
+    gained = float(projection @ cho_solve(factor, projection))
+    return 0.5 * gained - float(np.log(np.diag(lower)).sum())
 
 
 def _scores(columns: Array, data: Array, pose: Index) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ from pa10cal.discovery.evidence.fit import Fit, apparatus_m, covariance_of, fit
 from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge
 from pa10cal.discovery.evidence.lack_of_fit import channel_tests, evidence_lack_of_fit
 from pa10cal.discovery.evidence.problem import Problem, prepare
-from pa10cal.discovery.evidence.search import EndOfSearch, search
+from pa10cal.discovery.evidence.search import EndOfSearch, search, threshold
 from pa10cal.discovery.family import effects_in, is_fault, sought
 from pa10cal.discovery.faults import Fault
 from pa10cal.discovery.gap import Gap, Named, gap
@@ -169,7 +169,8 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
     readings = campaign.trusted
     problem, start = _with_time(readings, campaign)
     family, refused = testable(problem, start, sought(problem.context, baseline.model.terms))
-    judgement = judge(search(problem, family, error_rate, start))
+    needed = threshold(effects_in(family), error_rate)
+    judgement = judge(search(problem, family, error_rate, start), needed)
     problem = judgement.found.problem
     extended = _extended(problem, judgement)
     held_out = campaign.held_out

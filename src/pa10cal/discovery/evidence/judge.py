@@ -49,12 +49,17 @@ class Judgement:
     found: EndOfSearch
 
 
-def judge(found: EndOfSearch) -> Judgement:
-    """Judge what the search found."""
+def judge(found: EndOfSearch, needed: float = 0.0) -> Judgement:
+    """Judge what the search found.
+
+    Args:
+        found: where the search ended.
+        needed: evidence that a name needs, natural logarithm.
+    """
     problem = found.problem
     found = _prefer_named(problem, found)
     rivals = {effect: _rivals(problem, found, effect) for effect in found.fit.effects}
-    confirmations = dict(zip(found.fit.effects, confirm(problem, found), strict=True))
+    confirmations = dict(zip(found.fit.effects, confirm(problem, found, needed), strict=True))
     covariance = covariance_of(problem, found.fit)
     findings = []
     for effect in found.fit.effects:
