@@ -8,9 +8,10 @@ import pytest
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.campaign.labels import EXCHANGED, exchanged_among
 from pa10cal.campaign.quarantine import quarantined
+from pa10cal.discovery.evidence.confirm import _carrier, _weighed
 from pa10cal.discovery.loads_exchanged import loads_exchanged
 from pa10cal.discovery.preparation import complete
-from pa10cal.discovery.row_faults import held_out_faults, of_labels, row_faults
+from pa10cal.discovery.row_faults import carries, held_out_faults, of_labels, row_faults
 from pa10cal.discovery.tails import Tails
 
 
@@ -117,3 +118,39 @@ class TestReadings:
         assert fault.where.startswith(f"held out, pose {held_out.pose[4]}")
         assert not fault.decides
         np.testing.assert_array_equal(np.flatnonzero(found.excluded), [4])
+
+    def test_a_pose_that_is_off_in_all_its_readings_is_told(self, null):
+        readings = complete(null.readings, null.baseline, null.setup)
+        here = readings.pose == readings.pose[40]
+        T = readings.measured.T_instr_target.copy()
+        T[here, 0, 3] += 1e-3
+        wrong = readings.with_measured(T_instr_target=T)
+        found = row_faults(wrong, null.baseline, null.setup.payload, "logged")
+        (fault,) = found.faults
+        assert (fault.kind, fault.where) == ("outlier", f"pose {readings.pose[40]}")
+        assert not fault.decides
+        np.testing.assert_array_equal(found.excluded, here)
+
+
+class TestNamesThatOnePoseCarries:
+    def test_an_effect_of_all_poses_has_no_carrier(self, wave):
+        assert [finding.carrier for finding in wave.discovery.findings] == [None]
+
+    def test_one_pose_is_no_evidence(self, wave):
+        """Of the wave one pose has its part, ten times over, and the others have none."""
+        problem, found = wave.problem, wave.found
+        rows = _weighed(problem, found, turned=True)
+        labels, pose = np.unique(problem.cells.pose, return_inverse=True)
+        (columns,) = rows.members
+        of_row = pose[rows.cell]
+        alone = np.where(of_row == 7, 30.0, 0.0) * rows.own[:, columns].sum(axis=1)
+        assert _carrier(replace(rows, data=alone), 0, pose, labels, 1e9) == labels[7]
+        assert _carrier(rows, 0, pose, labels, 1e9) is None
+
+    def test_its_pose_is_left_out_and_told(self, null):
+        pose = null.readings.pose[40]
+        campaign = null.discovery.prepared.without_pose(pose, carries(pose, "an effect", 0.5))
+        assert pose not in campaign.trusted.pose
+        (fault,) = campaign.faults
+        assert fault.decides
+        assert fault.where == f"pose {pose}"

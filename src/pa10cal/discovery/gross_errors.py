@@ -16,7 +16,7 @@ from scipy.special import chdtri
 
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import noise_of_repeats, same_circumstances
-from pa10cal.discovery.tails import Tails
+from pa10cal.discovery.tails import ACCUSED_RATE, Tails
 from pa10cal.discovery.weights import pose_weights
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
@@ -30,8 +30,6 @@ Mask = NDArray[np.bool_]
 
 #: Probability that any reading is excluded where none is wrong and errors are normal.
 EXCLUDED_RATE = 0.1
-#: Probability that any reading of right data, whatever its tails, is called wrong.
-ACCUSED_RATE = 1e-3
 #: Readings before and after one that are looked at: where most of them are off as well, something
 #: happened in time, and the reading is no single one.
 _NEIGHBOURS = 5

@@ -21,11 +21,14 @@ from pa10cal.observe.observations import Observations
 
 Array = NDArray[np.float64]
 
-#: What a reading tells of its load is within this part of the difference from the other load, as
-#: all but a few readings are from their own.
+#: What a reading tells of its load is within this part of the difference from the other load, and
+#: known to so many times better.
 _NEAR = 0.25
-#: It is so many times its usual scatter from its own.
-_SURELY = 6.0
+_APART = 3.0
+#: It is so many times its uncertainty from the load stated, and the other load leaves no more than
+#: this part of the squared error.
+_SURELY = 8.0
+_LEFT = 0.25
 #: More of the readings than this are no slip: then a load is misstated, or a torque wrong.
 _MOST = 0.1
 
@@ -71,13 +74,17 @@ def loads_exchanged(
     white, columns = alone[:, known] / scale[known], by_load[:, known] / scale[known]
     information = np.sum(columns**2, axis=1)
     told_N = np.sum(columns * white, axis=1) / np.maximum(information, np.finfo(float).tiny)
-    usual_N = MEDIAN_TO_SIGMA * np.median(np.abs(told_N))
+    # A posture that hardly feels the load says little of it.
+    usual = MEDIAN_TO_SIGMA * float(np.median(np.abs(told_N) * np.sqrt(information)))
+    u_N = usual / np.sqrt(np.maximum(information, np.finfo(float).tiny))
+    before = np.sum(white**2, axis=1)
     found = stated_N.copy()
     for load_N in loads_N:
         apart = load_N - stated_N
-        nearer = np.abs(told_N - apart) < _NEAR * np.abs(apart)
-        nearer &= (np.abs(told_N) > _SURELY * usual_N) & (usual_N < _NEAR * np.abs(apart))
-        # What the other load leaves is less than a reading usually leaves of its own.
+        allowed_N = _NEAR * np.abs(apart)
+        after = np.sum((white - columns * apart[:, None]) ** 2, axis=1)
+        nearer = (np.abs(told_N - apart) < allowed_N) & (_APART * u_N < allowed_N)
+        nearer &= (np.abs(told_N) > _SURELY * u_N) & (after < _LEFT * before)
         found[nearer & (apart != 0.0)] = load_N
     wrong = found != stated_N
     if not wrong.any() or wrong.mean() > _MOST:

@@ -10,10 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtr, stdtrit
+from scipy.special import ndtri, stdtrit
 
 Array = NDArray[np.float64]
 
+#: Probability that any of many right deviates, whatever their tails, is called wrong.
+ACCUSED_RATE = 1e-3
 #: Part of the deviates inside the two quantiles whose ratio tells how heavy the tails are.
 _INNER, _OUTER = 0.5, 0.95
 #: Degrees of freedom from which on tails count as those of the normal distribution.
@@ -60,10 +62,3 @@ class Tails:
         quantile = -float(stdtrit(self.dof, 0.5 * rate / count))
         bulk = float(stdtrit(self.dof, 0.5 + 0.5 * _INNER)) / float(ndtri(0.5 + 0.5 * _INNER))
         return self.scale * quantile / bulk
-
-    def surprise(self, size: float) -> float:
-        """Return the probability that one deviate is as large."""
-        if self.scale == 0.0:
-            return 0.0 if size > 0.0 else 1.0
-        bulk = float(stdtrit(self.dof, 0.5 + 0.5 * _INNER)) / float(ndtri(0.5 + 0.5 * _INNER))
-        return float(2.0 * stdtr(self.dof, -size / self.scale * bulk))
