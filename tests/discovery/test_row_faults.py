@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from made_up_arm import forced
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.campaign.labels import EXCHANGED, exchanged_among
 from pa10cal.campaign.quarantine import quarantined
-from pa10cal.discovery.evidence.confirm import _carrier, _weighed
+from pa10cal.discovery.evidence.confirm import confirm
 from pa10cal.discovery.loads_exchanged import loads_exchanged
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.row_faults import carries, held_out_faults, of_labels, row_faults
@@ -136,16 +137,18 @@ class TestNamesThatOnePoseCarries:
     def test_an_effect_of_all_poses_has_no_carrier(self, wave):
         assert [finding.carrier for finding in wave.discovery.findings] == [None]
 
-    def test_one_pose_is_no_evidence(self, wave):
+    def test_one_pose_is_no_evidence(self, null, wave):
         """Of the wave one pose has its part, ten times over, and the others have none."""
-        problem, found = wave.problem, wave.found
-        rows = _weighed(problem, found, turned=True)
-        labels, pose = np.unique(problem.cells.pose, return_inverse=True)
-        (columns,) = rows.members
-        of_row = pose[rows.cell]
-        alone = np.where(of_row == 7, 30.0, 0.0) * rows.own[:, columns].sum(axis=1)
-        assert _carrier(replace(rows, data=alone), 0, pose, labels, 1e9) == labels[7]
-        assert _carrier(rows, 0, pose, labels, 1e9) is None
+        pose = wave.readings.pose[40]
+        there = wave.readings.pose == pose
+        T = null.readings.measured.T_instr_target.copy()
+        T[there] += 10.0 * (wave.readings.measured.T_instr_target[there] - T[there])
+        one = replace(null, readings=null.readings.with_measured(T_instr_target=T))
+        effect = wave.discovery.findings[0].effect
+        (proof,) = confirm(one.problem, forced(one, (effect,), (1,)), needed=1e9)
+        assert proof.carrier == pose
+        (proof,) = confirm(wave.problem, forced(wave, (effect,), (1,)), needed=1e9)
+        assert proof.carrier is None
 
     def test_its_pose_is_left_out_and_told(self, null):
         pose = null.readings.pose[40]
