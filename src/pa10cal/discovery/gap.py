@@ -100,6 +100,7 @@ def gap(
     after: Deviations,
     noise_floor_mm: float,
     seen: AnglesSeen | None = None,
+    T_moved: Array | None = None,
 ) -> Gap:
     """Compare two models on averaged poses.
 
@@ -110,9 +111,10 @@ def gap(
         noise_floor_mm: mean error that the noise of these configurations would leave.
         seen: joint positions that the fit of the extended model has seen; None where it has seen
             all that it may predict.
+        T_moved: (P, 4, 4) how the base had moved at each; None where it had not.
     """
     inside = None if seen is None else seen.inside(poses.states.q_rad)
-    return gap_of(poses, [left_by(before, poses), after], noise_floor_mm, inside)
+    return gap_of(poses, [left_by(before, poses, T_moved), after], noise_floor_mm, inside)
 
 
 def fallen_back(found: Gap, outside: NDArray[np.bool_]) -> Gap:
@@ -157,9 +159,10 @@ def gap_of(
     )
 
 
-def left_by(model: FittedModel, poses: Observations) -> Deviations:
-    """Return what a model leaves of complete poses."""
-    return poses.measured.deviations(model.as_read(poses), model.T_instr_base, model.targets_m)
+def left_by(model: FittedModel, poses: Observations, T_moved: Array | None = None) -> Deviations:
+    """Return what a model leaves of complete poses, at which the base had moved (P, 4, 4)."""
+    T_base_ee = model.as_read(poses) if T_moved is None else T_moved @ model.as_read(poses)
+    return poses.measured.deviations(T_base_ee, model.T_instr_base, model.targets_m)
 
 
 def _parts(inside: NDArray[np.bool_], found: list[Deviations]) -> Parts:

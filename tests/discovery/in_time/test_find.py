@@ -47,6 +47,10 @@ def test_a_jump_is_no_noise(null, jumped):
     assert jumped.noise_floor_mm == pytest.approx(null.discovery.noise_floor_mm, rel=0.1)
 
 
+def test_the_gap_is_that_of_a_base_where_it_then_stood(null, jumped):
+    assert jumped.train.after.mean_mm == pytest.approx(null.discovery.train.after.mean_mm, rel=0.1)
+
+
 def test_a_wander_is_unexplained(null):
     steps = np.random.default_rng(3).standard_normal((len(null.readings), 3))
     walk_m = TARGET_NOISE_M * np.cumsum(steps, axis=0)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import Accuracy, summarise
 from pa10cal.discovery.blocked_cv.finest import Level
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.gap import Gap, Named, gap, left_by
+from pa10cal.discovery.in_time.wander import moved
 from pa10cal.discovery.linear import possible_sizes
 from pa10cal.discovery.preparation import complete_about
 from pa10cal.discovery.with_effects import moved_base
@@ -18,6 +20,8 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
+
+Array = NDArray[np.float64]
 
 
 def compare(
@@ -37,7 +41,16 @@ def compare(
         noise_floor_mm: mean error that noise alone would leave.
     """
     poses = complete_about(poses, campaign.baseline, extended, campaign.setup)
-    return gap(poses, campaign.baseline, left_by(extended, poses), noise_floor_mm, seen)
+    T_moved = _moved(campaign, poses)
+    after = left_by(extended, poses, T_moved)
+    return gap(poses, campaign.baseline, after, noise_floor_mm, seen, T_moved)
+
+
+def _moved(campaign: Survey, poses: Observations) -> Array | None:
+    """Return how the base had moved at poses, (P, 4, 4); None where it had not."""
+    if campaign.wander is None:
+        return None
+    return moved(campaign.wander.motions(poses.states.time_s))
 
 
 def errors_by_name(
@@ -75,7 +88,15 @@ def errors_by_name(
             T_instr_base=moved_base(baseline.T_instr_base, base),
             targets_m=baseline.targets_m + targets,
         )
-        steps.append(_named(joined, [summarise(left_by(model, found.poses)) for found in every]))
+        steps.append(
+            _named(
+                joined,
+                [
+                    summarise(left_by(model, found.poses, _moved(campaign, found.poses)))
+                    for found in every
+                ],
+            )
+        )
     if effects:
         steps.append(_named(effects, [found.after for found in every]))
     return tuple(steps)

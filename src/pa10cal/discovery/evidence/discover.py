@@ -23,6 +23,7 @@ from pa10cal.discovery.family import effects_in, is_fault, sought
 from pa10cal.discovery.faults import Fault
 from pa10cal.discovery.gap import Gap, Named, gap
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, wandering
+from pa10cal.discovery.in_time.wander import moved
 from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
 from pa10cal.discovery.next_poses.contest import Pair
 from pa10cal.discovery.next_poses.separate import plan
@@ -31,7 +32,8 @@ from pa10cal.discovery.verdict import Finding, Plan, Unexplained, Verdict, repor
 from pa10cal.discovery.weights import unweighted
 from pa10cal.discovery.with_effects import with_base_term
 from pa10cal.errors import DiscoveryError
-from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.averages import average_repeats, reading_groups
+from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
 
@@ -267,14 +269,29 @@ def _steps_in_time(problem: Problem, found: Fit) -> tuple[Fault, ...]:
 
 
 def compare(problem: Problem, extended: Fit, poses: Observations) -> Gap:
-    """Return the gap of baseline and extended model on averaged poses."""
+    """Return the gap of baseline and extended model on averaged poses, the base where it was."""
     poses = complete_about(poses, problem.baseline, extended.at, problem.setup)
-    at = extended.at
+    at, T_moved = extended.at, _moved(problem, poses)
     T_base_ee = poses.measured.as_read(
         at.model.predict(poses.states, at.x), at.T_instr_base, apparatus_m(problem, extended)
     )
+    if T_moved is not None:
+        T_base_ee = T_moved @ T_base_ee
     after = poses.measured.deviations(T_base_ee, at.T_instr_base, at.targets_m)
-    return gap(poses, problem.baseline, after, floor_mm(problem, poses.readings))
+    floor = floor_mm(problem, poses.readings)
+    return gap(poses, problem.baseline, after, floor, T_moved=T_moved)
+
+
+def _moved(problem: Problem, poses: Observations) -> Array | None:
+    """Return how the base had moved at averaged poses, (P, 4, 4); None where it had not."""
+    wander = problem.in_time.wander
+    if wander is None:
+        return None
+    single = problem.readings
+    time_s = group_means(single.states.time_s, group := reading_groups(single))
+    if len(time_s) == len(poses) and np.allclose(time_s, poses.states.time_s):
+        return moved(group_means(wander.motions(single.states.time_s), group))
+    return moved(wander.motions(poses.states.time_s))
 
 
 def errors_by_name(

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pa10cal.discovery.linear import by_terms
 from pa10cal.fit.fitted_model import FittedModel
@@ -86,6 +87,12 @@ class Wander:
         assert self.amounts is not None
         return self.columns(at, poses) @ self.amounts
 
+    def motions(self, time_s: Array) -> Array:
+        """Return the most likely motions of the base at times (P,), (P, 6) [m, rad]."""
+        assert self.amounts is not None
+        found: Array = self.courses(time_s) @ (self.amounts * self.sizes).reshape(-1, 6)
+        return found
+
     def of_jump(self, number: int) -> Array:
         """Return the six motions (6,) of a jump [m, rad]."""
         assert self.amounts is not None
@@ -126,6 +133,14 @@ def courses_at(times_s: Array, time_s: Array, jumps_s: list[float], walk: bool) 
         )
 
     return np.asarray(bare(time_s) - bare(times_s).mean(axis=0))
+
+
+def moved(motions: Array) -> Array:
+    """Return the frames (P, 4, 4) of a base that has made six small motions (P, 6)."""
+    T = np.tile(np.eye(4), (len(motions), 1, 1))
+    T[:, :3, 3] = motions[:, :3]
+    T[:, :3, :3] = Rotation.from_euler("XYZ", motions[:, 3:]).as_matrix()
+    return T
 
 
 def motions_along(by_motions: Array, courses: Array) -> Array:
