@@ -36,8 +36,7 @@ setup: .venv/.complete
 	@touch $@
 
 reproduce: setup
-	$(SNAKEMAKE)
-	$(SNAKEMAKE) --report results/report.html
+	@$(BIN)/pa10cal reproduce --cores $(CORES)
 
 figures: setup
 	$(SNAKEMAKE) figures

@@ -12,6 +12,10 @@ container: "pa10cal.sif"
 report: "workflow/report/workflow.rst"
 
 
+# Campaigns that the workflow itself makes, of public data sets.
+IMPORTED = ("ur10-a", "ur10-c")
+
+
 include: "workflow/rules/common.smk"
 include: "workflow/rules/datasets.smk"
 include: "workflow/rules/ingest.smk"
@@ -28,16 +32,12 @@ include: "workflow/rules/coverage.smk"
 include: "workflow/rules/blind_trials.smk"
 include: "workflow/rules/ur10.smk"
 include: "workflow/rules/curve.smk"
+include: "workflow/rules/campaigns.smk"
 
 
 rule all:
-    """Everything, for every campaign of the configuration."""
+    """Everything, for every campaign of the configuration, and a few blind trials."""
     default_target: True
     input:
-        expand(rules.calibrate.output, campaign=SETTINGS.campaigns),
-        every(planes_of),
-        expand(rules.discover.output.verdict, campaign=SETTINGS.campaigns),
-        expand(rules.export.output.model, campaign=SETTINGS.campaigns),
-        expand(rules.evaluate.output, campaign=SETTINGS.campaigns),
-        rules.figures.input,
+        rules.campaigns.input,
         rules.blind_trials_reduced.input,

@@ -119,6 +119,7 @@ MAY_IMPORT = {
         "observe",
         "settings",
     },
+    "running": {"results", "settings"},
     "planning": {
         "calibration.options",
         "cell.options",

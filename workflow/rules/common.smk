@@ -60,9 +60,6 @@ TRIAL_STUDIES = {
 # What campaigns are not called: the folders of studies stand beside theirs.
 NO_STUDY = rf"(?!(?:curve|{'|'.join(TRIAL_STUDIES)})(?:/|$))[^/]+"
 
-# Campaigns that the workflow itself makes, of public data sets.
-IMPORTED = ("ur10-a", "ur10-c")
-
 
 def raw(name):
     """The path pattern of a raw file of a campaign."""

@@ -165,6 +165,13 @@ def read_description(folder: Path) -> CampaignDescription:
 
 
 def _read_mapping(path: Path) -> dict[str, object]:
+    if not path.is_file():
+        raise RawDataError(
+            "there is no campaign.yaml",
+            where=str(path),
+            allowed="a folder of raw files with campaign.yaml, see docs/raw-data.md",
+            remedy="give such a folder; pa10cal columns FILE proposes a campaign.yaml for a file",
+        )
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:

@@ -36,6 +36,7 @@ CLOSED = 141
 
 #: Commands by whom they serve, as `--help` lists them. Each is a function in a module of its name.
 GROUPS = {
+    "a campaign from raw files to a model": ("run",),
     "one step of a run": (
         "ingest",
         "seed",
@@ -49,6 +50,7 @@ GROUPS = {
     ),
     "arms, effects and public data": ("effects", "import_arm", "fetch", "import"),
     "for maintainers: simulations and studies": (
+        "reproduce",
         "simulate",
         "coverage",
         "draw_trials",

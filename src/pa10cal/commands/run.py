@@ -1,0 +1,71 @@
+"""Command `run`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def run(
+    folder: Path, *, out: Path = Path("results"), cores: int = 0, settings: Path | None = None
+) -> None:
+    """Run a folder of raw files to its grade, verdict, model, figures and tables.
+
+    What is up to date is not made again. On a terminal the stages are shown while they run.
+
+    Args:
+        folder: raw files of a campaign, with campaign.yaml.
+        out: gets a folder of the campaign's name.
+        cores: how many to use; 0 for all.
+        settings: settings over the default ones, as config.yaml has them (.yaml).
+
+    Examples:
+        pa10cal run examples/ur10-pose
+        pa10cal run measured/2026-03 --out results/march --cores 1
+        pa10cal run mine --settings robust.yaml
+    """
+    from pa10cal.campaign.description import read_description
+    from pa10cal.errors import OutputError
+    from pa10cal.running.display import RunDisplay
+    from pa10cal.running.settings_files import settings_of
+    from pa10cal.running.summary import paths, summarise, table
+    from pa10cal.running.workflow import WORK_FOLDER, StageError, Workflow, run_workflow
+
+    folder, out = folder.absolute(), out.absolute()
+    name = read_description(folder).name
+    own = [] if settings is None else [settings]
+    used = settings_of(own, {"campaigns": [name]}, f"{settings or folder / 'campaign.yaml'}: name")
+    raw = out / WORK_FOLDER / "raw"
+    link = raw / name
+    if folder == out / name or folder in (out, *out.parents):
+        raise OutputError(
+            "the results would be written among the raw files",
+            where="--out",
+            value=str(out),
+            allowed="a folder that neither is nor lies in the folder of raw files",
+            remedy="give another one",
+        )
+    try:
+        raw.mkdir(parents=True, exist_ok=True)
+        if link.is_symlink():
+            link.unlink()
+        link.symlink_to(folder, target_is_directory=True)
+    except OSError as error:
+        raise OutputError(
+            "the results cannot be written",
+            where=str(out),
+            value=error.strerror,
+            allowed="a folder that may be written to",
+            remedy="give another one with --out",
+        ) from None
+    display = RunDisplay(lines=False)
+    config = {"campaigns": f'["{name}"]', "raw_dir": str(raw), "results_dir": str(out)}
+    quiet = ("--quiet", "all", "--logger", "pa10cal")
+    workflow = Workflow("workflow/run.smk", config, out, cores, ("campaigns",), settings, quiet)
+    try:
+        run_workflow(workflow, display)
+    except StageError as error:
+        raise StageError(str(error).replace(str(link), str(folder))) from None
+    finally:
+        display.close()
+    print(table([summarise(out / name, used.evaluation.calibration)]))
+    print(f"\n{paths(out / name)}\nin {display.seconds:.0f} s")

@@ -1,0 +1,138 @@
+"""What a run ends with: one table of campaigns, what to know of each, and the paths."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.codec import read
+from pa10cal.results.discovery import VerdictRecord
+from pa10cal.results.evaluation import HoldoutRecord
+
+_HEAD = ("campaign", "grade", "verdict", "before", "after", "mean error over")
+#: What a campaign's folder holds for its reader, the first that is there of each line.
+_PATHS = {
+    "report": ("report.html",),
+    "model": ("model/model.yaml",),
+    "URDF": ("model/robot.urdf",),
+    "figures": ("figures",),
+    "tables": ("tables",),
+    "rows not used": ("ingest/quarantine.csv",),
+    "poses to measure next": ("discovery/suggested_poses.csv",),
+}
+
+
+@dataclass(frozen=True)
+class CampaignSummary:
+    """What a reader is told of a campaign.
+
+    Attributes:
+        name, grade, verdict: in a word each.
+        before, after: mean error of the uncalibrated arm and of the final model [mm].
+        over: poses that these are of: `held-out poses` or `fitted poses`.
+        notes: the sentence of the grade, effects, faults.
+    """
+
+    name: str
+    grade: str
+    verdict: str
+    before: float | None
+    after: float | None
+    over: str
+    notes: tuple[str, ...]
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Return its row of the table."""
+        before, after = ("—" if mm is None else f"{mm:.3f} mm" for mm in (self.before, self.after))
+        return (self.name, self.grade, self.verdict, before, after, self.over)
+
+
+def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
+    """Read the results of a campaign.
+
+    Args:
+        results: its folder.
+        calibration: load case that was evaluated.
+
+    Raises:
+        RecordError: when one of them is missing.
+    """
+    fitted = read(CalibrationRecord, results / f"calibration/{calibration}.json")
+    verdict = read(VerdictRecord, results / "discovery/verdict.json")
+    held_out = read(HoldoutRecord, results / "evaluation/holdout.json")
+    before, after = _errors(fitted, verdict, held_out)
+    return CampaignSummary(
+        fitted.campaign,
+        fitted.health.grade,
+        verdict.verdict,
+        before,
+        after,
+        "held-out poses" if held_out.models else "fitted poses",
+        (f"{fitted.health.grade}: {fitted.health.line}", *_notes(verdict)),
+    )
+
+
+def _errors(
+    fitted: CalibrationRecord, verdict: VerdictRecord, held_out: HoldoutRecord
+) -> tuple[float | None, float | None]:
+    """Return mean errors before and after [mm]: held out, or without such poses as fitted."""
+    if held_out.models:
+        *_, last = held_out.models.values()
+        return held_out.models["uncalibrated"].mean_mm, last.mean_mm
+    before = _mean(each.before for each in fitted.errors.values())
+    gap = verdict.gap.train
+    return before, gap.after.mean_mm if gap else _mean(e.after for e in fitted.errors.values())
+
+
+def _mean(errors: Iterable[Accuracy]) -> float | None:
+    found = [(each.mean_mm, each.configurations) for each in errors]
+    count = sum(configurations for _, configurations in found)
+    return sum(mean * part for mean, part in found) / count if count else None
+
+
+def _notes(verdict: VerdictRecord) -> tuple[str, ...]:
+    effects = [f"{each.id} of {each.of}" for each in verdict.effects]
+    named = [f"{verdict.verdict}: {', '.join(effects)}"] if effects else []
+    faults = [
+        f"the log: {fault.where}: {fault.what}; {fault.remedy}" for fault in verdict.faults or ()
+    ]
+    return (*named, *faults)
+
+
+def table(campaigns: Sequence[CampaignSummary]) -> str:
+    """Return the table, and under it what to know of each campaign."""
+    rows = [_HEAD, *(each.cells for each in campaigns)]
+    widths = [max(len(row[k]) for row in rows) for k in range(len(_HEAD))]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+    lines.insert(1, "  ".join("-" * width for width in widths))
+    told = [
+        f"{each.name}: {note}" if len(campaigns) > 1 else note
+        for each in campaigns
+        for note in each.notes
+    ]
+    return "\n".join((*lines, "", *told))
+
+
+def paths(results: Path) -> str:
+    """Return what a campaign's folder holds, one line each."""
+    found = [
+        (title, results / name)
+        for title, names in _PATHS.items()
+        for name in names
+        if (results / name).exists()
+    ]
+    width = max((len(title) for title, _ in found), default=0)
+    return "\n".join(f"{title:<{width}}  {_short(path)}" for title, path in found)
+
+
+def _short(path: Path) -> Path:
+    """Return a path from the working folder, where it lies below that."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path

@@ -1,0 +1,114 @@
+"""The workflow run from the command line: progress, refusals, interrupts, one run a folder."""
+
+from __future__ import annotations
+
+import fcntl
+import io
+import os
+
+import pytest
+
+from pa10cal.errors import OutputError
+from pa10cal.running import workflow as running
+from pa10cal.running.display import RunDisplay
+from pa10cal.running.workflow import StageError, Workflow, run_workflow
+
+SNAKEFILE = """
+rule ingest:
+    output:
+        "{campaign}/poses.txt",
+    log:
+        "{campaign}/ingest.log",
+    shell:
+        "CODE"
+"""
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Run a workflow of one rule with some shell code; return what was shown."""
+    rules = tmp_path / "rules"
+    rules.mkdir()
+    monkeypatch.setattr(running, "workflow_folder", lambda: rules)
+
+    def start(code, *, text=SNAKEFILE, shown=None, lines=True):
+        (rules / "Snakefile").write_text(text.replace("CODE", code))
+        out = io.StringIO()
+        more = ("--quiet", "all", "--logger", "pa10cal")
+        work = Workflow("Snakefile", {}, tmp_path / "out", 1, ("mine/poses.txt",), None, more)
+        run_workflow(work, shown or RunDisplay(lines=lines, out=out))
+        return out.getvalue()
+
+    return start
+
+
+def test_every_stage_is_a_line_where_lines_are_wanted(run, tmp_path):
+    shown = run("echo read; touch {output}")
+    assert "mine: read the raw files" in shown
+    assert shown.count("\n") == 1
+    assert (tmp_path / "out/mine/poses.txt").exists()
+    (tmp_path / "out/mine/poses.txt").unlink()
+    assert run("touch {output}", lines=False) == ""
+
+
+def test_on_a_terminal_what_is_at_work_is_shown():
+    out = io.StringIO()
+    out.isatty = lambda: True
+    display = RunDisplay(lines=False, out=out)
+    display.started(1, "calibrate", "mine")
+    display.progress(2, 9)
+    display.tick()
+    assert "2 of 9: calibrate 0 s …" in out.getvalue()
+    display.finished(1)
+    display.close()
+    assert "  mine: calibrate " in out.getvalue()
+    assert out.getvalue().endswith("\r\x1b[K")
+
+
+def test_a_stage_that_refuses_gives_its_one_message(run):
+    code = "echo pa10cal ingest: cmm.csv:7: broken, mend it | tee {log}; exit 2"
+    with pytest.raises(StageError) as caught:
+        run(code)
+    assert str(caught.value) == "ingest: cmm.csv:7: broken, mend it"
+
+
+def test_a_fault_of_a_stage_is_one_here(run):
+    code = "echo pa10cal ingest: internal fault, KeyError | tee {log}; exit 3"
+    with pytest.raises(RuntimeError, match="ingest: internal fault"):
+        run(code)
+
+
+def test_a_workflow_that_refuses_its_settings_is_a_refusal(run):
+    text = "import sys\nprint('pa10cal: key campaigns does not fit', file=sys.stderr)\nsys.exit(2)"
+    with pytest.raises(StageError, match=r"^key campaigns does not fit$"):
+        run("", text=text)
+
+
+def test_an_interrupt_ends_the_workflow_and_its_jobs(run, tmp_path):
+    class Interrupting(RunDisplay):
+        def started(self, job, rule, campaign):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run("echo $$ > pid; sleep 100", shown=Interrupting(lines=False, out=io.StringIO()))
+    pid = tmp_path / "out/pid"
+    if pid.exists():
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(pid.read_text()), 0)
+    assert not (tmp_path / "out/mine/poses.txt").exists()
+
+
+def test_one_run_at_a_time_works_in_a_folder(run, tmp_path):
+    work = tmp_path / "out/.pa10cal"
+    work.mkdir(parents=True)
+    with (work / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(OutputError, match="another run is at work"):
+            run("touch {output}")
+    assert "read the raw files" in run("touch {output}")
+
+
+def test_a_folder_that_cannot_be_written_to_is_refused(run, tmp_path):
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(OutputError, match="cannot be written"):
+        run("touch {output}")
