@@ -18,6 +18,7 @@ CAMPAIGNS = [
     ("effect", "cmm_scale", "irb120-points", 3),  # targets that are not all seen give no pose
     ("fault", "labels_exchanged", "irb120-points", 5),
     ("fault", "one_reading_off", "irb120-points", 4),
+    ("fault", "places_exchanged", "irb120-points", 5),
     ("fault", "held_out_reading_off", "irb120-pose", 4),
     ("fault", "joint_zero", "irb120-pose", 5),
     ("fault", "joint_sign", "irb120-points", 5),

@@ -26,7 +26,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.conventions import better_convention
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.findings import InputFinding
-from pa10cal.campaign.labels import exchange_text, stated_shape
+from pa10cal.campaign.labels import exchange_text, stated_order, stated_shape
 from pa10cal.errors import Pa10calError
 from pa10cal.fit.loads import statics_of
 from pa10cal.observe.averages import average_repeats
@@ -68,7 +68,7 @@ def check_input(
     """
     grid = average_repeats(every.of_kind("grid"))
     some = _some(grid)
-    found = (*_temperature(campaign, every), *_shape(campaign, grid, options))
+    found = (*_temperature(campaign, every), *_shape(campaign, arm, grid, options))
     others = _attitudes(arm, some) or signs_and_order(arm, some)
     if not others and campaign.payload(arm) is not None and _logs_torques(some):
         others = _gravity_by_torques(campaign, arm, some)
@@ -192,9 +192,9 @@ def _other_gravity(
 
 
 def _shape(
-    campaign: CampaignDescription, grid: Observations, options: CalibrationOptions
+    campaign: CampaignDescription, arm: Arm, grid: Observations, options: CalibrationOptions
 ) -> Iterator[InputFinding]:
-    """Compare the distances between targets with those between their stated places."""
+    """Compare the places of targets with those stated: among each other, and on the arm."""
     measured, names = grid.measured, measured_targets(grid)
     if len(names) < 2 or not set(names) <= set(campaign.tool.balls_mm):
         return
@@ -202,6 +202,20 @@ def _shape(
     off = stated_shape(1e3 * target_places(grid), stated_mm)
     allowed_mm = 10.0 * (options.apparatus_uncertainty_mm if measured.from_touches else 1.0)
     if off is None or off.largest_mm < max(allowed_mm, 5.0 * off.u_mm):
+        # Distances do not show what is exchanged in a pair, or in a regular ring.
+        some = _some(grid)
+        order = stated_order(
+            Chain.of(arm).forward(some.states.q_rad), target_places(some), stated_mm
+        )
+        if order is not None:
+            swapped = exchange_text(order, names)
+            yield InputFinding(
+                kind="target_label",
+                where=f"tool.balls_mm: {swapped}",
+                what=f"the names of {swapped} seem exchanged: the nominal arm carries each of them "
+                "where the other is stated to be",
+                remedy="exchange their stated places, or rename their columns",
+            )
         return
     if off.order is not None:
         swapped = exchange_text(off.order, names)

@@ -27,6 +27,8 @@ MOST_TARGETS = 5
 EXCHANGED_LEFT = 0.25
 EXCHANGED_MM = 5.0
 EXCHANGED_TYPICAL = 6.0
+#: Places of targets on the arm are exchanged where the stated ones are off by so much.
+EXCHANGED_LARGE_MM = 20.0
 #: Distances between targets of one pose may differ from their median by so much.
 RIGID_MM = 1.0
 RIGID_SIGMAS = 10.0
@@ -94,6 +96,30 @@ def _other_order(middle: Array, stated: Array, pairs: Index) -> tuple[int, ...] 
     off = [np.abs(middle - stated[np.ix_(k, k)][first, second]).max() for k in orders]
     best = int(np.argmin(off))
     return orders[best] if best and off[best] < EXCHANGED_LEFT * off[0] else None
+
+
+def stated_order(T_base_ee: Array, p_m: Array, stated_mm: Array) -> tuple[int, ...] | None:
+    """Return the order of the stated places in which the nominal arm carries the targets.
+
+    Args:
+        T_base_ee: (P, 4, 4) nominal end-effector [m].
+        p_m: (P, B, 3) measured targets, nan where not seen.
+        stated_mm: (B, 3) stated.
+
+    Returns:
+        None where it is the order stated, or where no order fits much better.
+    """
+    if not 2 <= len(stated_mm) <= MOST_TARGETS or len(p_m) < LEAST_POSES:
+        return None
+    try:
+        places_mm = 1e3 * hand_eye_from_points(T_base_ee, p_m).T_ee_targets[:, :3, 3]
+    except CalibrationError:
+        return None
+    orders = list(permutations(range(len(stated_mm))))
+    off_mm = [np.abs(places_mm - stated_mm[list(order)]).max() for order in orders]
+    best = int(np.argmin(off_mm))
+    far = off_mm[0] > EXCHANGED_LARGE_MM
+    return orders[best] if far and off_mm[best] < EXCHANGED_LEFT * off_mm[0] else None
 
 
 def not_rigid(p_m: Array) -> Mask:
