@@ -10,9 +10,10 @@ import pytest
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.discovery import gates
 from pa10cal.discovery.evidence.discover import VerdictByRepeats
-from pa10cal.discovery.gates import MOST_ALTERNATIVES, MOST_SIZES, gated, unfit
+from pa10cal.discovery.gates import MOST_ALTERNATIVES, MOST_SIZES, gated, unfit, with_pulls
 from pa10cal.discovery.lack_of_fit import PureErrorTest
 from pa10cal.fit.fitted_model import FittedTo
+from pa10cal.terms.effects.joint_angle import GearRatioError
 
 
 def names(verdict):
@@ -184,3 +185,16 @@ def test_none_is_not_said_of_torques_that_do_not_fit(monkeypatch, null):
         after = gated(null.discovery)
         assert after.verdict == word
     assert "the logged torques differ from those of the weights: F = 162" in why(after)
+
+
+@pytest.mark.parametrize("logged", [False, True])
+def test_a_pull_looks_like_a_gear_ratio_unless_torques_are_logged(eccentric, logged):
+    found = eccentric.discovery
+    findings = tuple(replace(each, effect=GearRatioError("joint 2")) for each in found.findings)
+    prepared = replace(found.prepared, torques="logged" if logged else "masses")
+    found = replace(found, findings=findings, prepared=prepared)
+    after = with_pulls(found)
+    pulls = [(other.id, other.of) for each in after.findings for other in each.alternatives]
+    assert pulls == ([] if logged else [("joint_error_map", "joint 2")])
+    assert after.verdict == ("named" if logged else "ambiguous")
+    assert (after is found) == logged

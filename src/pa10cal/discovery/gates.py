@@ -18,6 +18,8 @@ from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.verdict import Finding, Unexplained, Verdict, is_named, label_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
+from pa10cal.terms.effects.joint_angle import GearRatioError
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 V = TypeVar("V", bound=Verdict[object])
 
@@ -41,7 +43,7 @@ def gated(found: V) -> V:
     """Return a verdict whose names and whose `none` have passed the gates."""
     if found.method is None:
         return found
-    found = harmless(_with_names_that_pass(found))
+    found = harmless(with_pulls(_with_names_that_pass(found)))
     if found.verdict == "none" and (reasons := tuple(doubts(found))):
         why = f"no effect was found, yet {'; '.join(reasons)}"
         unknown = Unexplained(None, None, found.train.after.mean_mm, why)
@@ -69,6 +71,27 @@ def _with_names_that_pass(found: V) -> V:
         left_mm = found.train.after.mean_mm
         unknown.append(Unexplained(finding.of, finding.id, left_mm, why))
     return replace(found, unexplained=(*found.unexplained, *unknown)) if unknown else found
+
+
+def with_pulls(found: V) -> V:
+    """Return a verdict in which a pull at a joint is an alternative of what looks the same.
+
+    A cable that pulls a joint like a spring turns it by way of its stiffness in proportion to its
+    angle, as a wrong gear ratio does. Only a log of its torque tells them apart. A pull has no
+    name: the map of the joint stands for it.
+    """
+    if found.prepared.torques == "logged":
+        return found
+    held = {each.effect.of for each in found.findings if each.id == JointErrorMap.id}
+
+    def ambiguous(finding: Finding[object]) -> Finding[object]:
+        if finding.id != GearRatioError.id or finding.of in held:
+            return finding
+        others = [each for each in finding.alternatives if each.id != JointErrorMap.id]
+        return replace(finding, alternatives=(*others, JointErrorMap(finding.of)))
+
+    findings = tuple(map(ambiguous, found.findings))
+    return found if findings == found.findings else replace(found, findings=findings)
 
 
 def _alternative(found: V, finding: Finding[object]) -> V | None:
