@@ -124,10 +124,9 @@ def prepare(
 
 def _readings_a_cell(readings: Observations, in_time: InTime) -> int:
     """Return how many readings a cell may average: one alone, where time shows between them."""
-    jumps = in_time.wander is not None and in_time.wander.jumps
-    moves = in_time.drifts or in_time.wander is not None
     few = np.bincount(same_circumstances(readings)).max() <= READINGS_A_CELL
-    return 1 if jumps or (moves and few) else READINGS_A_CELL
+    alone = in_time.wander is not None or (in_time.drifts and few)
+    return 1 if alone else READINGS_A_CELL
 
 
 def noise_models(

@@ -104,7 +104,7 @@ def find_in_time(
     if not jumps and not walk[0]:
         return InTime(None, drifts)
     wander = Wander(times_s, jumps, *walk)
-    amounts = rows.amounts(wander)
+    amounts = rows.amounts(wander, drifts=drifts)
     along = motions_along(rows.motions, wander.courses(poses.states.time_s))
     shift = along * (wander.sizes * amounts)
     of_walk = shift[:, :, 6 * len(jumps) :].sum(axis=2)
@@ -145,7 +145,7 @@ class _Rows:
         self._held = whitener @ np.concatenate(held, axis=2)
         self._widths = tuple(columns.shape[2] for columns in held)
         self._data = whitener @ left[:, :, None]
-        self._scale, self._without_time = 1.0, False
+        self._scale, self._with_time = 1.0, True
         self._walk = self._at(courses_at(self.times_s, self.time_s, [], walk=True))
         self._products: dict[tuple[float, ...], list[tuple[Array, float]]] = {}
 
@@ -207,15 +207,6 @@ class _Rows:
             places = np.arange(max(middle - wide, 0), min(middle + wide + 1, len(apart)))
         return best
 
-    def amounts(self, wander: Wander) -> Array:
-        """Return the most likely amounts of all courses, in their sizes."""
-        reduced = self._reduced(wander.jumps)
-        _, products, _ = self._evidence(reduced, wander.jumps, wander.walk_m, wander.walk_turn)
-        sizes, at = self._columns(wander.jumps, wander.walk_m, wander.walk_turn)
-        gram = products[np.ix_(at, at)] * np.outer(sizes, sizes)
-        found: Array = np.linalg.solve(np.eye(len(at)) + gram, products[at, -1] * sizes)
-        return found
-
     def scale(self, wander: Wander) -> float:
         """Return the noise that is left, in the noise by which rows are whitened."""
         reduced = self._reduced(wander.jumps)
@@ -223,11 +214,26 @@ class _Rows:
 
     def loses(self, jumps: tuple[Jump, ...], walk: tuple[float, float]) -> float:
         """Return the log evidence that is lost without the effects of time."""
+        self._with_time = True
         whole = self.evidence(jumps, *walk)
-        self._without_time = True
+        self._with_time = False
         without = self.evidence(jumps, *walk)
-        self._without_time = False
+        self._with_time = True
         return whole - without
+
+    def amounts(self, wander: Wander, *, drifts: bool) -> Array:
+        """Return the most likely amounts of all courses, in their sizes.
+
+        Where no effect of time shows, what goes with time is theirs.
+        """
+        self._with_time = drifts
+        reduced = self._reduced(wander.jumps)
+        _, products, _ = self._evidence(reduced, wander.jumps, wander.walk_m, wander.walk_turn)
+        self._with_time = True
+        sizes, at = self._columns(wander.jumps, wander.walk_m, wander.walk_turn)
+        gram = products[np.ix_(at, at)] * np.outer(sizes, sizes)
+        found: Array = np.linalg.solve(np.eye(len(at)) + gram, products[at, -1] * sizes)
+        return found
 
     def _scan(
         self, tried: list[Jump], jumps: tuple[Jump, ...], walk: tuple[float, float]
@@ -298,7 +304,7 @@ class _Rows:
         own, static, in_time = self._widths
         held, size = own + static + in_time, np.ones(len(every[0][0]))
         size[own : own + static] = self._scale
-        size[own + static : held] = 0.0 if self._without_time else 1.0
+        size[own + static : held] = float(self._with_time)
         found = []
         for products, determinant in every:
             reduced, more = _integrated_out(products * np.outer(size, size), held)
