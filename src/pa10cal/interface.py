@@ -79,4 +79,4 @@ def discover(
     setup = setup_of(
         campaign.description, campaign.arm, CalibrationOptions(), options or DiscoveryOptions()
     )
-    return search(campaign.observations, model, setup, campaign.exchanged_labels)
+    return search(campaign.observations, model, setup, campaign.wrong_rows)

@@ -7,12 +7,14 @@ import pytest
 
 from made_up_arm import forced
 from pa10cal.campaign.findings import InputFinding
-from pa10cal.campaign.labels import EXCHANGED, exchanged_among
+from pa10cal.campaign.labels import EXCHANGED
 from pa10cal.campaign.quarantine import quarantined
+from pa10cal.campaign.screens import OFF_REPEATS
+from pa10cal.campaign.wrong_rows import wrong_rows
 from pa10cal.discovery.evidence.confirm import confirm
 from pa10cal.discovery.loads_exchanged import loads_exchanged
 from pa10cal.discovery.preparation import complete
-from pa10cal.discovery.row_faults import carries, held_out_faults, of_labels, row_faults
+from pa10cal.discovery.row_faults import carries, held_out_faults, of_wrong_row, row_faults
 from pa10cal.discovery.tails import Tails
 
 
@@ -77,22 +79,27 @@ class TestTails:
         assert Tails.of(np.zeros(0)).largest(0.1) == Tails.of(np.zeros(9)).largest(0.1) == 0.0
 
 
-class TestLabels:
+class TestWrongRows:
     def test_configurations_are_told_once(self):
-        rows = quarantined(
-            "cmm.csv", [7, 8], f"{EXCHANGED}: B and C", ["P07 at 22 N, repeat 4"] * 2
-        )
+        where = ["pose P07 at 22 N, repeat 4"] * 2
+        rows = quarantined("cmm.csv", [7, 8], f"{EXCHANGED}: B and C", ["", ""], where)
         rows += quarantined("poses.csv", [5], EXCHANGED, ["T1 and T3"])
         rows += quarantined("poses.csv", [6], "another reason", ["x"])
-        first, second = exchanged_among(rows)
-        assert first.where == "cmm.csv: P07 at 22 N, repeat 4"
+        rows += quarantined("poses.csv", [9], OFF_REPEATS, ["x"], ["pose P02, 0 N, repeat 1"])
+        first, second, third = wrong_rows(rows)
+        assert first.where == "cmm.csv: pose P07 at 22 N, repeat 4"
         assert "B and C" in first.what
         assert second.where == "poses.csv: line 5"
         assert "T1 and T3" in second.what
+        assert (third.kind, third.where) == ("outlier", "poses.csv: pose P02, 0 N, repeat 1")
 
-    def test_they_decide(self):
-        fault = of_labels(InputFinding("what", "where", "do", kind="target_label"))
-        assert (fault.kind, fault.where, fault.decides) == ("label", "where", True)
+    @pytest.mark.parametrize(
+        ("of", "kind", "decides"),
+        [("target_label", "label", True), ("outlier", "outlier", False)],
+    )
+    def test_labels_decide(self, of, kind, decides):
+        fault = of_wrong_row(InputFinding("what", "where", "do", kind=of))
+        assert (fault.kind, fault.where, fault.decides) == (kind, "where", decides)
 
 
 class TestReadings:

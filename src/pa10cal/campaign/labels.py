@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.campaign.findings import InputFinding
-from pa10cal.campaign.quarantine import Quarantined
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.hand_eye import hand_eye_from_points
 
@@ -171,25 +168,6 @@ def exchange_text(order: tuple[int, ...], names: tuple[str, ...]) -> str:
     """Name the labels that an order exchanges."""
     moved = [names[b] for b, other in enumerate(order) if other != b]
     return " and ".join((", ".join(moved[:-1]), moved[-1]))
-
-
-def exchanged_among(rows: Iterable[Quarantined]) -> tuple[InputFinding, ...]:
-    """Return which configurations were quarantined because their labels are exchanged."""
-    found: dict[tuple[str, str, str], int] = {}
-    for row in sorted(rows):
-        if row.reason.startswith(EXCHANGED):
-            of_touches = row.reason.removeprefix(EXCHANGED).removeprefix(": ")
-            line = "" if of_touches else f"line {row.line}"
-            found.setdefault((row.file, line or row.value, of_touches or row.value), row.line)
-    return tuple(
-        InputFinding(
-            kind="target_label",
-            where=f"{file}: {where}",
-            what=f"the labels of {labels} seem exchanged there; its rows are quarantined",
-            remedy="correct the labels of this configuration",
-        )
-        for file, where, labels in found
-    )
 
 
 def nominal_places(T_base_ee: Array, p_m: Array) -> Array | None:

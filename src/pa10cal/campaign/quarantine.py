@@ -24,12 +24,14 @@ class Quarantined:
         line: line in it, the header being line 1.
         reason: why it is not used.
         value: what was found, as text.
+        place: the configuration that it is of, in words; empty where that is not known.
     """
 
     file: str
     line: int
     reason: str
     value: str = ""
+    place: str = ""
 
 
 @dataclass(frozen=True)
@@ -54,13 +56,23 @@ def quarantined(
     lines: NDArray[np.int64] | Sequence[int],
     reason: str,
     values: Iterable[object] | None = None,
+    places: Iterable[object] | None = None,
 ) -> tuple[Quarantined, ...]:
-    """List rows quarantined for one reason, with the value found in each."""
-    found = [""] * len(lines) if values is None else [str(value) for value in values]
-    return tuple(
-        Quarantined(file, int(line), reason, value)
-        for line, value in zip(lines, found, strict=True)
+    """List rows quarantined for one reason, with the value found in each, and its place."""
+    found, there = (
+        [""] * len(lines) if each is None else [str(value) for value in each]
+        for each in (values, places)
     )
+    return tuple(
+        Quarantined(file, int(line), reason, value, place)
+        for line, value, place in zip(lines, found, there, strict=True)
+    )
+
+
+def configurations(readings: Observations) -> list[str]:
+    """Return which configurations readings are of, in words."""
+    parts = (readings.pose, readings.states.load_N, readings.repeat)
+    return [f"pose {pose}, {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
 
 
 def quarantine_csv(rows: Iterable[Quarantined]) -> str:

@@ -19,11 +19,11 @@ from pa10cal.campaign.description import (
     read_description,
 )
 from pa10cal.campaign.findings import InputFinding
-from pa10cal.campaign.labels import exchanged_among
 from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.quarantine import Ingested, Quarantined
 from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
+from pa10cal.campaign.wrong_rows import wrong_rows
 from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
@@ -59,9 +59,9 @@ class Campaign:
         return self.description.name
 
     @cached_property
-    def exchanged_labels(self) -> tuple[InputFinding, ...]:
-        """Return the configurations whose labels are exchanged, which are quarantined."""
-        return exchanged_among(self.quarantined)
+    def wrong_rows(self) -> tuple[InputFinding, ...]:
+        """Return the configurations that were quarantined because they are wrong."""
+        return wrong_rows(self.quarantined)
 
     @cached_property
     def calibration(self) -> Observations:

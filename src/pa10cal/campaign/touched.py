@@ -255,11 +255,12 @@ def _unused_touches(
     why = np.where(off, "", reason[groups.of_touch])
     lost = np.flatnonzero(why != "")
     labels = _labels(touches)
+    where = np.array([f"pose {label}" for label in labels], dtype=object)
     outlier = f"suspected outlier: more than {settings.stray_touch_sigma:g} sigmas off its ball"
     rows = quarantined(file, touches.line[off], outlier, labels[off])
     for text in np.unique(why[lost].astype(str)):
         these = why == text
-        rows += quarantined(file, touches.line[these], str(text), labels[these])
+        rows += quarantined(file, touches.line[these], str(text), labels[these], where[these])
     return rows
 
 

@@ -22,7 +22,13 @@ from pa10cal.campaign.labels import (
     not_rigid,
 )
 from pa10cal.campaign.options import IngestOptions
-from pa10cal.campaign.quarantine import Ingested, Quarantined, quarantined, refuse_too_many
+from pa10cal.campaign.quarantine import (
+    Ingested,
+    Quarantined,
+    configurations,
+    quarantined,
+    refuse_too_many,
+)
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.rows import PoseRows, in_radians, position_columns, read_pose_rows
 from pa10cal.campaign.screens import (
@@ -97,7 +103,8 @@ def read_tracked(
     listed += screened.quarantined
     rows, found = screened.rows, screened.rows.observations
     off = off_command(found.pose, found.states.q_rad, arm.prismatic)
-    listed += quarantined(read.file, rows.line[off], OTHER_COMMAND, found.pose[off])
+    where = configurations(found.take(off))
+    listed += quarantined(read.file, rows.line[off], OTHER_COMMAND, found.pose[off], where)
     refuse_too_many(listed, totals, most)
     found = found.take(~off)
     notes = [*read.notes, *instrument.raw_notes(columns, stated)]
@@ -164,7 +171,8 @@ class _Screen:
         for row, b in zip(lost, off[lost].argmax(axis=1), strict=True):
             numbers = ", ".join(f"{1e3 * value:g}" for value in places_m[row, b])
             values.append(f"{self._target(int(b))} = {numbers}")
-        listed = quarantined(self.file.path.name, rows.line[lost], reason, values)
+        where = configurations(rows.observations.take(lost))
+        listed = quarantined(self.file.path.name, rows.line[lost], reason, values, where)
         kept = np.setdiff1d(np.arange(len(rows)), lost)
         return rows.take(kept), listed
 
@@ -181,7 +189,8 @@ class _Screen:
         swapped = np.array([order is not None for order in orders])
         _refuse_all_exchanged(swapped, orders, names, str(self.file.path))
         values = [exchange_text(order, names) for order in orders[swapped]]
-        listed = quarantined(self.file.path.name, rows.line[swapped], EXCHANGED, values)
+        where = configurations(found.take(swapped))
+        listed = quarantined(self.file.path.name, rows.line[swapped], EXCHANGED, values, where)
         return rows.take(~swapped), listed
 
     def _refuse_units(self, rows: PoseRows) -> None:

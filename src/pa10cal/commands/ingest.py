@@ -38,7 +38,7 @@ def ingest(
             campaign.observations,
             campaign.arm.prismatic,
             campaign.name,
-            campaign.exchanged_labels,
+            campaign.wrong_rows,
         )
         listing.write_text(quarantine_csv(campaign.quarantined), encoding="utf-8", newline="\n")
     print(campaign.summary)

@@ -12,7 +12,7 @@ from pa10cal.discovery.gates import gated
 from pa10cal.discovery.noise import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
 from pa10cal.discovery.not_sought import TooLittle, not_sought
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, prepared
-from pa10cal.discovery.row_faults import carries, of_labels
+from pa10cal.discovery.row_faults import carries, of_wrong_row
 from pa10cal.discovery.verdict import label_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.uncertain_weights import open_unknowns
@@ -36,7 +36,7 @@ def discover(
     every: Observations,
     model: FittedModel,
     setup: MeasurementSetup,
-    labels: Sequence[InputFinding] = (),
+    wrong: Sequence[InputFinding] = (),
 ) -> Verdict[object]:
     """Find which effects are missing from a calibrated model.
 
@@ -47,12 +47,12 @@ def discover(
         every: single readings of a campaign, of all kinds, with the instrument's covariance.
         model: the calibrated model.
         setup: what is known of the campaign besides its readings, and the options of the search.
-        labels: configurations whose labels are exchanged, which are not among the readings.
+        wrong: configurations that are wrong, and not among the readings for that.
 
     Raises:
         CalibrationError: when a joint with a spring has no torque.
     """
-    campaign = prepared(every, model, setup, tuple(map(of_labels, labels)))
+    campaign = prepared(every, model, setup, tuple(map(of_wrong_row, wrong)))
     error_rate = setup.options.error_rate
     found = _judged(campaign, model, error_rate)
     for _ in range(_MOST_CARRIERS):

@@ -22,6 +22,7 @@ from pa10cal.discovery.loads_exchanged import loads_exchanged
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource
 from pa10cal.observe.observations import Observations
+from pa10cal.terms.faults.log_fault import FaultKind
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -86,9 +87,10 @@ def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observat
     return RowFaults(found.excluded, tuple(faults))
 
 
-def of_labels(finding: InputFinding) -> Fault:
-    """Return the fault of a configuration whose labels were found exchanged when it was read."""
-    return Fault("label", finding.where, finding.what, finding.remedy)
+def of_wrong_row(finding: InputFinding) -> Fault:
+    """Return the fault of a configuration that was quarantined because it is wrong."""
+    kind: FaultKind = "label" if finding.kind == "target_label" else "outlier"
+    return Fault(kind, finding.where, finding.what, finding.remedy, decides=kind == "label")
 
 
 def carries(pose: str, name: str, gain: float | None) -> Fault:

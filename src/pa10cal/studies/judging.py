@@ -60,7 +60,7 @@ class CalibratedCampaign:
         began = time.perf_counter()
         campaign, options, terms = self.campaign, self.options, self.model.model.terms
         setup = setup_of(campaign.description, campaign.arm, options.calibration, options.discovery)
-        every, wrong = campaign.observations, campaign.exchanged_labels
+        every, wrong = campaign.observations, campaign.wrong_rows
         found = discover(every, self.model, setup, wrong)
         return JudgedTrialRecord(
             **dict(verdict_keys(found)),

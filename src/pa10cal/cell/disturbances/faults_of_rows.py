@@ -36,7 +36,7 @@ class LabelsExchanged(Disturbance):
         one, other = (points[k] for k in chosen)
         seen = log.readings[[*one, *other]].notna().all(axis=1).to_numpy()
         number = int(rng.choice(np.intersect1d(log.of_kind("grid"), np.flatnonzero(seen))))
-        values = log.readings.loc[number, [*one, *other]].to_numpy()
+        values = log.readings.loc[number, [*one, *other]].to_numpy(copy=True)
         log.readings.loc[number, [*other, *one]] = values
         return [log.label(number)]
 
