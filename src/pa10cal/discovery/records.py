@@ -225,8 +225,10 @@ def _evidence(
     proof: object, found: Verdict[object]
 ) -> parts.EvidenceByRepeats | parts.EvidenceByBlocks:
     if isinstance(proof, Prediction):
+        # A name that one pose carries is none: the carrier of one that stands is not told.
+        told = {key: value for key, value in asdict(proof).items() if key != "carrier"}
         return parts.EvidenceByBlocks(
-            cross_validation_over_blocks=parts.BlockedCrossValidation(**asdict(proof), z=proof.z)
+            cross_validation_over_blocks=parts.BlockedCrossValidation(**told, z=proof.z)
         )
     assert isinstance(proof, Confirmation)
     over_loads = proof.loads
