@@ -34,7 +34,7 @@ def with_errors(found, factor, beyond):
     return replace(found, holdout=held_out), rows
 
 
-def test_a_campaign_without_held_out_poses_or_effects_passes_as_it_is(mapped, nothing_hidden):
+def test_without_held_out_poses_or_harm_a_verdict_passes_as_it_is(mapped, nothing_hidden):
     for found in (replace(mapped.discovery, holdout=None), nothing_hidden.discovery):
         assert harmless(found) is found
     assert harmless(mapped.discovery) is mapped.discovery
@@ -69,8 +69,9 @@ def test_a_map_that_harms_beyond_what_was_visited_is_left_out_there(mapped, tmp_
     assert not here.inside[rows].any()
 
 
-def test_a_model_that_harms_everywhere_is_the_calibrated_one(mapped):
-    found = mapped.discovery
+@pytest.mark.parametrize("campaign", ["mapped", "nothing_hidden"])
+def test_a_model_that_harms_everywhere_is_the_calibrated_one(request, campaign):
+    found = request.getfixturevalue(campaign).discovery
     worse = replace(
         found.holdout.found_before, distance_mm=1.1 * found.holdout.found_before.distance_mm
     )

@@ -1,9 +1,9 @@
 """No harm: held-out poses are never predicted worse for the effects that a model was given.
 
 The check comes last and chooses no effect. Where held-out poses are predicted worse than before,
-the extended model falls back to the calibrated one: beyond the joint positions that the fit has
-visited, or, where that does not do, everywhere. A name that predicts them worse by far more than
-its own uncertainty allows is contradicted by them, and is no name.
+be it for the weights of a fit without effects, the extended model is the calibrated one: beyond
+the joint positions that the fit has visited, or, where that does not do, everywhere. A name that
+predicts them worse by far more than its own uncertainty allows is contradicted, and is no name.
 """
 
 from __future__ import annotations
@@ -55,12 +55,12 @@ class _Harm:
 
 def harmless(found: V) -> V:
     """Return a verdict whose extended model predicts held-out poses no worse than before."""
-    if found.holdout is None or not found.findings:
+    if found.holdout is None:
         return found
     visited = span_visited(found.prepared.readings.states.q_rad)
     found = _without_contradicted(found, visited)
     held_out = found.holdout
-    if held_out is None or not found.findings:
+    if held_out is None:
         return found
     outside = ~visited.inside(held_out.poses.states.q_rad)
     there, all_over = _harm(held_out, outside), _harm(held_out, np.ones_like(outside))
@@ -76,9 +76,10 @@ def _falling_back(found: V, within: AnglesSeen, harm: _Harm | None) -> V:
     assert harm is not None
     everywhere = not any(len(stretches) for stretches in within.intervals)
     where = "" if everywhere else " beyond the joint positions of the fit"
+    what = "with the effects" if found.findings else "by the model fitted anew"
     why = (
-        f"held-out poses{where} are predicted worse with the effects: {harm.before.rms_mm:.4f} mm "
-        f"rms before, {harm.after.rms_mm:.4f} mm with them; the extended model leaves them out "
+        f"held-out poses{where} are predicted worse {what}: {harm.before.rms_mm:.4f} mm rms "
+        f"before, {harm.after.rms_mm:.4f} mm after; the extended model is the calibrated one "
         + ("everywhere" if everywhere else "there")
     )
 
