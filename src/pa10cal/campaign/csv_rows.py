@@ -103,6 +103,8 @@ def read_rows(
     optional: Sequence[str] = (),
     together: Sequence[str] = (),
     layout: Layout = CONTRACT,
+    *,
+    repeats: bool = False,
 ) -> RawRows:
     """Read a CSV file, plain or gzipped, in parts.
 
@@ -115,6 +117,7 @@ def read_rows(
         optional: columns that may be there.
         together: columns that are all there or all absent.
         layout: how the file is written.
+        repeats: whether exact repeats are kept.
 
     Raises:
         RawDataError: when the file is empty or too large, is no UTF-8 text, uses another separator
@@ -150,6 +153,8 @@ def read_rows(
     if not parts.ended and right[-1]:
         kept[-1] = not _cut_last(np.array(parts.decimals))
         raw = raw.take(kept, CUT, [layout.row(parts.last, len(header))[-1]] * int(not kept[-1]))
+    if repeats:
+        return raw
     once = ~pd.Series(np.array(parts.hashes, dtype=np.int64)[kept]).duplicated().to_numpy()
     return raw.take(once, "repeats an earlier row", [""] * int((~once).sum()))
 

@@ -13,7 +13,7 @@ from pa10cal.campaign.quarantine import Quarantined, quarantined
 Array = NDArray[np.float64]
 
 #: Columns of text; all others hold numbers.
-TEXT = ("kind", "pose", "ball")
+TEXT = ("id", "kind", "pose", "ball")
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ CLOSED = 141
 #: Commands by whom they serve, as `--help` lists them. Each is a function in a module of its name.
 GROUPS = {
     "a campaign from raw files to a model": ("run",),
+    "a calibrated robot in use": ("predict", "compensate"),
     "one step of a run": (
         "ingest",
         "seed",
@@ -70,6 +71,7 @@ _EXAMPLES = """\
 examples:
   pa10cal effects --robot ur10                    what the program can find missing at an arm
   pa10cal import_arm robot.urdf --out arm.yaml    an arm of one's own
+  pa10cal compensate --help                       how to command a robot through its model
   pa10cal calibrate --help                        arguments and examples of one command"""
 
 Command = Callable[..., None]

@@ -1,0 +1,265 @@
+"""Lists of poses for a model: joint positions to predict, targets to compensate, and the answers.
+
+Nothing of such a list is dropped: a row that cannot be read refuses the file.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pa10cal.campaign.csv_rows import CUT, column_names, read_rows
+from pa10cal.campaign.raw_rows import RawRows, numbers
+from pa10cal.campaign.rows import in_radians, position_columns
+from pa10cal.errors import RawDataError
+
+Array = NDArray[np.float64]
+
+_PLACE = ("x_mm", "y_mm", "z_mm")
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_LOAD = "load_N"
+_MM = 1e-3
+#: Quaternions are written with a few digits; further from length one they are something else.
+_UNIT = 1e-2
+#: Targets are no nearer to the base than this all together: they are in metres then [mm].
+_NEAREST_MM = 10.0
+#: No joint turns further [deg], nor slides [mm].
+_FARTHEST = 1e5
+_JOINT = re.compile(r"q\d+_\w+")
+
+
+@dataclass(frozen=True)
+class JointList:
+    """Joint positions as a file lists them.
+
+    Attributes:
+        ids: (N,) names of the rows.
+        q: (N, n) joint positions [rad, m].
+        load_N: (N,) external loads; nan where none is given.
+    """
+
+    ids: NDArray[np.str_]
+    q: Array
+    load_N: Array
+
+
+@dataclass(frozen=True)
+class TargetList:
+    """Targets as a file lists them.
+
+    Attributes:
+        ids: (N,) names of the rows.
+        T: (N, 4, 4) poses [m].
+        load_N: (N,) external loads; nan where none is given.
+        seed: (N, n) joint positions near which the answer should be [rad, m]; nan where none are.
+    """
+
+    ids: NDArray[np.str_]
+    T: Array
+    load_N: Array
+    seed: Array
+
+
+def read_joints(path: Path, prismatic: NDArray[np.bool_]) -> JointList:
+    """Read `id,q1_deg,…[,load_N]` (`qk_mm` of a joint that slides).
+
+    Raises:
+        RawDataError: naming file and line, when a column is missing or of another arm, or a row
+            cannot be read.
+    """
+    joints = position_columns(prismatic)
+    raw = _rows(path, joints, ["id", *joints], [_LOAD])
+    positions = _finite(path, raw, joints)
+    _refuse_far(path, raw, joints, positions)
+    return JointList(raw.text_of("id"), in_radians(positions, prismatic), _loads(path, raw))
+
+
+def read_targets(path: Path, prismatic: NDArray[np.bool_]) -> TargetList:
+    """Read `id,x_mm,y_mm,z_mm,qw,qx,qy,qz[,load_N][,q1_deg,…]`; a row's seed may be blank.
+
+    Raises:
+        RawDataError: see `read_joints`; also for an attitude that is none, and for metres.
+    """
+    joints = position_columns(prismatic)
+    pose = [*_PLACE, *_QUATERNION]
+    raw = _rows(path, joints, ["id", *pose], [_LOAD], together=joints)
+    found = _finite(path, raw, pose)
+    T = np.tile(np.eye(4), (len(found), 1, 1))
+    T[:, :3, 3] = _MM * found[:, :3]
+    length = np.linalg.norm(found[:, 3:], axis=1)
+    off = np.abs(length - 1.0) > _UNIT
+    if off.any():
+        row = int(np.argmax(off))
+        raise _refusal(
+            path,
+            int(raw.line[row]),
+            "the quaternion is not of length one",
+            f"{length[row]:.6g}",
+            "qw, qx, qy, qz, whose squares add up to 1",
+            "check the columns' order, or write more digits",
+        )
+    if np.abs(found[:, :3]).max() < _NEAREST_MM:
+        raise _refusal(
+            path,
+            int(raw.line[0]),
+            "no target is further than a hundredth of a metre from the base",
+            float(np.abs(found[:, :3]).max()),
+            "millimetres in the robot's base frame",
+            "multiply by 1000 if these are metres",
+        )
+    T[:, :3, :3] = Rotation.from_quat(found[:, 3:], scalar_first=True).as_matrix()
+    seed = np.full((len(T), len(joints)), np.nan)
+    if joints[0] in raw.columns:
+        positions = _finite(path, raw, joints, may_be_blank=True)
+        given = np.isfinite(positions)
+        partly = given.any(axis=1) & ~given.all(axis=1)
+        if partly.any():
+            row = int(np.argmax(partly))
+            raise _refusal(
+                path,
+                int(raw.line[row]),
+                "the seed lacks joints",
+                joints[int(np.argmin(given[row]))],
+                "all joints, or none",
+                "complete the row, or leave its joints blank",
+            )
+        _refuse_far(path, raw, joints, positions)
+        seed = in_radians(positions, prismatic)
+    return TargetList(raw.text_of("id"), T, _loads(path, raw), seed)
+
+
+def poses_text(
+    ids: NDArray[np.str_],
+    T: Array,
+    u_mm: Array,
+    inside: NDArray[np.bool_],
+    forced: str | None = None,
+) -> str:
+    """Return poses (N, 4, 4) as `id,x_mm,y_mm,z_mm,qw,qx,qy,qz,u_mm,inside`; unknown u is blank.
+
+    Where the model's grade was overruled, a last column `forced` names it.
+    """
+    q = Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True, scalar_first=True)
+    mark = ("forced",) if forced else ()
+    lines = [",".join(["id", *_PLACE, *_QUATERNION, "u_mm", "inside", *mark])]
+    for name, place, turn, u, within in zip(ids, T[:, :3, 3] / _MM, q, u_mm, inside, strict=True):
+        words = [f"{value:.9f}" for value in place] + [f"{value:.12f}" for value in turn]
+        words += [_known(u), _word(within), *([forced] if forced else [])]
+        lines.append(",".join([str(name), *words]))
+    return "\n".join(lines) + "\n"
+
+
+def commands_text(
+    ids: NDArray[np.str_],
+    q: Array,
+    prismatic: NDArray[np.bool_],
+    columns: dict[str, NDArray[np.generic]],
+) -> str:
+    """Return joint positions (N, n) as `id,q1_deg,…` and further columns (N,)."""
+    positions = np.where(prismatic, q / _MM, np.degrees(q))
+    lines = [",".join(["id", *position_columns(prismatic), *columns])]
+    for name, row, *rest in zip(ids, positions, *columns.values(), strict=True):
+        words = [f"{value:.10f}" for value in row] + [_field(value) for value in rest]
+        lines.append(",".join([str(name), *words]))
+    return "\n".join(lines) + "\n"
+
+
+def _field(value: object) -> str:
+    if isinstance(value, bool | np.bool_):
+        return _word(bool(value))
+    return _known(float(value)) if isinstance(value, float | np.floating) else str(value)
+
+
+def _known(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.9f}"
+
+
+def _word(value: bool | np.bool_) -> str:
+    return "true" if value else "false"
+
+
+def _rows(
+    path: Path,
+    joints: list[str],
+    required: list[str],
+    optional: list[str],
+    together: Sequence[str] = (),
+) -> RawRows:
+    """Read a list whose every row can be used."""
+    try:
+        others = [name for name in column_names(path) if _JOINT.fullmatch(name)]
+        raw = read_rows(path, required, optional, together, repeats=True)
+    except OSError as error:
+        raise RawDataError(
+            "the list of poses cannot be read",
+            where=str(path),
+            value=error.strerror,
+            allowed="a CSV file",
+            remedy="check the path",
+        ) from None
+    others = [name for name in others if name not in joints]
+    if others:
+        raise _refusal(
+            path,
+            1,
+            "a column of another arm, or in another unit",
+            others[0],
+            ", ".join(joints),
+            "give a model of the same arm, or rename the column",
+        )
+    return _whole(path, raw)
+
+
+def _whole(path: Path, raw: RawRows) -> RawRows:
+    """Return rows of which none was set aside."""
+    if raw.quarantined:
+        first = min(raw.quarantined, key=lambda row: row.line)
+        raise _refusal(
+            path,
+            first.line,
+            first.reason,
+            first.value or None,
+            "rows that can all be used: none is dropped",
+            "end it with a line break if it is whole"
+            if first.reason == CUT
+            else "correct the row, or remove it",
+        )
+    return raw
+
+
+def _finite(path: Path, raw: RawRows, names: list[str], *, may_be_blank: bool = False) -> Array:
+    kept, found = numbers(raw, names, may_be_blank=may_be_blank)
+    _whole(path, kept)
+    return found
+
+
+def _loads(path: Path, raw: RawRows) -> Array:
+    if _LOAD not in raw.columns:
+        return np.full(len(raw.line), np.nan)
+    return _finite(path, raw, [_LOAD], may_be_blank=True)[:, 0]
+
+
+def _refuse_far(path: Path, raw: RawRows, joints: list[str], positions: Array) -> None:
+    far = np.abs(positions) > _FARTHEST
+    if far.any():
+        row, joint = np.argwhere(far)[0]
+        raise _refusal(
+            path,
+            int(raw.line[row]),
+            f"{joints[joint]} is no position of a joint",
+            float(positions[row, joint]),
+            f"up to {_FARTHEST:g}",
+            "check the unit",
+        )
+
+
+def _refusal(
+    path: Path, line: int, what: str, value: object, allowed: str, remedy: str
+) -> RawDataError:
+    return RawDataError(what, where=f"{path}:{line}", value=value, allowed=allowed, remedy=remedy)

@@ -1,0 +1,190 @@
+"""Commands that apply a model: the files they read and write, and what they refuse."""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_up_model import fitted, postures
+from pa10cal.arm.tolerances import Tolerances
+from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.fit.model_file import load_model, save_model
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.offsets import link_departures
+
+JOINTS = ",".join(f"q{k}_deg" for k in range(1, 7))
+POSE = "x_mm,y_mm,z_mm,qw,qx,qy,qz"
+HERE = "700,200,600,0.5,0.5,0.5,0.5"
+
+
+def springs(arm):
+    return (link_departures(arm, Tolerances()), *(JointSpring(k, 80.0) for k in (2, 3)))
+
+
+def saved(tmp_path, **about):
+    model = fitted("pa10_6ce", 3, springs)
+    model = replace(model, fitted_to=replace(model.fitted_to, loads_N=(0.0, 44.0), **about))
+    save_model(model, tmp_path / "model.yaml")
+    return model
+
+
+def run(command, tmp_path, lines, *options, out="out.csv"):
+    given = tmp_path / "given.csv"
+    if lines is not None:
+        given.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    option = "--joints" if command == "predict" else "--targets"
+    words = ["--model", str(tmp_path / "model.yaml"), option, str(given)]
+    return run_command(command, [*words, "--out", str(tmp_path / out), *options])
+
+
+def rows(path):
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def column(found, *names):
+    return np.array([[float(row[name]) for name in names] for row in found])
+
+
+def test_predictions_are_those_of_the_model(tmp_path, capsys):
+    model = saved(tmp_path)
+    q = postures(model.arm, 4, 5)
+    lines = [f"id,{JOINTS},load_N"]
+    lines += [f"P{k},{','.join(map(repr, np.degrees(row).tolist()))},22" for k, row in enumerate(q)]
+    lines[2] = lines[2].removesuffix("22")
+    assert run("predict", tmp_path, lines, "--frame", "tool", "--load-N", "11") == 0
+    assert "tool of pa10_6ce at 5 joint positions" in capsys.readouterr().out
+    found = rows(tmp_path / "out.csv")
+    assert list(found[0]) == ["id", *POSE.split(","), "u_mm", "inside"]
+    assert [row["id"] for row in found] == [f"P{k}" for k in range(5)]
+    expected = model.predict(q, frame="tool", load_N=[22, 11, 22, 22, 22])
+    places = column(found, "x_mm", "y_mm", "z_mm")
+    np.testing.assert_allclose(places, 1e3 * expected.T[:, :3, 3], atol=1e-8)
+    np.testing.assert_allclose(column(found, "u_mm")[:, 0], expected.u_mm, atol=1e-8)
+    assert [row["inside"] for row in found] == [str(bool(i)).lower() for i in expected.inside]
+
+
+def test_what_is_predicted_is_compensated_back(tmp_path, capsys):
+    saved(tmp_path)
+    q = np.array([[0.3, 0.5, 0.9, 0.4, 0.8, -0.6], [0.2, 0.6, 1.0, 0.3, 0.9, -0.5]])
+    lines = [f"id,{JOINTS}"]
+    lines += [
+        f"{name},{','.join(map(repr, row))}"
+        for name, row in zip("ab", np.degrees(q).tolist(), strict=True)
+    ]
+    assert run("predict", tmp_path, lines, out="poses.csv") == 0
+    poses = (tmp_path / "poses.csv").read_text().splitlines()
+    targets = [line.rsplit(",", 2)[0] for line in poses]
+    targets = [f"{targets[0]},{JOINTS}", f"{targets[1]},20,30,50,20,45,-30", f"{targets[2]},,,,,,"]
+    assert run("compensate", tmp_path, targets) == 0
+    assert "2 targets of the flange of pa10_6ce: 2 ok" in capsys.readouterr().out
+    found = rows(tmp_path / "out.csv")
+    assert list(found[0])[:10] == ["id", *JOINTS.split(","), "status", "error_mm", "u_mm"]
+    assert [row["id"] for row in found] == ["a", "b"]
+    np.testing.assert_allclose(column(found, *JOINTS.split(",")), np.degrees(q), atol=1e-7)
+    assert (column(found, "error_mm") < 1e-6).all()
+
+
+def test_no_target_is_dropped(tmp_path, capsys):
+    saved(tmp_path)
+    lines = [f"id,{POSE}", f"P1,{HERE}", "far,9000,0,0,1,0,0,0", f"P1,{HERE}", f"P1,{HERE}"]
+    assert run("compensate", tmp_path, lines) == 0
+    assert "4 targets of the flange of pa10_6ce: 3 ok, 1 unreachable" in capsys.readouterr().out
+    found = rows(tmp_path / "out.csv")
+    assert [row["id"] for row in found] == ["P1", "far", "P1", "P1"]
+    assert [row["status"] for row in found] == ["ok", "unreachable", "ok", "ok"]
+    assert float(found[1]["error_mm"]) > 7000.0
+
+
+SLIPS = [
+    ("predict", None, "cannot be read.*check the path"),
+    ("predict", [f"id,{JOINTS}"], "no row under the header"),
+    ("predict", [f"id,{JOINTS[:-7]}", "P1,1,2,3,4,5"], "missing column q6_deg"),
+    ("predict", [f"id,{JOINTS},q7_deg", "P1,1,2,3,4,5,6,7"], "of another arm.*q7_deg"),
+    ("predict", [f"id,{JOINTS.replace('deg', 'rad')}", "P1,1,2,3,4,5,6"], "q1_deg.*rename it"),
+    (
+        "predict",
+        [f"id,{JOINTS}", "P1,1,2,3,4,5,6", "P2,1,2,x,4,5,6"],
+        ":3: not a finite number.*q3",
+    ),
+    ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5"], "another number of fields"),
+    ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,6", "P2,1,2,3"], ":3: the number of fields"),
+    ("predict", [f"id,{JOINTS}".replace(",", ";"), "P1;1;2;3;4;5;6"], "semicolons"),
+    ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,nan"], ":2: not a finite number.*q6_deg = 'nan'"),
+    ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,1e9"], "q6_deg is no position of a joint"),
+    ("predict", [f"id,{JOINTS},load_N", "P1,1,2,3,4,5,6,60"], "load_N of pose 1.*0 to 44 N"),
+    ("predict", [f"id,{JOINTS},load_N", "P1,1,2,3,4,5,6,-1"], "does not know this load"),
+    ("compensate", [f"id,{POSE}", "P1,700,200,600,1,1,0,0"], "quaternion is not of length one"),
+    ("compensate", [f"id,{POSE}", "P1,0.7,0.2,0.6,1,0,0,0"], "multiply by 1000"),
+    (
+        "compensate",
+        [f"id,{POSE},{JOINTS}", f"P1,{HERE},1,2,3,,5,6"],
+        "the seed lacks joints.*q4_deg",
+    ),
+    ("compensate", [f"id,{POSE},q1_deg", f"P1,{HERE},1"], "missing columns q2_deg"),
+    ("compensate", [f"id,{POSE},q1_mm", f"P1,{HERE},1"], "q1_mm"),
+    (
+        "compensate",
+        [f"id,{POSE}", f"P1,{HERE}", f"P2,{HERE.replace('0.5', '')}"],
+        ":3: not a finite",
+    ),
+]
+
+
+@pytest.mark.parametrize(("command", "lines", "message"), SLIPS)
+def test_slips_are_one_message_and_no_file(tmp_path, capsys, command, lines, message):
+    saved(tmp_path)
+    assert run(command, tmp_path, lines) == REFUSED
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert re.search(message, said), said
+    assert not list(tmp_path.glob("*out.csv"))
+
+
+def test_a_frame_that_is_not_there_is_refused(tmp_path, capsys):
+    saved(tmp_path)
+    lines = [f"id,{POSE}", f"P1,{HERE}"]
+    assert run("compensate", tmp_path, lines, "--frame", "target_A") == REFUSED
+    assert "allowed: flange, tool" in capsys.readouterr().err
+
+
+def test_a_load_beyond_those_of_the_fit_can_be_insisted_on(tmp_path, capsys):
+    saved(tmp_path)
+    lines = [f"id,{JOINTS}", "P1,1,2,3,4,5,6"]
+    assert run("predict", tmp_path, lines, "--load-N", "60") == REFUSED
+    assert "--force" in capsys.readouterr().err
+    assert run("predict", tmp_path, lines, "--load-N", "60", "--force") == 0
+
+
+@pytest.mark.parametrize("grade", ["suspect_input", "not_converged"])
+@pytest.mark.parametrize("command", ["predict", "compensate"])
+def test_a_doubtful_model_takes_force_and_the_file_says_so(tmp_path, capsys, grade, command):
+    saved(tmp_path, grade=grade, health="joint 6: reverse its sign")
+    lines = [f"id,{JOINTS}", "P1,1,2,3,4,5,6"]
+    lines = lines if command == "predict" else [f"id,{POSE}", f"P1,{HERE}"]
+    assert run(command, tmp_path, lines) == REFUSED
+    said = capsys.readouterr().err
+    assert f"a model of grade {grade} is not applied" in said
+    assert "reverse its sign" in said
+    assert not (tmp_path / "out.csv").exists()
+    assert run(command, tmp_path, lines, "--force") == 0
+    assert rows(tmp_path / "out.csv")[0]["forced"] == grade
+
+
+def test_a_model_that_cannot_be_read_is_refused(tmp_path, capsys):
+    saved(tmp_path)
+    (tmp_path / "model.yaml").write_text("schema: other/1\n")
+    assert run("predict", tmp_path, [f"id,{JOINTS}", "P1,1,2,3,4,5,6"]) == REFUSED
+    assert "not a model of this version" in capsys.readouterr().err
+
+
+def test_without_its_covariance_a_model_says_no_uncertainty(tmp_path):
+    saved(tmp_path)
+    (tmp_path / "model.covariance.npz").unlink()
+    assert run("compensate", tmp_path, [f"id,{POSE}", f"P1,{HERE}"]) == 0
+    assert rows(tmp_path / "out.csv")[0]["u_mm"] == ""
+    assert np.isnan(load_model(tmp_path / "model.yaml").predict(np.zeros(6)).u_mm).all()
