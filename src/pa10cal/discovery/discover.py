@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from pa10cal.discovery.noise import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
 from pa10cal.discovery.not_sought import TooLittle, not_sought
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, prepared
 from pa10cal.discovery.row_faults import carries, of_wrong_row
+from pa10cal.discovery.torque_check import stated_wrongly
 from pa10cal.discovery.verdict import label_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.uncertain_weights import open_unknowns
@@ -71,7 +73,11 @@ def _judged(campaign: Prepared, model: FittedModel, error_rate: float) -> Verdic
     if judged_by_blocks(campaign.trusted):
         from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
 
-        return gated(discover_by_blocks(campaign, error_rate))
+        by_blocks = discover_by_blocks(campaign, error_rate)
+        poses, context = by_blocks.survey.poses, by_blocks.context
+        wrong = stated_wrongly(poses, campaign.baseline, campaign.setup, context)
+        faults = (*by_blocks.faults_of_rows, *wrong)
+        return gated(replace(by_blocks, faults_of_rows=faults))
     check_torques(campaign.baseline.model, campaign.readings)
     if lacking := too_little(campaign.trusted, campaign.baseline):
         return not_sought(campaign, model, lacking, error_rate)

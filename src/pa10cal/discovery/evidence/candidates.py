@@ -19,6 +19,7 @@ from pa10cal.discovery.linear import by_end, possible_sizes
 from pa10cal.discovery.verdict import NotTestable
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
+from pa10cal.terms.weights import Weights
 
 Array = NDArray[np.float64]
 
@@ -139,10 +140,13 @@ def testable(
     own, _ = np.linalg.qr(np.concatenate([pose(lin.own), np.eye(lin.own.shape[1])]))
     own = own[: len(lin.own)]
     torque = None if problem.torque is None else problem.torque.whitening(0.0)
+    uncertain = any(isinstance(term, Weights) for term in found.model.terms)
     shown = []
     for effect, block in zip(known, lin.blocks, strict=True):
         rows = pose(block.pose @ block.factor)
         left = rows - own @ (own.T @ rows)
+        if uncertain:  # what weights take up of it is limited by their own uncertainty
+            left = _root(rows.T @ left)
         share = float(np.linalg.norm(left) / max(float(np.linalg.norm(rows)), 1e-300))
         signal = float(np.linalg.norm(left, 2)) if left.size else 0.0
         if torque is not None and np.any(block.torque):
@@ -156,6 +160,13 @@ def testable(
         else:
             refused.append(NotTestable(effect, why))
     return tuple(shown), tuple(refused)
+
+
+def _root(square: Array) -> Array:
+    """Return rows whose products are those given."""
+    values, vectors = np.linalg.eigh(0.5 * (square + square.T))
+    root: Array = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+    return root
 
 
 def _why_silent(problem: Problem) -> str:
