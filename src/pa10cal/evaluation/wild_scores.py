@@ -237,6 +237,7 @@ def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
         found=sum(t.lists(h) for t in trials for h in t.hidden),
         false_comfort=sum(map(has_false_comfort, trials)),
         worse=sum(map(is_worse, trials)),
+        unexplained=sum(t.verdict is not None and t.verdict.word == "unexplained" for t in trials),
         suspected=sum(map(is_accused, trials)),
     )
 

@@ -36,6 +36,7 @@ from pa10cal.results.studies import (
 )
 from pa10cal.results.trials import TrialScoresRecord, TrialTruthRecord, TrialVerdictRecord
 from pa10cal.results.truth import TruthRecord
+from pa10cal.results.wild_trials import WildScoresRecord
 
 #: Every kind of record, in the order of the docs.
 RECORDS: tuple[type[Record], ...] = (
@@ -55,6 +56,7 @@ RECORDS: tuple[type[Record], ...] = (
     TrialTruthRecord,
     TrialVerdictRecord,
     TrialScoresRecord,
+    WildScoresRecord,
 )
 
 SCHEMAS = Path("workflow/schemas/results")

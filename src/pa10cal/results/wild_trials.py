@@ -27,6 +27,7 @@ class WildSubject(Part):
     found: int = Field(description="hidden effects named or among the alternatives")
     false_comfort: int = Field(description="trials with `none` where something is wrong, untold")
     worse: int = Field(description="trials whose held-out error the effects found make worse")
+    unexplained: int = Field(description="trials with `unexplained`")
     suspected: int = Field(description="trials refused, `check_the_log` or `suspect_input`")
 
 

@@ -13,8 +13,8 @@ PICTURE = Picture(
 Wild trials by what was put into their raw files ({name}): how many there are, and how many crashed,
 were refused before calibration, were given a false name (a confident one where a fault or an effect
 outside the vocabulary is in them), were told of the fault or named the effect, got *none* where
-something above three times the noise is wrong, predict held-out poses worse than before, or were
-called suspect. Synthetic data.
+something above three times the noise is wrong, predict held-out poses worse than before, were left
+unexplained, or were called suspect. Synthetic data.
 """,
 )
 
@@ -30,6 +30,7 @@ _HEADER = (
     "found",
     "false comfort",
     "worse held out",
+    "unexplained",
     "suspect",
 )
 _FOUND_IN = ("effect", "beyond")
@@ -61,5 +62,6 @@ def _row(subject: WildSubject) -> tuple[object, ...]:
         subject.found if subject.kind in _FOUND_IN else "",
         subject.false_comfort,
         subject.worse,
+        subject.unexplained,
         subject.suspected,
     )
