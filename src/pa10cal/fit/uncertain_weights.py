@@ -50,7 +50,7 @@ def weight_sizes(arm: Arm, payload: Payload) -> WeightSizes:
 def unknown_tool(arm: Arm, payload: Payload) -> Weights:
     """Return mass and first moment of a tool of which nothing is known."""
     sizes = replace(weight_sizes(arm, payload), link_mass=0.0, link_com_m=0.0, level_rad=0.0)
-    return Weights.about(arm, sizes)
+    return replace(Weights.about(arm, sizes), unknown_tool=True)
 
 
 def with_uncertain_weights(model: FittedModel, payload: Payload) -> FittedModel:
@@ -60,6 +60,7 @@ def with_uncertain_weights(model: FittedModel, payload: Payload) -> FittedModel:
     """
     arm, terms = model.arm, model.model.terms
     weights = Weights.about(arm, weight_sizes(arm, payload))
+    weights = replace(weights, unknown_tool=not payload.known)
     found: dict[int, float] = {}
     own = np.zeros(0, dtype=np.intp)
     for term in terms:

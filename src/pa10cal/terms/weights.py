@@ -57,11 +57,13 @@ class Weights:
         n: joints of the arm.
         columns: which columns of `StaticLoads.by_weights` are unknowns.
         sizes: standard uncertainty of each, about what is described.
+        unknown_tool: whether the mass of the tool is not known at all.
     """
 
     n: int
     columns: tuple[int, ...]
     sizes: tuple[float, ...]
+    unknown_tool: bool = False
     id: ClassVar[str] = "weights"
     of: ClassVar[str] = "arm"
     #: Whether calculated torques alone are off by it: it plays a part wherever they are predicted.
@@ -83,7 +85,13 @@ class Weights:
     def parameters(self) -> tuple[Parameter, ...]:
         """Return what each weight differs by."""
         return tuple(
-            Parameter(*self._name(column), scale=size, plausible=size)
+            Parameter(
+                *self._name(column),
+                scale=size,
+                plausible=size,
+                # A tool weighs something, or nothing where that is what is stated.
+                lower=0.0 if column == 4 * self.n and self.unknown_tool else None,
+            )
             for column, size in zip(self.columns, self.sizes, strict=True)
         )
 
