@@ -19,6 +19,8 @@ from scipy.linalg.lapack import dposv
 Array = NDArray[np.float64]
 S = TypeVar("S")
 
+#: Part of the promised reduction below which a step counts as too long.
+_POOR = 0.25
 #: Damping after a first step that led uphill, and beyond which no direction leads down.
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-4, 1e8
 #: Eigenvalues of normal equations of unit diagonal below this part of the largest are rounding.
@@ -181,7 +183,11 @@ def minimise(
         at, here = tried, there or equations(tried)
         if arrived(at, taken):
             return Minimum(at, here, count + 1, True, "the last step was small")
-        damping *= 0.1
+        promised = -float(step @ (2.0 * taken.before.gradient + taken.before.normal @ step))
+        if taken.gained < _POOR * promised and promised > _ROUNDING * ahead:
+            damping = max(10.0 * damping, _LEAST_DAMPING)  # it overshoots a curved valley
+        else:
+            damping *= 0.1
     return Minimum(at, here, most_steps, False, f"{most_steps} steps were not enough")
 
 

@@ -31,7 +31,7 @@ from pa10cal.terms.weights import Weights
 Array = NDArray[np.float64]
 
 #: Part of the largest torque that a joint's torque must vary by for its spring to be looked for.
-_LEAST_TORQUE_SHARE = 0.02
+_LEAST_TORQUE_SHARE = 0.005
 #: Less than this is none.
 _NO_TORQUE_NM = 1e-9
 #: Weights have moved on where they move a pose by more than this [m] ...
@@ -101,8 +101,12 @@ def calibrate_general(
     chain, unweighed = Chain.of(arm), observations.states
     states, source = with_torques(Model(chain, ()), np.zeros(0), unweighed, payload)
     observations = observations.with_states(states)
-    springs = _springs(arm, observations, source, options.general.springs)
-    tau_Nm = np.abs(observations.states.tau_Nm).max(axis=0)
+    unknown: tuple[Weights, ...] = ()
+    if source == "masses" and payload is not None and not payload.known:
+        unknown = (unknown_tool(arm, payload),)
+    torques_Nm = _with_tool(states, unknown)
+    springs = _springs(arm, torques_Nm, source, options.general.springs)
+    tau_Nm = np.abs(torques_Nm).max(axis=0)
     observations = observations.turned(start.R_ee_target)
     unknowns = choose_unknowns(
         arm, options.tolerances, observations.measured, start.T_instr_base, start.targets_m
@@ -110,9 +114,7 @@ def calibrate_general(
     if not links:
         unknowns = replace(unknowns, links=Offsets((), ()))
     terms = tuple(JointSpring(joint, float(tau_Nm[joint - 1]), cubic=False) for joint in springs)
-    weights: tuple[Weights, ...] = ()
-    if terms and source == "masses" and payload is not None and not payload.known:
-        weights = (unknown_tool(arm, payload),)
+    weights = unknown if terms else ()
     model = Model(chain, (unknowns.links, *terms, *weights, unknowns.tool, unknowns.base))
     problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, observations)
     _check_enough(problem)
@@ -172,9 +174,20 @@ def _links_of(problem: Problem) -> Offsets:
     return links
 
 
+def _with_tool(states: PoseStates, unknown: tuple[Weights, ...]) -> Array:
+    """Return the torques of poses (P, n), a tool of unknown mass as heavy as it may well be."""
+    tau_Nm: Array = states.tau_Nm
+    for weights in unknown:
+        mass = np.array(
+            [part.plausible if part.unit == "kg" else 0.0 for part in weights.parameters]
+        )
+        tau_Nm = tau_Nm - weights.torque_Nm(states, mass)
+    return tau_Nm
+
+
 def _springs(
     arm: Arm,
-    observations: Observations,
+    tau_Nm: Array,
     source: TorqueSource,
     springs: tuple[int, ...] | Literal["auto"],
 ) -> tuple[int, ...]:
@@ -202,7 +215,7 @@ def _springs(
                     allowed=f"revolute joints, 1 to {arm.n}",
                     remedy="correct the list",
                 )
-            if not np.any(np.abs(observations.states.tau_Nm[:, joint - 1]) > _NO_TORQUE_NM):
+            if not np.any(np.abs(tau_Nm[:, joint - 1]) > _NO_TORQUE_NM):
                 raise CalibrationError(
                     f"joint {joint} is unloaded in all poses, so its stiffness cannot be "
                     "identified",
@@ -212,7 +225,7 @@ def _springs(
                     remedy="remove the joint from general.springs, or measure with a load on it",
                 )
         return tuple(sorted(set(springs)))
-    span = np.ptp(observations.states.tau_Nm, axis=0)
+    span = np.ptp(tau_Nm, axis=0)
     turning = ~arm.prismatic
     least = _LEAST_TORQUE_SHARE * float(np.max(span[turning], initial=0.0))
     return tuple(
