@@ -63,15 +63,15 @@ def better_convention(T_base_ee: Array, T_instr_target: Array) -> Convention | N
         return None
     some = np.linspace(0, len(T_base_ee) - 1, min(len(T_base_ee), MOST)).astype(int)
     T_base_ee, T_instr_target = T_base_ee[some], T_instr_target[some]
-    try:
-        found = hand_eye_from_points(T_base_ee, T_instr_target[:, None, :3, 3])
-    except CalibrationError:
+    R_ee, R = modelled_attitudes(T_base_ee, T_instr_target[:, :3, 3]), T_instr_target[:, :3, :3]
+    if R_ee is None:
         return None
-    R_ee, R = found.T_instr_base[:3, :3] @ T_base_ee[:, :3, :3], T_instr_target[:, :3, :3]
-    as_read = _scatter(R_ee, R)
+    as_read = attitude_scatter(R_ee, R)
     if as_read < AGREES_RAD:
         return None
-    tried = [(_scatter(R_ee, other), name, remedy) for name, remedy, other in _conventions(R)]
+    tried = [
+        (attitude_scatter(R_ee, other), name, remedy) for name, remedy, other in _conventions(R)
+    ]
     # The first of equals: the plainest.
     left, name, remedy = min(tried, key=lambda each: round(each[0], 3))
     if left > min(AGREES_RAD, as_read / NEARER):
@@ -79,7 +79,19 @@ def better_convention(T_base_ee: Array, T_instr_target: Array) -> Convention | N
     return Convention(name, remedy, as_read, left)
 
 
-def _scatter(R_instr_ee: Array, R_instr_target: Array) -> float:
+def modelled_attitudes(T_base_ee: Array, p_instr_m: Array) -> Array | None:
+    """Return the nominal end-effector's attitudes (P, 3, 3) in the instrument's frame.
+
+    The base is fitted to the positions (P, 3) of one target; None where they do not determine it.
+    """
+    try:
+        found = hand_eye_from_points(T_base_ee, p_instr_m[:, None])
+    except CalibrationError:
+        return None
+    return np.asarray(found.T_instr_base[:3, :3] @ T_base_ee[:, :3, :3])
+
+
+def attitude_scatter(R_instr_ee: Array, R_instr_target: Array) -> float:
     """Return the rms angle [rad] of measured attitudes from R_instr_ee R_ee_target, that fitted."""
     of_target = np.swapaxes(R_instr_ee, 1, 2) @ R_instr_target
     R_ee_target = _nearest_rotation(of_target.mean(axis=0))

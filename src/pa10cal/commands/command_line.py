@@ -36,7 +36,7 @@ CLOSED = 141
 
 #: Commands by whom they serve, as `--help` lists them. Each is a function in a module of its name.
 GROUPS = {
-    "a campaign from raw files to a model": ("run",),
+    "a campaign from raw files to a model": ("run", "columns", "doctor"),
     "a calibrated robot in use": ("predict", "compensate"),
     "one step of a run": (
         "ingest",
@@ -69,10 +69,9 @@ _FUNCTIONS = {"import": "import_data"}
 _USE = "usage: pa10cal COMMAND [options]\n       pa10cal COMMAND --help | pa10cal --version"
 _EXAMPLES = """\
 examples:
-  pa10cal effects --robot ur10                    what the program can find missing at an arm
-  pa10cal import_arm robot.urdf --out arm.yaml    an arm of one's own
-  pa10cal compensate --help                       how to command a robot through its model
-  pa10cal calibrate --help                        arguments and examples of one command"""
+  pa10cal columns export.csv --robot ur10 > campaign.yaml    how to read a file as it is
+  pa10cal run FOLDER                                         raw files to grade, model, figures
+  pa10cal run --help                                         arguments and examples of one command"""
 
 Command = Callable[..., None]
 

@@ -1,0 +1,353 @@
+"""A campaign.yaml for a file as it is, by its header, its numbers and the nominal arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm
+from pa10cal.campaign.conventions import attitude_scatter, modelled_attitudes
+from pa10cal.campaign.csv_rows import Layout
+from pa10cal.campaign.description import SCHEMA
+from pa10cal.campaign.own_columns import ANGLES, ISO, LENGTHS, RotationColumns
+from pa10cal.campaign.own_rotation import quaternions
+from pa10cal.campaign.roles import Roles, roles_of, unit_of
+from pa10cal.campaign.rows import in_radians
+from pa10cal.campaign.sniff import Sniffed
+from pa10cal.errors import RawDataError
+from pa10cal.frame.length_scale import scale_of_points
+
+Array = NDArray[np.float64]
+
+#: Conventions that three columns of an attitude may follow, the commonest first.
+THREE = ("rpy", "euler_XYZ", "euler_ZYX", "euler_ZYZ", "fixed_zyx", "rotation_vector")
+FOUR = ("quaternion_wxyz", "quaternion_xyzw")
+#: Attitudes agree with the nominal arm within this; positions of a nominal arm scatter by less.
+AGREES_RAD = np.radians(3.0)
+#: Formats of dates and times that are tried.
+TIMES = (
+    *("%Y%m%d%H%M%S", "%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%m/%d/%Y %H:%M:%S"),
+    *("%d/%m/%Y %H:%M:%S", "%m/%d/%Y %I:%M:%S %p", "%H:%M:%S", "%H:%M:%S.%f"),
+)
+#: Rows that conventions are judged by.
+JUDGED = 200
+#: What is stated where the file says nothing.
+ASSUMED_MM = 0.05
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What campaign.yaml may say of a file.
+
+    Attributes:
+        content: of campaign.yaml.
+        checks: what its reader should check or fill in, one sentence each.
+    """
+
+    content: dict[str, Any]
+    checks: tuple[str, ...]
+
+
+def propose(sniffed: Sniffed, file: str, name: str, robot: str, arm: Arm | None) -> Proposal:
+    """Propose a campaign.yaml.
+
+    Args:
+        sniffed: the file.
+        file: its name.
+        name: name of the campaign.
+        robot: name of the arm's description.
+        arm: that arm; None where it is not known, then units and conventions rest on the header
+            and on the size of the numbers alone.
+
+    Raises:
+        RawDataError: when no joint positions, or nothing that was measured, are recognised.
+    """
+    roles = roles_of(sniffed.names, None if arm is None else arm.n)
+    _refuse_unrecognised(roles, sniffed, file)
+    making = _Proposing(sniffed, roles, arm)
+    columns = making.columns()
+    kind = "pose" if "rotation" in columns else "distance" if "distance" in columns else "points"
+    if arm is None:
+        making.checks.append(
+            "robot: name the arm, and run pa10cal columns again with --robot: units and the "
+            "convention of attitudes are then found from its kinematics"
+        )
+    making.checks.append(
+        "provenance, tool and gravity_m_s2: state them; instrument.uncertainty_mm is "
+        + ("that of the file" if making.stated_mm is not None else f"{ASSUMED_MM} mm, assumed")
+    )
+    content = {
+        "schema": SCHEMA,
+        "name": name,
+        "provenance": f"to be stated; read from {file}",
+        "robot": robot,
+        "instrument": {"kind": kind, "uncertainty_mm": making.stated_mm or ASSUMED_MM},
+        "tool": {"mass_kg": 0.0, "com_mm": [0.0, 0.0, 0.0], "load_point_mm": [0.0, 0.0, 0.0]},
+        "gravity_m_s2": [0.0, 0.0, -9.81],
+        "reference_temperature_C": making.temperature_C,
+        "files": {"poses": file},
+        **({} if "kind" in columns else {"holdout": {"every": 5}}),
+        "columns": {"poses": columns},
+    }
+    return Proposal(content, tuple(making.checks))
+
+
+def follows_contract(sniffed: Sniffed) -> bool:
+    """Return whether a file has the contract's own names and layout, and needs no mapping."""
+    names = set(sniffed.names)
+    labelled = {"time_s", "pose", "load_N", "repeat"} <= names and names & {"q1_deg", "q1_mm"}
+    return sniffed.layout == Layout() and bool(labelled)
+
+
+def _refuse_unrecognised(roles: Roles, sniffed: Sniffed, file: str) -> None:
+    measured = bool(roles.positions) or "distance" in roles.single
+    if roles.joints and measured:
+        return
+    raise RawDataError(
+        "no joint positions were recognised"
+        if not roles.joints
+        else "no position and no distance was recognised",
+        where=file,
+        value=", ".join(sniffed.names),
+        allowed="a column for each joint of the arm, such as q1, J1 or joint_1, and columns such "
+        "as x, y, z",
+        remedy="write columns.poses in campaign.yaml by hand, see docs/raw-data.md; column names "
+        "may also be numbers",
+    )
+
+
+@dataclass
+class _Proposing:
+    """Decides, column by column, and keeps what its reader should check."""
+
+    sniffed: Sniffed
+    roles: Roles
+    arm: Arm | None
+    checks: list[str] = field(default_factory=list)
+    stated_mm: float | None = None
+    temperature_C: float = 20.0
+
+    def columns(self) -> dict[str, Any]:
+        """Return `columns.poses`."""
+        layout, roles = self.sniffed.layout, self.roles
+        word = {"\t": "tab", None: "blanks"}.get(layout.separator, layout.separator)
+        found: dict[str, Any] = {"separator": word} if word != "," else {}
+        found |= {"decimal": layout.decimal} if layout.decimal != "." else {}
+        found |= {"header": layout.header} if layout.header != 1 else {}
+        found |= self._time()
+        for key in ("pose", "repeat"):
+            found |= {key: roles.single[key]} if key in roles.single else {}
+        found |= self._labels()
+        angle, q_rad = self._joints()
+        found["joints"] = {"names": list(roles.joints), **angle}
+        if roles.torques:
+            found["torques"] = {"names": list(roles.torques)}
+        T_base_ee = None if self.arm is None else Chain.of(self.arm).forward(q_rad)
+        found |= self._measured(T_base_ee)
+        if "temperature" in roles.single:
+            found["temperature"] = self._temperature(roles.single["temperature"])
+        return found
+
+    def _temperature(self, name: str) -> dict[str, str]:
+        """Return the column of temperatures, and note a reference temperature."""
+        values = self.sniffed.column(name)
+        if not np.isfinite(values).any():
+            return {"names": name}
+        middle = float(np.nanmedian(values))
+        unit = "K" if 220.0 < middle < 330.0 else "F" if 45.0 < middle < 110.0 else "C"
+        of = {"K": middle - 273.15, "F": (middle - 32.0) / 1.8, "C": middle}
+        self.temperature_C = round(of[unit], 1)
+        return {"names": name, **({} if unit == "C" else {"unit": unit})}
+
+    def _labels(self) -> dict[str, Any]:
+        """Return which rows are held out, and their loads, where the file says so."""
+        found: dict[str, Any] = {}
+        single = self.roles.single
+        if "kind" in single and {"grid", "holdout"} >= set(self.sniffed.words(single["kind"])):
+            found["kind"] = {"names": single["kind"]}
+        if "load" in single and np.isfinite(self.sniffed.column(single["load"])).all():
+            found["load"] = {"names": single["load"]}
+        return found
+
+    def _time(self) -> dict[str, Any]:
+        """Return the column of times, unless all rows have one and the same."""
+        name = self.roles.single.get("time")
+        if name is None:
+            return {}
+        words, numbers = self.sniffed.words(name), self.sniffed.column(name)
+        if len(set(words)) <= 1 or len(set(words)) < 0.01 * len(words):
+            self.checks.append(
+                f"time: {name} is the same in all rows, so rows are numbered instead"
+            )
+            return {}
+        some = pd.Series(words[:JUDGED])
+        digits = some.str.fullmatch(r"\d{14}").mean() > 0.9
+        if np.isfinite(numbers).mean() > 0.9 and not digits:
+            unit = unit_of(name)
+            largest = float(np.nanmax(np.abs(numbers)))
+            unit = unit if unit in ("s", "ms", "us") else "ms" if largest > 1e11 else "s"
+            return {"time": {"names": name, **({} if unit == "s" else {"unit": unit})}}
+        tried = {form: pd.to_datetime(some, format=form, errors="coerce") for form in TIMES}
+        tried[ISO] = pd.to_datetime(some, format="ISO8601", errors="coerce", utc=True)
+        read = {form: float(moments.notna().mean()) for form, moments in tried.items()}
+        best = max(read, key=lambda form: read[form])
+        if read[best] < 0.9:
+            self.checks.append(f"time: the format of {name} was not recognised ({words[0]!r})")
+            return {}
+        return {"time": {"names": name, "format": best}}
+
+    def _joints(self) -> tuple[dict[str, str], Array]:
+        """Return the unit of joint positions, and these in radians (metres) of an arm."""
+        names, logged = self.roles.joints, self.sniffed.columns(self.roles.joints)
+        units = {unit_of(name) for name in names}
+        if units <= {"rad", "radians"}:
+            unit = "rad"
+        elif units & {"deg", "degrees", "degree"}:
+            unit = "deg"
+        else:
+            unit = "rad" if np.nanmax(np.abs(logged)) < 2.0 * np.pi + 0.1 else "deg"
+            self.checks.append(f"joints.unit: {unit}, by the size of the numbers")
+        found = {"unit": unit}
+        slides = np.zeros(len(names), bool) if self.arm is None else self.arm.prismatic
+        factor = np.full(len(names), ANGLES[unit])
+        if slides.any():
+            strokes = {unit_of(names[k]) for k in np.flatnonzero(slides)}
+            large = bool(np.nanmax(np.abs(logged[:, slides])) > 5.0)
+            stated = [each for each in LENGTHS if each in strokes]
+            found["stroke_unit"] = stated[0] if stated else "mm" if large else "m"
+            factor[slides] = LENGTHS[found["stroke_unit"]]
+        return found, in_radians(logged * factor, slides)
+
+    def _measured(self, T_base_ee: Array | None) -> dict[str, Any]:
+        """Return the columns of what was measured."""
+        single, positions = self.roles.single, self.roles.positions
+        if not positions:
+            name = single["distance"]
+            unit = self._length(np.array([name]), self.sniffed.columns([name]), None)
+            return {"distance": {"names": name, "unit": unit, **self._u([name], unit)}}
+        place, names = next(iter(positions.items()))
+        if self.roles.attitude is None and len(positions) > 1:
+            return {"targets": self._targets(T_base_ee)}
+        p = self.sniffed.columns(names)
+        unit = self._length(np.array(names), p, T_base_ee)
+        if len(positions) > 1:
+            self.checks.append(f"position: {', '.join(names)} taken, of {len(positions)} triples")
+        position = {"names": list(names), "unit": unit, **self._u(names, unit)}
+        if self.roles.attitude is None:
+            return {"targets": {_label(place, 1): position}}
+        turned = self._attitude(T_base_ee, 1e-3 * LENGTHS[unit] * p)
+        return {"position": position, "rotation": turned}
+
+    def _targets(self, T_base_ee: Array | None) -> dict[str, Any]:
+        found = {}
+        for k, (place, names) in enumerate(self.roles.positions.items(), start=1):
+            unit = self._length(np.array(names), self.sniffed.columns(names), T_base_ee)
+            found[_label(place, k)] = {"names": list(names), "unit": unit, **self._u(names, unit)}
+        return found
+
+    def _length(self, names: NDArray[np.str_], p: Array, T_base_ee: Array | None) -> str:
+        """Return the unit of lengths: of the names, by the arm, or by their size."""
+        stated = {unit_of(str(name)) for name in names} & set(LENGTHS)
+        if stated:
+            return str(next(iter(stated)))
+        seen = np.isfinite(p).all(axis=1)
+        if T_base_ee is not None and p.shape[1] == 3:
+            finite = seen & np.isfinite(T_base_ee).all(axis=(1, 2))
+            scale = scale_of_points(p[finite], T_base_ee[finite])
+            near = {unit: abs(np.log(scale / (1e-3 * mm))) for unit, mm in LENGTHS.items() if scale}
+            best = min(near, key=lambda unit: near[unit], default=None)
+            if best is not None and near[best] < np.log(1.5):
+                return best
+        unit = "mm" if np.ptp(p[seen], axis=0).max(initial=0.0) > 20.0 else "m"
+        self.checks.append(f"unit of {names[0]} …: {unit}, by the size of the numbers")
+        return unit
+
+    def _u(self, names: Sequence[str], unit: str) -> dict[str, Any]:
+        """Return the columns of the uncertainties of lengths, and note their size."""
+        uncertain = [self.roles.uncertain.get(name) for name in names]
+        known = [name for name in uncertain if name is not None]
+        if len(known) < len(names):
+            return {}
+        u_mm = LENGTHS[unit] * self.sniffed.columns(known)
+        if np.isfinite(u_mm).any():
+            self.stated_mm = float(f"{np.sqrt(np.nanmean(u_mm**2)):.2g}")
+        return {"u": known}
+
+    def _attitude(self, T_base_ee: Array | None, p_m: Array) -> dict[str, Any]:
+        """Return the convention of an attitude: by the arm, else by the names."""
+        assert self.roles.attitude is not None
+        names, convention = self.roles.attitude
+        values = self.sniffed.columns(names)
+        largest = float(np.nanmax(np.abs(values)))
+        stated = {unit_of(name) for name in names}
+        units = ["rad"] if stated <= {"rad", "radians"} else ["deg"] if largest > 7.0 else []
+        units = units or ["deg" if stated & {"deg", "degrees"} else "rad"]
+        given = {"names": list(names)}
+        turned = [self.roles.uncertain.get(name) for name in names]
+        u = {"u": turned} if all(name is not None for name in turned) else {}
+        angles = {"unit": units[0]} if len(names) == 3 else {}
+        best: tuple[float, dict[str, Any]] | None = None
+        if T_base_ee is not None:
+            best = self._best(T_base_ee, p_m, values, given, angles)
+        if best is None:
+            self.checks.append(
+                f"rotation.convention: {convention}, by the names alone; check it in the manual of "
+                "the software that wrote the file"
+            )
+            return given | {"convention": convention} | angles | u
+        scatter, chosen = best
+        if scatter > AGREES_RAD:
+            self.checks.append(
+                f"rotation.convention: none agrees with the nominal arm; the nearest is "
+                f"{np.degrees(scatter):.1f} deg off: check it, the joints' order and signs"
+            )
+        return chosen | u
+
+    def _best(
+        self,
+        T_base_ee: Array,
+        p_m: Array,
+        values: Array,
+        given: dict[str, Any],
+        angles: dict[str, str],
+    ) -> tuple[float, dict[str, Any]] | None:
+        """Return the convention nearest to the nominal arm, and how far it is off [rad]."""
+        good = np.isfinite(values).all(axis=1) & np.isfinite(p_m).all(axis=1)
+        good &= np.isfinite(T_base_ee).all(axis=(1, 2))
+        rows = np.flatnonzero(good)
+        rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), JUDGED)).astype(int)]
+        R_ee = modelled_attitudes(T_base_ee[rows], p_m[rows])
+        if R_ee is None:
+            return None
+        words = {3: THREE, 4: FOUR, 9: ("matrix",)}[values.shape[1]]
+        tried: list[tuple[float, dict[str, Any]]] = []
+        for inverse in (False, True):
+            for word in words:
+                chosen = given | {"convention": word} | angles
+                chosen |= {"inverse": True} if inverse else {}
+                turned = quaternions(values[rows], RotationColumns.model_validate(chosen))
+                R = Rotation.from_quat(turned, scalar_first=True).as_matrix()
+                tried.append((attitude_scatter(R_ee, R), chosen))
+        # The first of equals: the plainest.
+        return min(tried, key=lambda each: round(each[0], 3), default=None)
+
+
+def _label(place: str, k: int) -> str:
+    """Return a name for a target, of what stands before its x, y, z."""
+    label = "".join(letter for letter in place if letter.isascii() and letter.isalnum())
+    return label if label not in ("", "u") else f"T{k}"
+
+
+def label_of(path: Path) -> str:
+    """Return a name for a campaign, of that of a file."""
+    stem = path.name.partition(".")[0]
+    letters = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in stem)
+    return letters.strip("-_") or "mine"

@@ -1,0 +1,44 @@
+"""Command `columns`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def columns(file: Path, *, robot: str | None = None, name: str | None = None) -> None:
+    """Propose how to read a tracker's or controller's export as it is: a campaign.yaml for it.
+
+    Separator, decimal sign and columns are recognised by the header and the numbers; with --robot
+    units and the convention of attitudes by the kinematics of the nominal arm too. Save what is
+    printed as campaign.yaml beside the file, correct it, and use pa10cal run.
+
+    Args:
+        file: one row a configuration: joint positions, and what was measured.
+        robot: name of the arm's description, shipped or beside the file.
+        name: name of the campaign; without it, that of the file.
+
+    Examples:
+        pa10cal columns examples/ur10-pose/tracker.txt --robot ur10
+        pa10cal columns measured/export.csv --robot ur10 > measured/campaign.yaml
+    """
+    import sys
+
+    import yaml
+
+    from pa10cal.campaign.propose import follows_contract, label_of, propose
+    from pa10cal.campaign.sniff import sniff
+    from pa10cal.files.arms import load_arm
+
+    arm = None if robot is None else load_arm(robot, file.parent)
+    found = sniff(file)
+    proposal = propose(found, file.name, name or label_of(file), robot or "my_arm", arm)
+    if follows_contract(found):
+        del proposal.content["columns"]
+    text = yaml.safe_dump(
+        proposal.content, sort_keys=False, default_flow_style=None, width=90, allow_unicode=True
+    )
+    print("\n".join(f"# check {each}" for each in proposal.checks))
+    print(text, end="")
+    if sys.stdout.isatty():
+        print(f"\nSave this as {file.parent / 'campaign.yaml'}, correct it, and then:")
+        print(f"  pa10cal run {file.parent}")

@@ -1,0 +1,169 @@
+"""A campaign.yaml proposed for a file as it is."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from made_up_sightings import sighted
+from pa10cal.__main__ import main
+from pa10cal.campaign.read import read_campaign
+
+Q = [f"q{j}_deg" for j in range(1, 7)]
+PLACE, QUATERNION = ["x_mm", "y_mm", "z_mm"], ["qw", "qx", "qy", "qz"]
+
+
+@pytest.fixture
+def proposed(tmp_path, capsys):
+    """Write a table, propose a campaign.yaml for it, and read the campaign with that."""
+
+    def run(table, *options, preamble="", **how):
+        folder = tmp_path / "mine"
+        folder.mkdir(exist_ok=True)
+        path = folder / "export.txt"
+        path.write_text(preamble + table.to_csv(index=False, **how))
+        assert main(["columns", str(path), *options]) == 0
+        text = capsys.readouterr().out
+        (folder / "campaign.yaml").write_text(text)
+        return yaml.safe_load(text), text, folder
+
+    return run
+
+
+def tracked(tmp_path, kind="pose", **how):
+    raw = sighted(tmp_path, kind, **how)
+    table = pd.read_csv(io.StringIO("\n".join(raw.poses)))
+    return raw, table.drop(columns=["time_s", "kind", "pose", "load_N", "repeat"])
+
+
+def attitudes(table, convention):
+    R = Rotation.from_quat(table[QUATERNION], scalar_first=True)
+    word, _, axes = convention.partition("_")
+    if word == "quaternion":
+        return R.as_quat(scalar_first=axes == "wxyz")
+    if word == "rotation":
+        return R.as_rotvec()
+    return R.as_euler("xyz" if word == "rpy" else axes, degrees=True)
+
+
+@pytest.mark.parametrize(
+    ("convention", "names"),
+    [
+        ("rpy", ["Roll", "Pitch", "Yaw"]),
+        ("euler_XYZ", ["Rx [deg]", "Ry [deg]", "Rz [deg]"]),
+        ("euler_ZYX", ["A", "B", "C"]),
+        ("rotation_vector", ["rx", "ry", "rz"]),
+        ("quaternion_xyzw", ["Q0", "Q1", "Q2", "Q3"]),
+        ("quaternion_wxyz", ["qw", "qx", "qy", "qz"]),
+    ],
+)
+def test_the_convention_is_that_in_which_the_nominal_arm_agrees(
+    tmp_path, proposed, convention, names
+):
+    raw, table = tracked(tmp_path)
+    own = table.drop(columns=QUATERNION).rename(columns=dict(zip(PLACE, "XYZ", strict=True)))
+    own[Q] = np.radians(own[Q])
+    own = own.rename(columns={name: f"J{k}" for k, name in enumerate(Q, start=1)})
+    own = own.join(pd.DataFrame(attitudes(table, convention), columns=names))
+    content, _, folder = proposed(own, "--robot", "ur10", sep=";", decimal=",")
+    columns = content["columns"]["poses"]
+    assert columns["rotation"]["convention"] == convention
+    assert (columns["separator"], columns["decimal"]) == (";", ",")
+    assert columns["joints"] == {"names": [f"J{k}" for k in range(1, 7)], "unit": "rad"}
+    found = read_campaign(folder)
+    assert found.quarantined == ()
+    np.testing.assert_allclose(found.observations.states.q_rad, raw.q, atol=1e-8)
+    np.testing.assert_allclose(
+        found.observations.measured.T_instr_target, raw.T_instr_target, atol=1e-6
+    )
+
+
+def test_units_without_a_word_are_found_by_the_arm(tmp_path, proposed):
+    _, table = tracked(tmp_path)
+    own = table.rename(columns=dict(zip(PLACE, ["px", "py", "pz"], strict=True)))
+    own[["px", "py", "pz"]] *= 1e-3
+    columns = proposed(own, "--robot", "ur10")[0]["columns"]["poses"]
+    assert columns["position"] == {"names": ["px", "py", "pz"], "unit": "m"}
+
+
+def test_without_an_arm_the_reader_is_told_what_to_check(tmp_path, proposed):
+    _, table = tracked(tmp_path)
+    own = table.drop(columns=QUATERNION)
+    own[["rx", "ry", "rz"]] = attitudes(table, "euler_XYZ")
+    content, text, _ = proposed(own)
+    assert content["robot"] == "my_arm"
+    assert content["columns"]["poses"]["rotation"]["convention"] == "rpy"
+    assert "# check rotation.convention: rpy, by the names alone" in text
+    assert "--robot" in text
+
+
+def test_what_was_commanded_is_not_taken_for_what_was_measured(tmp_path, proposed):
+    _, table = tracked(tmp_path)
+    goals = {"Goal x": 0.1, "Goal y": 0.2, "Goal z": 0.3, "Goal roll": 0.0}
+    own = table.assign(**goals | {"Goal pitch": 0.0, "Goal yaw": 0.0})
+    stamps = pd.Timestamp("2026-01-05 10:00") + pd.to_timedelta(np.arange(len(own)), unit="min")
+    own = own.assign(Clock=stamps.strftime("%m/%d/%Y %H:%M:%S"), Temp_F=70.0)
+    own = own.rename(columns={"Clock": "Time"}).assign(std_x_mm=0.02, std_y_mm=0.02, std_z_mm=0.02)
+    content, _, folder = proposed(own, "--robot", "ur10", preamble="Tracker\nOperator: me\n\n")
+    columns = content["columns"]["poses"]
+    assert columns["header"] == 4
+    assert columns["position"]["names"] == PLACE
+    assert columns["position"]["u"] == ["std_x_mm", "std_y_mm", "std_z_mm"]
+    assert columns["rotation"]["names"] == QUATERNION
+    assert columns["time"] == {"names": "Time", "format": "%m/%d/%Y %H:%M:%S"}
+    assert columns["temperature"] == {"names": "Temp_F", "unit": "F"}
+    assert content["instrument"]["uncertainty_mm"] == 0.02
+    assert len(read_campaign(folder).observations) == 40
+
+
+def test_several_targets_are_points_and_a_distance_is_one(tmp_path, proposed):
+    _, table = tracked(tmp_path, "points")
+    content, _, _ = proposed(table, "--robot", "ur10")
+    assert content["instrument"]["kind"] == "points"
+    assert sorted(content["columns"]["poses"]["targets"]) == ["T1", "T2", "T3"]
+    _, table = tracked(tmp_path, "distance")
+    content, _, _ = proposed(table.rename(columns={"d_mm": "Range mm"}), "--robot", "ur10")
+    assert content["columns"]["poses"]["distance"] == {"names": "Range mm", "unit": "mm"}
+
+
+def test_a_file_of_the_contract_needs_no_mapping(tmp_path, proposed):
+    raw = sighted(tmp_path, "pose")
+    table = pd.read_csv(io.StringIO("\n".join(raw.poses)))
+    content, _, folder = proposed(table, "--robot", "ur10", "--name", "mine")
+    assert "columns" not in content
+    assert content["name"] == "mine"
+    assert len(read_campaign(folder).observations) == 40
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no rows of numbers"),
+        ("a report\nof no numbers\nat all\n", "no rows of numbers"),
+        ("a,b,c,d\n" + "1,2,3,4\n" * 9, "no joint positions were recognised"),
+        ("J1,J2,J3,J4,J5,J6\n" + "1,2,3,4,5,6\n" * 9, "no position and no distance"),
+    ],
+)
+def test_a_file_of_something_else_is_refused(tmp_path, capsys, text, message):
+    path = tmp_path / "export.txt"
+    path.write_text(text)
+    assert main(["columns", str(path), "--robot", "ur10"]) == 2
+    assert message in capsys.readouterr().err
+    assert main(["columns", str(tmp_path / "none.txt")]) == 2
+
+
+@pytest.mark.parametrize("series", ["A/measurements_grid", "C/measurements_random_poses"])
+def test_the_mapping_of_the_measured_ur10_is_found(ipa_data, capsys, series):
+    assert main(["columns", str(ipa_data / f"Series_{series}.csv"), "--robot", "ur10"]) == 0
+    columns = yaml.safe_load(capsys.readouterr().out)["columns"]["poses"]
+    assert columns["joints"]["names"][0] == "shoulder_pan_joint"
+    assert columns["joints"]["unit"] == "rad"
+    assert columns["position"]["names"] == [f"measurement_{axis}" for axis in "xyz"]
+    assert columns["rotation"]["convention"] == "euler_XYZ"
+    assert ("time" in columns) == series.startswith("A")
+    assert ("u" in columns["position"]) == series.startswith("C")

@@ -1,0 +1,46 @@
+"""`pa10cal doctor`: what is missing on the machine."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+from pa10cal.__main__ import main
+from pa10cal.running import machine
+
+
+def test_what_is_there_is_listed_and_nothing_needed_is_missing(capsys):
+    assert main(["doctor"]) == 0
+    shown = capsys.readouterr().out
+    for name in ("Python", *machine.LIBRARIES, "workflow", "memory", "disk", "cores"):
+        assert f" {name} " in shown
+    assert "MISSING" not in shown
+
+
+def test_what_is_missing_is_refused_with_what_to_do(monkeypatch, capsys):
+    monkeypatch.setattr(machine, "find_spec", lambda name: None if name == "snakemake" else True)
+    assert main(["doctor"]) == 2
+    shown = capsys.readouterr()
+    assert "MISSING snakemake" in shown.out
+    assert "→ pip install snakemake" in shown.out
+    assert "snakemake" in shown.err
+
+
+def test_threads_of_blas_and_other_versions_are_notes(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "8")
+    threads = next(check for check in machine.examine() if check.name == "threads")
+    assert (threads.state, threads.found) == ("note", "OMP_NUM_THREADS=8")
+
+
+def test_it_needs_no_library_to_say_that_one_is_missing():
+    script = (
+        "import sys\n"
+        "for name in ('numpy', 'scipy', 'pandas', 'pydantic', 'yaml', 'snakemake'):\n"
+        "    sys.modules[name] = None\n"
+        "from pa10cal.commands.command_line import main\n"
+        "sys.exit(main(['doctor']))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode in (0, 2), done.stderr
+    assert "pa10cal" in done.stdout
+    assert "internal fault" not in done.stderr
