@@ -71,7 +71,7 @@ _EXAMPLES = """\
 examples:
   pa10cal columns export.csv --robot ur10 > campaign.yaml    how to read a file as it is
   pa10cal run FOLDER                                         raw files to grade, model, figures
-  pa10cal run --help                                         arguments and examples of one command"""
+  pa10cal run --help                                         its arguments and more examples"""
 
 Command = Callable[..., None]
 
