@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from pa10cal import __version__
+import pa10cal
 from pa10cal.errors import Pa10calError
 from pa10cal.running.workflow import workflow_folder
 
@@ -61,7 +61,7 @@ class Check:
 def examine() -> list[Check]:
     """Look at Python, libraries, rules, memory, disk and cores."""
     return [
-        Check("pa10cal", "ok", f"{__version__}, {Path(__file__).parents[1]}"),
+        Check("pa10cal", "ok", f"{pa10cal.__version__}, {Path(__file__).parents[1]}"),
         _python(),
         *(_library(name, *what) for name, what in LIBRARIES.items()),
         *_versions(),
