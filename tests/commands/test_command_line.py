@@ -237,7 +237,8 @@ def examples_of(name):
     """Return the words of every example in a command's docstring."""
     _, _, text = inspect.getdoc(command_named(name)).partition("\nExamples:\n")
     lines = text.replace("\\\n", " ").splitlines()
-    return [shlex.split(line, comments=True) for line in lines if line.strip()]
+    commands = [line.partition(" > ")[0] for line in lines]  # the rest is for the shell
+    return [shlex.split(line, comments=True) for line in commands if line.strip()]
 
 
 def test_an_option_that_was_mistyped_is_named(capsys):
