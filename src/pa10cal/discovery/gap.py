@@ -124,6 +124,17 @@ def fallen_back(found: Gap, outside: NDArray[np.bool_]) -> Gap:
     return gap_of(found.poses, [found.found_before, after], found.noise_floor_mm, inside)
 
 
+def trusted(found: Gap | None, suspected: NDArray[np.bool_] | None) -> Gap | None:
+    """Return the gap without configurations that are suspected; None where nothing is left."""
+    if found is None or suspected is None or not suspected.any():
+        return found
+    if suspected.all():
+        return None
+    inside = None if found.parts is None else found.parts.inside[~suspected]
+    deviations = [found.found_before.take(~suspected), found.found_after.take(~suspected)]
+    return gap_of(found.poses.take(~suspected), deviations, found.noise_floor_mm, inside)
+
+
 def reduction(found: Gap, rows: NDArray[np.bool_]) -> Paired:
     """Return the mean reduction over some configurations (P,), paired over their poses."""
     saved_mm = found.found_before.distance_mm - found.found_after.distance_mm

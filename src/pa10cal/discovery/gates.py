@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from pa10cal.calibration.grade import JOINT_RAD, most_stated
+from pa10cal.discovery.gap import trusted
 from pa10cal.discovery.harm import harmless
 from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.verdict import Finding, Unexplained, Verdict, is_named, label_of
@@ -141,7 +142,7 @@ def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
 
 def doubts(found: Verdict[object]) -> Iterator[str]:
     """Return why it cannot be said that nothing is missing."""
-    train, holdout = found.train, found.holdout
+    train, holdout = found.train, trusted(found.holdout, found.prepared.suspected)
     measured = train.poses.measured
     floor_mm = train.noise_floor_mm
     # Residuals are smaller than errors by what the fit takes up; predictions add its uncertainty.

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import summarise
-from pa10cal.discovery.gap import Gap, fallen_back, reduction
+from pa10cal.discovery.gap import Gap, fallen_back, reduction, trusted
 from pa10cal.discovery.linear import position_noise, residual_and_jacobian
 from pa10cal.discovery.verdict import FallsBack, Finding, Unexplained, Verdict, is_named, label_of
 from pa10cal.fit.angles_seen import AnglesSeen, nothing_seen, span_visited
@@ -59,7 +59,7 @@ def harmless(found: V) -> V:
         return found
     visited = span_visited(found.prepared.readings.states.q_rad)
     found = _without_contradicted(found, visited)
-    held_out = found.holdout
+    held_out = trusted(found.holdout, found.prepared.suspected)
     if held_out is None:
         return found
     outside = ~visited.inside(held_out.poses.states.q_rad)
@@ -97,7 +97,7 @@ def _falling_back(found: V, within: AnglesSeen, harm: _Harm | None) -> V:
 def _without_contradicted(found: V, visited: AnglesSeen) -> V:
     """Return the verdict without names that held-out poses contradict."""
     unknown: list[Unexplained] = []
-    while (held_out := found.holdout) is not None:
+    while (held_out := trusted(found.holdout, found.prepared.suspected)) is not None:
         q_rad = held_out.poses.states.q_rad
         every: Rows = np.ones(len(q_rad), dtype=bool)
         for rows in (~visited.inside(q_rad), every):

@@ -18,7 +18,8 @@ from pa10cal.discovery.evidence.discover import VerdictByRepeats
 from pa10cal.discovery.evidence.judge import FLIP_RATE, shared_error_mm
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.faults import Fault
-from pa10cal.discovery.gap import Gap, Paired
+from pa10cal.discovery.gap import trusted
+from pa10cal.discovery.gap_record import set_gap
 from pa10cal.discovery.next_poses.room import NextPose
 from pa10cal.discovery.verdict import (
     Finding,
@@ -31,7 +32,7 @@ from pa10cal.discovery.verdict import (
 from pa10cal.fit import angles_seen
 from pa10cal.fit.model_file import model_to_plain
 from pa10cal.results import discovery as parts
-from pa10cal.results.accuracy import Accuracy, BeforeAfter, EffectParameter
+from pa10cal.results.accuracy import EffectParameter
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.discovery import (
     ExtendedKeys,
@@ -125,7 +126,9 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
             noise_floor_mm=found.noise_floor_mm,
             noise_floor_from=found.noise_floor_from,
             train=set_gap(found.train),
-            holdout=None if found.holdout is None else set_gap(found.holdout),
+            holdout=None
+            if found.holdout is None
+            else set_gap(found.holdout, trusted(found.holdout, found.prepared.suspected)),
         ),
         remaining=None if by_blocks is None else _remaining(by_blocks),
         search=_search(found),
@@ -363,38 +366,3 @@ def all_unexplained(
         for entry in without_a_cause(findings, unexplained)
     )
     return parts.AllUnexplained(**dict(places[0]), all=places) if places else None
-
-
-def set_gap(found: Gap) -> parts.SetGap:
-    """Return the gap before and after: over all loads, load by load, and by what the fit saw."""
-    seen = found.parts
-    return parts.SetGap(
-        before=found.before,
-        after=found.after,
-        noise_floor_mm=found.noise_floor_mm,
-        reduction=_reduction(found.reduction),
-        per_load={
-            f"{load:g}N": parts.LoadGap(
-                before=before,
-                after=after,
-                reduction=_reduction(found.reduction_by_load[load]),
-            )
-            for load, (before, after) in found.by_load.items()
-        },
-        inside=None if seen is None else _pair(seen.before_inside, seen.after_inside),
-        outside=None if seen is None else _pair(seen.before_beyond, seen.after_beyond),
-    )
-
-
-def _pair(before: Accuracy | None, after: Accuracy | None) -> BeforeAfter | None:
-    if before is None or after is None:
-        return None
-    return BeforeAfter(before=before, after=after)
-
-
-def _reduction(paired: Paired) -> parts.Reduction:
-    return parts.Reduction(
-        mean_mm=paired.mean_mm,
-        interval95_mm=(paired.low_mm, paired.high_mm),
-        poses=paired.poses,
-    )

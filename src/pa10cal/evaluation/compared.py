@@ -10,6 +10,7 @@ from pa10cal.calibration.accuracy import align_nominal
 from pa10cal.calibration.general.transfer import refit_frames
 from pa10cal.discovery.extended import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.discovery.preparation import prepared as made_ready
 from pa10cal.evaluation.holdout import judged, prepared
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.arrivals import with_arrivals
@@ -56,13 +57,19 @@ def judged_models(
         T_instr_base = align_nominal(rigid, poses_of(every, "grid"))
         models = {UNCALIBRATED: FittedModel(rigid, np.zeros(0), T_instr_base), **models}
 
+    # Those far from the last model, which knows most, by what its own poses scatter.
+    *_, best = models.values()
+    suspected = None
+    if kind == "holdout" and not elsewhere and (every.kind == "grid").any():
+        suspected = made_ready(every, best, setup).suspected
+
     def judge(model: FittedModel, every: Observations, learnt: Extended | None) -> HeldOutModel:
         if elsewhere:
             model = refit_frames(model, prepared(every, "grid", model, setup))
         poses = prepared(every, kind, model, setup)
         seen = None if learnt is None else learnt.seen
         beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
-        return judged(model, poses, beyond)
+        return judged(model, poses, beyond, suspected)
 
     found = {name: judge(model, every, None) for name, model in models.items()}
     if extended is not None:

@@ -40,7 +40,10 @@ def prepared(
 
 
 def judged(
-    model: FittedModel, held_out: Observations, extrapolated: NDArray[np.bool_] | None = None
+    model: FittedModel,
+    held_out: Observations,
+    extrapolated: NDArray[np.bool_] | None = None,
+    suspected: NDArray[np.bool_] | None = None,
 ) -> HeldOutModel:
     """Return errors of one model over held-out poses, by load, by point and pose by pose.
 
@@ -49,6 +52,7 @@ def judged(
         held_out: P poses, `prepared` for it.
         extrapolated: (P,) which of them leave the joint angles that the model has learnt from;
             None where it has learnt nothing that stops there.
+        suspected: (P,) which of them have a suspected reading; None for none.
     """
     found = model.deviations(held_out)
 
@@ -64,6 +68,7 @@ def judged(
         tool_twist=_twist(model, held_out),
         inside=errors(None if extrapolated is None else ~extrapolated),
         outside=errors(extrapolated),
+        trusted=errors(None if suspected is None else ~suspected),
         rows=HeldOutRows(
             pose=held_out.pose,
             load_N=held_out.states.load_N,

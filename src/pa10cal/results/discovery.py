@@ -183,6 +183,9 @@ class SetGap(LoadGap):
         "judged by repeats, no map was found, or no configuration is"
     )
     outside: BeforeAfter | None = Field(description="outside them; null likewise")
+    trusted: BeforeAfter | None = optional(
+        "without configurations that have a suspected reading (`faults`); not given where none has"
+    )
 
 
 class Gap(Part):

@@ -64,6 +64,9 @@ class HeldOutModel(Accuracy):
         "does not depend on that, or no configuration is"
     )
     outside: Accuracy | None = Field(description="errors outside them; null likewise")
+    trusted: Accuracy | None = optional(
+        "errors without configurations that have a suspected reading; not given where none has"
+    )
     rows: HeldOutRows = Field(description="every held-out configuration")
 
 
