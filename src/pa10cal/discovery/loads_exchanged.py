@@ -86,12 +86,26 @@ def loads_exchanged(
         nearer = (np.abs(told_N - apart) < allowed_N) & (_APART * u_N < allowed_N)
         nearer &= (np.abs(told_N) > _SURELY * u_N) & (after < _LEFT * before)
         found[nearer & (apart != 0.0)] = load_N
+    found = _with_partners(found, readings)
     wrong = found != stated_N
     if not wrong.any() or wrong.mean() > _MOST:
         return nothing
     instead = white - columns * (found - stated_N)[:, None]
     gain = np.sum(white**2 - instead**2, axis=1) / np.sum(white**2)
     return Exchanged(found, np.where(wrong, gain, 0.0))
+
+
+def _with_partners(told_N: Array, readings: Observations) -> Array:
+    """Return the loads told, as stated where no other reading of the pose has the one told.
+
+    Loads are exchanged between two readings. One that tells another load alone is merely off.
+    """
+    stated_N, found = readings.states.load_N, told_N.copy()
+    for row in np.flatnonzero(told_N != stated_N):
+        there = (readings.pose == readings.pose[row]) & (stated_N == told_N[row])
+        if not np.any(told_N[there] == stated_N[row]):
+            found[row] = stated_N[row]
+    return found
 
 
 def _rows(

@@ -15,7 +15,7 @@ from scipy.special import ndtri, stdtrit
 Array = NDArray[np.float64]
 
 #: Probability that any of many right deviates, whatever their tails, is called wrong.
-ACCUSED_RATE = 1e-3
+ACCUSED_RATE = 1e-4
 #: Part of the deviates inside the two quantiles whose ratio tells how heavy the tails are.
 _INNER, _OUTER = 0.5, 0.95
 #: Degrees of freedom from which on tails count as those of the normal distribution.
@@ -24,7 +24,7 @@ _DOF = np.geomspace(1.5, _NORMAL_DOF, 60)
 _RATIOS = stdtrit(_DOF, 0.5 + 0.5 * _OUTER) / stdtrit(_DOF, 0.5 + 0.5 * _INNER)
 #: Standard errors by which the ratio of quantiles may be larger than it was found, and its relative
 #: standard error times the root of the number of deviates.
-_SURELY = 1.6
+_SURELY = 2.0
 _ERROR_OF_RATIO = 1.4
 
 
