@@ -170,9 +170,13 @@ class TestNone:
         suspect = replace(found, prepared=replace(found.prepared, baseline=baseline))
         assert gated(suspect).verdict == "unexplained"
         assert why(gated(suspect)) == "no effect was found, yet the calibration is suspect_input"
-        good = replace(baseline, fitted_to=replace(about, grade="incomplete"))
-        allowed = replace(found, prepared=replace(found.prepared, baseline=good))
-        assert gated(allowed).verdict == "none"
+        for grade in ("good", "few_poses", "incomplete"):
+            other = replace(baseline, fitted_to=replace(about, grade=grade))
+            judged = gated(replace(found, prepared=replace(found.prepared, baseline=other)))
+            # Without repeats only a stated uncertainty speaks for it.
+            by_repeats = found.method == "evidence of repeats"
+            doubted = grade == "incomplete" and by_repeats
+            assert judged.verdict == ("unexplained" if doubted else "none")
 
 
 def test_none_is_not_said_of_torques_that_do_not_fit(monkeypatch, null):

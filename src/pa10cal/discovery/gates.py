@@ -38,6 +38,9 @@ MOST_TORQUE_RATIO = 1.3
 SURELY = 1e-6
 #: Grades of the calibration with which `none` is not said.
 NO_COMFORT = ("suspect_input", "not_converged")
+#: Where repeats show the noise, a model that lacks something by them is no comfort either. Where
+#: they do not, only a stated uncertainty says so, which may be off by `AGREE`.
+NO_COMFORT_BY_REPEATS = (*NO_COMFORT, "incomplete")
 
 
 def gated(found: V) -> V:
@@ -170,5 +173,6 @@ def doubts(found: Verdict[object]) -> Iterator[str]:
             f"the logged torques differ from those of the weights: F = {torque.ratio:.3g}, "
             "as with wrong loads, masses or directions"
         )
-    if found.baseline.grade in NO_COMFORT:
+    by_repeats = found.noise_floor_from is None
+    if found.baseline.grade in (NO_COMFORT_BY_REPEATS if by_repeats else NO_COMFORT):
         yield f"the calibration is {found.baseline.grade}"
