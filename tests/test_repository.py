@@ -107,6 +107,7 @@ MAY_IMPORT = {
         "arm.description",
         "arm.imported",
         "arm.parallel",
+        "arm.urdf_patch",
         "settings",
     },
     "figures": {

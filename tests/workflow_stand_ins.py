@@ -53,9 +53,18 @@ STAND_INS = {
     ),
     "evaluate": (["--campaign-dir", "--poses", "--calibration", "--extended?", "--out"], ""),
     "export": (
-        ["--calibration", "--extended?", "--model", "--urdf", "--force!"],
+        [
+            "--calibration",
+            "--extended?",
+            "--campaign-dir",
+            "--poses",
+            "--model",
+            "--urdf",
+            "--dh",
+            "--force!",
+        ],
         """
-        for path in (a.model, a.urdf, Path(a.model).with_suffix(".covariance.npz")):
+        for path in (a.model, a.urdf, a.dh, Path(a.model).with_suffix(".covariance.npz")):
             write_text(Path(path), a.calibration)
         """,
     ),

@@ -1,6 +1,7 @@
 """The commands from a table of poses on, called in process on a campaign without missing effect."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -240,6 +241,24 @@ def test_what_is_exported_says_its_grade(work, combined, tmp_path):
     assert load_model(tmp_path / "model.yaml").grade == health["grade"]
     urdf = (tmp_path / "robot.urdf").read_text()
     assert f"<!-- {health['grade']}: {health['line']} -->" in urdf
+
+
+def test_what_is_exported_says_what_a_urdf_lacks_and_has_all_links(work, tmp_path):
+    argv = ["--calibration", str(work / "combined.json"), "--model", str(tmp_path / "model.yaml")]
+    argv += ["--campaign-dir", str(RAW / "cell-null"), "--poses", str(work / "poses.parquet")]
+    argv += ["--urdf", str(tmp_path / "robot.urdf"), "--dh", str(tmp_path / "dh.csv")]
+    assert run_command("export", argv) == 0
+    urdf = (tmp_path / "robot.urdf").read_text()
+    assert "a URDF cannot hold joint_spring of joint" in urdf
+    assert re.search(r"measured poses these move the flange by \d\.\d{3} mm rms", urdf)
+    assert re.search("cell-null, .*virtual|cell-null, .*synthetic", urdf)
+    assert '<link name="flange" />' in urdf
+    assert '<link name="tool" />' in urdf
+    assert (tmp_path / "dh.csv").read_text().startswith("joint,theta_nominal_deg,")
+    assert not (tmp_path / "ur_kinematics.yaml").exists()
+    content = yaml.safe_load((tmp_path / "model.yaml").read_text())
+    assert np.array(content["T_flange"]["tool"]).shape == (4, 4)
+    assert content["fitted_to"]["loads_N"] == [0.0, 22.0, 44.0]
 
 
 @pytest.mark.parametrize("grade", ["suspect_input", "not_converged"])

@@ -6,7 +6,8 @@ import pytest
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.urdf import urdf_text
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.files.arms import load_arm
+from pa10cal.errors import ArmError
+from pa10cal.files.arms import load_arm, urdf_of_arm
 
 
 @pytest.fixture
@@ -39,6 +40,18 @@ def test_the_description_written_is_the_arm_of_the_urdf(urdf, tmp_path, capsys):
     q = np.random.default_rng(2).uniform(-3, 3, (20, 6))
     found = Chain.of(load_arm("again", tmp_path)).forward(q)
     np.testing.assert_allclose(found, chain.forward(q), atol=1e-12)
+
+
+def test_the_urdf_stays_beside_the_description(urdf, tmp_path):
+    out = tmp_path / "campaign" / "mine.yaml"
+    assert run_command("import_arm", [str(urdf), "--out", str(out)]) == 0
+    source = urdf_of_arm("mine", out.parent)
+    assert source.text == urdf.read_text(encoding="utf-8")
+    assert (source.base, source.tip) == ("base", "flange")
+    assert urdf_of_arm("ur10", out.parent) is None
+    out.with_suffix(".urdf").unlink()
+    with pytest.raises(ArmError, match=r"mine.yaml: urdf.file: .*cannot be read.*copy it there"):
+        urdf_of_arm("mine", out.parent)
 
 
 def test_ends_may_be_named(urdf, tmp_path):

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arm.attitude import roll_pitch_yaw
 from pa10cal.arm.chain import BASE, Chain
+from pa10cal.arm.urdf_xml import as_comment, origin_of
 
 Array = NDArray[np.float64]
 
 
-def urdf_text(chain: Chain, coordinates: Array, name: str, comment: str = "") -> str:
+def urdf_text(
+    chain: Chain,
+    coordinates: Array,
+    name: str,
+    *comments: str,
+    frames: Mapping[str, Array] | None = None,
+) -> str:
     """Write the rigid geometry of a chain.
 
     Deflection under torque has no place in URDF and is omitted; so are masses. The frame that the
@@ -24,14 +31,15 @@ def urdf_text(chain: Chain, coordinates: Array, name: str, comment: str = "") ->
         chain: the chain.
         coordinates: (m,) chain coordinates at zero joint positions and torques.
         name: name of the robot.
-        comment: what a reader should know, above everything else.
+        comments: what a reader should know, above everything else.
+        frames: further links, and their poses (4, 4) in the flange.
 
     Returns:
         The text of the file; forward kinematics of its joints `joint_1` … `joint_n` is the chain's.
     """
     robot = ElementTree.Element("robot", name=name)
-    if comment:
-        robot.append(ElementTree.Comment(f" {comment.replace('--', '- -')} "))
+    for comment in comments:
+        robot.append(ElementTree.Comment(as_comment(comment)))
     ElementTree.SubElement(robot, "link", name="base")
     constant, joint, parent = np.eye(4), 0, "base"
     driven = {int(column): k for k, column in enumerate(chain.joint_columns)}
@@ -58,6 +66,8 @@ def urdf_text(chain: Chain, coordinates: Array, name: str, comment: str = "") ->
             constant, parent = np.eye(4), child
         constant = constant @ _elementary(motion.axis, motion.turns, value)
     _joint(robot, "to_flange", "fixed", parent, "flange", constant)
+    for link, T in (frames or {}).items():
+        _joint(robot, f"to_{link}", "fixed", "flange", link, T)
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
 
@@ -68,8 +78,7 @@ def _joint(
     """Add a link and the joint that carries it, at pose T in its parent."""
     ElementTree.SubElement(robot, "link", name=child)
     joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
-    origin = {"xyz": _numbers(T[:3, 3]), "rpy": _numbers(roll_pitch_yaw(T[:3, :3]))}
-    ElementTree.SubElement(joint, "origin", origin)
+    ElementTree.SubElement(joint, "origin", origin_of(T))
     ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "child", link=child)
     return joint
@@ -82,7 +91,3 @@ def _elementary(axis: int, turns: bool, value: float) -> Array:
     else:
         T[axis, 3] = value
     return T
-
-
-def _numbers(values: Array) -> str:
-    return " ".join(repr(float(value)) for value in values)

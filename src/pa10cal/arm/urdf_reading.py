@@ -6,6 +6,7 @@ import math
 from xml.etree import ElementTree
 
 from pa10cal.arm.urdf_tree import KINDS, MOVING, UrdfJoint, UrdfLink, UrdfTree
+from pa10cal.arm.urdf_xml import parse_urdf
 from pa10cal.errors import ArmError
 from pa10cal.near_miss import remedy_for
 
@@ -25,8 +26,8 @@ def read_tree(text: str, where: str) -> UrdfTree:
         ArmError: naming what cannot be used, and its place.
     """
     try:
-        robot = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError) as error:
+        robot = parse_urdf(text).robot
+    except ValueError as error:
         raise _refusal(
             "it is not XML", where, str(error), "a URDF file", "check the file"
         ) from None

@@ -10,16 +10,26 @@ def export(
     calibration: Path,
     model: Path,
     urdf: Path,
+    dh: Path | None = None,
     extended: Path | None = None,
+    campaign_dir: Path | None = None,
+    poses: Path | None = None,
     force: bool = False,
 ) -> None:
-    """Write a calibrated model for other programs: model.yaml and robot.urdf.
+    """Write a calibrated model for other programs: model.yaml, robot.urdf and its rows as a table.
+
+    Where the arm was imported from a URDF, that URDF is written with calibrated origins. An arm of
+    Universal Robots' layout gets the file of kinematics that their driver reads, beside the model.
 
     Args:
         calibration: calibration to export (.json).
         model: model.yaml to write.
         urdf: robot.urdf to write.
+        dh: rows of the arm to write, nominal and calibrated (.csv).
         extended: model with the effects that discovery named (.json).
+        campaign_dir: folder of raw files, which may hold the arm's own URDF.
+        poses: table of poses, over which the URDF's lack of springs and effects is stated
+            (.parquet).
         force: export a calibration that is neither good nor few_poses nor incomplete; the files
             are marked.
 
@@ -27,11 +37,17 @@ def export(
         pa10cal export --calibration calibration/combined.json --extended extended.json \\
           --model model.yaml --urdf robot.urdf
     """
+    from pa10cal.arm.ur_layout import flange_off_m, ur_kinematics
     from pa10cal.arm.urdf import urdf_text
+    from pa10cal.arm.urdf_patch import patched_urdf
     from pa10cal.calibration.records import models_of
+    from pa10cal.campaign.description import read_description
+    from pa10cal.campaign.table import read_observations
     from pa10cal.commands.extended import read_extended
     from pa10cal.errors import CalibrationError
+    from pa10cal.files.arms import urdf_of_arm
     from pa10cal.files.output import write_text
+    from pa10cal.fit.exports import beyond_rigid, dh_text, rigid_part
     from pa10cal.fit.model_file import save_model
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read
@@ -60,6 +76,27 @@ def export(
             warnings = with_effects.warnings
     grade = f"{health.grade}: {health.line}"
     forced = f"exported with --force; {grade}" if withheld else None
-    write_text(urdf, urdf_text(*fitted.rigid_part(), fitted.arm.name, forced or grade))
+    source = None if campaign_dir is None else urdf_of_arm(record.robot, campaign_dir)
+    comments = [f"{record.campaign}, {record.provenance}", forced or grade]
+    if poses is not None and campaign_dir is not None:
+        every = read_observations(poses, read_description(campaign_dir))
+        comments.append(beyond_rigid(fitted, every))
+    part = rigid_part(fitted)
+    at = part.chain, part.coordinates
+    if source is None:
+        text = urdf_text(*at, fitted.arm.name, *comments, frames=part.frames)
+    else:
+        text = patched_urdf(source, *at, part.frames, *comments)
+    off_mm = 1e3 * flange_off_m(*at)
+    lacks = f"what the last row departs by across its axis is not in it: {off_mm:.3f} mm"
+    of_driver = ur_kinematics(*at, *comments, lacks)
+    beside = model.with_name("ur_kinematics.yaml")
+    write_text(urdf, text)
+    if dh is not None:
+        write_text(dh, dh_text(fitted, "forced " * withheld + health.grade))
+    if of_driver is None:
+        beside.unlink(missing_ok=True)
+    else:
+        write_text(beside, of_driver)
     save_model(fitted, model, forced=forced, warnings=list(warnings))
     print(f"{record.campaign}: model and URDF of the {record.load} calibration written")

@@ -8,6 +8,9 @@ from pathlib import Path
 def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | None = None) -> None:
     """Turn a URDF into an arm description, and compare their forward kinematics.
 
+    A copy of the URDF is put beside the description, so that a calibrated model can be exported as
+    the same URDF with calibrated origins.
+
     Args:
         urdf: the URDF, xacro macros expanded.
         out: description to write; its stem names the arm.
@@ -25,7 +28,7 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
     from pa10cal.errors import ArmError
     from pa10cal.files.arm_text import arm_text
     from pa10cal.files.arms import parse_arm
-    from pa10cal.files.output import write_text
+    from pa10cal.files.output import whole_files
     from pa10cal.files.urdf import arm_from_urdf
 
     if out.suffix != ".yaml":
@@ -49,9 +52,13 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
         ),
         *(f"{note[0].upper()}{note[1:]}." for note in imported.notes),
     ]
-    text = arm_text(arm, [f"Imported from {urdf.name}.", *lines])
+    copy = out.with_suffix(".urdf")
+    source = {"file": copy.name, "base": imported.base, "tip": imported.tip}
+    text = arm_text(arm, [f"Imported from {urdf.name}.", *lines], source)
     parse_arm(yaml.safe_load(text), where=str(out))  # what would not be read is not written
-    write_text(out, text)
+    with whole_files(out, copy) as (description, beside):
+        description.write_text(text, encoding="utf-8", newline="\n")
+        beside.write_bytes(urdf.read_bytes())
     print(
         "\n".join(lines) + "\n"
         f"{out}: forward kinematics differs from that of the URDF by "

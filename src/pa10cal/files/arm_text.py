@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from pa10cal.arm.description import Arm
 Array = NDArray[np.float64]
 
 
-def arm_text(arm: Arm, comments: Iterable[str] = ()) -> str:
+def arm_text(arm: Arm, comments: Iterable[str] = (), urdf: Mapping[str, str] | None = None) -> str:
     """Return the file of an arm, so that `parse_arm` gives the arm back.
 
     What the file may leave out and what is not known is omitted.
@@ -23,8 +23,11 @@ def arm_text(arm: Arm, comments: Iterable[str] = ()) -> str:
     Args:
         arm: the arm.
         comments: lines that stand first.
+        urdf: where it came from: `file`, `base` and `tip`.
     """
-    head = {"name": arm.name, "title": arm.title, "convention": arm.convention}
+    head: dict[str, Any] = {"name": arm.name, "title": arm.title, "convention": arm.convention}
+    if urdf is not None:
+        head["urdf"] = dict(urdf)
     lines = [f"# {line}".rstrip() for line in comments]
     lines += [f"{key}: {_flow(value)}" for key, value in head.items()]
     for key, T in (("base", arm.T_base_row1), ("tool", arm.T_row_n_ee)):

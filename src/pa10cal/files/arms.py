@@ -15,6 +15,7 @@ from pydantic import Field
 from pa10cal.arm.attitude import placed
 from pa10cal.arm.description import Arm
 from pa10cal.arm.parallel import NEARLY_PARALLEL_RAD, neighbouring_axes, with_hayati_rows
+from pa10cal.arm.urdf_patch import UrdfSource
 from pa10cal.errors import ArmError
 from pa10cal.files.arm_rows import ArmRow, Triple, check_rows, refuse_far
 from pa10cal.settings_reading import parse_section
@@ -34,6 +35,14 @@ class _Frame(Section):
         return placed(np.array(self.xyz_m), np.radians(self.rpy_deg))
 
 
+class _Urdf(Section):
+    """The URDF that an arm came from: a file beside the description, and two links of it."""
+
+    file: str
+    base: str
+    tip: str
+
+
 class _ArmFile(Section):
     name: str
     title: str | None = None
@@ -41,6 +50,7 @@ class _ArmFile(Section):
     rows: tuple[Any, ...] = Field(min_length=1)
     base: _Frame = _Frame()
     tool: _Frame = _Frame()
+    urdf: _Urdf | None = None
 
 
 def arm_names() -> list[str]:
@@ -106,6 +116,38 @@ def read_arm(path: Path) -> Arm:
             remedy=f"set name: {path.stem}, or rename the file",
         )
     return arm
+
+
+def urdf_of_arm(name: str, folder: Path) -> UrdfSource | None:
+    """Return the URDF that the arm of a campaign came from; None where it came from none.
+
+    Args:
+        name: name of the arm.
+        folder: the campaign's folder, which holds its description.
+
+    Raises:
+        ArmError: when the description names a file that cannot be read.
+        SettingsError: when a key of the description is unknown, missing or of the wrong kind.
+    """
+    own = folder / f"{name}.yaml"
+    if not own.is_file():
+        return None
+    raw = yaml.safe_load(own.read_text(encoding="utf-8-sig"))
+    source = parse_section(_ArmFile, raw, where=str(own)).urdf
+    if source is None:
+        return None
+    path = folder / source.file
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ArmError(
+            "the URDF that the arm came from cannot be read",
+            where=f"{own}: urdf.file",
+            value=f"{path}: {getattr(error, 'strerror', None) or error}",
+            allowed="a file beside the description",
+            remedy="copy it there, or remove the key urdf: names of its own are exported then",
+        ) from None
+    return UrdfSource(text, str(path), source.base, source.tip)
 
 
 def parse_arm(raw: Any, *, where: str) -> Arm:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pa10cal.arm.chain import TOOL, Chain, long_links
+from pa10cal.arm.chain import TOOL, Chain, end_pose, long_links
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
@@ -162,16 +162,34 @@ class FittedModel:
         states, _ = with_torques(self.model, self.x, observations.states, self.payload)
         return observations.turned(self.R_ee_target).with_states(states)
 
-    def rigid_part(self) -> tuple[Chain, Array]:
-        """Return the chain, and its coordinates (m,) at zero joints, unloaded, at the flange."""
+    def rigid_part(self, *, tool: bool = False) -> tuple[Chain, Array]:
+        """Return the chain, and its coordinates (m,) at zero joints, unloaded, at the flange.
+
+        Args:
+            tool: with the tool, at the chain's end.
+        """
         zeros, zero = np.zeros((1, self.arm.n)), np.zeros(1)
         unloaded = PoseStates(zeros, zeros, zeros, zero, zero, zero)
         constant = [term for term in self.model.terms if isinstance(term, Offsets)]
         x = np.concatenate([np.zeros(0), *(self.values_of(term) for term in constant)])
         chain = self.model.chain
         at = Model(chain, tuple(constant)).chain_coordinates(unloaded, x)[0]
-        at[chain.columns(TOOL)] = 0.0
+        if not tool:
+            at[chain.columns(TOOL)] = 0.0
         return chain, at
+
+    def T_flange_frame(self, frame: str) -> Array:
+        """Return where a frame is in the flange, unloaded, (4, 4) [m].
+
+        Raises:
+            ModelError: when the frame is unknown.
+        """
+        forward = Forward.of(self, frame)
+        chain, at_flange = self.rigid_part()
+        _, at_end = self.rigid_part(tool=forward.on_tool)
+        T_base_flange, T_base_end = end_pose(chain, np.stack([at_flange, at_end]))
+        T: Array = np.linalg.inv(T_base_flange) @ T_base_end @ forward.T_end_frame
+        return T
 
     def deviations(self, observations: Observations) -> Deviations:
         """Compare predictions with observations whose states hold what the terms need."""

@@ -18,6 +18,7 @@ from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FallBack, FittedModel, FittedTo
+from pa10cal.fit.forward import FLANGE
 from pa10cal.fit.prediction import Suspicion
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
@@ -107,6 +108,7 @@ def model_to_plain(model: FittedModel, **about: Any) -> dict[str, Any]:
     content: dict[str, Any] = {
         "schema": SCHEMA,
         "robot": model.arm.name,
+        "grade": model.grade or None,
         "fitted_to": _plain(head) or None,
         **about,
         "arm": _arm_to_plain(model),
@@ -121,6 +123,10 @@ def model_to_plain(model: FittedModel, **about: Any) -> dict[str, Any]:
             for name, place in zip(model.target_names, model.targets_m.reshape(-1, 3), strict=True)
         },
         "targets_off_m": model.targets_off_m.tolist(),
+        # For people and other programs; here they follow from what stands above.
+        "T_flange": {
+            name: model.T_flange_frame(name).tolist() for name in model.frames if name != FLANGE
+        },
         "seen": None if model.seen is None else _seen_to_plain(model.seen),
         "falls_back": None
         if model.falls_back is None

@@ -42,9 +42,10 @@ def robot_name(folder: Path) -> str:
 
 
 def arm_files(folder: Path) -> list[Path]:
-    """Return the campaign's own description of its robot, where it is there."""
-    path = folder / f"{robot_name(folder)}.yaml"
-    return [path] if path.is_file() else []
+    """Return the campaign's own description of its robot and its URDF, where they are there."""
+    robot = robot_name(folder)
+    paths = [folder / f"{robot}.{ending}" for ending in ("yaml", "urdf")]
+    return [path for path in paths if path.is_file()]
 
 
 def instrument_kind(folder: Path) -> str:

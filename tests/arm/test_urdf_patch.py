@@ -1,0 +1,230 @@
+"""A user's own URDF with calibrated origins, loaded back; names, limits and shapes as they were."""
+
+import re
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pa10cal.arm.attitude import placed
+from pa10cal.arm.chain import BASE, TOOL, Chain, end_pose
+from pa10cal.arm.imported import arm_from_urdf_text
+from pa10cal.arm.ur_layout import LINKS, flange_off_m, ur_kinematics
+from pa10cal.arm.urdf import urdf_text
+from pa10cal.arm.urdf_patch import UrdfSource, patched_urdf
+from pa10cal.errors import ArmError
+from pa10cal.files.arms import arm_names, load_arm
+
+T_FLANGE_TOOL = np.array([[0.0, -1, 0, 0.1], [1, 0, 0, -0.2], [0, 0, 1, 0.3], [0, 0, 0, 1]])
+
+#: As robots have it: a licence first, a prefix never declared, rounded right angles, axes along any
+#: direction, a base beside the arm, a branch, a gripper, a link and a joint of one name.
+OWN = """<?xml version="1.0" ?>
+<!-- Licence: ours -->
+<robot name="mine">
+  <!-- was: ${prefix}arm -->
+  <link name="world"/>
+  <link name="stand"><inertial><mass value="9"/></inertial></link>
+  <link name="base"/>
+  <joint name="to_stand" type="fixed"><parent link="world"/><child link="stand"/>
+    <origin xyz="0.1 0.2 0.3" rpy="0 0 1.5708"/></joint>
+  <joint name="to_base" type="fixed"><parent link="stand"/><child link="base"/>
+    <origin xyz="0 0 0" rpy="0 0 3.14159"/></joint>
+  <link name="shoulder"><visual><origin xyz="0 0 1"/><geometry><box size="1 1 1"/></geometry>
+    </visual></link>
+  <joint name="shoulder" type="revolute"><parent link="stand"/><child link="shoulder"/>
+    <origin xyz="0 0 0.4" rpy="1.57 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-2.9" upper="2.9" effort="100" velocity="3"/></joint>
+  <link name="upper"/>
+  <joint name="lift" type="revolute"><parent link="shoulder"/><child link="upper"/>
+    <origin xyz="0 0.1 0" rpy="0 1.5708 0"/><axis xyz="0 0 -1"/>
+    <limit lower="-2" upper="2" effort="100" velocity="3"/></joint>
+  <link name="plate"/>
+  <joint name="bolted" type="fixed"><parent link="upper"/><child link="plate"/>
+    <origin xyz="0.5 0 0.1" rpy="0 0 0.3"/></joint>
+  <link name="fore"/>
+  <joint name="elbow" type="continuous"><parent link="plate"/><child link="fore"/>
+    <axis xyz="0 0 1"/></joint>
+  <link name="slider"/>
+  <joint name="slide" type="prismatic"><parent link="fore"/><child link="slider"/>
+    <origin xyz="0.3 0 0" rpy="0 1.57 0"/><axis xyz="0.6 0 0.8"/>
+    <limit lower="-0.1" upper="0.4" effort="50" velocity="1"/></joint>
+  <link name="camera"/>
+  <joint name="to_camera" type="fixed"><parent link="fore"/><child link="camera"/></joint>
+  <link name="TIP"/>
+  <joint name="to_tip" type="fixed"><parent link="slider"/><child link="TIP"/>
+    <origin xyz="0 0 0.08" rpy="0 0 0"/></joint>
+  <gazebo reference="upper"><drake:declare/></gazebo>
+</robot>
+"""
+
+
+def own(tip="tool0", base="base"):
+    text = OWN.replace("TIP", tip)
+    return UrdfSource(text, "mine.urdf", base, tip)
+
+
+def chain_of(source):
+    given = {"base": source.base, "tip": source.tip, "where": source.where}
+    return Chain.of(arm_from_urdf_text(source.text, "mine", **given).arm)
+
+
+def departed(chain, seed=1):
+    found = chain.nominal + np.random.default_rng(seed).normal(0, 2e-3, len(chain.nominal))
+    found[chain.columns(BASE + TOOL)] = 0.0
+    return found
+
+
+def expected(chain, coordinates, q):
+    at = np.tile(coordinates, (len(q), 1))
+    at[:, chain.joint_columns] += q
+    return end_pose(chain, at)
+
+
+def loaded(text, base, link, q):
+    """Where a link is in another, by pinocchio and by its joints in order; held ones at zero."""
+    model = pin.buildModelFromXML(re.sub(r"<!--.*?-->", "", text).replace("drake:", ""))
+    data, found = model.createData(), []
+    for positions in q:
+        at = pin.neutral(model)
+        for joint, value in enumerate(positions, start=1):
+            index, turns = model.joints[joint].idx_q, model.joints[joint].nq == 2
+            at[index : index + model.joints[joint].nq] = (
+                [np.cos(value), np.sin(value)] if turns else value
+            )
+        pin.framesForwardKinematics(model, data, at)
+        frames = [data.oMf[model.getFrameId(n, pin.FrameType.BODY)] for n in (base, link)]
+        found.append(frames[0].actInv(frames[1]).homogeneous)
+    return np.array(found)
+
+
+Q = np.random.default_rng(3).uniform([-2, -2, -3, -0.1], [2, 2, 3, 0.4], (6, 4))
+
+
+@pytest.mark.parametrize(
+    ("source", "flange", "tool"),
+    [
+        (own(), "flange", "tool"),
+        (own("flange"), "flange", "tool"),
+        (own(base="world"), "flange", "tool"),
+        (own("tool"), "flange", "tool_pa10cal"),
+    ],
+)
+def test_flange_tool_and_tip_are_those_of_the_calibrated_arm(source, flange, tool):
+    chain = chain_of(source)
+    at = departed(chain)
+    text = patched_urdf(source, chain, at, {"tool": T_FLANGE_TOOL}, "calibrated")
+    T = expected(chain, at, Q)
+    for link, wanted in ((flange, T), (source.tip, T), (tool, T @ T_FLANGE_TOOL)):
+        np.testing.assert_allclose(loaded(text, source.base, link, Q), wanted, atol=1e-12)
+
+
+def test_a_tip_that_a_joint_carries_gets_a_flange_of_its_own():
+    source = UrdfSource(own().text, "mine.urdf", "base", "slider")
+    chain = chain_of(source)
+    at = departed(chain)
+    text = patched_urdf(source, chain, at, {})
+    np.testing.assert_allclose(
+        loaded(text, "base", "flange", Q), expected(chain, at, Q), atol=1e-12
+    )
+
+
+def without_origins(text):
+    root = ElementTree.fromstring(text.replace("drake:", ""))
+    for joint in root.findall("joint"):
+        for origin in joint.findall("origin"):
+            joint.remove(origin)
+    return {
+        (each.tag, each.get("name")): re.sub(r"\s+", " ", ElementTree.tostring(each, "unicode"))
+        for each in root
+    }
+
+
+def test_all_but_origins_stays():
+    source = own()
+    chain = chain_of(source)
+    text = patched_urdf(source, chain, departed(chain), {"target_A": T_FLANGE_TOOL}, "good -- so")
+    before, after = without_origins(source.text), without_origins(text)
+    assert {key: after[key] for key in before} == before
+    added = {name for tag, name in after.keys() - before.keys() if tag == "link"}
+    assert added == {"flange", "target_A"}
+    assert text.index("<!-- good - - so -->") < text.index("<!-- Licence: ours -->")
+    assert text.index("Licence") < text.index("<robot")
+    assert "${prefix}arm" in text
+    assert "drake:declare" in text
+
+
+def test_as_designed_nothing_moves():
+    source = own()
+    chain = chain_of(source)
+    text = patched_urdf(source, chain, chain.nominal, {})
+    q = np.zeros((1, 4))
+    for link in ("shoulder", "upper", "plate", "fore", "slider", "camera", "tool0"):
+        here, there = (loaded(each, "world", link, q) for each in (source.text, text))
+        np.testing.assert_allclose(there, here, atol=1e-6)
+
+
+def test_the_urdf_of_another_arm_is_refused():
+    chain = Chain.of(load_arm("ur10"))
+    with pytest.raises(ArmError, match=r"mine.urdf: the URDF is not that of the arm.*4 joints"):
+        patched_urdf(own(), chain, chain.nominal, {})
+    source = own()
+    longer = UrdfSource(source.text.replace("0.5 0 0.1", "0.51 0 0.1"), "b.urdf", "base", "tool0")
+    with pytest.raises(ArmError, match=r"b.urdf: the URDF is not that of the arm"):
+        patched_urdf(longer, chain_of(source), chain_of(source).nominal, {})
+
+
+@settings(deadline=None, max_examples=10)
+@given(seed=st.integers(0, 10_000))
+def test_so_it_is_of_arms_of_any_shape(random_arm, seed):
+    chain = Chain.of(random_arm(seed, 5, "standard"))
+    text = urdf_text(chain, chain.nominal, "made_up")
+    source = UrdfSource(text, "x.urdf", "base", "flange")
+    again, q = chain_of(source), np.random.default_rng(seed).uniform(-1, 1, (3, 5))
+    at = departed(again, seed)
+    patched = patched_urdf(source, again, at, {})
+    found = loaded(patched, "base", "flange", q)
+    np.testing.assert_allclose(found, expected(again, at, q), atol=1e-11)
+
+
+def test_the_drivers_file_of_an_arm_as_designed_is_the_makers():
+    chain = Chain.of(load_arm("ur10"))
+    words = re.findall(r"(\w+): (\S+)", ur_kinematics(chain, chain.nominal, "a comment"))
+    values = [float(value) for key, value in words if key in ("x", "y", "z")]
+    maker = [0, 0, 0.1273, 0, 0, 0, -0.612, 0, 0, -0.5723, 0, 0.163941]
+    np.testing.assert_allclose(values, [*maker, 0, -0.1157, 0, 0, 0.0922, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("yaw", [0.0, np.pi])
+def test_the_drivers_file_is_the_calibrated_arm(yaw):
+    base = placed(np.zeros(3), np.array([0.0, 0.0, yaw]))
+    chain = Chain.of(replace(load_arm("ur10"), T_base_row1=base))
+    at = departed(chain)
+    across = chain.columns(("a_6",))
+    a_m = at[across] - chain.nominal[across]
+    assert flange_off_m(chain, at) == pytest.approx(abs(a_m[0]))
+    # What the last row departs by across its axis has no place in the file.
+    held = chain.columns(("a_6", "alpha_6", "beta_6"))
+    at[held] = chain.nominal[held]
+    content = yaml.safe_load(ur_kinematics(chain, at))["kinematics"]
+    assert [*content] == [*LINKS, "hash"]
+    assert re.fullmatch(r"calib_\d+", content["hash"])
+    q = np.random.default_rng(4).uniform(-2, 2, (5, 6))
+    for positions, wanted in zip(q, expected(chain, at, q), strict=True):
+        T = base
+        for name, angle in zip(LINKS, positions, strict=True):
+            six = [content[name][key] for key in ("x", "y", "z", "roll", "pitch", "yaw")]
+            T = T @ placed(np.array(six[:3]), np.array(six[3:]))
+            T = T @ placed(np.zeros(3), np.array([0.0, 0.0, angle]))
+        np.testing.assert_allclose(T, wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", [name for name in arm_names() if name != "ur10"])
+def test_other_arms_have_no_such_file(name):
+    chain = Chain.of(load_arm(name))
+    assert ur_kinematics(chain, chain.nominal) is None

@@ -1,0 +1,86 @@
+"""What other programs get of a fitted model."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_up_model import fitted, postures, vocabulary
+from pa10cal.arm.chain import end_pose
+from pa10cal.arm.state import PoseStates
+from pa10cal.arm.tolerances import Tolerances
+from pa10cal.calibration.general.unknowns import tool_frame
+from pa10cal.fit.exports import beyond_rigid, beyond_rigid_mm, dh_text, rigid_part
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
+from pa10cal.terms.offsets import link_departures
+
+
+def links(arm):
+    return (link_departures(arm, Tolerances()), tool_frame())
+
+
+def measured(model, seed=1):
+    q = postures(model.arm, seed, 9)
+    zero = np.zeros(len(q))
+    states = PoseStates(q, np.full_like(q, np.nan), np.ones_like(q), zero + 22.0, zero + 22, zero)
+    seen = Pose.of(model.predict(q).T, np.tile(np.eye(6), (len(q), 1, 1)))
+    return Observations.single(np.array([f"P{k}" for k in range(len(q))]), states, seen)
+
+
+def test_tool_and_targets_hang_on_the_flange_of_the_rigid_part():
+    model = fitted("ur10", 1, links)
+    part, q = rigid_part(model), postures(model.arm, 2)
+    at = np.tile(part.coordinates, (len(q), 1))
+    at[:, part.chain.joint_columns] += q
+    T = end_pose(part.chain, at)
+    np.testing.assert_allclose(T, model.predict(q).T, atol=1e-12)
+    np.testing.assert_allclose(
+        T @ part.frames["tool"], model.predict(q, frame="tool").T, atol=1e-12
+    )
+    pointed = replace(model, targets_m=np.arange(6) / 10.0, target_names=("A", "B"))
+    frames = rigid_part(pointed).frames
+    assert [*frames] == ["target_A", "target_B"]
+    np.testing.assert_allclose(frames["target_B"][:3, 3], [0.3, 0.4, 0.5], atol=1e-15)
+
+
+def test_what_a_urdf_lacks_is_what_the_model_predicts_beyond_its_links():
+    model = fitted("pa10_6ce", 3, vocabulary)
+    poses = measured(model)
+    states = poses.states
+    whole = model.predict(states.q_rad, load_N=22.0, arrival=1.0, temperature_C=22.0, time_s=0.0)
+    at = np.tile(rigid_part(model).coordinates, (len(poses), 1))
+    at[:, model.model.chain.joint_columns] += states.q_rad
+    off = whole.T[:, :3, 3] - end_pose(model.model.chain, at)[:, :3, 3]
+    off_mm = 1e3 * np.linalg.norm(off, axis=1)
+    rms_mm, peak_mm = beyond_rigid_mm(model, poses)
+    assert peak_mm == pytest.approx(off_mm.max())
+    said = beyond_rigid(model, poses)
+    assert "joint_spring of joint 2" in said
+    assert f"over the 9 measured poses these move the flange by {rms_mm:.3f} mm rms" in said
+    assert "all that the model has" in beyond_rigid(fitted("ur10", 1, links), poses)
+    assert "weights that load the arm are not known" in beyond_rigid(
+        replace(model, payload=None), poses
+    )
+
+
+def test_rows_are_a_table_with_units():
+    model = fitted("pa10_6ce", 4, links)
+    rows = list(csv.DictReader(io.StringIO(dh_text(model, "good"))))
+    assert [row["joint"] for row in rows] == [str(k) for k in range(1, 7)]
+    assert {row["grade"] for row in rows} == {"good"}
+    values = model.parameters.set_index("parameter")
+    a2 = values.loc["delta_a_2"]
+    assert float(rows[1]["a_nominal_mm"]) == 450.0
+    assert float(rows[1]["a_departure_mm"]) == pytest.approx(1e3 * a2["value"], abs=1e-8)
+    assert float(rows[1]["a_calibrated_mm"]) == pytest.approx(450.0 + 1e3 * a2["value"], abs=1e-8)
+    assert float(rows[1]["a_u_mm"]) == pytest.approx(1e3 * a2["std"], rel=1e-4, abs=1e-9)
+    beta = np.degrees(values.loc["delta_beta_2", "value"])
+    assert float(rows[1]["beta_departure_deg"]) == pytest.approx(beta, abs=1e-8)
+    assert rows[1]["d_u_mm"] == ""  # beta stands in its place
+    assert rows[0]["theta_u_deg"] != ""
+    assert dh_text(replace(model, covariance=None), "x").count(",,") > 6
