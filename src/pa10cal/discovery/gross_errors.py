@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from pa10cal.discovery.in_time.running import moved_between_repeats
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import noise_of_repeats, same_circumstances
 from pa10cal.discovery.tails import ACCUSED_RATE, Tails
@@ -106,6 +107,7 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
     nothing = np.zeros(count)
     if alone.all():
         return GrossErrors(nobody, nobody, nothing, nothing)
+    left = left - moved_between_repeats(readings, left, group)
     further = np.linalg.norm(_by_stated(readings, left), axis=1)
 
     def judged(white: Array, without: Mask, least: float) -> GrossErrors:

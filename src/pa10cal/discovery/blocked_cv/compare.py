@@ -11,7 +11,7 @@ from pa10cal.calibration.accuracy import Accuracy, summarise
 from pa10cal.discovery.blocked_cv.finest import Level
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.gap import Gap, Named, gap, left_by
-from pa10cal.discovery.in_time.wander import moved
+from pa10cal.discovery.in_time.wander import moved_frames
 from pa10cal.discovery.linear import possible_sizes
 from pa10cal.discovery.preparation import complete_about
 from pa10cal.discovery.with_effects import moved_base
@@ -50,7 +50,7 @@ def _moved(campaign: Survey, poses: Observations) -> Array | None:
     """Return how the base had moved at poses, (P, 4, 4); None where it had not."""
     if campaign.wander is None:
         return None
-    return moved(campaign.wander.motions(poses.states.time_s))
+    return moved_frames(campaign.wander.motions(poses.states.time_s))
 
 
 def errors_by_name(

@@ -23,14 +23,15 @@ from pa10cal.discovery.family import effects_in, is_fault, sought
 from pa10cal.discovery.faults import Fault
 from pa10cal.discovery.gap import Gap, Named, gap
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, wandering
-from pa10cal.discovery.in_time.wander import moved
+from pa10cal.discovery.in_time.running import moved_between_repeats
+from pa10cal.discovery.in_time.wander import STILL, moved_frames
 from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
+from pa10cal.discovery.linear import residual
 from pa10cal.discovery.next_poses.contest import Pair
 from pa10cal.discovery.next_poses.separate import plan
-from pa10cal.discovery.preparation import Prepared, complete, complete_about, context_of
+from pa10cal.discovery.noise import same_circumstances
+from pa10cal.discovery.preparation import Prepared, complete, complete_about
 from pa10cal.discovery.verdict import Finding, Plan, Unexplained, Verdict, reported
-from pa10cal.discovery.weights import unweighted
-from pa10cal.discovery.with_effects import with_base_term
 from pa10cal.errors import DiscoveryError
 from pa10cal.observe.averages import average_repeats, reading_groups
 from pa10cal.observe.instrument import group_means
@@ -42,6 +43,8 @@ Array = NDArray[np.float64]
 #: Pairs for which configurations are chosen, the found ones first.
 _MOST_PAIRS = 8
 _ROUNDS_OF_TIME = 2
+#: Standard uncertainty that readings have at least, in what is stated, where they are compared.
+_OF_STATED = 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -201,61 +204,45 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
 def _with_time(readings: Observations, campaign: Prepared) -> tuple[Problem, Fit]:
     """Return the problem and its fit with what the readings show of time, where they do.
 
-    The noise is that of repeats without what moved between them, which shows in the second round.
+    The noise is that of repeats without what moved between them: running medians show it at first,
+    what was found in the second round.
 
     Raises:
         DiscoveryError: when too little is repeated.
     """
-    problem = _weighed(readings, campaign)
+    baseline, setup, logged = campaign.baseline, campaign.setup, campaign.torques == "logged"
+    poses = complete(readings, baseline, setup)
+    left = residual(baseline, poses)
+    moved = moved_between_repeats(poses, left, same_circumstances(poses))
+    problem = prepare(readings, baseline, setup, torques_logged=logged, moved=moved)
     start = fit(problem, (), (), (0.0, 0.0))
-    every = sought(problem.context, problem.baseline.model.terms)
+    every, found = sought(problem.context, baseline.model.terms), STILL
     for _ in range(_ROUNDS_OF_TIME):
         found = in_time_of(
             start.at,
             problem.readings,
-            np.linalg.inv(np.linalg.cholesky(problem.noise.cov)),
+            _whitener(problem),
             every,
             logged=problem.torques_logged,
             weights=problem.torque is not None,
         )
-        if found.wander is None and not found.drifts:
+        if found.wander is None and not (found.drifts or moved.any()):
             break
-        problem = prepare(
-            problem.readings,
-            problem.baseline,
-            problem.setup,
-            torques_logged=problem.torques_logged,
-            in_time=found,
-        )
+        problem = prepare(readings, baseline, setup, torques_logged=logged, in_time=found)
         start = fit(problem, (), (), (0.0, 0.0))
         if found.wander is None:
             break
     return problem, start
 
 
-def _weighed(readings: Observations, campaign: Prepared) -> Problem:
-    """Return the problem; where repeats show no noise for what moved between them, without that.
+def _whitener(problem: Problem) -> Array:
+    """Return what whitens single readings, (P, b, b).
 
-    Raises:
-        DiscoveryError: when repeats show no noise.
+    A little of what is stated is added: a jump in few repeats may leave directions without noise.
     """
-    baseline, setup, logged = campaign.baseline, campaign.setup, campaign.torques == "logged"
-    try:
-        return prepare(readings, baseline, setup, torques_logged=logged)
-    except DiscoveryError:
-        poses = complete(readings, baseline, setup)
-        x = np.concatenate([baseline.x, np.zeros(6)])
-        found = in_time_of(
-            replace(baseline, model=with_base_term(baseline), x=x),
-            poses,
-            unweighted(poses.measured).whitener,
-            sought(context_of(poses, baseline, setup), baseline.model.terms),
-            logged=logged,
-            weights=setup.payload is not None,
-        )
-        if found.wander is None:
-            raise
-        return prepare(readings, baseline, setup, torques_logged=logged, in_time=found)
+    stated = problem.readings.measured.stated_covariance
+    cov = problem.noise.cov + _OF_STATED**2 * stated
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(cov)), dtype=np.float64)
 
 
 def _wandering(problem: Problem) -> tuple[Unexplained, ...]:
@@ -290,8 +277,8 @@ def _moved(problem: Problem, poses: Observations) -> Array | None:
     single = problem.readings
     time_s = group_means(single.states.time_s, group := reading_groups(single))
     if len(time_s) == len(poses) and np.allclose(time_s, poses.states.time_s):
-        return moved(group_means(wander.motions(single.states.time_s), group))
-    return moved(wander.motions(poses.states.time_s))
+        return moved_frames(group_means(wander.motions(single.states.time_s), group))
+    return moved_frames(wander.motions(poses.states.time_s))
 
 
 def errors_by_name(

@@ -71,6 +71,7 @@ def prepare(
     *,
     torques_logged: bool = True,
     in_time: InTime = STILL,
+    moved: Array | None = None,
 ) -> Problem:
     """Make a campaign ready.
 
@@ -82,6 +83,8 @@ def prepare(
             what the readings carry. None for the baseline.
         torques_logged: whether the torques are those of a log, and not of described masses.
         in_time: how base or instrument move in the course of time, which is no noise.
+        moved: (P, b) by how much components moved besides, predicted less measured, which is
+            no noise either; None for nothing.
 
     Raises:
         DiscoveryError: when too little is repeated.
@@ -91,6 +94,8 @@ def prepare(
     left = -residual(about, readings)
     if in_time.wander is not None:
         left = left - in_time.wander.shift(baseline, readings)
+    if moved is not None:
+        left = left + moved
     noise = noise_of_repeats(readings, left, by_every_joint(about, readings))
     cells, cell_cov = gather(readings, noise.cov, _readings_a_cell(readings, in_time))
     cells = complete_about(cells, baseline, about, setup)

@@ -135,7 +135,7 @@ def courses_at(times_s: Array, time_s: Array, jumps_s: list[float], walk: bool) 
     return np.asarray(bare(time_s) - bare(times_s).mean(axis=0))
 
 
-def moved(motions: Array) -> Array:
+def moved_frames(motions: Array) -> Array:
     """Return the frames (P, 4, 4) of a base that has made six small motions (P, 6)."""
     T = np.tile(np.eye(4), (len(motions), 1, 1))
     T[:, :3, 3] = motions[:, :3]
