@@ -120,8 +120,8 @@ def steps_in_time(wander: Wander, at: FittedModel, readings: Observations) -> tu
         found.append(
             Fault(
                 "step_in_time",
-                f"between {pose[last]} at {time_s[last]:g} s and {pose[next_]} at "
-                f"{time_s[next_]:g} s",
+                f"between {pose[last]} at {time_s[last]:.10g} s and {pose[next_]} at "
+                f"{time_s[next_]:.10g} s",
                 f"the instrument or the base moved by {size_mm:.2g} mm and {turn_mrad:.2f} mrad",
                 "measure reference targets before and after, or calibrate the readings before and "
                 "after as two campaigns",
