@@ -28,6 +28,8 @@ Rows = NDArray[np.bool_]
 
 #: Errors larger than before by this factor are worse, whatever chance may do.
 WORSE = 1.05
+#: Errors larger by less than this are the same, however sure it is.
+TRIFLING = 1.005
 #: Errors over what noise and the model's own uncertainty explain by which a name is contradicted.
 CONTRADICTED = 1.5
 
@@ -150,7 +152,9 @@ def _harm(gap: Gap, rows: Rows) -> _Harm | None:
         return None
     harm = _Harm(summarise(gap.found_before, rows), summarise(gap.found_after, rows))
     paired = reduction(gap, rows)
-    return harm if harm.much or (paired.poses > 1 and paired.high_mm < 0.0) else None
+    worse = harm.after.mean_mm > TRIFLING * harm.before.mean_mm
+    surely = worse and paired.poses > 1 and paired.high_mm < 0.0
+    return harm if harm.much or surely else None
 
 
 def _beyond_uncertainty(found: Verdict[object], gap: Gap, rows: Rows) -> bool:

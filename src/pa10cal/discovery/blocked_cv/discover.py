@@ -41,6 +41,7 @@ from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.next_poses.fill import fill
 from pa10cal.discovery.noise import Noise, noise_of_near_poses
 from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.torque_noise import with_torque_noise
 from pa10cal.discovery.verdict import MAP, Finding, NotTestable, Plan, Verdict, reported
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 from pa10cal.observe.observations import Observations
@@ -171,6 +172,8 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
     effects = tuple(member.effect for member in fine.members)
     fitted, poses = extended.fitted(), judged.poses
     noise = noise_of_near_poses(poses, judged.left_by(fitted))
+    if judged.torques_logged:
+        noise = with_torque_noise(noise, fitted, poses, judged.setup.payload)
     floor_mm = mean_error_of_noise_mm(poses.measured, noise.cov)
     remaining = remaining_error(rows, searched.errors_mm, floor_mm)
     findings = tuple(
@@ -286,7 +289,11 @@ def _search(rows: Rows, error_rate: float) -> _Searched:
     products = rows.products()
     known = family(rows, products)
     poses = rows.survey.poses
-    noise = noise_squares(rows, noise_of_near_poses(poses, rows.survey.left_by(rows.place)))
+    of_readings = noise_of_near_poses(poses, rows.survey.left_by(rows.place))
+    if rows.survey.torques_logged:
+        payload = rows.survey.setup.payload
+        of_readings = with_torque_noise(of_readings, rows.place, poses, payload)
+    noise = noise_squares(rows, of_readings)
     search = Search(products, rows.own, known.shown, noise, error_rate)
     chosen = search.run()
     others = tried(search, chosen)

@@ -1,0 +1,45 @@
+"""The noise of a log of torques, where nothing is repeated."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import pa10cal
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.cell.campaign import measure_campaign, robot_of
+from pa10cal.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.discovery.linear import residual
+from pa10cal.discovery.noise import noise_of_near_poses
+from pa10cal.discovery.options import DiscoveryOptions
+from pa10cal.discovery.preparation import complete, prepared
+from pa10cal.discovery.setup import setup_of
+from pa10cal.discovery.torque_noise import with_torque_noise
+from pa10cal.studies.simulated import as_read
+
+FRACTION = 0.003
+
+
+def test_it_is_what_scatters_about_the_weights_and_moves_through_springs():
+    arm = pa10cal.load_arm("ur10")
+    plan = TrackerOptions(
+        instrument="pose",
+        poses=150,
+        flexible_joints=(2, 3, 4),
+        hardening=False,
+        logs_torques=True,
+        torque_fraction=FRACTION,
+    )
+    settings = SimulateOptions(random_seed=2, robot="ur10", without_touches=plan)
+    read = as_read(measure_campaign("logged", settings, robot_of(arm, settings)))
+    model = pa10cal.calibrate(read)
+    setup = setup_of(read.description, read.arm, CalibrationOptions(), DiscoveryOptions())
+    ready = prepared(read.observations, model, setup)
+    poses = complete(ready.readings, ready.baseline, setup)
+    stated = noise_of_near_poses(poses, residual(ready.baseline, poses))
+    found = with_torque_noise(stated, ready.baseline, poses, setup.payload)
+    np.testing.assert_allclose(found.torque_Nm, FRACTION * arm.torque_limit_Nm, rtol=0.25)
+    added = np.linalg.eigvalsh(found.cov - stated.cov)
+    assert added.min() > -1e-15
+    # 1 N m at joint 2 turns it by some 3e-5 rad, which moves the end by up to some 40 um.
+    assert 0.01 < 1e3 * np.sqrt(added.max()) < 0.1
+    assert with_torque_noise(stated, ready.baseline, poses, None) is stated
