@@ -12,8 +12,8 @@ container: "pa10cal.sif"
 report: "workflow/report/workflow.rst"
 
 
-# Campaigns that the workflow itself makes, of public data sets.
-IMPORTED = ("ur10-a", "ur10-c")
+# Campaigns that the workflow itself makes, of public data sets, and their files of readings.
+IMPORTED = {"ur10-a": "measurements_grid.csv", "ur10-c": "measurements_random_poses.csv"}
 
 
 include: "workflow/rules/common.smk"

@@ -14,7 +14,10 @@ import pytest
 from pa10cal.datasets.catalogue import dataset_named
 
 ROOT = Path(__file__).parents[1]
-ENDS = ["campaign.yaml", "left_out.csv", "poses.csv.gz"]
+ENDS = {
+    "ur10-a": ["campaign.yaml", "left_out.csv", "measurements_grid.csv"],
+    "ur10-c": ["campaign.yaml", "left_out.csv", "measurements_random_poses.csv"],
+}
 
 
 @pytest.fixture
@@ -81,7 +84,7 @@ def test_imports_from_a_folder_once(snakemake, ipa_data, tmp_path):
     target = tmp_path / "raw/ur10-c/campaign.yaml"
     code, text = snakemake(target, sources=sources)
     assert code == 0, text
-    for name in ("ur10-a", "ur10-c"):
-        assert sorted(path.name for path in (tmp_path / "raw" / name).iterdir()) == ENDS
+    for name, ends in ENDS.items():
+        assert sorted(path.name for path in (tmp_path / "raw" / name).iterdir()) == ends
     _, text = snakemake(target, sources=sources)
     assert "Nothing to be done" in text

@@ -5,7 +5,7 @@ configfile: f"{workflow.basedir}/../config.yaml"
 
 
 # The campaigns that are run are the reader's own, whatever their names.
-IMPORTED = ()
+IMPORTED = {}
 
 
 include: "rules/common.smk"

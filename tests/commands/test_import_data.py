@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from made_up_datasets import SERIES_A, edit, write_ipa, write_irb120
+from made_up_datasets import edit, write_ipa, write_irb120
 from pa10cal.__main__ import main
 from pa10cal.commands.command_line import REFUSED
 
@@ -25,12 +25,15 @@ def files(folder):
 def test_writes_both_campaigns_and_says_what_it_made_of(folder, tmp_path, capsys):
     assert run(folder, tmp_path / "raw", "--any-version") == 0
     shown = capsys.readouterr().out
-    assert f"{tmp_path / 'raw/ur10-a'}: 0 rows left out; 10 readings" in shown
+    assert f"{tmp_path / 'raw/ur10-a'}: measurements_grid.csv, read as it is" in shown
     assert "measurements_grid.csv is not the published file (SHA-256" in shown
     assert sorted(files(tmp_path / "raw")) == [
         f"{name}/{file}"
-        for name in ("ur10-a", "ur10-c")
-        for file in ("campaign.yaml", "left_out.csv", "poses.csv.gz")
+        for name, own in (
+            ("ur10-a", "measurements_grid.csv"),
+            ("ur10-c", "measurements_random_poses.csv"),
+        )
+        for file in ("campaign.yaml", "left_out.csv", own)
     ]
 
 
@@ -40,23 +43,33 @@ def test_refuses_files_that_are_not_the_published_ones(folder, tmp_path, capsys)
     assert not (tmp_path / "raw").exists()
 
 
-def test_shows_rows_left_out(folder, tmp_path, capsys):
-    edit(folder / SERIES_A, 5, "elbow_joint", "?")
-    assert run(folder, tmp_path / "raw", "--any-version") == 0
+def irb120(tmp_path, *options):
+    """Import the folder of text tables."""
+    words = ["import", "faro-irb120", str(tmp_path / "irb"), "--out", str(tmp_path / "raw")]
+    return main([*words, *options])
+
+
+def test_shows_rows_left_out(tmp_path, capsys):
+    folder = write_irb120(tmp_path / "irb")
+    edit(folder / "joints.txt", 5, 0, "?", separator=None)
+    assert irb120(tmp_path) == 0
     shown = capsys.readouterr().out
-    assert "ur10-a: 1 rows left out; 9 readings" in shown
-    assert f"left out: {SERIES_A}:5: not a finite number elbow_joint = '?'" in shown
+    assert "irb120: 1 rows left out; 9 configurations" in shown
+    assert "left out: joints.txt:5: not a finite number q1_deg = '?'" in shown
 
 
-def test_says_where_the_rest_of_many_is(folder, tmp_path, capsys):
-    path = folder / SERIES_A
-    path.write_bytes(path.read_bytes() + b"x;1\r\n" * 12)
-    settings = '{"max_quarantined_fraction": 0.6}'
-    assert run(folder, tmp_path / "raw", "--any-version", "--settings", settings) == 0
+def test_says_where_the_rest_of_many_is(tmp_path, capsys):
+    folder = write_irb120(tmp_path / "irb")
+    for table in folder.iterdir():
+        rows = table.read_text().splitlines()
+        table.write_text(
+            "\n".join([*rows, *(["x"] * 12 if table.stem == "joints" else rows[:1] * 12)])
+        )
+    assert irb120(tmp_path, "--settings", '{"max_quarantined_fraction": 0.6}') == 0
     shown = capsys.readouterr().out
     assert shown.count("  left out: ") == 10
-    assert f"… and 2 more in {tmp_path / 'raw/ur10-a/left_out.csv'}" in shown
-    listing = (tmp_path / "raw/ur10-a/left_out.csv").read_text().splitlines()
+    assert f"… and 2 more in {tmp_path / 'raw/irb120/left_out.csv'}" in shown
+    listing = (tmp_path / "raw/irb120/left_out.csv").read_text().splitlines()
     assert len(listing) == 13
 
 
@@ -87,5 +100,5 @@ def test_the_second_layout(tmp_path, capsys):
 def test_the_real_data_set_gives_the_same_bytes_each_time(ipa_data, tmp_path, capsys):
     for name in ("one", "two"):
         assert run(ipa_data, tmp_path / name) == 0
-    assert "0 rows left out; 11911 readings, 0 of them repeats" in capsys.readouterr().out
+    assert "measurements_grid.csv, read as it is" in capsys.readouterr().out
     assert files(tmp_path / "one") == files(tmp_path / "two")

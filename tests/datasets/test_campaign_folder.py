@@ -35,7 +35,7 @@ def campaign():
         uncertainty_mm=0.02,
         reference_temperature_C=21.5,
         held_out_fraction=0.3,
-        poses=poses,
+        readings=poses,
         files=("t.csv",),
         left_out=(Quarantined("t.csv", 7, "not a finite number", "a = 'x'"),),
         notes=(),

@@ -73,13 +73,6 @@ def test_another_version_may_be_asked_for_and_is_told(published, ipa_folder):
     assert "not the published" not in a.provenance
 
 
-def test_a_message_about_a_line_comes_before_one_about_a_checksum(published, ipa_folder):
-    path = ipa_folder / SERIES_A
-    path.write_bytes(path.read_bytes().replace(b",", b"."))
-    with pytest.raises(RawDataError, match=r"measurements_grid\.csv:2: decimal points where"):
-        imported(published, ipa_folder)
-
-
 def test_names_of_readers():
     assert dataset_names() == ("faro-irb120", "ipa-robot-accuracy")
     for name in dataset_names():

@@ -105,7 +105,7 @@ def results_folder(wildcards):
 
 def logs_of_campaign(wildcards):
     if wildcards.campaign in IMPORTED:  # before the import there is no folder to look into
-        return os.path.join(campaign_folder(wildcards), "poses.csv.gz")
+        return os.path.join(campaign_folder(wildcards), IMPORTED[wildcards.campaign])
     return raw_files(Path(campaign_folder(wildcards)))
 
 

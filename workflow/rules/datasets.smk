@@ -39,8 +39,8 @@ rule import_ipa_robot_accuracy:
     output:
         [
             os.path.join(_literal(SETTINGS.raw_dir), campaign, name)
-            for campaign in IMPORTED
-            for name in ("campaign.yaml", "poses.csv.gz", "left_out.csv")
+            for campaign, readings in IMPORTED.items()
+            for name in ("campaign.yaml", readings, "left_out.csv")
         ],
     log:
         f"{FETCHED}.import.log",

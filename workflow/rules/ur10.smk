@@ -34,6 +34,4 @@ rule ur10:
                 *expand(result("pictures.json"), campaign=campaign),
             )
         ],
-        expand(
-            result("evaluation/transfer_{source}.json"), campaign=IMPORTED[1], source=IMPORTED[0]
-        ),
+        expand(result("evaluation/transfer_{source}.json"), campaign="ur10-c", source="ur10-a"),

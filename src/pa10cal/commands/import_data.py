@@ -32,6 +32,7 @@ def import_data(
     """
     from pa10cal.datasets.campaign_folder import write_campaigns
     from pa10cal.datasets.catalogue import dataset_named
+    from pa10cal.datasets.dataset import AsItIs
     from pa10cal.datasets.importing import import_campaigns
 
     campaigns = import_campaigns(
@@ -42,7 +43,13 @@ def import_data(
     )
     places = write_campaigns(campaigns, out)
     for campaign, place in zip(campaigns, places, strict=True):
-        parts = [f"{len(campaign.left_out)} rows left out", *campaign.notes]
+        readings = campaign.readings
+        told = (
+            f"{readings.path.name}, read as it is"
+            if isinstance(readings, AsItIs)
+            else f"{len(campaign.left_out)} rows left out"
+        )
+        parts = [told, *campaign.notes]
         print(f"{place}: {'; '.join(parts)}")
         for row in campaign.left_out[:SHOWN]:
             print(f"  left out: {row.file}:{row.line}: {row.reason} {row.value}".rstrip())

@@ -15,7 +15,7 @@ import yaml
 
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, read_description
 from pa10cal.campaign.quarantine import quarantine_csv
-from pa10cal.datasets.dataset import ImportedCampaign
+from pa10cal.datasets.dataset import AsItIs, ImportedCampaign
 from pa10cal.errors import OutputError
 
 POSES_FILE = "poses.csv.gz"
@@ -47,8 +47,8 @@ def write_campaigns(campaigns: Sequence[ImportedCampaign], folder: Path) -> list
         RawDataError: when a description is not one that the contract's own reader accepts.
     """
     places = [folder / campaign.name for campaign in campaigns]
-    for place in places:
-        _refuse_foreign(place)
+    for place, campaign in zip(places, campaigns, strict=True):
+        _refuse_foreign(place, OWN_FILES | {_file(campaign)})
     with ExitStack() as stack:
         besides = [place.with_name(f".{os.getpid()}.partial.{place.name}") for place in places]
         for beside in besides:
@@ -84,9 +84,20 @@ def description(campaign: ImportedCampaign) -> dict[str, Any]:
         "tool": {"mass_kg": 0.0, "com_mm": [0.0, 0.0, 0.0], "load_point_mm": [0.0, 0.0, 0.0]},
         "gravity_m_s2": list(UPRIGHT_GRAVITY_M_S2),
         "reference_temperature_C": campaign.reference_temperature_C,
-        "files": {"poses": POSES_FILE},
+        "files": {"poses": _file(campaign)},
         "holdout": {"last_fraction": campaign.held_out_fraction},
+        **(
+            {"columns": {"poses": dict(campaign.readings.columns)}}
+            if isinstance(campaign.readings, AsItIs)
+            else {}
+        ),
     }
+
+
+def _file(campaign: ImportedCampaign) -> str:
+    """Return the name of the file of readings."""
+    readings = campaign.readings
+    return readings.path.name if isinstance(readings, AsItIs) else POSES_FILE
 
 
 def table_bytes(table: pd.DataFrame) -> bytes:
@@ -107,20 +118,22 @@ def _as_text(column: pd.Series[Any]) -> list[str]:
     return ["" if value != value else form % value for value in values]
 
 
-def _refuse_foreign(place: Path) -> None:
-    foreign = sorted({entry.name for entry in place.glob("*")} - OWN_FILES)
+def _refuse_foreign(place: Path, own: frozenset[str]) -> None:
+    foreign = sorted({entry.name for entry in place.glob("*")} - own)
     if foreign or place.is_file():
         raise OutputError(
             "the folder of the campaign holds something else",
             where=str(place),
             value=", ".join(foreign) or place.name,
-            allowed=f"a new folder, or one with {', '.join(sorted(OWN_FILES))} only",
+            allowed=f"a new folder, or one with {', '.join(sorted(own))} only",
             remedy="give another folder, or move the files away",
         )
 
 
 def _write(campaign: ImportedCampaign, folder: Path) -> None:
-    (folder / POSES_FILE).write_bytes(table_bytes(campaign.poses))
+    readings = campaign.readings
+    content = readings.path.read_bytes() if isinstance(readings, AsItIs) else table_bytes(readings)
+    (folder / _file(campaign)).write_bytes(content)
     listing = quarantine_csv(campaign.left_out)
     (folder / LEFT_OUT_FILE).write_text(listing, encoding="utf-8", newline="\n")
     text = yaml.safe_dump(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -27,6 +28,19 @@ class Published:
 
 
 @dataclass(frozen=True)
+class AsItIs:
+    """A file that is read as it is.
+
+    Attributes:
+        path: where it is.
+        columns: `columns.poses` of campaign.yaml.
+    """
+
+    path: Path
+    columns: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
 class ImportedCampaign:
     """One campaign of a data set, as docs/raw-data.md specifies it.
 
@@ -38,7 +52,7 @@ class ImportedCampaign:
         uncertainty_mm: standard uncertainty of one measured place, per axis.
         reference_temperature_C: temperature at which lengths are nominal.
         held_out_fraction: part of the poses, the last in time, that is held out.
-        poses: columns of `files.poses`, rows in order of time.
+        readings: a file that is read as it is; or columns of `files.poses`, rows in order of time.
         files: paths of the files read, inside the data set's folder.
         left_out: rows omitted.
         notes: what the reader should know, one clause each.
@@ -51,10 +65,16 @@ class ImportedCampaign:
     uncertainty_mm: float
     reference_temperature_C: float
     held_out_fraction: float
-    poses: pd.DataFrame
+    readings: AsItIs | pd.DataFrame
     files: tuple[str, ...]
-    left_out: tuple[Quarantined, ...]
-    notes: tuple[str, ...]
+    left_out: tuple[Quarantined, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def poses(self) -> pd.DataFrame:
+        """Return the columns of `files.poses` of a campaign that is not read as it is."""
+        assert isinstance(self.readings, pd.DataFrame)
+        return self.readings
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
-"""Text tables as data sets publish them: numbers by column, unusable rows listed.
+"""Text tables without names, as data sets publish them: numbers by column, unusable rows listed.
 
 A row with a field too many or too few, or with a field that is no number, is omitted and listed
-with its line. What is wrong throughout (separator, decimal sign, a missing column) stops with one
-message.
+with its line. Decimal commas throughout stop with one message. Tables with names are read as they
+are, by `columns` of campaign.yaml.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ from pa10cal.errors import RawDataError
 Array = NDArray[np.float64]
 
 NOT_A_NUMBER = "not a finite number"
-#: Separators that a table may have been exported with instead of its own.
-SEPARATORS = {";": "semicolons", ",": "commas", "\t": "tabs"}
 #: Words for a value that is not there, where one may be missing.
 BLANK = frozenset({"", "-", "nan"})
 
@@ -68,41 +66,6 @@ class TextTable:
         refuse_too_many(self.left_out, {self.file: self.total}, max_fraction)
 
 
-def read_headed_table(
-    folder: Path,
-    file: str,
-    required: Sequence[str],
-    optional: Sequence[str] = (),
-    *,
-    separator: str,
-    decimal: str,
-) -> TextTable:
-    """Read a table whose first line names the columns.
-
-    Args:
-        folder: the data set's folder.
-        file: path of the table in it; a byte-order mark and Windows line ends are accepted.
-        required: columns that must be there, a number in every row.
-        optional: columns that may be there, or blank.
-        separator: between fields.
-        decimal: sign before the decimals.
-
-    Raises:
-        RawDataError: when the file as a whole cannot be used.
-    """
-    path = folder / file
-    lines = _numbered_lines(path)
-    first, text = lines[0]
-    header = [field.strip(' "') for field in text.split(separator)]
-    _check_header(path, first, text, header, required, separator)
-    rows = [(number, words.split(separator)) for number, words in lines[1:]]
-    given = [*required, *(name for name in optional if name in header)]
-    places = {name: header.index(name) for name in given}
-    blank = frozenset(given) - frozenset(required)
-    table = _parse(path, file, rows, len(header), places, blank, decimal)
-    return _without_repeats(table)
-
-
 def read_bare_table(
     folder: Path, file: str, names: Sequence[str], *, may_be_blank: bool = False
 ) -> TextTable:
@@ -119,71 +82,19 @@ def read_bare_table(
     Raises:
         RawDataError: when the file as a whole cannot be used.
     """
-    path = folder / file
-    rows = [(number, text.split()) for number, text in _numbered_lines(path, blank=True)]
-    places = {name: k for k, name in enumerate(names)}
-    blank = frozenset(names) if may_be_blank else frozenset[str]()
-    return _parse(path, file, rows, len(names), places, blank, ".")
-
-
-def _numbered_lines(path: Path, *, blank: bool = False) -> list[tuple[int, str]]:
-    """Return lines with their numbers from 1; blank ones between them too if requested."""
-    text = path.read_bytes().decode("utf-8-sig", errors="replace").rstrip()
-    numbered = enumerate(text.splitlines(), start=1)
-    lines = [(number, line) for number, line in numbered if blank or line.strip()]
-    if not lines:
-        raise _refusal(path, 1, "the file is empty", None, "rows of numbers", "copy it again")
-    return lines
-
-
-def _check_header(
-    path: Path, line: int, text: str, header: list[str], required: Sequence[str], separator: str
-) -> None:
-    missing = [name for name in required if name not in header]
-    if not missing:
-        return
-    for other, name in SEPARATORS.items():
-        if other != separator and len(header) == 1 and other in text:
-            raise _refusal(
-                path,
-                line,
-                f"the fields are separated by {name}",
-                text[:80],
-                f"{SEPARATORS[separator]} between fields",
-                "take the file as it was published",
-            )
-    raise _refusal(
-        path,
-        line,
-        f"missing column{'s' if len(missing) > 1 else ''} {', '.join(missing)}",
-        text[:300],
-        ", ".join(required),
-        "take the file as it was published",
-    )
-
-
-def _parse(
-    path: Path,
-    file: str,
-    rows: list[tuple[int, list[str]]],
-    width: int,
-    places: dict[str, int],
-    may_be_blank: frozenset[str],
-    decimal: str,
-) -> TextTable:
-    if not rows:
-        raise _refusal(path, 1, "there is no row under the header", None, "rows", "copy it again")
+    path, width = folder / file, len(names)
+    rows = [(number, text.split()) for number, text in _numbered_lines(path)]
     widths = np.array([len(words) for _, words in rows])
     line = np.array([number for number, _ in rows], dtype=np.int64)
     fits = widths == width
     words = np.array([each for _, each in rows if len(each) == width], dtype=object)
     words = words.reshape(-1, width)
-    _refuse_other_decimals(path, line[fits], words[:, list(places.values())], decimal)
+    _refuse_decimal_commas(path, line[fits], words)
     good = np.ones(len(words), dtype=bool)
     values = np.full(len(words), "", dtype=object)
     columns: dict[str, Array] = {}
-    for name, place in places.items():
-        columns[name], readable = _numbers(words[:, place], decimal, name in may_be_blank)
+    for place, name in enumerate(names):
+        columns[name], readable = _numbers(words[:, place], may_be_blank)
         values[good & ~readable] = [f"{name} = {w!r}" for w in words[good & ~readable, place]]
         good &= readable
     wrong_width = f"the number of fields is not {width}"
@@ -192,25 +103,26 @@ def _parse(
     return whole.keep(good, NOT_A_NUMBER, values[~good])
 
 
-def _numbers(
-    words: NDArray[np.object_], decimal: str, may_be_blank: bool
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Return numbers, and whether each can be used; a foreign decimal sign makes it unreadable."""
-    foreign = "." if decimal == "," else ","
-    plain = ["?" if foreign in word else word.replace(decimal, ".").strip() for word in words]
-    found = np.array(pd.to_numeric(pd.Series(plain, dtype=object), errors="coerce"), dtype=float)
-    blank = np.array([word.lower() in BLANK for word in plain], dtype=bool) & may_be_blank
+def _numbered_lines(path: Path) -> list[tuple[int, str]]:
+    """Return lines with their numbers from 1, blank ones between them too."""
+    text = path.read_bytes().decode("utf-8-sig", errors="replace").rstrip()
+    lines = list(enumerate(text.splitlines(), start=1))
+    if not lines:
+        raise _refusal(path, 1, "the file is empty", None, "rows of numbers", "copy it again")
+    return lines
+
+
+def _numbers(words: NDArray[np.object_], may_be_blank: bool) -> tuple[Array, NDArray[np.bool_]]:
+    """Return numbers, and whether each can be used."""
+    found = np.array(pd.to_numeric(pd.Series(words, dtype=object), errors="coerce"), dtype=float)
+    blank = np.array([word.lower() in BLANK for word in words], dtype=bool) & may_be_blank
     readable = np.asarray(np.isfinite(found) | blank, dtype=bool)
     return np.where(blank, np.nan, found), readable
 
 
-def _refuse_other_decimals(
-    path: Path, line: NDArray[np.int64], words: NDArray[np.object_], decimal: str
-) -> None:
-    """Stop when most rows are written with the other decimal sign."""
-    foreign, names = (".", ("points", "commas")) if decimal == "," else (",", ("commas", "points"))
-    struck = np.array([foreign in word for word in words.ravel()], dtype=bool)
-    struck = struck.reshape(words.shape)
+def _refuse_decimal_commas(path: Path, line: NDArray[np.int64], words: NDArray[np.object_]) -> None:
+    """Stop when most rows are written with decimal commas."""
+    struck = np.array(["," in word for word in words.ravel()], dtype=bool).reshape(words.shape)
     rows = np.asarray(struck.any(axis=1), dtype=bool)
     if 2 * rows.sum() <= len(rows):
         return
@@ -218,16 +130,11 @@ def _refuse_other_decimals(
     raise _refusal(
         path,
         int(line[first]),
-        f"decimal {names[0]} where decimal {names[1]} are expected",
+        "decimal commas where decimal points are expected",
         words[first][struck[first]][0],
-        f"numbers such as 1{decimal}5",
+        "numbers such as 1.5",
         "take the file as it was published, not as a spreadsheet rewrote it",
     )
-
-
-def _without_repeats(table: TextTable) -> TextTable:
-    again = pd.DataFrame(table.columns).duplicated().to_numpy()
-    return table.keep(~again, "repeats an earlier row", [""] * int(again.sum()))
 
 
 def _refusal(

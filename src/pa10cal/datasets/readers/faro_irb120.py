@@ -70,7 +70,7 @@ def read(folder: Path, max_left_out: float) -> tuple[ImportedCampaign, ...]:
             uncertainty_mm=ASSUMED_MM,
             reference_temperature_C=ASSUMED_C,
             held_out_fraction=0.3,
-            poses=poses,
+            readings=poses,
             files=FILES,
             left_out=(*(row for table in tables for row in table.left_out), *unseen),
             notes=(f"{len(poses)} configurations, {int((~seen[some]).sum())} places not seen",),
