@@ -38,6 +38,10 @@ _NEIGHBOURS = 5
 _CONFIRMED = 0.3
 #: Relative error of a scatter that is found from one deviate, by its median, twice.
 _OF_SCALE = 2.3
+#: Means of poses have lighter tails than readings: as `tails.ACCUSED_RATE`, and standard errors by
+#: which their tails may be heavier than found.
+_OF_POSES_RATE = 1e-3
+_OF_POSES_SURELY = 1.6
 #: Scatter is no less than this part of what is stated, or of the noise found: rounding is none.
 _LEAST_STATED = 1e-3
 _LEAST_NOISE = 0.1
@@ -110,22 +114,27 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
     left = left - moved_between_repeats(readings, left, group)
     further = np.linalg.norm(_by_stated(readings, left), axis=1)
 
-    def judged(white: Array, without: Mask, least: float) -> GrossErrors:
+    def judged(whitener: Array, without: Mask, least: float) -> GrossErrors:
         """Exclude the reading furthest from the others of its group, group by group, anew.
 
         What is usual is found without some readings, and is at least this part of what was thought.
         """
-        out = nobody.copy()
-        scaled = white.copy()
-        first = _from_others(white, group, seen, without)
+        out, scale = nobody.copy(), np.ones(left.shape[1])
+
+        def from_others(without: Mask) -> Array:
+            apart = _from_others(left, group, seen, without)
+            return np.asarray((whitener @ apart[:, :, None])[:, :, 0] / scale)
+
+        first, own = from_others(without), scale.copy()
         for _, at in readings.measured.component_kinds:
-            here = seen[:, at] & ~(alone | without)[:, None]
-            scaled[:, at] /= max(Tails.of(first[:, at][here]).scale, least)
+            here = (first[:, at] != 0.0) & ~(alone | without)[:, None]
+            own[at] = max(Tails.of(first[:, at][here]).scale, least)
+        scale *= own
         components = np.maximum(seen.sum(axis=1), 1)
         limit = np.sqrt(chdtri(components, EXCLUDED_RATE / count))
         limit *= 1.0 + _OF_SCALE / np.sqrt(float(seen[~(alone | without)].sum()))
         while True:
-            distance = np.linalg.norm(_from_others(scaled, group, seen, out), axis=1)
+            distance = np.linalg.norm(from_others(out), axis=1)
             far = np.flatnonzero(~out & (distance > limit))
             if not len(far):
                 break
@@ -134,23 +143,22 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
             order = np.lexsort((further[far], np.where(left_in[far] > 2, distance[far], 0.0)))
             worst = np.unique(group[far[order[::-1]]], return_index=True)[1]
             out[far[order[::-1]][worst]] = True
-        apart = _from_others(scaled, group, seen, out)
+        apart = from_others(out)
         times = np.linalg.norm(apart, axis=1) / np.sqrt(components)
         out &= ~_in_time(out, readings.states.time_s)
-        beyond = _beyond_tails(apart, readings, ~alone)
+        beyond = _beyond_tails(apart, readings, ~(alone | out), ~alone)
         return GrossErrors(out, out & beyond, times, nothing)
 
-    found = judged(_by_stated(readings, left), nobody, _LEAST_STATED)
+    stated = readings.measured.stated_covariance
+    found = judged(np.linalg.inv(np.linalg.cholesky(stated)), nobody, _LEAST_STATED)
     try:
         plain = _with_means_of_others(left, group, seen, found.excluded)
         noise = noise_of_repeats(readings, -plain, by_every_joint(model, readings))
     except DiscoveryError:
         pass
     else:
-        least = _LEAST_STATED**2 * readings.measured.stated_covariance
-        whitener = np.linalg.inv(np.linalg.cholesky(noise.cov + least))
-        white = (whitener @ left[:, :, None])[:, :, 0]
-        found = judged(white, found.excluded, _LEAST_NOISE)
+        whitener = np.linalg.inv(np.linalg.cholesky(noise.cov + _LEAST_STATED**2 * stated))
+        found = judged(whitener, found.excluded, _LEAST_NOISE)
     apart, _ = _less_others(left, group, seen, found.excluded)
     return GrossErrors(found.excluded, found.accused, found.times, _position_mm(readings, apart))
 
@@ -192,7 +200,10 @@ def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[flo
     averages = average_groups(readings, pose)
     left = group_means(residual(model, readings), pose)
     white = _by_scatter(averages, model, left)
-    far = _beyond_tails(white, averages, np.ones(len(labels), dtype=bool))
+    far = np.zeros(len(labels), dtype=bool)
+    for _, at in averages.measured.component_kinds:
+        tails = Tails.of(white[:, at][_seen(averages, at)], _OF_POSES_SURELY)
+        far |= np.any(np.abs(white[:, at]) > tails.largest(_OF_POSES_RATE), axis=1)
     far &= ~_in_time(far, averages.states.time_s)
     components = np.sqrt(np.maximum(averages.measured.components_seen.sum(axis=1), 1))
     times = np.linalg.norm(white, axis=1) / components
@@ -207,19 +218,25 @@ def _by_scatter(readings: Observations, model: FittedModel, left: Array) -> Arra
     return np.asarray((whitener @ left[:, :, None])[:, :, 0])
 
 
-def _beyond_tails(white: Array, readings: Observations, judged: Mask) -> Mask:
+def _beyond_tails(
+    white: Array, readings: Observations, usual: Mask, judged: Mask | None = None
+) -> Mask:
     """Return (P,) which readings are further off than any tail of right data makes.
 
     Args:
         white: (P, b) of about unit size.
         readings: P single readings.
-        judged: (P,) those that show what tails there are.
+        usual: (P,) those that show what tails there are.
+        judged: (P,) those that may be beyond them; None for the same.
     """
+    judged = usual if judged is None else judged
     beyond = np.zeros(len(readings), dtype=bool)
     for _, at in readings.measured.component_kinds:
-        here = _seen(readings, at) & judged[:, None]
-        limit = Tails.of(white[:, at][here]).largest(ACCUSED_RATE)
-        beyond |= np.any(here & (np.abs(white[:, at]) > limit), axis=1)
+        # Zero is what nothing else was seen of.
+        seen = _seen(readings, at) & (white[:, at] != 0.0)
+        bulk = white[:, at][seen & usual[:, None]]
+        limit = Tails.of(bulk).largest(ACCUSED_RATE)
+        beyond |= judged & np.any(seen & (np.abs(white[:, at]) > limit), axis=1)
     return beyond
 
 
@@ -273,6 +290,8 @@ def _in_time(off: Mask, time_s: Array) -> Mask:
     """Return (P,) readings that are off in a stretch of time in which most readings are."""
     order = np.argsort(time_s, kind="stable")
     window = np.ones(2 * _NEIGHBOURS + 1)
+    if len(off) < len(window):
+        return np.zeros(len(off), dtype=bool)
     most = np.convolve(off[order], window, mode="same") - off[order] > _NEIGHBOURS
     together = np.zeros(len(off), dtype=bool)
     together[order] = np.convolve(most & off[order], window, mode="same") > 0.5

@@ -43,15 +43,20 @@ class Tails:
     count: int
 
     @staticmethod
-    def of(deviates: Array) -> Tails:
-        """Return the distribution of deviates (N,)."""
+    def of(deviates: Array, surely: float = _SURELY) -> Tails:
+        """Return the distribution of deviates (N,).
+
+        Args:
+            deviates: about zero.
+            surely: standard errors by which tails may be heavier than they were found.
+        """
         sizes = np.abs(deviates)
         if not len(sizes):
             return Tails(0.0, _NORMAL_DOF, 0)
         inner, outer = np.quantile(sizes, [_INNER, _OUTER])
         if inner == 0.0:
             return Tails(0.0, _NORMAL_DOF, len(sizes))
-        ratio = outer / inner * (1.0 + _SURELY * _ERROR_OF_RATIO / np.sqrt(len(sizes)))
+        ratio = outer / inner * (1.0 + surely * _ERROR_OF_RATIO / np.sqrt(len(sizes)))
         dof = float(np.interp(-ratio, -_RATIOS, _DOF))
         scale = inner / ndtri(0.5 + 0.5 * _INNER)
         return Tails(float(scale), dof, len(sizes))
