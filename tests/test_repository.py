@@ -98,6 +98,7 @@ MAY_IMPORT = {
         "files",
         "fit",
         "frame.options",
+        "interface",
         "observe",
         "terms",
     },
