@@ -294,7 +294,7 @@ def _search(rows: Rows, error_rate: float) -> _Searched:
         payload = rows.survey.setup.payload
         of_readings = with_torque_noise(of_readings, rows.place, poses, payload)
     noise = noise_squares(rows, of_readings)
-    search = Search(products, rows.own, known.shown, noise, error_rate)
+    search = Search(products, rows.own, known.shown, noise, error_rate, rows.own_sizes)
     chosen = search.run()
     others = tried(search, chosen)
     nameless = tuple(member.effect for member in chosen.members if member.effect.generic)

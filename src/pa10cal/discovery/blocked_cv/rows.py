@@ -20,9 +20,13 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import b_splines_by_knots, harmonics_at_knots
+from pa10cal.terms.weights import Weights
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+#: What is expected of weights stands among the rows, and not beside them.
+_NOT_TWICE = 100.0
 
 
 @dataclass(frozen=True)
@@ -104,6 +108,20 @@ class Rows:
         wander = self.survey.wander
         return np.arange(len(unknowns(self.place)) + (0 if wander is None else len(wander.sizes)))
 
+    @property
+    def of_weights(self) -> Index:
+        """Return the columns of weights that are uncertain, among the model's own."""
+        model = self.place.model
+        places = [model.columns_of(each) for each in model.terms if isinstance(each, Weights)]
+        return np.concatenate([np.zeros(0, np.intp), *(self.own[at] for at in places)])
+
+    @property
+    def own_sizes(self) -> Array:
+        """Return the sizes expected of the model's own parameters, beside what rows say of them."""
+        sizes = np.ones(len(self.own))
+        sizes[self.of_weights] = _NOT_TWICE
+        return sizes
+
     def of_shaped(self) -> list[Index]:
         """Return the columns of each effect."""
         stops = len(self.own) + np.cumsum([0, *(each.effect.linear for each in self.shaped)])
@@ -134,6 +152,10 @@ class Rows:
                 )
         gram[1] += gram[0]
         projection[1] += projection[0]
+        # What is known of the weights is told like readings, some in every block: what they would
+        # have to be to explain an error counts against them.
+        of_weights = self.of_weights
+        gram[1][:, of_weights, of_weights] += 1.0 / BLOCKS
         positions = Products(gram[0], projection[0], squares[0])
         return Products(gram[1], projection[1], squares.sum(axis=0), positions)
 

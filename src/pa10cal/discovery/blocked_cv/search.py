@@ -67,6 +67,7 @@ class Search:
         family: Sequence[Candidate],
         noise: float,
         error_rate: float,
+        own_sizes: Array | None = None,
     ) -> None:
         """Take what is judged.
 
@@ -76,6 +77,7 @@ class Search:
             family: candidates.
             noise: sum of squares that noise alone leaves.
             error_rate: probability allowed of naming anything where nothing is missing.
+            own_sizes: sizes expected of the calibrated model's parameters; None for one.
         """
         self.family = tuple(family)
         self.noise = noise
@@ -83,7 +85,8 @@ class Search:
         self.effects = len(names)
         self.least_gain = 2.0 * threshold(max(self.effects, 1), error_rate)
         self.steps: list[Step] = []
-        self._nothing = Chosen((), start(products, [Columns(own, np.ones(len(own)))]))
+        own_sizes = np.ones(len(own)) if own_sizes is None else own_sizes
+        self._nothing = Chosen((), start(products, [Columns(own, own_sizes)]))
 
     def run(self) -> Chosen:
         """Search until the set stays."""

@@ -68,6 +68,10 @@ def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> L
         blocks[effect] = Block(
             by_x[:, first:last], torque_by_x[:, first:last], _factor(effect, found.of(effect))
         )
+    for term in found.model.terms:
+        if isinstance(term, Weights):  # expected about what is described, not about the fit
+            at = found.model.columns_of(term)
+            pose_data = pose_data + by_x[:, at] @ found.x[at]
     others = tuple(effect for effect in candidates if effect not in blocks)
     if others:
         blocks |= zip(others, _blocks(problem, found, others), strict=True)

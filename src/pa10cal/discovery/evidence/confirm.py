@@ -8,6 +8,7 @@ data (max-T), whatever the noise really is.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -20,6 +21,7 @@ from pa10cal.discovery.evidence.likelihood import SIZES, Block
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.evidence.search import EndOfSearch
+from pa10cal.terms.weights import Weights
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -145,8 +147,11 @@ def _weighed(problem: Problem, found: EndOfSearch, *, turned: bool) -> _Rows:
         return both(candidate.pose @ factor, candidate.torque @ factor)
 
     own = both(lin.own, np.zeros((len(lin.torque_data), lin.own.shape[1])))
+    uncertain = _of_weights(found)
+    known = _known_weights(own[:, uncertain])
+    own = known(own[:, ~uncertain])
     of_members = [
-        block(lin.blocks[found.family.index(effect)], SIZES[size[effect]])
+        known(block(lin.blocks[found.family.index(effect)], SIZES[size[effect]]))
         for effect in found.fit.effects
     ]
     stops = np.cumsum([own.shape[1], *(part.shape[1] for part in of_members)]).tolist()
@@ -156,10 +161,35 @@ def _weighed(problem: Problem, found: EndOfSearch, *, turned: bool) -> _Rows:
     return _Rows(
         own=np.concatenate([own, *of_members], axis=1),
         members=tuple(slice(a, b) for a, b in pairwise(stops)),
-        data=both(lin.pose_data[:, None], lin.torque_data[:, None])[:, 0],
-        family=tuple(block(candidate, 1.0) for candidate in lin.blocks) if turned else (),
+        data=known(both(lin.pose_data[:, None], lin.torque_data[:, None]))[:, 0],
+        family=tuple(known(block(candidate, 1.0)) for candidate in lin.blocks) if turned else (),
         cell=np.concatenate(cells),
     )
+
+
+def _of_weights(found: EndOfSearch) -> NDArray[np.bool_]:
+    """Return which of the model's own columns are weights that are uncertain."""
+    model = found.fit.model
+    places = [
+        np.arange(len(found.fit.x))[model.columns_of(term)]
+        for term in model.terms
+        if isinstance(term, Weights)
+    ]
+    return np.isin(found.fit.own_columns(), np.concatenate([np.zeros(0, np.intp), *places]))
+
+
+def _known_weights(columns: Array) -> Callable[[Array], Array]:
+    """Return what weighs rows by uncertain weights (R, w), an error that all poses share.
+
+    As parameters they would take up what their uncertainty leaves no room for.
+    """
+    left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    shrink = (1.0 - 1.0 / np.sqrt(1.0 + sizes**2))[:, None]
+
+    def weighed(rows: Array) -> Array:
+        return rows if not len(shrink) else rows - left @ (shrink * (left.T @ rows))
+
+    return weighed
 
 
 def _flipped(rows: _Rows, k: int, pose: Index, signs: Array) -> float:
