@@ -10,7 +10,7 @@ from pa10cal.discovery.weights import unweighted
 from pa10cal.discovery.with_effects import at_unknowns, moved_base
 from pa10cal.terms.effects.encoder import EncoderEccentricity
 from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
-from pa10cal.terms.effects.joint_windup import JointCompliance
+from pa10cal.terms.effects.joint_windup import JointCompliance, SoftWindup
 
 FINE = JointErrorMap("joint 3", 24, Fading(1e-4, 6.0))
 DISK = EncoderEccentricity("joint 2", 1.0)
@@ -64,6 +64,13 @@ def test_a_parameter_stays_within_its_physical_range(hidden):
     weights = unweighted(hidden.readings.measured)
     found = refit(hidden.survey, (DISK, spring), (np.zeros(2), np.zeros(1)), weights)
     assert found.x[found.columns_of(spring)][0] >= 0.0
+
+
+def test_the_shape_of_an_effect_of_no_amount_is_no_unknown(hidden):
+    windup = SoftWindup("joint 4", 56.0, 5.0)
+    weights = unweighted(hidden.readings.measured)
+    found = refit(hidden.survey, (DISK, windup), (np.zeros(2), np.array([0.0, 2.0])), weights)
+    assert np.all(np.isfinite(found.covariance))
 
 
 def test_a_moved_base_is_the_base_times_a_small_motion():

@@ -169,7 +169,11 @@ class _Fit:
 
 
 def _inverse(information: Array, prior: Array, free: NDArray[np.bool_]) -> Array:
-    """Return the inverse of the normal equations of free parameters, zero for the others."""
+    """Return the inverse of the normal equations of free parameters, zero for the others.
+
+    The shape of an effect of no amount moves nothing: it counts as one of the others.
+    """
+    free = free & (np.diag(information) > 0.0)
     own = np.ix_(free, free)
     scale = 1.0 / np.sqrt(np.diag(information)[free])
     inverse = np.zeros_like(information)
