@@ -168,12 +168,10 @@ class LevelOff(Disturbance):
 
 
 class UnknownTool(Disturbance):
-    """The tool's mass is not known, and 0 is stated."""
+    """The tool's mass is not known, and 0 is stated: that is what 0 means."""
 
     id = "unknown_tool"
     stressor = True
-    measured = True
-    kinds = ("payload",)
     needs = ("masses",)
 
     def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
