@@ -51,6 +51,9 @@ _LEAST_SIDE = 4
 _COARSE = 40
 #: A motion counts from this part of the noise of one reading on, root mean squares.
 _LEAST_PART = 0.5
+#: Noise is no less than this part of that by which rows are whitened: more columns than rows could
+#: else explain it all.
+_LEAST_NOISE = 0.3
 #: Log evidence by which another time of a jump may be worse.
 _AS_GOOD = 3.0
 #: Log evidence from which a drift shows between the readings of a pose.
@@ -274,11 +277,14 @@ class _Rows:
             taken, determinant = _without(products, at, sizes)
             value = self._log(taken[-1, -1], determinant + constant)
             if value > best[0]:
-                best = value, products, float(np.sqrt(taken[-1, -1] / self._seen))
+                noise = float(np.sqrt(taken[-1, -1] / self._seen))
+                best = value, products, max(noise, _LEAST_NOISE)
         return best
 
     def _log(self, squares: float, determinant: float) -> float:
-        return float(-0.5 * self._seen * np.log(squares) - 0.5 * determinant)
+        variance = max(squares / self._seen, _LEAST_NOISE**2)
+        logarithm = self._seen * np.log(variance) + squares / variance
+        return float(-0.5 * logarithm - 0.5 * determinant)
 
     def _columns(
         self, jumps: tuple[Jump, ...], walk_m: float, turn: float, more: int = 0
