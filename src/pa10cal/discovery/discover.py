@@ -15,7 +15,7 @@ from pa10cal.discovery.not_sought import TooLittle, not_sought
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, prepared
 from pa10cal.discovery.row_faults import carries, of_wrong_row
 from pa10cal.discovery.torque_check import stated_wrongly
-from pa10cal.discovery.verdict import label_of
+from pa10cal.discovery.verdict import is_named, label_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.uncertain_weights import open_unknowns
 
@@ -58,7 +58,8 @@ def discover(
     error_rate = setup.options.error_rate
     found = _judged(campaign, model, error_rate)
     for _ in range(_MOST_CARRIERS):
-        carried = [each for each in found.findings if each.carrier is not None]
+        # A map is no name: it may well show at one pose.
+        carried = [each for each in found.effects if each.carrier and is_named(each.effect)]
         if not carried:
             break
         # One pose is no evidence of what acts in all of them: it is wrong, and the rest decides.

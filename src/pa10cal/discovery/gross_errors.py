@@ -16,7 +16,7 @@ from scipy.special import chdtri
 
 from pa10cal.discovery.in_time.running import moved_between_repeats
 from pa10cal.discovery.linear import by_every_joint, residual
-from pa10cal.discovery.noise import noise_of_repeats, same_circumstances
+from pa10cal.discovery.noise import compared, noise_of_repeats
 from pa10cal.discovery.tails import ACCUSED_RATE, Tails
 from pa10cal.discovery.weights import pose_weights
 from pa10cal.errors import DiscoveryError
@@ -105,7 +105,7 @@ def off_prediction(poses: Observations, model: FittedModel, fitted: Observations
 def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> GrossErrors:
     """Judge readings by the others of their circumstances."""
     count = len(readings)
-    group, seen = same_circumstances(readings), readings.measured.components_seen
+    group, seen = compared(readings), readings.measured.components_seen
     nobody = np.zeros(count, dtype=bool)
     alone = np.bincount(group)[group] < 2
     nothing = np.zeros(count)
@@ -154,10 +154,11 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
     try:
         plain = _with_means_of_others(left, group, seen, found.excluded)
         noise = noise_of_repeats(readings, -plain, by_every_joint(model, readings))
-    except DiscoveryError:
+        cov = noise.cov + _LEAST_STATED**2 * stated
+        whitener = np.linalg.inv(np.linalg.cholesky(cov))
+    except (DiscoveryError, np.linalg.LinAlgError):
         pass
     else:
-        whitener = np.linalg.inv(np.linalg.cholesky(noise.cov + _LEAST_STATED**2 * stated))
         found = judged(whitener, found.excluded, _LEAST_NOISE)
     apart, _ = _less_others(left, group, seen, found.excluded)
     return GrossErrors(found.excluded, found.accused, found.times, _position_mm(readings, apart))
@@ -167,7 +168,7 @@ def _off_model(
     readings: Observations, model: FittedModel, left: Array, found: GrossErrors
 ) -> GrossErrors:
     """Judge readings without a repeat of the same circumstances by the model."""
-    group, seen = same_circumstances(readings), readings.measured.components_seen
+    group, seen = compared(readings), readings.measured.components_seen
     alone = np.bincount(group)[group] < 2
     if not alone.any():
         return found

@@ -110,13 +110,13 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
         axis=1,
     )
     both = seen[first] & seen[second]
-    compared = np.where(
+    of_pairs = np.where(
         (both[:, :, None] & both[:, None, :])[:, None],
         0.5 * (sources[first] + sources[second]),
         0.0,
     )
     try:
-        variances = _variance_components(np.where(both, difference, 0.0), compared, both)
+        variances = _variance_components(np.where(both, difference, 0.0), of_pairs, both)
     except np.linalg.LinAlgError:
         raise DiscoveryError(
             "the scatter of repeats shows no noise in some component of the readings",
@@ -219,13 +219,19 @@ def repeated(readings: Observations) -> int:
     return len(_pairs(readings)[0])
 
 
+def compared(readings: Observations) -> Index:
+    """Return (P,) a number for readings that are compared as repeats, from 0; see `repeated`."""
+    same = same_circumstances(readings)
+    pairs = len(readings) - len(np.unique(same))
+    if pairs >= LEAST_REPEATED * len(readings):
+        return same
+    any_side = reading_groups(readings)
+    return any_side if len(readings) - len(np.unique(any_side)) > _FAR_MORE * pairs else same
+
+
 def _pairs(readings: Observations) -> tuple[Index, Index]:
     """Return readings and their next ones of the same circumstances; see `repeated`."""
-    found = _successive(readings, same_circumstances(readings))
-    if len(found[0]) >= LEAST_REPEATED * len(readings):
-        return found
-    any_side = _successive(readings, reading_groups(readings))
-    return any_side if len(any_side[0]) > _FAR_MORE * len(found[0]) else found
+    return _successive(readings, compared(readings))
 
 
 def _successive(readings: Observations, circumstances: Index) -> tuple[Index, Index]:
