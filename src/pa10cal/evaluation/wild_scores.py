@@ -160,7 +160,7 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
         ),
         _at_most(f"right data: refused, {CHECK} or {SUSPECT}", 0.02, rate(map(is_accused, right))),
         Bar(
-            what="seconds to judge one campaign, longest",
+            what="seconds of the processor to judge one campaign, longest",
             at_least=False,
             limit=15.0,
             reached=max(seconds, default=None),

@@ -41,7 +41,7 @@ class WildTrial(Part):
     said: str = Field(description="verdict, grade, names and faults; or why there is none")
     failings: tuple[str, ...] = Field(description="bars that it counts against")
     seconds: float | None = Field(
-        description="time to judge it [s]; null where there is no verdict"
+        description="time of the processor to judge it [s]; null without a verdict"
     )
 
 

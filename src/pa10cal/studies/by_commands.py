@@ -34,7 +34,7 @@ class Judged:
         calibration: with which discovery began.
         verdict: its verdict.
         left_out: poses with quarantined rows, or that are suspected outliers.
-        seconds: that discovery and evaluation took.
+        seconds: of the processor that discovery and evaluation took.
     """
 
     calibration: CalibrationRecord
@@ -47,7 +47,7 @@ class Judged:
 
         Args:
             simulating: time that simulating the campaign took [s].
-            calibrating: time that the commands before discovery took [s].
+            calibrating: time of the processor that the commands before discovery took [s].
         """
         keys = {name: getattr(self.verdict, name) for name in VerdictKeys.model_fields}
         *_, model = models_of(self.calibration, self.verdict.campaign).values()
@@ -99,7 +99,7 @@ def judged_by_commands(
     raw: Path, out: Path, calibration: CalibrationRecord, options: JudgingOptions
 ) -> Judged:
     """Judge a campaign that `calibrated_by_commands` has calibrated, in the same folders."""
-    began = time.perf_counter()
+    began = time.process_time()
     poses, case = out / "poses.parquet", out / "combined.json"
     verdict, extended = out / "verdict.json", out / "extended.json"
     with _silent():
@@ -120,7 +120,7 @@ def judged_by_commands(
             out=out / "holdout.json",
             extended=extended,
         )
-    seconds = time.perf_counter() - began
+    seconds = time.process_time() - began
     left_out = sorted({*_quarantined(raw, out / "quarantine.csv"), *_suspected(calibration)})
     return Judged(calibration, read(VerdictRecord, verdict), tuple(left_out), seconds)
 

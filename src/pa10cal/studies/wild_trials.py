@@ -44,15 +44,15 @@ def try_wild_trial(
         keep: gets the raw folder of the trial; None for a folder of the moment.
     """
     with tempfile.TemporaryDirectory() as place:
-        began = time.perf_counter()
+        began = time.process_time()
         raw, out = (keep or Path(place, "raw")) / trial.name, Path(place, "results")
         places = _write(trial.name, trial.settings, raw)
-        simulating = time.perf_counter() - began
+        simulating = time.process_time() - began
         calibration = None
         try:
-            began = time.perf_counter()
+            began = time.process_time()
             calibration = calibrated_by_commands(raw, out, options)
-            seconds = time.perf_counter() - began
+            seconds = time.process_time() - began
             judged = judged_by_commands(raw, out, calibration, options)
             verdict: TrialVerdictRecord = judged.record(simulating, seconds)
         except Pa10calError as error:
@@ -61,9 +61,9 @@ def try_wild_trial(
             verdict = FailedTrialRecord(campaign=trial.name, failed=str(error), refused=refused)
         except Exception as error:
             verdict = FailedTrialRecord(campaign=trial.name, failed=_crash(error))
-        began = time.perf_counter()
+        began = time.process_time()
         effects, put_in = _moved(trial, calibration, Path(place, "twin"), options)
-        seconds = time.perf_counter() - began
+        seconds = time.process_time() - began
     truth = truth_record(trial, effects, seconds, WILD)
     return verdict, truth.model_copy(update={"put_in": _put_in(trial, places, put_in)})
 
