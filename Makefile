@@ -1,8 +1,8 @@
-# Targets for a newcomer: reproduce, test. The rest: setup, figures, report, check, bench, peers, clean,
+# Targets for a newcomer: reproduce, test. The rest: setup, figures, report, check, bench, peers, urdfs, clean,
 # and for maintainers: lock, schema.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup reproduce figures report test check bench peers clean lock schema
+.PHONY: help setup reproduce figures report test check bench peers urdfs clean lock schema
 
 PYTHON ?= python3
 CORES ?= 2
@@ -18,6 +18,7 @@ help:
 	@echo "make check       lint, format, types, workflow lint"
 	@echo "make bench       measure, and write benchmarks/results.md"
 	@echo "make peers       other packages on the same data: benchmarks/peers.md (PA10CAL_IPA_DATA=folder: real too)"
+	@echo "make urdfs       real URDFs imported, exported, loaded back: benchmarks/urdfs.md (235 MB, once)"
 	@echo "make clean       remove results/ (make setup builds .venv; make lock, make schema: maintainers)"
 
 setup: .venv/.complete
@@ -60,6 +61,9 @@ bench: setup
 # Each peer in an environment of its own under build/peers; a quarter of an hour.
 peers: setup
 	$(BIN)/python -m benchmarks.peers
+
+urdfs: setup
+	$(BIN)/python -m benchmarks.urdfs
 
 clean:
 	rm -rf results

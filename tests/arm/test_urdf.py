@@ -3,6 +3,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from ikpy.chain import Chain as IkpyChain
 
 from pa10cal.arm.chain import BASE, Chain, end_pose
 from pa10cal.arm.urdf import urdf_text
@@ -42,3 +43,25 @@ def test_what_is_not_known_is_written_as_none():
     chain = Chain.of(load_arm("irb120"))  # its rated torques are not published
     model = pin.buildModelFromXML(urdf_text(chain, chain.nominal, "irb120"))
     assert not model.effortLimit.any()
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_another_loader_reads_the_same(name, tmp_path):
+    chain, path = Chain.of(load_arm(name)), tmp_path / "robot.urdf"
+    coordinates = chain.nominal + np.random.default_rng(5).normal(0, 2e-3, len(chain.nominal))
+    coordinates[chain.columns(BASE)] = 0.0
+    tool = np.array([[0.0, -1, 0, 0.1], [1, 0, 0, -0.2], [0, 0, 1, 0.3], [0, 0, 0, 1]])
+    path.write_text(urdf_text(chain, coordinates, name, "a comment", frames={"tool": tool}))
+    mask = [False, *[True] * chain.arm.n, False, False]  # fixed links are told one by one
+    loaded = IkpyChain.from_urdf_file(
+        str(path), base_elements=["base"], symbolic=False, active_links_mask=mask
+    )
+    assert [link.name for link in loaded.links[-2:]] == ["to_flange", "to_tool"]
+    joints = [k for k, link in enumerate(loaded.links) if link.name.startswith("joint_")]
+    for q in np.random.default_rng(6).uniform(*chain.arm.limits_rad.T, (4, chain.arm.n)):
+        given = np.zeros(len(loaded.links))
+        given[joints] = q
+        moved = coordinates.copy()
+        moved[chain.joint_columns] += q
+        found = loaded.forward_kinematics(given)
+        np.testing.assert_allclose(found, end_pose(chain, moved[None])[0] @ tool, atol=1e-12)

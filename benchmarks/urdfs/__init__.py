@@ -1,0 +1,1 @@
+"""Real URDFs: imported, calibrated and exported, and loaded back by two loaders."""
