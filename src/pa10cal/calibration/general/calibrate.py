@@ -30,8 +30,10 @@ from pa10cal.terms.weights import Weights
 
 Array = NDArray[np.float64]
 
-#: Part of the largest torque that a joint's torque must vary by for its spring to be looked for.
+#: Part of the largest torque that a joint's torque must vary by for its spring to be looked for ...
 _LEAST_TORQUE_SHARE = 0.005
+#: ... and to be there, whether or not the readings show it.
+_FULL_TORQUE_SHARE = 0.02
 #: Less than this is none.
 _NO_TORQUE_NM = 1e-9
 #: Weights have moved on where they move a pose by more than this [m] ...
@@ -120,6 +122,16 @@ def calibrate_general(
     _check_enough(problem)
     x_start = problem.start(_model_start(problem.model, start))
     found = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
+    if options.general.springs == "auto":
+        sure = _loaded(arm, states.tau_Nm, _FULL_TORQUE_SHARE)
+        rigid = {
+            joint for joint in springs if joint not in sure and not _shown(problem, found, joint)
+        }
+        if rigid:
+            springs = tuple(joint for joint in springs if joint not in rigid)
+            problem, kept = _rigid_at(problem, rigid)
+            x_start = found.x[kept]
+            found = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
     settled = tilts_not_shown(problem, found)
     by_masses = bool(springs) and source == "masses"
     if settled:
@@ -225,12 +237,34 @@ def _springs(
                     remedy="remove the joint from general.springs, or measure with a load on it",
                 )
         return tuple(sorted(set(springs)))
+    return _loaded(arm, tau_Nm, _LEAST_TORQUE_SHARE)
+
+
+def _loaded(arm: Arm, tau_Nm: Array, share: float) -> tuple[int, ...]:
+    """Return the turning joints whose torque varies by this part of the largest."""
     span = np.ptp(tau_Nm, axis=0)
     turning = ~arm.prismatic
-    least = _LEAST_TORQUE_SHARE * float(np.max(span[turning], initial=0.0))
+    least = share * float(np.max(span[turning], initial=0.0))
     return tuple(
         int(joint) + 1 for joint in np.flatnonzero(turning & (span > max(least, _NO_TORQUE_NM)))
     )
+
+
+def _shown(problem: Problem, found: Fit, joint: int) -> bool:
+    """Return whether readings show the spring of a joint that weights hardly load (Schwarz)."""
+    at = [parameter.name for parameter in problem.parameters].index(f"windup_{joint}")
+    variance = float(found.covariance[at, at])
+    gain = float(found.x[at]) ** 2 / variance if variance > 0.0 else 0.0
+    return bool(gain > np.log(problem.readings))
+
+
+def _rigid_at(problem: Problem, joints: set[int]) -> tuple[Problem, NDArray[np.bool_]]:
+    """Return the problem without the springs of some joints, and which unknowns are left."""
+    springs = [t for t in problem.model.terms if isinstance(t, JointSpring) and t.joint in joints]
+    terms = tuple(term for term in problem.model.terms if term not in springs)
+    gone = {parameter.name for term in springs for parameter in term.parameters}
+    kept = np.array([parameter.name not in gone for parameter in problem.parameters])
+    return replace(problem, model=Model(problem.model.chain, terms)), kept
 
 
 def _model_start(model: Model, start: Start) -> Array:
