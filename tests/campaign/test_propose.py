@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 
 import numpy as np
 import pandas as pd
@@ -70,7 +71,8 @@ def test_the_convention_is_that_in_which_the_nominal_arm_agrees(
     own[Q] = np.radians(own[Q])
     own = own.rename(columns={name: f"J{k}" for k, name in enumerate(Q, start=1)})
     own = own.join(pd.DataFrame(attitudes(table, convention), columns=names))
-    content, _, folder = proposed(own, "--robot", "ur10", sep=";", decimal=",")
+    content, text, folder = proposed(own, "--robot", "ur10", sep=";", decimal=",")
+    assert "# read so: 40 rows can be used, 0 cannot" in text
     columns = content["columns"]["poses"]
     assert columns["rotation"]["convention"] == convention
     assert (columns["separator"], columns["decimal"]) == (";", ",")
@@ -89,6 +91,14 @@ def test_units_without_a_word_are_found_by_the_arm(tmp_path, proposed):
     own[["px", "py", "pz"]] *= 1e-3
     columns = proposed(own, "--robot", "ur10")[0]["columns"]["poses"]
     assert columns["position"] == {"names": ["px", "py", "pz"], "unit": "m"}
+
+
+def test_a_proposal_that_the_arm_does_not_bear_out_says_so(tmp_path, proposed):
+    _, table = tracked(tmp_path)
+    own = table.rename(columns={name: f"J{k}" for k, name in enumerate(Q, start=1)})
+    own[PLACE] = own[PLACE].to_numpy()[::-1]  # of other poses
+    text = proposed(own, "--robot", "ur10")[1]
+    assert re.search(r"^# check: the nominal model, base and target fitted, is \d+ mm", text, re.M)
 
 
 def test_without_an_arm_the_reader_is_told_what_to_check(tmp_path, proposed):
