@@ -1,8 +1,8 @@
-# Targets for a newcomer: reproduce, test. The rest: setup, figures, report, check, bench, peers, urdfs, clean,
-# and for maintainers: lock, schema.
+# Targets for a newcomer: reproduce, test. The rest: setup, figures, report, check, bench, peers, urdfs, commanded,
+# clean, and for maintainers: lock, schema.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup reproduce figures report test check bench peers urdfs clean lock schema
+.PHONY: help setup reproduce figures report test check bench peers urdfs commanded clean lock schema
 
 PYTHON ?= python3
 CORES ?= 2
@@ -19,6 +19,7 @@ help:
 	@echo "make bench       measure, and write benchmarks/results.md"
 	@echo "make peers       other packages on the same data: benchmarks/peers.md (PA10CAL_IPA_DATA=folder: real too)"
 	@echo "make urdfs       real URDFs imported, exported, loaded back: benchmarks/urdfs.md (235 MB, once)"
+	@echo "make commanded   simulated robots sent through their models: benchmarks/commanded.md"
 	@echo "make clean       remove results/ (make setup builds .venv; make lock, make schema: maintainers)"
 
 setup: .venv/.complete
@@ -64,6 +65,9 @@ peers: setup
 
 urdfs: setup
 	$(BIN)/python -m benchmarks.urdfs
+
+commanded: setup
+	$(BIN)/python -m benchmarks.commanded
 
 clean:
 	rm -rf results
