@@ -66,11 +66,11 @@ def discover(
         fault = carries(str(carried[0].carrier), label_of(carried[0].effect, None), carried[0].gain)
         campaign = campaign.without_pose(str(carried[0].carrier), fault)
         found = _judged(campaign, model, error_rate)
-    return found
+    return gated(found)
 
 
 def _judged(campaign: Prepared, model: FittedModel, error_rate: float) -> Verdict[object]:
-    """Return the verdict on a campaign made ready."""
+    """Return the verdict on a campaign made ready, before its gates."""
     if judged_by_blocks(campaign.trusted):
         from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
 
@@ -78,18 +78,17 @@ def _judged(campaign: Prepared, model: FittedModel, error_rate: float) -> Verdic
         poses, context = by_blocks.survey.poses, by_blocks.context
         wrong = stated_wrongly(poses, campaign.baseline, campaign.setup, context)
         faults = (*by_blocks.faults_of_rows, *wrong)
-        return gated(replace(by_blocks, faults_of_rows=faults))
+        return replace(by_blocks, faults_of_rows=faults)
     check_torques(campaign.baseline.model, campaign.readings)
     if lacking := too_little(campaign.trusted, campaign.baseline):
         return not_sought(campaign, model, lacking, error_rate)
     from pa10cal.discovery.evidence.discover import discover_by_repeats
 
     try:
-        found = discover_by_repeats(campaign, error_rate)
+        return discover_by_repeats(campaign, error_rate)
     except DiscoveryError as error:  # repeats show no noise, as where readings were copied
         lacking = TooLittle(f"{error.what} ({error.value})", error.remedy or "measure them again")
         return not_sought(campaign, model, lacking, error_rate)
-    return gated(found)
 
 
 def judged_by_blocks(readings: Observations) -> bool:

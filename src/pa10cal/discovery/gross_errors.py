@@ -42,6 +42,8 @@ _OF_SCALE = 2.3
 #: which their tails may be heavier than found.
 _OF_POSES_RATE = 1e-3
 _OF_POSES_SURELY = 1.6
+#: More readings than this are no gross errors.
+_MOST_BEYOND = 0.1
 #: Scatter is no less than this part of what is stated, or of the noise found: rounding is none.
 _LEAST_STATED = 1e-3
 _LEAST_NOISE = 0.1
@@ -232,12 +234,18 @@ def _beyond_tails(
     """
     judged = usual if judged is None else judged
     beyond = np.zeros(len(readings), dtype=bool)
-    for _, at in readings.measured.component_kinds:
-        # Zero is what nothing else was seen of.
-        seen = _seen(readings, at) & (white[:, at] != 0.0)
-        bulk = white[:, at][seen & usual[:, None]]
-        limit = Tails.of(bulk).largest(ACCUSED_RATE)
-        beyond |= judged & np.any(seen & (np.abs(white[:, at]) > limit), axis=1)
+    # Those found count no more, so that they do not hide each other.
+    while True:
+        found = beyond.copy()
+        for _, at in readings.measured.component_kinds:
+            # Zero is what nothing else was seen of.
+            seen = _seen(readings, at) & (white[:, at] != 0.0)
+            bulk = white[:, at][seen & (usual & ~beyond)[:, None]]
+            limit = Tails.of(bulk).largest(ACCUSED_RATE)
+            found |= judged & np.any(seen & (np.abs(white[:, at]) > limit), axis=1)
+        if not (found & ~beyond).any() or found.mean() > _MOST_BEYOND:
+            break
+        beyond = found
     return beyond
 
 
