@@ -102,6 +102,14 @@ def test_where_nothing_is_hidden_nothing_is_named(campaign, instrument):
     assert (verdict.verdict, names(verdict)) == ("none", [])
 
 
+@pytest.mark.parametrize("plan", [{"poses": 40, "repeats": 3}, {"poses": 150}])
+def test_weights_that_are_described_about_right_take_up_no_encoder_error(campaign, plan):
+    wave = {**ECCENTRIC, "of": "joint 2"}
+    springs = {"flexible_joints": (2, 3, 4), "hardening": False}
+    verdict = searched(campaign("pose", wave, **plan, **springs))
+    assert (verdict.verdict, names(verdict)) == ("named", [("encoder_eccentricity", "joint 2")])
+
+
 @pytest.mark.parametrize("instrument", ["points", "distance", "pose"])
 def test_where_poses_are_repeated_repeats_are_the_judge(campaign, instrument):
     read = campaign(instrument, ECCENTRIC, **REPEATED)

@@ -136,20 +136,25 @@ def predictions(
                 improved=int(np.sum(gain > 0.0)),
                 gain=float(gain.sum()) / whole,
                 gain_std=standard_error(gain) / whole,
-                carrier=_carrier(rows, squares[:, k + 1] - squares[:, 0], least_gain),
+                carrier=_carrier(
+                    rows, squares[:, k + 1] - squares[:, 0], float(gain.sum()), least_gain
+                ),
             )
         )
     return tuple(found), errors_mm[:, 0]
 
 
-def _carrier(rows: Rows, gain: Array, least_gain: float) -> str | None:
-    """Return the pose without which nearly nothing is gained (P,); None for none."""
+def _carrier(rows: Rows, gain: Array, whole: float, least_gain: float) -> str | None:
+    """Return the pose without which nearly nothing is gained (P,); None for none.
+
+    The whole gain holds what uncertain weights would have to be, beside that of the poses.
+    """
     by_pose: dict[str, float] = {}
     for label, each in zip(rows.survey.poses.pose.tolist(), gain.tolist(), strict=True):
         by_pose[label] = by_pose.get(label, 0.0) + each
     worst = max(by_pose, key=lambda label: by_pose[label])
-    left = float(gain.sum()) - by_pose[worst]
-    return worst if left < min(least_gain, CARRIED * float(gain.sum())) else None
+    left = whole - by_pose[worst]
+    return worst if left < min(least_gain, CARRIED * whole) else None
 
 
 def remaining_error(rows: Rows, errors_mm: Array, floor_mm: float) -> Remaining:
