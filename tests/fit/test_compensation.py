@@ -167,6 +167,15 @@ def test_weights_and_direction_of_arrival_count():
     assert model.compensate(T, seed=q, arrival=1.0).q.tolist() != empty.tolist()
 
 
+def test_notebooks_show_tables():
+    model = fitted("pa10_6ce", 12, links)
+    predicted = model.predict(np.array([0.3, 0.5, 0.9, 0.4, 0.8, -0.6]))
+    assert "u_mm" in predicted._repr_html_()
+    shown = model.compensate(predicted.T)._repr_html_()
+    assert "q6" in shown
+    assert "ok" in shown
+
+
 def test_no_pose_is_no_fault():
     model = fitted("pa10_6ce", 13, links)
     assert len(model.compensate(np.zeros((0, 4, 4)))) == 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,6 +84,11 @@ class Prediction:
     def __len__(self) -> int:
         return len(self.T)
 
+    def _repr_html_(self) -> str:
+        """Return the places as a notebook shows them."""
+        places = dict(zip(("x_mm", "y_mm", "z_mm"), 1e3 * self.T[:, :3, 3].T, strict=True))
+        return _table({**places, "u_mm": self.u_mm, "inside": self.inside})
+
     def with_others(self, rows: NDArray[np.bool_], T: Array) -> Prediction:
         """Return the prediction with other frames T (N, 4, 4) in some of the poses (N,).
 
@@ -138,3 +143,16 @@ class Compensation:
 
     def __len__(self) -> int:
         return len(self.q)
+
+    def _repr_html_(self) -> str:
+        """Return the joint positions [rad, m] as a notebook shows them."""
+        joints = {f"q{joint}": values for joint, values in enumerate(self.q.T, start=1)}
+        shown = {"status": self.status, "error_mm": self.error_mm, "u_mm": self.u_mm}
+        return _table({**joints, **shown, "inside": self.inside})
+
+
+def _table(columns: dict[str, NDArray[Any]]) -> str:
+    import pandas as pd  # late: a prediction needs none
+
+    html: str = pd.DataFrame(columns).to_html(max_rows=20)
+    return html

@@ -1,0 +1,63 @@
+"""From a user's own URDF to the same URDF with calibrated origins, by the commands."""
+
+from __future__ import annotations
+
+import csv
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+
+from made_up_sightings import sighted
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.urdf import urdf_text
+from pa10cal.commands.command_line import run_command
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.model_file import load_model
+
+
+def run(name, *words):
+    assert run_command(name, [str(word) for word in words]) == 0
+
+
+@pytest.mark.parametrize("kind", ["pose", "points"])
+def test_names_stay_and_origins_are_calibrated(tmp_path, kind):
+    chain = Chain.of(load_arm("ur10"))
+    own = (
+        urdf_text(chain, chain.nominal, "ours").replace("joint_", "axis").replace("link_", "part_")
+    )
+    own = own.replace('"flange"', '"mount"')
+    (tmp_path / "robot.urdf").write_text(own, encoding="utf-8")
+    made = sighted(tmp_path, kind, noise_mm=0.02, poses=60)
+    made.description["robot"] = "mine"
+    folder = made.write()
+    run("import_arm", tmp_path / "robot.urdf", "--out", folder / "mine.yaml")
+    out = tmp_path / "out"
+    logs = ("--campaign-dir", folder)
+    poses, base = ("--poses", out / "poses.parquet"), ("--base-frame", out / "base.json")
+    run("ingest", *logs, "--out", poses[1], "--quarantine", out / "quarantine.csv")
+    run("seed", *logs, *poses, "--out", base[1])
+    run("calibrate", *logs, *poses, *base, "--load", "combined", "--out", out / "combined.json")
+    to = ("--model", out / "model.yaml", "--urdf", out / "robot.urdf", "--dh", out / "dh.csv")
+    run("export", *logs, *poses, "--calibration", out / "combined.json", *to, "--force")
+    model, text = load_model(out / "model.yaml"), (out / "robot.urdf").read_text(encoding="utf-8")
+    root = ElementTree.fromstring(text)
+    joints = [each.get("name") for each in root.findall("joint")]
+    assert joints[:7] == [*(f"axis{k}" for k in range(1, 7)), "to_flange"]
+    names = {"pose": ["tool"], "points": ["target_T1", "target_T2", "target_T3"]}[kind]
+    links = [each.get("name") for each in root.findall("link")]
+    assert links[-len(names) - 1 :] == ["flange", *names]
+    robot = pin.buildModelFromXML(text)
+    data, q = robot.createData(), np.random.default_rng(1).uniform(-2, 2, (4, 6))
+    for link in ("flange", "mount", *names):
+        frame = link if link != "mount" else "flange"
+        for positions, T in zip(q, model.predict(q, frame=frame).T, strict=True):
+            pin.framesForwardKinematics(robot, data, positions)
+            found = data.oMf[robot.getFrameId(link)].homogeneous
+            np.testing.assert_allclose(found, T, atol=1e-9)
+    kinematics = yaml.safe_load((out / "ur_kinematics.yaml").read_text())["kinematics"]
+    assert kinematics["forearm"]["x"] == pytest.approx(-0.612, abs=2e-3)
+    rows = list(csv.DictReader((out / "dh.csv").read_text(encoding="utf-8").splitlines()))
+    assert len(rows) == 6
