@@ -18,6 +18,8 @@ _PATHS = {
     "report": ("report.html",),
     "model": ("model/model.yaml",),
     "URDF": ("model/robot.urdf",),
+    "table of link parameters": ("model/dh.csv",),
+    "kinematics of the UR driver": ("model/ur_kinematics.yaml",),
     "figures": ("figures",),
     "tables": ("tables",),
     "rows not used": ("ingest/quarantine.csv",),
