@@ -88,6 +88,10 @@ CASES = {
         trial("effect", said("named", [LOST]), TAILS, hidden=[DISK]),
         ("false name", "not found"),
     ),
+    "an effect, and the log accused": (
+        trial("effect", said("check_the_log", [DISK]), TAILS, hidden=[DISK]),
+        ("accused",),
+    ),
     "no effect": (
         trial("effect", said(), TAILS, hidden=[DISK]),
         ("false comfort", "not found"),
@@ -149,9 +153,9 @@ def test_bars_count_the_failings_of_the_trials():
         else round(bar.reached * bar.trials)
         for bar in found
     ]
-    both = counts[2] + counts[3]
+    both, accused = counts[2] + counts[3], counts[8] + counts[9]
     expected = [sum(name in failings(each) for each in trials) for name in names]
-    assert [*counts[:2], both, *counts[4:]] == [*expected[:3], *expected[4:]]
+    assert [*counts[:2], both, *counts[4:8], accused] == [*expected[:3], *expected[4:]]
     assert all(bar.met is not None for bar in found)
     assert not any(bar.met for bar in found)
     fine = [

@@ -118,6 +118,7 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
     faulty = [t for t in trials if has_fault(t)]
     sound = [t for t in judged if not has_fault(t) and t.kind != "beyond"]
     right = [t for t in trials if t.kind in _NOTHING_WRONG and not any(map(_counts, t.put_in))]
+    hiding = [t for t in trials if t.hidden and not any(map(_counts, t.put_in))]
     faults = [(t, each) for t in faulty for each in t.put_in if matters(t, each)]
     wrong = [t for t in judged if _is_wrong(t)]
     effects = [t for t in trials if t.kind == "effect"]
@@ -159,6 +160,11 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
             rate(t.lists(t.hidden[0]) for t in testable),
         ),
         _at_most(f"right data: refused, {CHECK} or {SUSPECT}", 0.02, rate(map(is_accused, right))),
+        _at_most(
+            f"an effect and no fault in the log: refused, {CHECK} or {SUSPECT}",
+            0.02,
+            rate(map(is_accused, hiding)),
+        ),
         Bar(
             what="seconds of the processor to judge one campaign, longest",
             at_least=False,
@@ -191,7 +197,7 @@ def scores_record(trials: Sequence[BlindTrial]) -> WildScoresRecord:
 def failings(trial: BlindTrial) -> tuple[str, ...]:
     """Return the bars that a trial counts against."""
     testable = trial.kind == "effect" and trial.verdict and trial.is_testable(trial.hidden[0])
-    right = trial.kind in _NOTHING_WRONG and not any(map(_counts, trial.put_in))
+    right = trial.kind != "fault" and not any(map(_counts, trial.put_in))
     sound = not has_fault(trial) and trial.kind != "beyond"
     tests = {
         "crash": crashed(trial),

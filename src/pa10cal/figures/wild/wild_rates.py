@@ -34,6 +34,7 @@ _NAMES = (
     "held out worse",
     "one effect among stressors:\nlisted",
     "right data called suspect",
+    "an effect, no fault:\ncalled suspect",
 )
 
 
