@@ -153,7 +153,7 @@ def test_bars_count_the_failings_of_the_trials():
         else round(bar.reached * bar.trials)
         for bar in found
     ]
-    both, accused = counts[2] + counts[3], counts[8] + counts[9]
+    both, accused = counts[2] + counts[3], counts[9] + counts[10]
     expected = [sum(name in failings(each) for each in trials) for name in names]
     assert [*counts[:2], both, *counts[4:8], accused] == [*expected[:3], *expected[4:]]
     assert all(bar.met is not None for bar in found)

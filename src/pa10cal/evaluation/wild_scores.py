@@ -12,6 +12,7 @@ from dataclasses import replace
 
 from pa10cal.evaluation.blind_trial import BlindTrial, Disturbed, Name
 from pa10cal.evaluation.trial_rates import rate
+from pa10cal.evaluation.trial_scores import LIMIT
 from pa10cal.results.trials import Bar, Rate
 from pa10cal.results.wild_trials import WildScoresRecord, WildSubject, WildTrial
 
@@ -159,6 +160,11 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
             0.9,
             rate(t.lists(t.hidden[0]) for t in testable),
         ),
+        _at_least(
+            f"of these, a residual {LIMIT:g} times the floor or more: named or among alternatives",
+            0.9,
+            rate(t.lists(t.hidden[0]) for t in testable if _is_large(t)),
+        ),
         _at_most(f"right data: refused, {CHECK} or {SUSPECT}", 0.02, rate(map(is_accused, right))),
         _at_most(
             f"an effect and no fault in the log: refused, {CHECK} or {SUSPECT}",
@@ -220,6 +226,14 @@ def _counts(put_in: Disturbed) -> bool:
 def _is_wrong(trial: BlindTrial) -> bool:
     hidden = any((trial.moved_over_floor(each) or 0.0) >= ABOVE for each in trial.hidden)
     return hidden or any(matters(trial, each) for each in trial.put_in)
+
+
+def _is_large(trial: BlindTrial) -> bool:
+    """Return whether a hidden effect is above the limit of detection in the poses, as trials go."""
+    (hidden,) = trial.hidden
+    if trial.verdict is None or not trial.moves_poses(hidden):
+        return True
+    return (trial.ratio(hidden) or 0.0) >= LIMIT
 
 
 def _subjects(trial: BlindTrial) -> tuple[str, ...]:

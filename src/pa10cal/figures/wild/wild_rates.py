@@ -33,6 +33,7 @@ _NAMES = (
     "something wrong: “none”",
     "held out worse",
     "one effect among stressors:\nlisted",
+    "of these, above the\ndetection limit: listed",
     "right data called suspect",
     "an effect, no fault:\ncalled suspect",
 )
