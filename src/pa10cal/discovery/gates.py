@@ -21,6 +21,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.terms.effects.joint_angle import GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.weights import Weights
 
 V = TypeVar("V", bound=Verdict[object])
 
@@ -36,6 +37,8 @@ AGREE = 3.0
 #: included, and one load of three stated 40 N for 44 makes 1.6.
 MOST_TORQUE_RATIO = 1.3
 SURELY = 1e-6
+#: Part of the error that weights other than described may leave, no more, before that is told.
+MOST_LEFT = 0.9
 #: Grades of the calibration with which `none` is not said.
 NO_COMFORT = ("suspect_input", "not_converged")
 #: Where repeats show the noise, a model that lacks something by them is no comfort either. Where
@@ -166,6 +169,14 @@ def doubts(found: Verdict[object]) -> Iterator[str]:
         yield (
             f"the repeatability is {floor_mm:.3g} mm where the stated uncertainty gives "
             f"{stated_mm:.3g} mm"
+        )
+    weights = [term for term in found.model.model.terms if isinstance(term, Weights)]
+    before_mm, after_mm = train.before.mean_mm, train.after.mean_mm
+    if weights and after_mm < MOST_LEFT * before_mm and train.reduction.low_mm > 0.0:
+        yield (
+            f"the error falls from {before_mm:.3g} to {after_mm:.3g} mm where the weights may be "
+            "other than described: they are, or an effect that goes with gravity (such as "
+            "encoder_eccentricity of a joint that lifts) is there; logged torques would tell"
         )
     torque = found.torque_test
     if torque is not None and torque.ratio > MOST_TORQUE_RATIO and torque.p_value < SURELY:
