@@ -10,7 +10,7 @@ import pytest
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.discovery import gates
 from pa10cal.discovery.evidence.discover import VerdictByRepeats
-from pa10cal.discovery.gates import MOST_ALTERNATIVES, MOST_SIZES, gated, unfit, with_pulls
+from pa10cal.discovery.gates import MOST_ALTERNATIVES, MOST_SIZES, doubts, gated, unfit, with_pulls
 from pa10cal.discovery.lack_of_fit import PureErrorTest
 from pa10cal.fit.fitted_model import FittedTo
 from pa10cal.terms.effects.joint_angle import GearRatioError
@@ -87,6 +87,15 @@ def test_an_amount_within_its_uncertainty_is_no_name(wave):
     assert [*unfit(*made(wave.discovery, uncertainty=sigmas / 2.01))] == []
     (reason,) = unfit(*made(wave.discovery, uncertainty=sigmas / 1.99))
     assert reason == "it is 2.0 standard uncertainties from zero"
+
+
+def test_what_uncertain_weights_take_up_is_no_comfort(monkeypatch, wave, nothing_hidden):
+    """Any term that is there stands for uncertain weights; here the effect lowers the error."""
+    assert "the weights may be other than described" not in "".join(doubts(wave.discovery))
+    kind = type(wave.discovery.model.model.terms[0])
+    monkeypatch.setattr(gates, "Weights", kind)
+    assert "the weights may be other than described" in "".join(doubts(wave.discovery))
+    assert [*doubts(nothing_hidden.discovery)] == []
 
 
 def test_too_many_alternatives_are_no_name(wave):
