@@ -126,6 +126,8 @@ def not_sought(
         reason: what the campaign lacks.
         error_rate: probability allowed of naming anything where nothing is missing.
     """
+    # Weights other than described are unknowns of a search; here the model stays as it was given.
+    campaign = replace(campaign, baseline=calibrated.with_bends())
     baseline, setup = campaign.baseline, campaign.setup
     readings = complete(campaign.trusted, baseline, setup)
     noise = noise_of_near_poses(readings, residual(baseline, readings))
