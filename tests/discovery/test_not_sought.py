@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_arm import Missing, measure
-from pa10cal.discovery.discover import discover, too_little
+from pa10cal.discovery.discover import attitudes_off, discover, too_little
 from pa10cal.discovery.evidence.lack_of_fit import evidence_lack_of_fit
 from pa10cal.discovery.gap import left_by
 from pa10cal.discovery.noise import same_circumstances
@@ -50,6 +50,21 @@ class TestTooLittle:
         found = too_little(of_poses(made, 7), made.baseline)
         assert "7 calibration poses are too few to separate an effect from the 34" in found.why
         assert found.remedy.startswith("measure at least 8 calibration poses")
+
+
+class TestAttitudes:
+    def test_those_of_the_arm_pass(self, made):
+        assert attitudes_off(made.readings, made.baseline) is None
+
+    def test_those_of_another_convention_do_not(self, made):
+        readings = made.readings
+        T = readings.measured.T_instr_target.copy()
+        T[:, :3, :3] = T[:, :3, :3].transpose(0, 2, 1)
+        inverted = replace(readings, measured=replace(readings.measured, T_instr_target=T))
+        assert "deg off those of the calibrated model" in attitudes_off(inverted, made.baseline).why
+        found = discover(inverted, made.baseline, made.setup)
+        assert (found.verdict, found.effects) == ("not_sought", ())
+        assert "the sense of qw, qx, qy, qz" in found.remedy
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import numpy as np
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
 from pa10cal.discovery.gates import gated
+from pa10cal.discovery.linear import residual
 from pa10cal.discovery.noise import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
 from pa10cal.discovery.not_sought import TooLittle, not_sought
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, prepared
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 #: Components of different poses that there must be for every unknown of the model, where repeats
 #: are the judge: else the model's own parameters follow the poses wherever they are.
 _ROWS_AN_UNKNOWN = 1.25
+#: Attitudes that are typically off by so much are no attitudes of the arm [rad].
+_NO_ATTITUDE_RAD = 0.05
 #: Poses that carry a name alone and are left out, one after the other.
 _MOST_CARRIERS = 3
 
@@ -71,6 +74,8 @@ def discover(
 
 def _judged(campaign: Prepared, model: FittedModel, error_rate: float) -> Verdict[object]:
     """Return the verdict on a campaign made ready, before its gates."""
+    if wrong_attitudes := attitudes_off(campaign.trusted, campaign.baseline):
+        return not_sought(campaign, model, wrong_attitudes, error_rate)
     if judged_by_blocks(campaign.trusted):
         from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
 
@@ -89,6 +94,28 @@ def _judged(campaign: Prepared, model: FittedModel, error_rate: float) -> Verdic
     except DiscoveryError as error:  # repeats show no noise, as where readings were copied
         lacking = TooLittle(f"{error.what} ({error.value})", error.remedy or "measure them again")
         return not_sought(campaign, model, lacking, error_rate)
+
+
+def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | None:
+    """Return that attitudes are others than the arm's, as in another convention; None if not.
+
+    Args:
+        readings: single readings of the poses fitted.
+        baseline: the calibrated model.
+    """
+    for kind, at in readings.measured.component_kinds:
+        if kind != "attitude":
+            continue
+        left_rad = np.abs(residual(baseline, readings)[:, at])
+        typical_rad = float(np.median(left_rad[readings.measured.components_seen[:, at]]))
+        if typical_rad > _NO_ATTITUDE_RAD:
+            return TooLittle(
+                f"the attitudes are {np.degrees(typical_rad):.0f} deg off those of the calibrated "
+                "model, typically",
+                "check the order and the sense of qw, qx, qy, qz, and the findings of the "
+                "calibration",
+            )
+    return None
 
 
 def judged_by_blocks(readings: Observations) -> bool:
