@@ -78,7 +78,7 @@ def test_a_misspelt_key_is_named_before_the_one_that_is_missing_for_it(raw_campa
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (None, "cannot be read.*No such file"),
+        (None, "there is no campaign.yaml.*a folder of raw files"),
         ("a: [1, 2", "cannot be read"),
         ("just text", "holds no keys"),
         ("", "holds no keys"),
