@@ -11,11 +11,13 @@ from pa10cal.campaign.labels import EXCHANGED
 from pa10cal.campaign.quarantine import quarantined
 from pa10cal.campaign.screens import OFF_REPEATS
 from pa10cal.campaign.wrong_rows import wrong_rows
+from pa10cal.discovery import discover as search
 from pa10cal.discovery.evidence.confirm import confirm
 from pa10cal.discovery.loads_exchanged import loads_exchanged
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.row_faults import carries, held_out_faults, of_wrong_row, row_faults
 from pa10cal.discovery.tails import Tails
+from pa10cal.discovery.verdict import Unexplained
 
 
 def with_loads(readings, load_N):
@@ -164,3 +166,28 @@ class TestNamesThatOnePoseCarries:
         (fault,) = campaign.faults
         assert fault.decides
         assert fault.where == f"pose {pose}"
+
+    @pytest.mark.parametrize("rest_fits", [True, False])
+    def test_it_is_wrong_only_if_the_rest_fits(self, rest_fits, wave, monkeypatch):
+        pose, first = wave.readings.pose[40], wave.discovery
+        (finding,) = first.findings
+        carried = replace(finding, proof=replace(finding.proof, carrier=pose))
+        unknown = Unexplained(None, None, 0.1, "no effect explains it")
+        without = replace(first, findings=(), unexplained=() if rest_fits else (unknown,))
+        answers = [replace(first, findings=(carried,)), without]
+        looked_at = []
+
+        def judged(campaign, *_):
+            looked_at.append(campaign)
+            return answers.pop(0)
+
+        monkeypatch.setattr(search, "_judged", judged)
+        monkeypatch.setattr(search, "gated", lambda found: found)
+        found = search.discover(wave.readings, wave.baseline, wave.setup)
+        assert [fault.where for fault in looked_at[1].faults] == [f"pose {pose}"]
+        assert found.effects == ()
+        if rest_fits:
+            assert found is without
+        else:
+            assert (found.verdict, found.faults) == ("unexplained", ())
+            assert f"pose {pose} alone carries it" in found.unexplained[-1].why

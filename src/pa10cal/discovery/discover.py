@@ -16,7 +16,7 @@ from pa10cal.discovery.not_sought import TooLittle, not_sought
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, prepared
 from pa10cal.discovery.row_faults import carries, of_wrong_row
 from pa10cal.discovery.torque_check import stated_wrongly
-from pa10cal.discovery.verdict import is_named, label_of
+from pa10cal.discovery.verdict import Unexplained, is_named, label_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.uncertain_weights import open_unknowns
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from pa10cal.campaign.findings import InputFinding
-    from pa10cal.discovery.verdict import Verdict
+    from pa10cal.discovery.verdict import Finding, Verdict
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.observe.observations import Observations
 
@@ -68,8 +68,29 @@ def discover(
         # One pose is no evidence of what acts in all of them: it is wrong, and the rest decides.
         fault = carries(str(carried[0].carrier), label_of(carried[0].effect, None), carried[0].gain)
         campaign = campaign.without_pose(str(carried[0].carrier), fault)
-        found = _judged(campaign, model, error_rate)
+        without = _judged(campaign, model, error_rate)
+        if without.unexplained:
+            # The rest does not fit either: nothing says that this pose is worse than the others.
+            return gated(without_names(found, carried))
+        found = without
     return gated(found)
+
+
+def without_names(found: Verdict[object], carried: Sequence[Finding[object]]) -> Verdict[object]:
+    """Return a verdict without names that one pose carries each: they are unexplained."""
+    gone = [each.effect for each in carried]
+    fewer = found.with_findings([each for each in found.findings if each.effect not in gone])
+    unknown = tuple(
+        Unexplained(
+            each.of,
+            each.id,
+            found.train.after.mean_mm,
+            f"{label_of(each.effect, None)} fits best, and is no name: pose {each.carrier} alone "
+            "carries it",
+        )
+        for each in carried
+    )
+    return replace(fewer, unexplained=(*fewer.unexplained, *unknown))
 
 
 def _judged(campaign: Prepared, model: FittedModel, error_rate: float) -> Verdict[object]:
