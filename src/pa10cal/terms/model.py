@@ -42,7 +42,7 @@ class Model:
     chain: Chain
     terms: tuple[Term, ...]
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters of all terms, in order."""
         return tuple(parameter for term in self.terms for parameter in term.parameters)
