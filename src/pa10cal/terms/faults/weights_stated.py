@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -40,9 +41,9 @@ class WeightStated(LogFault):
         """Return whether the joints are known to carry it, by their log."""
         return not self.of_calculated
 
+    @abstractmethod
     def per_unit(self, states: PoseStates) -> Array:
         """Return what the joints hold beyond what is stated, a unit of each parameter (P, n, k)."""
-        raise NotImplementedError
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
         """Return what a log shows beyond the weights stated, or what calculated ones lack."""
