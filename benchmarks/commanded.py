@@ -1,7 +1,7 @@
 """Simulated robots, commanded through their calibrated models and measured again.
 
-Writes `benchmarks/commanded.md` and its figure: errors before and after, and what the models
-promise.
+Writes `benchmarks/commanded.md` and its figure, which the README shows as well: errors before and
+after, and what the models promise.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pa10cal.commands.command_line import limit_threads
 from pa10cal.files.output import whole_file, write_text
 
 HERE = Path(__file__).parent
+FIGURES = (HERE / "commanded.svg", HERE.parent / "docs/commanded.png")
 NOISE_MM, TARGETS, LOAD_N = 0.03, 60, 0.0
 #: What is commanded: instrument, robot, joints with springs, effects hidden and known.
 CASES = {
@@ -67,7 +68,7 @@ def main() -> None:
             f"| {name} | {before:.2f} | {after:.3f} | {promised:.3f} | "
             f"{one.after_mm[ok].max():.3f} | {ok.sum()} of {len(ok)} |"
         )
-    draw(found, HERE / "commanded.svg")
+    draw(found, *FIGURES)
     text = "\n".join(lines) + "\n"
     write_text(HERE / "commanded.md", text)
     print(text)
@@ -100,12 +101,12 @@ def commanded(instrument, robot, flexible, hidden):
     return command(made, model, q, LOAD_N)
 
 
-def draw(found, path: Path) -> None:
+def draw(found, *paths: Path) -> None:
     """Draw the errors of every target, before and after, and what was promised."""
     import matplotlib as mpl
     import numpy as np
 
-    mpl.use("svg")
+    mpl.use("agg")
     from matplotlib import pyplot as plt
 
     mpl.rcParams["svg.hashsalt"] = "commanded"
@@ -127,8 +128,10 @@ def draw(found, path: Path) -> None:
     axes.set_xticks(range(len(found)), [name.replace(", ", ",\n") for name in found], fontsize=7)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=3, fontsize=7, frameon=False)
     axes.grid(axis="y", linewidth=0.3)
-    with whole_file(path) as beside:
-        figure.savefig(beside, metadata={"Date": None})
+    for path in paths:
+        undated = {"Date": None} if path.suffix == ".svg" else {"Software": None}
+        with whole_file(path) as beside:
+            figure.savefig(beside, metadata=undated, dpi=130)
     plt.close(figure)
 
 

@@ -3,9 +3,13 @@
 import ast
 import re
 import tomllib
+from itertools import chain
 from pathlib import Path
 
 import pytest
+import yaml
+
+import pa10cal
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src/pa10cal"
@@ -25,7 +29,7 @@ PURE = {
     "evaluation",
     "curve",
 }
-FLOOR = {"errors", "near_miss", "results", "settings_reading", "settings_section"}
+FLOOR = {"errors", "extras", "near_miss", "results", "settings_reading", "settings_section"}
 
 #: What a package may import besides itself and `errors`: packages, or single modules.
 MAY_IMPORT = {
@@ -237,7 +241,7 @@ def test_lock_pins_every_package_by_hash_and_names_no_address():
 
 def test_lock_holds_every_dependency_of_the_project():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    wanted = {*project["dependencies"], *project["optional-dependencies"]["dev"]}
+    wanted = {*project["dependencies"], *chain(*project["optional-dependencies"].values())}
     text = (ROOT / "requirements.lock").read_text("utf-8")
     locked = set(re.findall(r"^([A-Za-z0-9._-]+)(?:\[\w+\])?==", text, re.MULTILINE))
 
@@ -245,6 +249,24 @@ def test_lock_holds_every_dependency_of_the_project():
         return re.sub(r"[-_.]+", "-", name).lower()
 
     assert {plain(name) for name in wanted} <= {plain(name) for name in locked}
+
+
+def test_one_version_stands_everywhere():
+    changes = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    citation = (ROOT / "CITATION.cff").read_text("utf-8")
+    assert re.search(r"^## (\S+), ", changes, re.MULTILINE)[1] == pa10cal.__version__
+    assert f"\nversion: {pa10cal.__version__}\n" in citation
+
+
+def test_hooks_before_a_commit_are_local_tools_of_the_lock():
+    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text("utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    tools = set(project["optional-dependencies"]["dev"])
+    for repository in hooks["repos"]:
+        assert repository["repo"] == "local"
+        for hook in repository["hooks"]:
+            assert Path(hook["entry"].split()[0]).parts[:2] == (".venv", "bin")
+            assert Path(hook["entry"].split()[0]).name in tools
 
 
 @pytest.mark.parametrize(
@@ -278,6 +300,7 @@ def test_every_decision_has_a_number_of_its_own():
 
 PROSE = [
     ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted(ROOT.glob("docs/*/*.md")),
 ]

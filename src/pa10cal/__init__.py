@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pa10cal.interface import calibrate as calibrate
     from pa10cal.interface import discover as discover
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 #: Public names, in the order in which they are used, and the modules they stand in.
 _HOMES = {

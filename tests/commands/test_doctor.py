@@ -18,12 +18,21 @@ def test_what_is_there_is_listed_and_nothing_needed_is_missing(capsys):
 
 
 def test_what_is_missing_is_refused_with_what_to_do(monkeypatch, capsys):
-    monkeypatch.setattr(machine, "find_spec", lambda name: None if name == "snakemake" else True)
+    monkeypatch.setattr(machine, "find_spec", lambda name: None if name == "pandas" else True)
     assert main(["doctor"]) == 2
     shown = capsys.readouterr()
-    assert "MISSING snakemake" in shown.out
-    assert "→ pip install snakemake" in shown.out
-    assert "snakemake" in shown.err
+    assert "MISSING pandas" in shown.out
+    assert "→ pip install pandas" in shown.out
+    assert "pandas" in shown.err
+
+
+def test_what_only_some_commands_need_is_a_note_that_names_its_extra(monkeypatch, capsys):
+    monkeypatch.setattr(machine, "find_spec", lambda name: None if name == "snakemake" else True)
+    assert main(["doctor"]) == 0
+    shown = capsys.readouterr().out
+    assert "note    snakemake" in shown
+    assert "pa10cal run" in shown
+    assert "→ pip install '.[workflow]'" in shown
 
 
 def test_threads_of_blas_and_other_versions_are_notes(monkeypatch):

@@ -25,6 +25,7 @@ from typing import Any, Literal, NoReturn, Union, get_args, get_origin, get_type
 
 from pa10cal import __version__
 from pa10cal.errors import Pa10calError
+from pa10cal.extras import missing_package
 from pa10cal.near_miss import remedy_for
 
 #: Exit codes: refused input, settings or use; a fault of the program itself; stopped by Ctrl-C;
@@ -150,14 +151,14 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
     except KeyboardInterrupt:
         print(f"pa10cal {name}: interrupted", file=sys.stderr)
         return INTERRUPTED
-    except Pa10calError as error:
-        _print_traceback(debug)
-        print(f"pa10cal {name}: {error}", file=sys.stderr)
-        return REFUSED
     except Exception as error:
         if isinstance(error, BrokenPipeError) and _nobody_reads():
             return _closed()
         _print_traceback(debug)
+        refusal = error if isinstance(error, Pa10calError) else missing_package(error)
+        if refusal is not None:
+            print(f"pa10cal {name}: {refusal}", file=sys.stderr)
+            return REFUSED
         print(
             f"pa10cal {name}: internal fault: {type(error).__name__}: {error}; "
             "run again with --debug and report it",

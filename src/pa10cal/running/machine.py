@@ -15,13 +15,14 @@ from typing import Literal
 
 import pa10cal
 from pa10cal.errors import Pa10calError
+from pa10cal.extras import EXTRAS, how_to_install
 from pa10cal.running.workflow import workflow_folder
 
 LEAST_PYTHON = (3, 11)
 #: A run of the largest campaigns needs less memory than this, and leaves less on the disk [bytes].
 MEMORY, DISK = 2e9, 1e9
-#: What each library is for, by the name of its distribution and of its module; the first ones are
-#: needed by every command, those after `snakemake` by the workflow and figures.
+#: What each library is for, by the name of its distribution and of its module; those that come with
+#: an extra are needed by some commands alone.
 LIBRARIES = {
     "numpy": ("numpy", "everything"),
     "scipy": ("scipy", "everything"),
@@ -88,7 +89,10 @@ def _library(name: str, module: str, used: str) -> Check:
             raise PackageNotFoundError(name)
         return Check(name, "ok", f"{version(name)}, for {used}")
     except PackageNotFoundError:
-        return Check(name, "missing", f"not installed; it is for {used}", f"pip install {name}")
+        told = f"not installed; it is for {used}"
+        if module in EXTRAS:
+            return Check(name, "note", told, how_to_install(module))
+        return Check(name, "missing", told, f"pip install {name}")
 
 
 def _versions() -> list[Check]:

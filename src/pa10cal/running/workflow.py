@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import pa10cal
-from pa10cal.errors import OutputError, Pa10calError, SettingsError
+from pa10cal.errors import OutputError, Pa10calError
+from pa10cal.extras import MissingPackageError
 
 #: Beside a results folder: Snakemake's own files, and what it and the commands print.
 WORK_FOLDER = ".pa10cal"
@@ -109,16 +110,10 @@ def refuse_without_snakemake() -> None:
     """Stop where Snakemake is not installed.
 
     Raises:
-        SettingsError: naming it.
+        MissingPackageError: naming it.
     """
     if find_spec("snakemake") is None:
-        raise SettingsError(
-            "Snakemake, which runs the stages, is not installed",
-            where="the Python environment",
-            value=sys.prefix,
-            allowed="an environment with the project's dependencies",
-            remedy="install pa10cal with its dependencies; pa10cal doctor lists what is missing",
-        )
+        raise MissingPackageError("snakemake")
 
 
 def run_workflow(workflow: Workflow, display: Display) -> None:
