@@ -9,6 +9,7 @@ from pa10cal.figures.style import (
     WIDTH_MM,
     evenly,
     looks,
+    name_in_title,
     new_figure,
     panel,
     plain_log,
@@ -47,6 +48,22 @@ def test_a_long_footer_hangs_below_and_is_whole(tmp_path, project_looks):
     assert abs(sizes[1][0] - sizes[0][0]) <= 1
     assert len(lines) == 3
     assert sizes[1][1] - sizes[0][1] == pytest.approx((len(lines) - 1) * 3.5 * 100 / 25.4, abs=1.5)
+
+
+def test_a_title_names_what_it_is_of_and_grows_upward(tmp_path, project_looks):
+    short, long = simple(), simple(" ".join(f"word{k:02d}" for k in range(12)))
+    for name, figure in (("mine", short), ("of-a-rather-long-name-" + "x" * 20, long)):
+        name_in_title(figure, name)
+        write_figure(figure, "footer", tmp_path, name[:4], 100)
+    assert short.get_suptitle() == "mine: a line"
+    lines = long.get_suptitle().splitlines()
+    assert len(lines) == 2
+    assert lines[0].startswith("of-a-rather-long-name-")
+    heights = [
+        int(np.frombuffer((tmp_path / f"{name}.png").read_bytes()[16:24], ">u4")[1])
+        for name in ("mine", "of-a")
+    ]
+    assert heights[1] - heights[0] == pytest.approx(3.5 * 100 / 25.4, abs=1.5)
 
 
 def test_settings_of_the_user_change_nothing(tmp_path):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from pa10cal.errors import RecordError, SettingsError
 from pa10cal.figures.options import FigureOptions
 from pa10cal.figures.registry import Entry, NothingToShowError, entries
 from pa10cal.figures.sources import Source
-from pa10cal.figures.style import looks, write_figure
+from pa10cal.figures.style import looks, name_in_title, write_figure
 from pa10cal.figures.table import write_table
 from pa10cal.files.output import whole_file
 from pa10cal.results.codec import write
@@ -93,7 +94,9 @@ def _unmet(entry: Entry, source: Source) -> str | None:
 def _write(entry: Entry, source: Source, out: Path, settings: FigureOptions) -> None:
     place, module = out / _PLACES[entry.kind], entry.module
     if entry.kind == "table":
-        write_table(module.tabulate(source.content), source.footer, place, entry.name)
+        table = module.tabulate(source.content)
+        named = replace(table, title=f"{source.name}: {table.title}")
+        write_table(named, source.footer, place, entry.name)
         return
     with looks():
         if entry.kind == "film":
@@ -101,4 +104,5 @@ def _write(entry: Entry, source: Source, out: Path, settings: FigureOptions) -> 
                 module.film(source.content, path, settings.png_dpi)
         else:
             figure = module.draw(source.content)
+            name_in_title(figure, source.name)
             write_figure(figure, source.footer, place, entry.name, settings.png_dpi)

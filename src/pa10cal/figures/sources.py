@@ -27,7 +27,7 @@ class Source:
 
     Attributes:
         folder: which pictures, of `registry.FOLDERS`.
-        name: what messages call it.
+        name: what messages call it, and every title begins with.
         footer: stands below every picture: where its data come from.
         content: what each module of that folder draws.
         lacks: says why a need of a picture is not met, None where it is; studies have no needs.
@@ -58,11 +58,11 @@ def read_source(
     if campaign_dir is not None:
         return of_campaign(Results.of(campaign_dir, folder, settings, force=force))
     if (folder / "scores.json").exists():
-        return _of_scores(folder / "scores.json")
+        return _of_scores(folder.name, folder / "scores.json")
     if (folder / "curve.json").exists():
         return _of_curve(folder.name, read_curve(folder))
     if (folder / "calibration.json").exists():
-        return _of_chain(read(CurveCalibrationRecord, folder / "calibration.json"))
+        return _of_chain(folder.name, read(CurveCalibrationRecord, folder / "calibration.json"))
     raise SettingsError(
         "results of nothing that pictures are drawn of",
         where="--results",
@@ -77,20 +77,20 @@ def of_campaign(results: Results) -> Source:
     return Source("campaign", results.campaign, results.footer, results, results.lacks)
 
 
-def _of_scores(path: Path) -> Source:
+def _of_scores(name: str, path: Path) -> Source:
     if schema_of(path) == WildScoresRecord.SCHEMA:
-        return _of_wild_trials(read(WildScoresRecord, path))
-    return _of_trials(read(TrialScoresRecord, path))
+        return _of_wild_trials(name, read(WildScoresRecord, path))
+    return _of_trials(name, read(TrialScoresRecord, path))
 
 
-def _of_wild_trials(scores: WildScoresRecord) -> Source:
+def _of_wild_trials(name: str, scores: WildScoresRecord) -> Source:
     footer = f"{scores.trials} wild trials. Synthetic data. Provenance: {scores.provenance}."
-    return Source("wild", "wild trials", footer, scores)
+    return Source("wild", name, footer, scores)
 
 
-def _of_trials(scores: TrialScoresRecord) -> Source:
+def _of_trials(name: str, scores: TrialScoresRecord) -> Source:
     footer = f"{scores.trials} blind trials. Synthetic data. Provenance: {scores.provenance}."
-    return Source("trials", "blind trials", footer, scores)
+    return Source("trials", name, footer, scores)
 
 
 def _of_curve(name: str, found: CurveResults) -> Source:
@@ -102,7 +102,7 @@ def _of_curve(name: str, found: CurveResults) -> Source:
     return Source("curve", name, footer, found)
 
 
-def _of_chain(study: CurveCalibrationRecord) -> Source:
+def _of_chain(name: str, study: CurveCalibrationRecord) -> Source:
     asked: Any = study.settings
     footer = (
         f"{study.summaries[0].individuals} arms of {asked['links']} links of "
@@ -110,4 +110,4 @@ def _of_chain(study: CurveCalibrationRecord) -> Source:
         f"{asked['position_mm']:g} mm and {1e3 * asked['attitude_rad']:g} mrad. Synthetic data. "
         f"Provenance: {study.provenance}."
     )
-    return Source("chain", "chain along curves", footer, study)
+    return Source("chain", name, footer, study)

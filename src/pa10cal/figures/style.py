@@ -22,7 +22,9 @@ from pa10cal.files.output import whole_file
 WIDTH_MM = 170.0
 _MM_PER_INCH = 25.4
 _FOOTER_MM = 1.5
+_TITLE_MM = 1.5
 _FOOTER_LETTERS = 108
+_TITLE_LETTERS = 98
 _LINE_MM = 3.5
 _TWO_DECADES = 100.0
 #: More points than this are drawn as an image inside SVG and PDF, which stay small.
@@ -107,8 +109,16 @@ def looks() -> Iterator[None]:
 def new_figure(height_mm: float, title: str) -> Figure:
     """Return an empty figure of the common width with its title."""
     figure = Figure(figsize=(WIDTH_MM / _MM_PER_INCH, height_mm / _MM_PER_INCH))
-    figure.suptitle(title, x=2.0 / WIDTH_MM, y=1.0 - 1.5 / height_mm, ha="left", va="top")
+    figure.suptitle(title, x=2.0 / WIDTH_MM, y=1.0 - _TITLE_MM / height_mm, ha="left", va="top")
     return figure
+
+
+def name_in_title(figure: Figure, name: str) -> None:
+    """Let a figure's title begin with what it is of; further lines stand above the figure."""
+    lines = wrap(f"{name}: {figure.get_suptitle()}", _TITLE_LETTERS)
+    above_mm = _LINE_MM * (len(lines) - 1)
+    y = 1.0 + (above_mm - _TITLE_MM) / height_of(figure)
+    figure.suptitle("\n".join(lines), x=2.0 / WIDTH_MM, y=y, ha="left", va="top")
 
 
 def height_of(figure: Figure) -> float:
@@ -211,15 +221,19 @@ def write_beside(axes: Axes, y: float, text: str, x: float = 1.02, **options: An
 def write_figure(figure: Figure, footer: str, folder: Path, name: str, png_dpi: int) -> None:
     """Write a figure as SVG, PDF and PNG with a footer: all three or none.
 
-    A footer of several lines hangs below the figure, which grows by them.
+    A footer of several lines hangs below the figure and a title of several stands above it: the
+    figure grows by them.
     """
     lines = wrap(footer, _FOOTER_LETTERS)
     below_mm = _LINE_MM * (len(lines) - 1)
+    above_mm = _LINE_MM * figure.get_suptitle().count("\n")
     for k, line in enumerate(lines):
         y_mm = _FOOTER_MM - k * _LINE_MM
         write_text_at(figure, 2.0, y_mm, line, ha="left", va="bottom", color=GREY)
     width, height = figure.get_size_inches()
-    area = Bbox([[0.0, -below_mm / _MM_PER_INCH], [width, height]]) if below_mm else None
+    area = None
+    if below_mm or above_mm:
+        area = Bbox([[0.0, -below_mm / _MM_PER_INCH], [width, height + above_mm / _MM_PER_INCH]])
     with ExitStack() as stack:
         for ending, metadata in _METADATA.items():
             path = stack.enter_context(whole_file(folder / f"{name}.{ending}"))

@@ -32,7 +32,12 @@ _NOTES = (
 def tabulate(scores: TrialScoresRecord) -> Table:
     """Return a row a figure."""
     data = frame_of(BAR_HEADER, map(bar_row, scores.bars))
-    return Table("Blind trials: targets", data, (Shown(data.astype(str)),), _notes(scores))
+    return Table(
+        "Blind trials: targets, and values reached",
+        data,
+        (Shown(data.astype(str)),),
+        _notes(scores),
+    )
 
 
 def _notes(scores: TrialScoresRecord) -> tuple[str, ...]:

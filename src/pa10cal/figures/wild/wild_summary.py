@@ -33,4 +33,6 @@ _NOTES = (
 def tabulate(scores: WildScoresRecord) -> Table:
     """Return a row a figure."""
     data = frame_of(BAR_HEADER, map(bar_row, scores.bars))
-    return Table("Wild trials: targets", data, (Shown(data.astype(str)),), _NOTES)
+    return Table(
+        "Wild trials: targets, and values reached", data, (Shown(data.astype(str)),), _NOTES
+    )
