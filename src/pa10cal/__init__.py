@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from pa10cal.fit.fitted_model import Prediction as Prediction
     from pa10cal.fit.model_file import load_model as load_model
     from pa10cal.interface import calibrate as calibrate
+    from pa10cal.interface import compare as compare
     from pa10cal.interface import discover as discover
 
 __version__ = "0.2.0"
@@ -37,6 +38,7 @@ _HOMES = {
     "calibrate": "pa10cal.interface",
     "discover": "pa10cal.interface",
     "load_model": "pa10cal.fit.model_file",
+    "compare": "pa10cal.interface",
     "Campaign": "pa10cal.campaign.read",
     "FittedModel": "pa10cal.fit.fitted_model",
     "Prediction": "pa10cal.fit.fitted_model",

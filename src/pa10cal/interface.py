@@ -17,8 +17,9 @@ from pa10cal.fit.model_file import load_model
 
 if TYPE_CHECKING:
     from pa10cal.discovery.verdict import Verdict
+    from pa10cal.results.comparison import ComparisonRecord
 
-__all__ = ["calibrate", "discover", "load_arm", "load_model", "read_campaign"]
+__all__ = ["calibrate", "compare", "discover", "load_arm", "load_model", "read_campaign"]
 
 
 def calibrate(
@@ -80,3 +81,26 @@ def discover(
         campaign.description, campaign.arm, CalibrationOptions(), options or DiscoveryOptions()
     )
     return search(campaign.observations, model, setup, campaign.wrong_rows)
+
+
+def compare(
+    first: FittedModel, second: FittedModel, names: tuple[str, str] = ("first", "second")
+) -> ComparisonRecord:
+    """Say what differs between two models of the same arm, and whether it matters.
+
+    Args:
+        first, second: from `calibrate`, `discover` or `load_model`.
+        names: what they are called in the record.
+
+    Returns:
+        The comparison: `line` says in one sentence whether they agree within their uncertainty,
+        `parameters` lists every parameter of both, `frames["flange"]` how far apart they put the
+        flange over the joint angles that both have seen.
+
+    Raises:
+        ModelError: when the arms differ in layout, or a model with springs does not know the
+            weights that load them.
+    """
+    from pa10cal.evaluation.two_models import compare_models
+
+    return compare_models(first, second, names)

@@ -45,7 +45,7 @@ def discover(
     from pa10cal.discovery.setup import setup_of
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import whole_files, write_text
-    from pa10cal.fit.model_file import covariance_path, write_covariance
+    from pa10cal.fit.covariance_file import covariance_path, write_covariance
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read, write
     from pa10cal.results.suggestions import suggestion_table

@@ -211,16 +211,29 @@ class Forward:
 
     def uncertainty_mm(self, states: PoseStates, end: EndPose) -> Array:
         """Return the standard uncertainty of the frame's position, (N,), from the covariance."""
-        covariance = self.whole.covariance
-        assert covariance is not None
-        by_x = self.physical.jacobian_at(states, self.x, end, without=() if self.on_tool else TOOL)
-        by_base = end.screws[:, :, self.physical.chain.columns(BASE)]
-        moved = self.at_frame(end, np.concatenate([by_x, by_base], axis=2))[:, :3]
-        chosen = np.concatenate([self.columns, len(self.whole.x) + np.arange(6)])
-        covariance = covariance[np.ix_(chosen, chosen)]
-        variance = np.einsum("pik,pik->p", moved, moved @ covariance)
+        moved = self.by_parameters(states, end)[:, :3]
+        variance = np.einsum("pik,pik->p", moved, moved @ self.covariance)
         uncertainty: Array = 1e3 * np.sqrt(np.maximum(variance, 0.0))
         return uncertainty
+
+    def by_parameters(self, states: PoseStates, end: EndPose) -> Array:
+        """Return motions of the frame by the parameters that move the robot and by the base.
+
+        Returns:
+            (N, 6, k) velocity of its origin over its angular velocity, along base axes.
+        """
+        by_x = self.physical.jacobian_at(states, self.x, end, without=() if self.on_tool else TOOL)
+        by_base = end.screws[:, :, self.physical.chain.columns(BASE)]
+        return self.at_frame(end, np.concatenate([by_x, by_base], axis=2))
+
+    @property
+    def covariance(self) -> Array:
+        """Return the covariance (k, k) of these parameters; the model must have one."""
+        covariance = self.whole.covariance
+        assert covariance is not None
+        chosen = np.concatenate([self.columns, len(self.whole.x) + np.arange(6)])
+        own: Array = covariance[np.ix_(chosen, chosen)]
+        return own
 
     def _coordinates(self, states: PoseStates) -> Array:
         at = self.physical.chain_coordinates(states, self.x)

@@ -17,6 +17,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
 from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.covariance_file import covariance_beside, covariance_path, write_covariance
 from pa10cal.fit.fitted_model import FallBack, FittedModel, FittedTo
 from pa10cal.fit.forward import FLANGE
 from pa10cal.fit.prediction import Suspicion
@@ -64,7 +65,8 @@ def load_model(path: str | Path) -> FittedModel:
     """Read a fitted model; without the file of its covariance it predicts without uncertainty.
 
     Raises:
-        ModelError: when the file cannot be read, is of another schema, or lacks a key.
+        ModelError: when the file, or that of its covariance, cannot be read, is of another schema,
+            or lacks a key.
         TermError: when it has a term that is not known.
     """
     path = Path(path)
@@ -79,24 +81,6 @@ def load_model(path: str | Path) -> FittedModel:
             remedy="correct the path, or write the model again",
         ) from None
     return model_from_plain(content, where=str(path), covariance=covariance_beside(path))
-
-
-def write_covariance(model: FittedModel, path: Path) -> None:
-    """Write the covariance of a model's parameters, with their names (.npz)."""
-    names = [*(parameter.name for parameter in model.model.parameters), *BASE]
-    covariance = np.zeros((0, 0)) if model.covariance is None else model.covariance
-    with path.open("wb") as file:
-        np.savez_compressed(file, names=np.array(names), covariance=covariance)
-
-
-def covariance_beside(path: Path) -> Array | None:
-    """Return the covariance in the file beside a model's own; None where there is none."""
-    beside = covariance_path(path)
-    if not beside.is_file():
-        return None
-    with np.load(beside) as stored:
-        covariance: Array = stored["covariance"]
-    return covariance if len(covariance) else None
 
 
 def model_to_plain(model: FittedModel, **about: Any) -> dict[str, Any]:
@@ -366,11 +350,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(value) if np.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value
-
-
-def covariance_path(path: Path) -> Path:
-    """Return the path of the covariance of the model in a file."""
-    return path.with_name(f"{path.stem}.covariance.npz")
 
 
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

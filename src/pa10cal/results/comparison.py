@@ -1,0 +1,93 @@
+"""What `pa10cal compare` writes: how two models of arms of one layout differ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, ClassVar
+
+from pydantic import Field
+
+from pa10cal.results.record import GappyColumn, Key, LabelColumn, Part, Record, Table
+
+
+class ComparedModel(Part):
+    """One of the two models."""
+
+    name: str = Field(description="its file, or what it was called")
+    robot: str = Field(description="name of its arm")
+    campaign: str | None = Field(description="campaign it was fitted to; null where not known")
+    calibration: str | None = Field(description="load case of its fit; null where not known")
+    grade: str | None = Field(description="how good its calibration is; null where not known")
+    health: str | None = Field(description="the reason for the grade; null where not known")
+    covariance: bool = Field(description="whether the covariance of its parameters is known")
+    only_here: tuple[str, ...] = Field(description="terms that the other model has not")
+
+
+class ParameterRows(Table):
+    """Parameters of both models; null where a model has not the parameter."""
+
+    term: LabelColumn = Field(description="its term")
+    of: LabelColumn = Field(description="where the term sits")
+    parameter: LabelColumn = Field(description="name of the parameter")
+    unit: LabelColumn = Field(description="unit of values, uncertainties and difference")
+    first: GappyColumn = Field(description="value in the first model")
+    first_std: GappyColumn = Field(description="its standard uncertainty")
+    second: GappyColumn = Field(description="value in the second model")
+    second_std: GappyColumn = Field(description="its standard uncertainty")
+    difference: GappyColumn = Field(description="second minus first")
+    over_u: GappyColumn = Field(
+        description="difference over its combined standard uncertainty; null where that is not "
+        "known, or the poses determine the parameter in neither model"
+    )
+
+
+class ComparedFrame(Part):
+    """How far apart two models put one frame, over the postures compared."""
+
+    rms_mm: float = Field(description="root mean square distance [mm], each in its own base")
+    peak_mm: float = Field(description="largest distance [mm]")
+    orientation_deg: float = Field(description="root mean square angle [deg]")
+    base_and_tool_mm: float = Field(
+        description="root mean square part [mm] that another place of the base, and of what is "
+        "mounted on the flange, explains"
+    )
+    remaining_rms_mm: float = Field(description="distance that remains without it, rms [mm]")
+    remaining_peak_mm: float = Field(description="largest distance that remains [mm]")
+    remaining_deg: float = Field(description="angle that remains, rms [deg]")
+    expected_mm: float | None = Field(
+        description="distance that should remain, rms, by the uncertainties of both [mm]; null "
+        "where one is not known"
+    )
+    expected_deg: float | None = Field(description="angle that should remain, rms [deg]; likewise")
+    chance: float | None = Field(
+        description="probability that so much or more remains between two models of the same arm, "
+        "of place and attitude the less likely, twice; null where an uncertainty is not known"
+    )
+
+
+class ComparisonRecord(Record):
+    """`compare.json`."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-comparison/1"
+    FILE: ClassVar[str] = "compare.json"
+    COMMAND: ClassVar[str] = "compare"
+
+    first: ComparedModel = Field(description="the first model")
+    second: ComparedModel = Field(description="the second model")
+    described_otherwise: tuple[str, ...] = Field(
+        description="what the two descriptions of the arm say differently beside the layout: "
+        "limits, masses, gears, payload"
+    )
+    parameters: ParameterRows = Field(description="every parameter of either model")
+    postures: int = Field(
+        description="postures compared, drawn from the joint angles that both fits have seen"
+    )
+    loads_N: tuple[float, ...] = Field(description="external loads of these, in turn [N]")
+    frames: Mapping[Annotated[str, Key("frame")], ComparedFrame] = Field(
+        description="by frame, `flange` and `tool`; empty where no angles were seen by both"
+    )
+    agree: bool | None = Field(
+        description="whether the flanges agree within the uncertainty of both models; null where "
+        "that cannot be judged"
+    )
+    line: str = Field(description="the same in one sentence, with figures")

@@ -1,0 +1,153 @@
+"""What differs between two models, and whether it matters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pa10cal
+from made_up_model import fitted
+from made_up_pair import campaign, parts, shifted
+from pa10cal.arm.tolerances import Tolerances
+from pa10cal.errors import ModelError
+from pa10cal.evaluation import predictions_apart
+from pa10cal.fit.angles_seen import AnglesSeen
+from pa10cal.fit.prediction import FallBack
+from pa10cal.terms.offsets import link_departures
+
+
+def over_u(found, name):
+    rows = found.parameters
+    (k,) = np.flatnonzero(rows.parameter == name)
+    return rows.over_u[k]
+
+
+def test_a_model_agrees_with_itself():
+    model = campaign(1)
+    found = pa10cal.compare(model, model)
+    assert found.agree
+    assert found.postures == predictions_apart.POSTURES
+    assert found.loads_N == (0.0, 22.0)
+    flange = found.frames["flange"]
+    assert flange.rms_mm == flange.orientation_deg == 0.0
+    assert flange.remaining_rms_mm < 1e-12
+    assert (found.parameters.difference == 0.0).all()
+    assert found.line.startswith("the models agree within their uncertainty: their flanges differ")
+
+
+def test_two_campaigns_of_one_robot_differ_as_expected(monkeypatch):
+    monkeypatch.setattr(predictions_apart, "POSTURES", 60)
+    found = [pa10cal.compare(campaign(k), campaign(k + 1)) for k in range(100, 160, 2)]
+    flanges = [each.frames["flange"] for each in found]
+    assert sum(not each.agree for each in found) <= 1
+    # The less likely of place and attitude counts, twice.
+    assert 0.3 < np.median([flange.chance for flange in flanges]) <= 1.0
+    for left, expected in (("remaining_rms_mm", "expected_mm"), ("remaining_deg", "expected_deg")):
+        squares = [(getattr(f, left) / getattr(f, expected)) ** 2 for f in flanges]
+        assert np.mean(squares) == pytest.approx(1.0, abs=0.35)
+    u = np.concatenate([each.parameters.over_u for each in found])
+    assert np.sqrt(np.mean(u**2)) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_joint_that_moved_is_seen_in_the_flange_and_named_among_the_parameters():
+    one, other = campaign(1), shifted(campaign(2), delta_theta_3=1e-3)
+    found = pa10cal.compare(one, other)
+    assert found.agree is False
+    assert found.frames["flange"].chance < 1e-6
+    assert "more than their uncertainty" in found.line
+    assert over_u(found, "delta_theta_3") > 20.0
+    rows = found.parameters
+    assert rows.parameter[np.nanargmax(np.abs(rows.over_u))] == "delta_theta_3"
+
+
+def test_what_base_and_tool_explain_does_not_count():
+    # The zero of joint 1 turns the base, that of joint 6 the tool.
+    moved = shifted(campaign(1), delta_theta_1=0.02, delta_d_1=0.003, delta_theta_6=0.3)
+    found = pa10cal.compare(campaign(1), moved)
+    flange = found.frames["flange"]
+    assert found.agree
+    assert flange.rms_mm > 5.0
+    assert flange.base_and_tool_mm == pytest.approx(flange.rms_mm, rel=1e-6)
+    assert flange.orientation_deg > 15.0
+    # The weight of what is mounted off the axis turns with it, and the spring of joint 2 gives way.
+    assert flange.remaining_rms_mm < 2e-3
+    assert flange.remaining_deg < 2e-4
+
+
+def test_only_angles_that_both_have_seen_are_compared():
+    one, other = campaign(1), campaign(2)
+    n = one.arm.n
+
+    def seen(low, high):
+        return AnglesSeen((np.array([[low, high]]),) * n, (False,) * n)
+
+    apart = pa10cal.compare(one, replace(other, seen=seen(1.2, 1.5)))
+    assert apart.agree is None
+    assert apart.postures == 0
+    assert not apart.frames
+    assert "no common angles" in apart.line
+    # An effect far off outside what it holds for is of no account there.
+    away = shifted(other, delta_theta_2=0.1)
+    fallen = replace(other, falls_back=FallBack(seen(-0.5, 0.5), away))
+    assert pa10cal.compare(one, fallen).agree
+    assert pa10cal.compare(one, replace(other, seen=None)).agree
+
+
+def test_without_a_covariance_it_is_not_judged():
+    found = pa10cal.compare(campaign(1), replace(campaign(2), covariance=None), ("a", "b"))
+    assert found.agree is None
+    assert found.frames["flange"].expected_mm is None
+    assert found.second.covariance is False
+    assert np.isnan(found.parameters.over_u).all()
+    assert "cannot be judged: the covariance is missing of b; their flanges differ" in found.line
+
+
+def test_terms_of_one_only_are_told():
+    def no_spring(arm):
+        return tuple(term for term in parts(arm) if term.id != "joint_spring")
+
+    found = pa10cal.compare(campaign(1), campaign(2, terms=no_spring))
+    assert found.first.only_here == ("joint_spring of joint 2",)
+    assert found.second.only_here == ()
+    rows = found.parameters
+    (k,) = np.flatnonzero(rows.parameter == "K_lin_2")
+    assert rows.first[k] > 0.0
+    assert np.isnan([rows.second[k], rows.difference[k], rows.over_u[k]]).all()
+
+
+def test_parameters_that_no_pose_determines_are_not_called_different():
+    one = campaign(1)
+    names = [parameter.name for parameter in one.model.parameters]
+    k = names.index("delta_d_1")
+    covariance = one.covariance.copy()
+    covariance[k, k] = 1e-34
+    held = replace(shifted(one, delta_d_1=1e-14), covariance=covariance)
+    assert np.isnan(over_u(pa10cal.compare(held, replace(one, covariance=covariance)), "delta_d_1"))
+
+
+def test_descriptions_that_differ_otherwise_are_told():
+    one, other = campaign(1), campaign(2)
+    heavier = replace(other, payload=replace(other.payload, mass_kg=3.0))
+    assert pa10cal.compare(one, heavier).described_otherwise == ("payload.mass_kg",)
+    unknown = replace(fitted("ur10", 3, lambda arm: (link_departures(arm, Tolerances()),)))
+    found = pa10cal.compare(unknown, replace(unknown, payload=None))
+    assert found.described_otherwise == ("payload",)
+
+
+def test_a_doubtful_grade_is_said():
+    doubtful = replace(campaign(2).fitted_to, grade="suspect_input")
+    found = pa10cal.compare(campaign(1), replace(campaign(2), fitted_to=doubtful), ("a", "b"))
+    assert found.line.endswith("; mind that b is graded suspect_input")
+
+
+def test_arms_of_another_layout_are_refused():
+    with pytest.raises(ModelError, match=r"b \(ur10\).*layouts.*convention|d_m of row 1: "):
+        pa10cal.compare(campaign(1), campaign(1, robot="ur10"), ("a", "b"))
+    other = campaign(2)
+    chain = other.model.chain
+    longer = replace(other.arm, d_m=other.arm.d_m + np.array([0.0, 0.0, 0.0, 0.01, 0.0, 0.0]))
+    other = replace(other, model=replace(other.model, chain=replace(chain, arm=longer)))
+    with pytest.raises(ModelError, match=r"d_m of row 4: 0.48 and 0.49.*the same arm"):
+        pa10cal.compare(campaign(1), other)
