@@ -20,7 +20,8 @@ def compare(first: Path, second: Path, *, out: Path | None = None) -> None:
     base and tool are taken off. docs/using-the-model.md explains the figures.
 
     Args:
-        first, second: model.yaml of a calibration.
+        first: model.yaml of a calibration.
+        second: model.yaml of another.
         out: every parameter and figure, to write (.json).
 
     Examples:
