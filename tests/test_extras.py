@@ -56,7 +56,7 @@ def test_raw_files_become_a_model_in_use_without_any_extra(tmp_path):
     assert done.returncode == 0, done.stderr
     assert pd.read_csv(tmp_path / "poses.csv").u_mm[0] < 0.1
     assert pd.read_csv(tmp_path / "commands.csv").status[0] == "ok"
-    for extra in ("figures", "workflow", "urdf"):
+    for extra in ("figures", "report", "workflow", "urdf"):
         assert f"pip install '.[{extra}]'" in done.stdout
 
 

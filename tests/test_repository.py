@@ -126,6 +126,12 @@ MAY_IMPORT = {
         "settings",
     },
     "running": {"results", "settings"},
+    "report": {
+        "campaign.description",
+        "campaign.table",
+        "figures.parameter_names",
+        "files.output",
+    },
     "planning": {
         "calibration.options",
         "cell.options",
@@ -137,8 +143,11 @@ MAY_IMPORT = {
 }
 #: Libraries that only some packages or modules may import.
 KEPT_TO = {
+    "jinja2": {"report"},
+    "markupsafe": {"report"},
     "matplotlib": {"figures"},
     "pinocchio": {"arm.imported"},
+    "plotly": {"report"},
     "snakemake": set(),
 }
 NOT_IN_PURE = {"pandas", "pyarrow", "yaml", "json", "csv", "pathlib", "os", "sys"}

@@ -3,7 +3,7 @@
 from textwrap import dedent
 
 #: Command, the options it is called with, and what the stand-in writes. Several values follow a +;
-#: one with a ? may be left out.
+#: one with a ? may be left out; one without -- stands first, by its place.
 STAND_INS = {
     "ingest": (
         ["--campaign-dir", "--settings", "--out", "--quarantine"],
@@ -69,6 +69,7 @@ STAND_INS = {
         """,
     ),
     "coverage": (["--settings", "--calibration", "--out", "--table"], ""),
+    "report": (["results", "--campaign-dir", "--calibration", "--out"], ""),
     "figures": (
         ["--figure?", "--campaign-dir?", "--results", "--settings", "--force!"],
         """
@@ -131,7 +132,7 @@ from types import SimpleNamespace
 from pa10cal.errors import RawDataError
 from pa10cal.files.output import write_text
 
-def {command}(*, {parameters}) -> None:
+def {command}({parameters}) -> None:
     a = SimpleNamespace(**locals())
     print("{command} at work", file=sys.stderr)
     json.loads(getattr(a, "settings", "{{}}"))
@@ -145,9 +146,13 @@ def stand_in(command):
     """Return the text of a module in place of a command's."""
     options, body = STAND_INS[command]
     kinds = {"?": "str | None = None", "+": "tuple[str, ...]", "!": "bool = False"}
+    given = [option for option in options if not option.startswith("--")]
+    given += ["*", *(option[2:] for option in options if option.startswith("--"))]
     parameters = ", ".join(
-        f"{option[2:].rstrip('+?!').replace('-', '_')}: {kinds.get(option[-1], 'str')}"
-        for option in options
+        f"{option.rstrip('+?!').replace('-', '_')}: {kinds.get(option[-1], 'str')}"
+        if option != "*"
+        else "*"
+        for option in given
     )
     lines = "".join(f"    {line}\n" for line in dedent(body).splitlines())
     return STAND_IN.format(command=command, parameters=parameters, body=lines)

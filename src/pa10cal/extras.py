@@ -7,7 +7,13 @@ import sys
 from pa10cal.errors import Pa10calError
 
 #: The extra that brings a package, by the name of its module.
-EXTRAS = {"matplotlib": "figures", "snakemake": "workflow", "pinocchio": "urdf"}
+EXTRAS = {
+    "matplotlib": "figures",
+    "jinja2": "report",
+    "plotly": "report",
+    "snakemake": "workflow",
+    "pinocchio": "urdf",
+}
 
 
 class MissingPackageError(Pa10calError):

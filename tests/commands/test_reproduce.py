@@ -37,7 +37,9 @@ def test_a_line_a_stage_then_one_table_and_the_path_of_the_report(started, capsy
     for name in ("cell-a", "cell-null", "lightcap2008"):
         assert [name, "good", "none"] in rows
     assert "in all 0 s" in shown.out
-    assert shown.out.endswith("report  results/report.html\n")
+    reports = [f"report  results/{name}/report.html" for name in ("cell-a", "cell-null")]
+    assert [line for line in shown.out.splitlines() if line in reports] == reports
+    assert shown.out.endswith("every picture  results/report.html\n")
     whole, report = (work.command for work in started)
     assert whole[whole.index("--cores") + 1] == "1"
     assert "--report" not in whole

@@ -7,3 +7,4 @@ rule campaigns:
         expand(rules.export.output.model, campaign=SETTINGS.campaigns),
         expand(rules.evaluate.output, campaign=SETTINGS.campaigns),
         rules.figures.input,
+        expand(rules.page.output, campaign=SETTINGS.campaigns),

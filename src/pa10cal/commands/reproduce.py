@@ -13,7 +13,8 @@ def reproduce(*, cores: int = 0, settings: Path | None = None, report: bool = Tr
     Args:
         cores: how many to use; 0 for all.
         settings: settings over those of config.yaml (.yaml).
-        report: write the report of the workflow too, as `report.html` among the results.
+        report: write the workflow's own report too, with every picture of every campaign, as
+            `report.html` among the results.
 
     Examples:
         pa10cal reproduce
@@ -23,7 +24,7 @@ def reproduce(*, cores: int = 0, settings: Path | None = None, report: bool = Tr
 
     from pa10cal.running.display import RunDisplay
     from pa10cal.running.settings_files import settings_of
-    from pa10cal.running.summary import summarise, table
+    from pa10cal.running.summary import reports, summarise, table
     from pa10cal.running.workflow import Workflow, run_workflow, workflow_folder
 
     files = [workflow_folder() / "config.yaml", *([] if settings is None else [settings])]
@@ -46,4 +47,6 @@ def reproduce(*, cores: int = 0, settings: Path | None = None, report: bool = Tr
     calibration = used.evaluation.calibration
     print(f"\n{table([summarise(results / name, calibration) for name in used.campaigns])}\n")
     print(f"in all {display.seconds:.0f} s")
-    print(f"report  {results / 'report.html'}" if report else f"results  {results}")
+    print(reports([results / name for name in used.campaigns]))
+    whole = results / "report.html"
+    print(f"every picture  {whole}" if report else f"results  {results}")

@@ -18,6 +18,7 @@ _WORDS = {
     "evaluate": "judge held-out poses",
     "export": "write the model",
     "pictures": "draw figures and tables",
+    "page": "write the report",
     "judge_trials": "blind trials",
     "score_trials": "score blind trials",
     "trial_pictures": "draw blind trials",

@@ -34,6 +34,8 @@ LIBRARIES = {
     "pin": ("pinocchio", "importing a URDF"),
     "snakemake": ("snakemake", "pa10cal run, the workflow"),
     "matplotlib": ("matplotlib", "figures"),
+    "Jinja2": ("jinja2", "reports"),
+    "plotly": ("plotly", "figures of reports"),
 }
 
 

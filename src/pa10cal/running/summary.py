@@ -134,6 +134,11 @@ def paths(results: Path) -> str:
     return "\n".join(f"{title:<{width}}  {_short(path)}" for title, path in found)
 
 
+def reports(results: Iterable[Path]) -> str:
+    """Return where the reports of some campaigns are, one line each."""
+    return "\n".join(f"report  {_short(folder / 'report.html')}" for folder in results)
+
+
 def _short(path: Path) -> Path:
     """Return a path from the working folder, where it lies below that."""
     here = Path.cwd()

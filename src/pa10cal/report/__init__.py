@@ -1,0 +1,1 @@
+"""The report of a campaign: one page, read from top to bottom, that needs no network."""

@@ -1,0 +1,226 @@
+"""All that a results folder of one campaign holds for its report, and what is missing from it."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from pa10cal.campaign.description import CampaignDescription, read_description
+from pa10cal.campaign.table import read_pose_table
+from pa10cal.errors import RecordError
+from pa10cal.results.analysis import AnalysisRecord
+from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.codec import read
+from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
+from pa10cal.results.evaluation import HoldoutRecord
+from pa10cal.results.record import CampaignRecord, MeasuredRecord, Record
+from pa10cal.results.seed import BaseFrameRecord
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_R = TypeVar("_R", bound=Record)
+
+POSES = "ingest/poses.parquet"
+MODEL = "model/model.yaml"
+#: What a whole run leaves: file, command that writes it, the log of its stage.
+_STAGES = {
+    POSES: ("ingest", "ingest"),
+    BaseFrameRecord.FILE: ("seed", "base_frame"),
+    "calibration": ("calibrate", "calibrate"),
+    VerdictRecord.FILE: ("discover", "discover"),
+    AnalysisRecord.FILE: ("discover", "discover"),
+    ExtendedRecord.FILE: ("discover", "discover"),
+    HoldoutRecord.FILE: ("evaluate", "evaluate"),
+    MODEL: ("export", "export"),
+}
+
+
+@dataclass(frozen=True)
+class Absent:
+    """A result that is not there.
+
+    Attributes:
+        file: where it would be, under the results of the campaign.
+        why: the message of the stage that did not write it, or that it was not run.
+        remedy: what to do about it.
+    """
+
+    file: str
+    why: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """The results of one campaign; what is not there is None.
+
+    Attributes:
+        folder: `<results_dir>/<campaign>`.
+        campaign: name of the campaign.
+        provenance: where its data come from, in its own words; None where no result says it.
+        load_case: calibration that was evaluated: `combined`, or a load.
+        description: what the campaign says of itself, where its raw files were given.
+        poses: the table of poses.
+        quarantined: how many raw rows are not used, by reason.
+        absent: what a whole run would have left and is not there.
+        base_frame, calibration, general, verdict, analysis, extended, held_out: the records;
+            `general` is the general model beside the paper's.
+    """
+
+    folder: Path
+    campaign: str
+    provenance: str | None
+    load_case: str
+    description: CampaignDescription | None
+    poses: pd.DataFrame | None
+    quarantined: Mapping[str, int]
+    absent: tuple[Absent, ...]
+    base_frame: BaseFrameRecord | None
+    calibration: CalibrationRecord | None
+    general: CalibrationRecord | None
+    verdict: VerdictRecord | None
+    analysis: AnalysisRecord | None
+    extended: ExtendedRecord | None
+    held_out: HoldoutRecord | None
+
+    @property
+    def records(self) -> tuple[CampaignRecord, ...]:
+        """Return the records that are there."""
+        every = (self.base_frame, self.calibration, self.general, self.verdict, self.analysis)
+        return tuple(
+            record for record in (*every, self.extended, self.held_out) if record is not None
+        )
+
+    @property
+    def synthetic(self) -> bool:
+        """Whether the campaign's own words say that its data were simulated."""
+        return self.provenance is not None and is_synthetic(self.provenance)
+
+    @property
+    def model(self) -> Path | None:
+        """Return the model to take away, None where it was not exported."""
+        path = self.folder / MODEL
+        return path if path.exists() else None
+
+    def why_absent(self, file: str) -> str:
+        """Say why a result is not there, and what to do about it."""
+        for each in self.absent:
+            if each.file == file:
+                return f"{each.why} {each.remedy}"
+        return f"There is no {file}."
+
+
+#: Beginning of the provenance of simulated data.
+_SYNTHETIC = re.compile(r"\W*(synthetic|simulated|virtual cell)\b", re.IGNORECASE)
+
+
+def is_synthetic(provenance: str) -> bool:
+    """Return whether the words on where data come from begin by saying that they are simulated."""
+    return _SYNTHETIC.match(provenance) is not None
+
+
+def gather(folder: Path, load_case: str = "combined", campaign_dir: Path | None = None) -> Gathered:
+    """Read everything in a results folder of one campaign.
+
+    Args:
+        folder: `<results_dir>/<campaign>`.
+        load_case: the calibration that was evaluated.
+        campaign_dir: folder of the campaign's raw files; None to do without.
+
+    Raises:
+        RecordError: when the folder holds no results of a campaign, results of several, or a file
+            that cannot be read.
+        RawDataError: when the folder of raw files, or the table of poses, cannot be used.
+    """
+    stages = {
+        (f"calibration/{load_case}.json" if file == "calibration" else file): stage
+        for file, stage in _STAGES.items()
+    }
+    if not any((folder / file).exists() for file in stages):
+        raise RecordError(
+            "no results of a campaign",
+            where=str(folder),
+            value=None if folder.is_dir() else "no such folder",
+            allowed="RESULTS_DIR/CAMPAIGN as pa10cal run leaves it",
+            remedy="give such a folder, or run pa10cal run first",
+        )
+    description = None if campaign_dir is None else read_description(campaign_dir)
+    poses = read_pose_table(folder / POSES) if (folder / POSES).exists() else None
+    found = Gathered(
+        folder=folder,
+        campaign="",
+        provenance=None,
+        load_case=load_case,
+        description=description,
+        poses=poses,
+        quarantined=_quarantined(folder / "ingest/quarantine.csv"),
+        absent=tuple(
+            _absent(folder, file, *stage)
+            for file, stage in stages.items()
+            if not (folder / file).exists()
+        ),
+        base_frame=_read(BaseFrameRecord, folder),
+        calibration=_read(CalibrationRecord, folder, f"calibration/{load_case}.json"),
+        general=_read(CalibrationRecord, folder, "calibration/general.json"),
+        verdict=_read(VerdictRecord, folder),
+        analysis=_read(AnalysisRecord, folder),
+        extended=_read(ExtendedRecord, folder),
+        held_out=_read(HoldoutRecord, folder),
+    )
+    return replace(found, campaign=_one_campaign(found), provenance=_provenance(found))
+
+
+def _one_campaign(found: Gathered) -> str:
+    """Return the name of the campaign that all results are of."""
+    names = {record.campaign for record in found.records}
+    names |= set() if found.poses is None else {str(found.poses.attrs["campaign"])}
+    names |= set() if found.description is None else {found.description.name}
+    if len(names) > 1:
+        raise RecordError(
+            "results of several campaigns in one folder",
+            where=str(found.folder),
+            value=", ".join(sorted(names)),
+            allowed="the results of one campaign, and its own raw files",
+            remedy="run pa10cal run again, into a folder of its own",
+        )
+    return names.pop() if names else found.folder.absolute().name
+
+
+def _provenance(found: Gathered) -> str | None:
+    told = [each.provenance for each in found.records if isinstance(each, MeasuredRecord)]
+    told += [] if found.description is None else [found.description.provenance]
+    return told[0] if told else None
+
+
+def _read(kind: type[_R], folder: Path, file: str | None = None) -> _R | None:
+    path = folder / (file or kind.FILE)
+    return read(kind, path) if path.exists() else None
+
+
+def _absent(folder: Path, file: str, command: str, log: str) -> Absent:
+    """Say why a result is not there: what its stage refused, where its log tells."""
+    path = folder / f"logs/{log}.log"
+    told = []
+    if path.is_file():
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        told = [line for line in lines if line.startswith("pa10cal") and ": warning: " not in line]
+    if told:
+        _, _, message = told[-1].partition(": ")
+        return Absent(file, f"pa10cal {command} refused: {message}.", "Then run it again.")
+    why = f"There is no {file}: pa10cal {command} was not run, or did not come to its end."
+    return Absent(file, why, "pa10cal run makes it.")
+
+
+def _quarantined(path: Path) -> Mapping[str, int]:
+    """Return how many raw rows are not used, by reason, the most frequent first."""
+    if not path.is_file():
+        return {}
+    with path.open(encoding="utf-8", newline="") as rows:
+        reasons = Counter(row.get("reason") or "no reason given" for row in csv.DictReader(rows))
+    return dict(reasons.most_common())

@@ -1,0 +1,106 @@
+"""What was measured: arm, instrument, poses, repeats, loads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pandas as pd
+
+from pa10cal.report.blocks import Block, Callout, Facts, Section, grid
+from pa10cal.report.gathered import POSES, Gathered
+from pa10cal.report.written import count, listed, mm
+
+_INSTRUMENTS = {
+    "touch_trigger_cmm": "coordinate measuring machine that touches balls on the end-effector",
+    "pose": "tracker that measures position and attitude of a target",
+    "points": "instrument that measures positions of targets",
+    "distance": "instrument that measures the distance of a target from a fixed point",
+}
+_KINDS = {
+    "grid": "to fit",
+    "holdout": "held out",
+    "line_x": "straight move along x",
+    "line_y": "straight move along y",
+}
+_FRAMES = {
+    "straight_lines": "two straight moves along the base's axes",
+    "rigid_fit_nominal": "a rigid fit of the nominal arm",
+    "hand_eye_poses": "all measured poses at once (hand-eye)",
+    "hand_eye_points": "all measured points at once (hand-eye)",
+    "ranging": "all measured distances at once",
+    "nominal_arm": "the nominal arm",
+}
+
+
+def measured(found: Gathered) -> Section:
+    """Return what was measured, and where the data come from."""
+    return Section("measured", "What was measured", tuple(_blocks(found)))
+
+
+def _blocks(found: Gathered) -> Iterator[Block]:
+    yield Facts(tuple(_facts(found)))
+    if found.poses is None:
+        yield Callout("missing", found.why_absent(POSES))
+        return
+    yield grid(
+        "Measured configurations. A configuration is a pose at a load.",
+        ("used", "load [N]", "poses", "readings", "readings of a configuration"),
+        _counts(found.poses),
+        numbers=(1, 2, 3),
+    )
+    if found.quarantined:
+        reasons = listed(f"{number} × {reason}" for reason, number in found.quarantined.items())
+        total = count(sum(found.quarantined.values()), "raw row")
+        yield Callout("note", f"{total} not used, see ingest/quarantine.csv: {reasons}.")
+
+
+def _facts(found: Gathered) -> Iterator[tuple[str, str]]:
+    yield "Campaign", found.campaign
+    if found.provenance is not None:
+        kind = "Synthetic data. " if found.synthetic else ""
+        yield "Where the data come from", f"{kind}In the campaign's own words: {found.provenance}."
+    yield "Arm", _arm(found)
+    yield "Instrument", _instrument(found)
+    if found.poses is not None:
+        times = found.poses["time_s"].dropna()
+        hours = (times.max() - times.min()) / 3600.0 if len(times) else 0.0
+        yield "Duration", f"{hours:.1f} h from the first reading to the last" if hours else ""
+        warm = found.poses["temperature_C"].dropna()
+        if len(warm):
+            yield "Temperature", f"{warm.min():.1f} to {warm.max():.1f} °C"
+    if (frame := found.base_frame) is not None:
+        scatter = f"positions scatter by {frame.origin_scatter_mm:.3f} mm about it"
+        yield "Base frame found from", f"{_FRAMES.get(frame.method, frame.method)}; {scatter}"
+
+
+def _arm(found: Gathered) -> str:
+    if found.calibration is None:
+        return "not known" if found.description is None else found.description.robot
+    arm = found.calibration.fitted_model.get("arm")
+    title = arm.get("title") if isinstance(arm, dict) else None
+    name = found.calibration.robot
+    return f"{title} ({name})" if title and title != name else name
+
+
+def _instrument(found: Gathered) -> str:
+    kind, stated = "", ""
+    if found.description is not None:
+        kind = found.description.instrument.kind
+        uncertainty = found.description.instrument.uncertainty_mm
+        stated = f"; stated standard uncertainty {uncertainty:g} mm along each axis"
+    elif found.calibration is not None:
+        fitted_to = found.calibration.fitted_model.get("fitted_to")
+        kind = str(fitted_to.get("instrument", "")) if isinstance(fitted_to, dict) else ""
+        told = [each for each in found.calibration.health.repeats if each.kind != "attitude"]
+        if told:
+            stated = f"; stated standard uncertainty of a reading {mm(1e3 * told[0].stated)} mm"
+    return f"{_INSTRUMENTS.get(kind, kind or 'not known')}{stated}"
+
+
+def _counts(poses: pd.DataFrame) -> Iterator[tuple[str, ...]]:
+    for kind, words in _KINDS.items():
+        for load_N, at in poses[poses["kind"] == kind].groupby("load_N"):
+            repeats = at.groupby("pose").size()
+            least, most = repeats.min(), repeats.max()
+            span = str(most) if least == most else f"{least} to {most}"
+            yield words, f"{load_N:g}", str(len(repeats)), str(len(at)), span

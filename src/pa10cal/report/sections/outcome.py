@@ -1,0 +1,164 @@
+"""The grade of the calibration and the verdict on the model, each in a plain sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pa10cal.report.blocks import Block, Callout, Items, Paragraph, Section, grid
+from pa10cal.report.gathered import Gathered
+from pa10cal.report.written import NOT_KNOWN, listed, mm, named, sentence, sized
+from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
+from pa10cal.results.health import UNRESERVED, Health
+
+_GRADES = {
+    "good": "The calibration is good.",
+    "few_poses": "The calibration is as good as its poses allow; more poses would help.",
+    "incomplete": "The model is incomplete: it leaves more error than the noise explains.",
+    "suspect_input": "Something in the input is probably wrong.",
+    "not_converged": "The fit did not converge.",
+}
+_MEANINGS = {
+    "named": "Each can be told from every other effect of the vocabulary with these poses.",
+    "ambiguous": "At least one cannot be told from its alternatives with these poses.",
+}
+#: Of more parameters only a summary is shown.
+_MOST_PARAMETERS = 6
+
+
+def grade(found: Gathered) -> Section:
+    """Return the grade with its sentence, and what it stands on."""
+    return Section("grade", "Grade of the calibration", tuple(_grade(found)))
+
+
+def _grade(found: Gathered) -> Iterator[Block]:
+    if found.calibration is None:
+        yield Callout("missing", found.why_absent(f"calibration/{found.load_case}.json"))
+        return
+    health = found.calibration.health
+    yield Paragraph(grade_sentence(health), lead=True)
+    yield Paragraph(sentence(f"{health.grade.replace('_', ' ')}: {health.line}"))
+    if found.verdict is not None and found.verdict.effects:
+        yield Paragraph(
+            "This is the grade of the calibrated model, before the effects found joined it."
+        )
+    if health.grade not in UNRESERVED:
+        yield Callout(
+            "warning",
+            "A model of this grade is not to be used: exports, predictions and compensation "
+            "refuse it unless --force is given.",
+        )
+    if health.findings:
+        yield grid(
+            "What is probably wrong in the input",
+            ("where", "what", "what to do", "would leave [mm rms]"),
+            [
+                (each.where, each.what, each.remedy, mm(each.would_leave_mm))
+                for each in health.findings
+            ],
+            numbers=(3,),
+        )
+
+
+def grade_sentence(health: Health) -> str:
+    """Return what a grade means."""
+    return _GRADES[health.grade]
+
+
+def verdict(found: Gathered) -> Section:
+    """Return what is missing from the model, or wrong with the log."""
+    return Section("verdict", "Verdict: what the model lacks", tuple(_verdict(found)))
+
+
+def _verdict(found: Gathered) -> Iterator[Block]:
+    record = found.verdict
+    if record is None:
+        yield Callout("missing", found.why_absent(VerdictRecord.FILE))
+        return
+    yield Paragraph(verdict_sentence(record), lead=True)
+    if record.faults:
+        yield grid(
+            "Faults of the log",
+            ("fault", "where", "what", "what to do"),
+            [
+                (each.kind.replace("_", " "), each.where, each.what, each.remedy)
+                for each in record.faults
+            ],
+        )
+    if record.effects:
+        formulas = _formulas(found)
+        yield grid(
+            "Effects in the order found, with 95 % intervals",
+            ("effect", "at", "size", "what it adds", "could also be"),
+            [
+                (
+                    each.id.replace("_", " "),
+                    each.of.replace("_", " "),
+                    _size(each),
+                    formulas.get((each.id, each.of), NOT_KNOWN),
+                    listed(map(named, each.alternatives), "nothing else"),
+                )
+                for each in record.effects
+            ],
+        )
+    if record.verdict in _MEANINGS:
+        yield Paragraph(_MEANINGS[record.verdict])
+    if record.unexplained is not None:
+        yield Callout("warning", "Part of the remaining error has no name:")
+        yield Items(
+            tuple(
+                sentence(f"{place.of or 'place not known'}: {place.why}")
+                for place in record.unexplained.all
+            )
+        )
+    if record.falls_back is not None:
+        yield Callout(
+            "note",
+            "The model leaves effects out where held-out poses are predicted worse with them: "
+            "see what is not trusted below.",
+        )
+
+
+def verdict_sentence(record: VerdictRecord) -> str:
+    """Return the verdict in one plain sentence."""
+    effects = listed(_briefly(each) for each in record.effects)
+    lacks = f"The model lacks {effects}."
+    unexplained = record.unexplained
+    if record.verdict == "none":
+        return "Nothing is missing: model and measurement agree within the repeatability."
+    if record.verdict == "not_sought":
+        return f"Effects were not sought: {sentence(record.why or 'not known why')}"
+    if record.verdict == "check_the_log":
+        faults = listed(f"{each.kind.replace('_', ' ')} ({each.where})" for each in record.faults)
+        besides = f" Whatever becomes of that, {lacks[0].lower()}{lacks[1:]}"
+        return f"Check the log first: {faults}.{besides if record.effects else ''}"
+    if record.verdict == "unexplained":
+        where = "" if unexplained is None or unexplained.of is None else f" at {unexplained.of}"
+        part = f"{lacks} Besides, an" if record.effects else "An"
+        return f"{part} error remains{where} that no effect of the vocabulary explains."
+    return lacks
+
+
+def _briefly(effect: FoundEffect) -> str:
+    rivals = f" or {listed(map(named, effect.alternatives))}" if effect.alternatives else ""
+    return f"{named(effect)}{rivals}"
+
+
+def _size(effect: NamedEffect) -> str:
+    if len(effect.parameters) > _MOST_PARAMETERS:
+        values = [each.value for each in effect.parameters.values()]
+        unit = next(iter(effect.parameters.values())).unit
+        rms = (sum(value**2 for value in values) / len(values)) ** 0.5
+        return f"{len(values)} values, rms {rms:.3g} {unit}"
+    return "; ".join(f"{name} = {sized(each)}" for name, each in effect.parameters.items())
+
+
+def _formulas(found: Gathered) -> dict[tuple[str, str], str]:
+    """Return formulas of terms, as the fitted model states them, by id and place."""
+    terms = found.extended.fitted_model.get("terms") if found.extended is not None else None
+    if not isinstance(terms, list):
+        return {}
+    return {
+        (str(term["id"]), str(term["of"])): str(term["formula"])
+        for term in terms
+        if isinstance(term, dict) and {"id", "of", "formula"} <= term.keys()
+    }

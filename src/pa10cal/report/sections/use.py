@@ -1,0 +1,82 @@
+"""How to use the model: where it is, and what to type."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+from pa10cal.report.blocks import Block, Callout, Code, Items, Paragraph, Section, grid
+from pa10cal.report.gathered import MODEL, Gathered
+from pa10cal.results.health import UNRESERVED
+
+_FILES = {
+    MODEL: "the whole model, with effects and formulas; read by the commands below",
+    "model/model.covariance.npz": "how uncertain its parameters are",
+    "model/robot.urdf": "the rigid part, for simulators and planners",
+    "model/dh.csv": "link parameters, nominal and calibrated",
+    "model/ur_kinematics.yaml": "the rigid part for the UR driver for ROS 2",
+    "discovery/suggested_poses.csv": "poses to measure next",
+    "ingest/quarantine.csv": "raw rows that are not used, with the reason",
+    "figures": "figures as SVG, PDF and PNG",
+    "tables": "tables as CSV, Markdown and HTML",
+}
+
+
+def use(found: Gathered) -> Section:
+    """Return what to type to predict and to compensate."""
+    return Section("use", "How to use the model", tuple(_blocks(found)))
+
+
+def _blocks(found: Gathered) -> Iterator[Block]:
+    model = found.model
+    if model is None:
+        yield Callout("missing", found.why_absent(MODEL))
+    else:
+        grade = None if found.calibration is None else found.calibration.health.grade
+        doubtful = grade is not None and grade not in UNRESERVED
+        if doubtful:
+            yield Callout(
+                "warning",
+                f"The calibration is graded {grade}. The commands refuse its model without "
+                "--force: mend the input first.",
+            )
+        yield Paragraph("Poses are in the robot's base frame. Angles are in degrees.")
+        yield Code("Where is the tool at these joint positions?", _command("predict", model))
+        yield Code(
+            "Which joint positions bring the tool to these poses?", _command("compensate", model)
+        )
+        yield Code(
+            "From Python",
+            "import pa10cal\n\n"
+            f'model = pa10cal.load_model("{_shown(model)}")\n'
+            'found = model.predict(q_rad, frame="tool")  # found.T [m], found.u_mm, found.inside',
+        )
+        yield Items(
+            (
+                "joints.csv: id,q1_deg,…,load_N; a row for each pose to predict.",
+                "targets.csv: id,x_mm,y_mm,z_mm,qw,qx,qy,qz; a row for each pose to reach.",
+                "--frame flange gives the arm's last frame in place of the tool.",
+            )
+        )
+    rows = [
+        (_shown(found.folder / file), what)
+        for file, what in _FILES.items()
+        if (found.folder / file).exists()
+    ]
+    if rows:
+        yield grid("Files of this campaign", ("file", "holds"), rows)
+
+
+def _command(name: str, model: Path) -> str:
+    given, out = {"predict": ("joints", "poses"), "compensate": ("targets", "commands")}[name]
+    return (
+        f"pa10cal {name} --model {shlex.quote(_shown(model))} \\\n"
+        f"  --{given} {given}.csv --out {out}.csv --frame tool"
+    )
+
+
+def _shown(path: Path) -> str:
+    """Return a path from the working folder, where it lies below that."""
+    path, here = path.absolute(), Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)

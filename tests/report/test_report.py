@@ -1,0 +1,221 @@
+"""The page of a campaign: what it says, of every verdict and with every result missing."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+from itertools import pairwise
+
+import pytest
+
+from pa10cal.commands.command_line import REFUSED, run_command
+
+VOID = {"meta", "link", "br", "img", "input", "hr", "col"}
+
+
+class Page(HTMLParser):
+    """What a page holds: its text, tags and whether they are closed in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+        self.headings: list[tuple[str, str]] = []
+        self._open: list[str] = []
+        self.feed(text)
+        assert not self._open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag
+
+    def handle_data(self, data):
+        if self._open and self._open[-1] not in ("script", "style"):
+            self.words.append(data)
+        if self._open and re.fullmatch(r"h\d", self._open[-1]):
+            self.headings.append((self._open[-1], data))
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+    def attributes(self, tag):
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+@pytest.fixture
+def page(tmp_path):
+    """Write the report of some results and read it."""
+
+    def write(results, *words):
+        out = tmp_path / "report.html"
+        assert run_command("report", [str(results), "--out", str(out), *map(str, words)]) == 0
+        return Page(out.read_text(encoding="utf-8"))
+
+    return write
+
+
+def test_says_what_it_is_of_and_that_the_data_are_synthetic_first(small, page, capsys):
+    found = page(small)
+    assert capsys.readouterr().out.startswith("small: report ")
+    title = found.text.split(" Skip to")[0]
+    assert title == "small: calibration report (synthetic data)"
+    said = found.text.removeprefix(title)
+    assert said.startswith(" Skip to the report Synthetic data: simulated, no robot was measured.")
+
+
+def test_has_every_section_in_the_order_of_reading(small, page):
+    headings = [name for name in page(small).headings if name[0] == "h2"]
+    assert [text for _, text in headings] == [
+        "What was measured",
+        "Grade of the calibration",
+        "Verdict: what the model lacks",
+        "Before and after",
+        "Parameters",
+        "What is missing",
+        "What to measure next",
+        "How far to trust it",
+        "How to use the model",
+    ]
+
+
+LEADS = {
+    "none": "Nothing is missing: model and measurement agree within the repeatability.",
+    "named": "The model lacks encoder eccentricity at joint 2.",
+    "ambiguous": "The model lacks encoder eccentricity at joint 2 or gear ratio error at joint 2.",
+    "unexplained": "An error remains at joint 3 that no effect of the vocabulary explains.",
+    "check_the_log": "Check the log first: joint sign (q3_deg). Whatever becomes of that, the "
+    "model lacks encoder eccentricity at joint 2.",
+    "not_sought": "Effects were not sought: 36 poses are too few.",
+}
+
+
+def test_says_every_verdict_in_a_plain_sentence(judged, page):
+    results, word = judged
+    found = page(results)
+    assert found.text.count(LEADS[word]) == 2  # at the top, and in its section
+    if word == "check_the_log":
+        assert "negate q3_deg" in found.text
+    if word in ("named", "ambiguous"):
+        assert "A = (0.400 ± 0.039) mrad; phi = (0.770 ± 0.078) rad" in found.text
+    if word == "not_sought":
+        assert "Measure 100." in found.text
+
+
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ("ingest", "There is no ingest/poses.parquet: pa10cal ingest was not run"),
+        ("seed", "There is no seed/base_frame.json"),
+        ("calibration", "There is no calibration/combined.json"),
+        ("discovery", "There is no discovery/verdict.json"),
+        ("evaluation", "There is no evaluation/holdout.json"),
+        ("model", "There is no model/model.yaml: pa10cal export was not run"),
+    ],
+)
+def test_a_stage_that_is_missing_is_named_with_the_reason(copied, page, file, said):
+    shutil.rmtree(copied / file)
+    assert said in page(copied).text
+
+
+def test_the_message_of_a_stage_that_refused_is_the_reason(copied, page):
+    shutil.rmtree(copied / "calibration")
+    (copied / "logs").mkdir()
+    message = "small: warning: x\npa10cal calibrate: P3: 2 poses; allowed: 30; measure more\n"
+    (copied / "logs/calibrate.log").write_text(message)
+    assert "pa10cal calibrate refused: P3: 2 poses; allowed: 30; measure more." in page(copied).text
+
+
+def test_only_raw_rows_read_is_enough_for_a_page(copied, page):
+    for folder in ("seed", "calibration", "discovery", "evaluation", "model"):
+        shutil.rmtree(copied / folder)
+    found = page(copied)
+    assert "There is no calibration" in found.text
+    assert "to fit" in found.text
+
+
+def test_nothing_held_out_is_said(copied, page):
+    path = copied / "evaluation/holdout.json"
+    record = json.loads(path.read_text("utf-8"))
+    path.write_text(json.dumps({**record, "models": {}, "note": "no held-out rows measured"}))
+    assert "Nothing was held out (no held-out rows measured)" in page(copied).text
+
+
+def test_a_model_that_is_not_to_be_used_is_marked(copied, page):
+    path = copied / "calibration/combined.json"
+    record = json.loads(path.read_text("utf-8"))
+    record["health"]["grade"] = "suspect_input"
+    path.write_text(json.dumps(record))
+    found = page(copied).text
+    assert "Something in the input is probably wrong." in found
+    assert "The commands refuse its model without --force: mend the input first." in found
+
+
+def test_measured_data_are_not_called_synthetic(copied, page):
+    for path in copied.rglob("*.json"):
+        record = json.loads(path.read_text("utf-8"))
+        path.write_text(json.dumps({**record, "provenance": "measured with a tracker"}))
+    found = page(copied).text
+    assert "Synthetic" not in found
+    assert "In the campaign's own words: measured with a tracker." in found
+
+
+def test_what_a_campaign_says_stays_text(copied, page):
+    for path in copied.rglob("*.json"):
+        record = json.loads(path.read_text("utf-8"))
+        path.write_text(json.dumps({**record, "provenance": "<script>alert(1)</script>&"}))
+    found = page(copied)
+    assert "<script>alert(1)</script>&" in found.text
+
+
+def test_needs_no_network_and_can_be_read_by_keyboard(small, page):
+    found = page(small)
+    for attributes in (attributes for _, attributes in found.tags):
+        for name in ("src", "href", "srcset", "action"):
+            assert (attributes.get(name) or "#").startswith("#")
+    policy = next(each for each in found.attributes("meta") if "http-equiv" in each)
+    assert policy["content"].startswith("default-src 'none'")
+    ids = [each["id"] for _, each in found.tags if "id" in each]
+    assert len(ids) == len(set(ids))
+    for link in found.attributes("a"):
+        assert link["href"][1:] in ids
+    scrolled = [each for each in found.attributes("div") if each.get("class") == "scroll"]
+    assert len(scrolled) == len(found.attributes("table"))
+    assert all(each["tabindex"] == "0" and each["aria-label"] for each in scrolled)
+    levels = [int(tag[1]) for tag, _ in found.tags if re.fullmatch(r"h\d", tag)]
+    assert levels[0] == 1
+    assert all(after <= before + 1 for before, after in pairwise(levels))
+
+
+@pytest.mark.parametrize("place", ["nowhere", "empty", "a_file"])
+def test_a_folder_without_results_is_refused_in_one_message(tmp_path, capsys, place):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "a_file").write_text("x")
+    out = tmp_path / "report.html"
+    assert run_command("report", [str(tmp_path / place), "--out", str(out)]) == REFUSED
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "no results of a campaign" in told
+    assert not out.exists()
+
+
+def test_a_record_that_cannot_be_read_is_refused_and_nothing_written(copied, tmp_path, capsys):
+    (copied / "discovery/verdict.json").write_text("{")
+    out = tmp_path / "report.html"
+    assert run_command("report", [str(copied), "--out", str(out)]) == REFUSED
+    assert "discovery/verdict.json: the record cannot be read" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_results_of_two_campaigns_are_refused(copied, tmp_path, capsys):
+    path = copied / "discovery/verdict.json"
+    path.write_text(path.read_text("utf-8").replace('"small"', '"other"', 1))
+    out = tmp_path / "report.html"
+    assert run_command("report", [str(copied), "--out", str(out)]) == REFUSED
+    assert "results of several campaigns" in capsys.readouterr().err

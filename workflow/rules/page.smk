@@ -1,0 +1,25 @@
+rule page:
+    """The report of a campaign: one page, read from top to bottom."""
+    input:
+        campaign=raw("campaign.yaml"),
+        poses=result("ingest/poses.parquet"),
+        base_frame=result("seed/base_frame.json"),
+        calibration=result("calibration"),
+        verdict=result("discovery/verdict.json"),
+        held_out=result("evaluation/holdout.json"),
+        model=result("model/model.yaml"),
+        pictures=result("pictures.json"),
+    output:
+        result("report.html"),
+    log:
+        result("logs/page.log"),
+    wildcard_constraints:
+        campaign=NO_STUDY,
+    params:
+        calibration=SETTINGS.evaluation.calibration,
+        code=code_of("commands.report"),
+        folder=campaign_folder,
+        results=results_folder,
+    shell:
+        "python -m pa10cal report {params.results:q} --campaign-dir {params.folder:q}"
+        " --calibration {params.calibration:q} --out {output:q} 2>&1 | tee {log:q} >&2"
