@@ -29,7 +29,15 @@ PURE = {
     "evaluation",
     "curve",
 }
-FLOOR = {"errors", "extras", "near_miss", "results", "settings_reading", "settings_section"}
+FLOOR = {
+    "errors",
+    "extras",
+    "near_miss",
+    "results",
+    "settings_reading",
+    "settings_section",
+    "yaml_file",
+}
 
 #: What a package may import besides itself and `errors`: packages, or single modules.
 MAY_IMPORT = {
@@ -46,6 +54,7 @@ MAY_IMPORT = {
         "cell.options",
     },
     "settings_reading": set(),
+    "yaml_file": set(),
     "settings_section": set(),
     "cell.options": {"observe.kinds"},
     "results": {"files.output"},

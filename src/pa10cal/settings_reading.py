@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
 from pa10cal.errors import SettingsError
 from pa10cal.near_miss import remedy_for
+from pa10cal.yaml_file import parse_yaml
 
 _S = TypeVar("_S", bound=BaseModel)
 
@@ -47,9 +47,8 @@ def read_settings_argument(section: type[_S], argument: str, *, where: str = "--
     inline = argument.lstrip().startswith("{")
     where = where if inline else argument
     try:
-        text = argument if inline else Path(argument).read_text(encoding="utf-8")
-        raw = json.loads(text) if inline else yaml.safe_load(text)
-    except (OSError, ValueError, yaml.YAMLError) as error:
+        raw = json.loads(argument) if inline else parse_yaml(Path(argument).read_text("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
         raise SettingsError(
             "settings cannot be read",
             where=where,

@@ -187,7 +187,7 @@ def test_an_arm_that_is_nowhere_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("rows: [", r"small\.yaml: the arm description cannot be read.*line 1"),
+        ("rows: [", r"small\.yaml: the arm description cannot be read.*line 2, column 1"),
         (SCARA.replace("small", "large"), r"not named after its file.*'large'.*small"),
         ("- 1", r"small\.yaml: .*whole.*does not fit"),
     ],

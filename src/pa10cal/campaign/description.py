@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from pydantic import Field, FiniteFloat, StringConstraints
 
@@ -24,6 +23,7 @@ from pa10cal.observe.quantities import Stated
 from pa10cal.observe.registry import instruments
 from pa10cal.settings_reading import parse_section
 from pa10cal.settings_section import Section
+from pa10cal.yaml_file import read_yaml
 
 Array = NDArray[np.float64]
 
@@ -172,16 +172,7 @@ def _read_mapping(path: Path) -> dict[str, object]:
             allowed="a folder of raw files with campaign.yaml, see docs/raw-data.md",
             remedy="give such a folder; pa10cal columns FILE proposes a campaign.yaml for a file",
         )
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise RawDataError(
-            "the campaign's description cannot be read",
-            where=str(path),
-            value=" ".join(str(error).split()),
-            allowed="a UTF-8 YAML file",
-            remedy="check the path and the file's syntax",
-        ) from None
+    content = read_yaml(path, RawDataError, what="the campaign's description cannot be read")
     if not isinstance(content, dict):
         raise RawDataError(
             "the campaign's description holds no keys",

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -20,8 +19,11 @@ from pa10cal.errors import ArmError
 from pa10cal.files.arm_rows import ArmRow, Triple, check_rows, refuse_far
 from pa10cal.settings_reading import parse_section
 from pa10cal.settings_section import Section
+from pa10cal.yaml_file import parse_yaml, read_yaml
 
 Array = NDArray[np.float64]
+
+_UNREADABLE = "the arm description cannot be read"
 
 
 class _Frame(Section):
@@ -86,7 +88,7 @@ def load_arm(name: str, folder: Path | None = None) -> Arm:
             remedy="correct the name, or describe the arm in such a file",
         )
     text = files("pa10cal.files").joinpath("arms", f"{name}.yaml").read_text(encoding="utf-8")
-    return parse_arm(yaml.safe_load(text), where=f"{name}.yaml")
+    return parse_arm(parse_yaml(text), where=f"{name}.yaml")
 
 
 def read_arm(path: Path) -> Arm:
@@ -96,17 +98,7 @@ def read_arm(path: Path) -> Arm:
         ArmError: when it cannot be read, is not named after the arm, or cannot be meant.
         SettingsError: when a key is unknown, missing or of the wrong kind.
     """
-    try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise ArmError(
-            "the arm description cannot be read",
-            where=str(path),
-            value=" ".join(str(error).split()),
-            allowed="a YAML file, UTF-8",
-            remedy="correct its syntax",
-        ) from None
-    arm = parse_arm(raw, where=str(path))
+    arm = parse_arm(read_yaml(path, ArmError, what=_UNREADABLE), where=str(path))
     if arm.name != path.stem:
         raise ArmError(
             "the arm is not named after its file",
@@ -132,7 +124,7 @@ def urdf_of_arm(name: str, folder: Path) -> UrdfSource | None:
     own = folder / f"{name}.yaml"
     if not own.is_file():
         return None
-    raw = yaml.safe_load(own.read_text(encoding="utf-8-sig"))
+    raw = read_yaml(own, ArmError, what=_UNREADABLE)
     source = parse_section(_ArmFile, raw, where=str(own)).urdf
     if source is None:
         return None

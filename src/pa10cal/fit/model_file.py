@@ -24,6 +24,7 @@ from pa10cal.fit.prediction import Suspicion
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 from pa10cal.terms.term import Term
+from pa10cal.yaml_file import read_yaml
 
 Array = NDArray[np.float64]
 
@@ -70,16 +71,13 @@ def load_model(path: str | Path) -> FittedModel:
         TermError: when it has a term that is not known.
     """
     path = Path(path)
-    try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise ModelError(
-            "the model cannot be read",
-            where=str(path),
-            value=" ".join(str(error).split()),
-            allowed="a model.yaml that this package wrote",
-            remedy="correct the path, or write the model again",
-        ) from None
+    content = read_yaml(
+        path,
+        ModelError,
+        what="the model cannot be read",
+        allowed="a model.yaml that this package wrote",
+        remedy="correct the path, or write the model again",
+    )
     return model_from_plain(content, where=str(path), covariance=covariance_beside(path))
 
 
@@ -350,9 +348,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(value) if np.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value
-
-
-_Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]

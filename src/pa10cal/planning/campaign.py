@@ -10,9 +10,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from pa10cal.errors import SettingsError
+from pa10cal.errors import RawDataError, SettingsError
+from pa10cal.yaml_file import read_yaml
 
 
 def raw_files(folder: Path) -> list[Path]:
@@ -87,7 +86,7 @@ def _content(path: Path, changed_ns: int) -> dict[str, Any]:
     """Read a description once for as long as it is not changed: plans need it often."""
     del changed_ns
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, yaml.YAMLError):
+        content = read_yaml(path, RawDataError, what="the campaign's description cannot be read")
+    except RawDataError:
         return {}
     return content if isinstance(content, dict) else {}

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pa10cal.errors import SettingsError
 from pa10cal.settings import Settings, parse_settings
+from pa10cal.yaml_file import read_yaml
 
 
 def settings_of(files: list[Path], over: Mapping[str, Any], where: str) -> Settings:
@@ -25,17 +24,12 @@ def settings_of(files: list[Path], over: Mapping[str, Any], where: str) -> Setti
     """
     content: dict[str, Any] = {}
     for file in files:
-        try:
-            found = yaml.safe_load(file.read_text(encoding="utf-8")) or {}
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            found, why = None, " ".join(str(error).split())
-        else:
-            why = f"a file of {type(found).__name__}"
+        found = read_yaml(file, SettingsError, what="the settings cannot be read") or {}
         if not isinstance(found, dict):
             raise SettingsError(
                 "the settings cannot be read",
                 where=str(file),
-                value=why,
+                value=f"a file of {type(found).__name__}",
                 allowed="keys and values, as in config.yaml",
                 remedy="check the path and its syntax",
             )

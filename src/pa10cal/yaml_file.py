@@ -1,0 +1,140 @@
+"""YAML that people wrote, read with bounds: no depth, size or repeated key that it cannot mean.
+
+The parser's own limits are no protection: deep nesting ends the process, references to references
+grow without end, and of two keys of one name the first is dropped without a word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pa10cal.errors import Pa10calError
+
+MAX_BYTES = 64 * 1024**2
+MAX_DEPTH = 40
+MAX_NODES = 1_000_000
+
+# The parser in C is ten times as fast, and is not in every build of the package.
+_Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+def read_yaml(
+    path: Path,
+    error: Callable[..., Pa10calError],
+    *,
+    what: str,
+    allowed: str = "a UTF-8 YAML file",
+    remedy: str = "check the path and the file's syntax",
+) -> Any:
+    """Return the content of a YAML file.
+
+    Args:
+        path: the file.
+        error: the kind of refusal to raise.
+        what: what a refusal says is wrong, such as "the arm description cannot be read".
+        allowed: what would have been accepted.
+        remedy: what to do.
+
+    Raises:
+        Pa10calError: `error`, when the file cannot be read, is larger than 64 MiB, nests deeper
+            than 40 levels, or is no YAML of plain values with every key once.
+    """
+    try:
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise ValueError(f"{size / 1e6:.0f} MB, at most {MAX_BYTES / 1e6:.0f} MB are read")
+        return parse_yaml(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError) as found:
+        raise error(
+            what,
+            where=str(path),
+            value=getattr(found, "strerror", None) or str(found),
+            allowed=allowed,
+            remedy=remedy,
+        ) from None
+
+
+def parse_yaml(text: str) -> Any:
+    """Return the content of YAML text.
+
+    Raises:
+        ValueError: saying at which line what cannot be read.
+    """
+    try:
+        _check_structure(text)
+        return yaml.load(text, Loader=_Loader)
+    except yaml.YAMLError as error:
+        raise ValueError(" ".join(str(error).split())) from None
+    except (AttributeError, IndexError, TypeError, OverflowError) as error:
+        # What the package's own conversions of tagged values raise, such as `!!int ''`.
+        raise ValueError(f"a tagged value that cannot be converted: {error}") from None
+
+
+class _Collection:
+    """A list or mapping that is being read: its name, its keys so far, the values it stands for."""
+
+    __slots__ = ("anchor", "expects_key", "keys", "nodes")
+
+    def __init__(self, anchor: str | None, *, mapping: bool) -> None:
+        self.anchor = anchor
+        self.keys: set[str] | None = set() if mapping else None
+        self.expects_key = mapping
+        self.nodes = 1
+
+
+def _check_structure(text: str) -> None:
+    """Refuse what would not survive being read, from the parser's events alone, without recursion.
+
+    Raises:
+        ValueError: too deep, too many values once references are followed, a key that is repeated.
+        yaml.YAMLError: a syntax error.
+    """
+    open_ones: list[_Collection] = []
+    nodes_of: dict[str, int] = {}
+    event: Any
+    for event in yaml.parse(text, Loader=_Loader):
+        kind = type(event)
+        if kind is yaml.ScalarEvent:
+            nodes = 1
+            if event.anchor is not None:
+                nodes_of[event.anchor] = 1
+        elif kind is yaml.AliasEvent:
+            if event.anchor not in nodes_of:
+                raise ValueError(f"{_line(event)}: *{event.anchor} refers to what it stands in")
+            nodes = nodes_of[event.anchor]
+        elif kind is yaml.MappingStartEvent or kind is yaml.SequenceStartEvent:
+            open_ones.append(_Collection(event.anchor, mapping=kind is yaml.MappingStartEvent))
+            if len(open_ones) > MAX_DEPTH:
+                raise ValueError(f"{_line(event)}: nested deeper than {MAX_DEPTH} levels")
+            continue
+        elif kind is yaml.MappingEndEvent or kind is yaml.SequenceEndEvent:
+            closed = open_ones.pop()
+            nodes = closed.nodes
+            if closed.anchor is not None:
+                nodes_of[closed.anchor] = nodes
+        else:
+            continue
+        if open_ones:
+            _add(open_ones[-1], event, nodes)
+
+
+def _add(parent: _Collection, event: Any, nodes: int) -> None:
+    """Count a value, or a key, of the collection that it stands in."""
+    parent.nodes += nodes
+    if parent.nodes > MAX_NODES:
+        raise ValueError(f"{_line(event)}: more than {MAX_NODES} values once references are read")
+    if parent.keys is None:
+        return
+    if parent.expects_key and type(event) is yaml.ScalarEvent:
+        if event.value in parent.keys:
+            raise ValueError(f"{_line(event)}: the key {event.value} stands there twice")
+        parent.keys.add(event.value)
+    parent.expects_key = not parent.expects_key
+
+
+def _line(event: Any) -> str:
+    return f"line {event.start_mark.line + 1}"

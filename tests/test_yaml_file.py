@@ -1,0 +1,90 @@
+"""YAML of every broken kind is refused with the line, and never ends the process."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pa10cal.campaign.description import read_description
+from pa10cal.errors import RawDataError
+from pa10cal.yaml_file import MAX_DEPTH, parse_yaml, read_yaml
+
+REFERENCES_OF_REFERENCES = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12)
+)
+
+BROKEN = {
+    "deep nesting": ("[" * 100_000, "line 1: nested deeper than 40 levels"),
+    "deep mappings": ("{a: " * 100 + "1" + "}" * 100, "nested deeper"),
+    "references of references": (REFERENCES_OF_REFERENCES, "values once references are read"),
+    "a list in itself": ("a: &x [1, *x]", "line 1: *x refers to what it stands in"),
+    "a key twice": ("a: 1\nb: 2\na: 3\n", "line 3: the key a stands there twice"),
+    "a key twice, further in": ("a:\n  - {x: 1, y: 2, x: 3}\n", "line 2: the key x"),
+    "no number": ("a: !!float nope", "could not convert"),
+    "no whole number": ("a: !!int ''", "cannot be converted"),
+    "no time": ("a: !!timestamp x", "cannot be converted"),
+    "a month of thirteen": ("a: 2026-13-45", "month"),
+    "a list as a key": ("? [a]\n: b", "unhashable"),
+    "an object": ("a: !!python/object:os.system x", "constructor"),
+    "two documents": ("a: 1\n---\nb: 2\n", "another document"),
+    "a bracket open": ("a: [1, 2", "line 1"),
+    "zero bytes": ("a: \x00", "not allowed"),
+    "a number of 5000 digits": ("a: " + "9" * 5000, "digits"),
+}
+
+
+@pytest.mark.parametrize("kind", BROKEN)
+def test_broken_yaml_is_refused(kind: str) -> None:
+    text, said = BROKEN[kind]
+    with pytest.raises(ValueError, match=said.replace("*", r"\*")):
+        parse_yaml(text)
+
+
+@pytest.mark.parametrize("kind", BROKEN)
+def test_a_broken_description_is_one_message(kind: str, tmp_path: Path) -> None:
+    (tmp_path / "campaign.yaml").write_text(BROKEN[kind][0], encoding="utf-8")
+    with pytest.raises(RawDataError, match="description cannot be read"):
+        read_description(tmp_path)
+
+
+def test_what_is_no_text_or_too_large_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_bytes(b"\xff\xfe\xff")
+    with pytest.raises(RawDataError, match="decode"):
+        read_yaml(path, RawDataError, what="it cannot be read")
+    path.write_text("a: 1\n" * 10, encoding="utf-8")
+    monkeypatch.setattr("pa10cal.yaml_file.MAX_BYTES", 40)
+    with pytest.raises(RawDataError, match="MB are read"):
+        read_yaml(path, RawDataError, what="it cannot be read")
+
+
+def test_references_and_merged_keys_are_read() -> None:
+    text = "b: &b {x: 1, y: 2}\na:\n  <<: *b\n  x: 3\nc: [*b, *b]\n"
+    assert parse_yaml(text) == yaml.safe_load(text)
+
+
+_VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-(10**9), 10**9) | st.text("abc: -#'\"\n", max_size=8),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(st.text("abcd", min_size=1, max_size=3), inner, max_size=4)
+    ),
+    max_leaves=20,
+)
+
+
+@given(_VALUES)
+def test_whatever_is_written_is_read_as_it_was(value: object) -> None:
+    assert parse_yaml(yaml.safe_dump(value)) == value
+
+
+@given(st.integers(1, MAX_DEPTH))
+def test_depths_that_are_meant_are_read(depth: int) -> None:
+    found = parse_yaml("[" * depth + "]" * depth)
+    for _ in range(depth - 1):
+        (found,) = found
+    assert found == []
