@@ -134,7 +134,7 @@ MAY_IMPORT = {
         "observe",
         "settings",
     },
-    "running": {"results", "settings"},
+    "running": {"files.output", "results", "settings"},
     "report": {
         "campaign.description",
         "campaign.table",

@@ -25,6 +25,7 @@ def run(
     """
     from pa10cal.campaign.description import read_description
     from pa10cal.errors import OutputError
+    from pa10cal.files.output import writing_into
     from pa10cal.running.display import RunDisplay
     from pa10cal.running.settings_files import settings_of
     from pa10cal.running.summary import paths, summarise, table
@@ -44,19 +45,11 @@ def run(
             allowed="a folder that neither is nor lies in the folder of raw files",
             remedy="give another one",
         )
-    try:
+    with writing_into(out, "the results", "give another one with --out"):
         raw.mkdir(parents=True, exist_ok=True)
         if link.is_symlink():
             link.unlink()
         link.symlink_to(folder, target_is_directory=True)
-    except OSError as error:
-        raise OutputError(
-            "the results cannot be written",
-            where=str(out),
-            value=error.strerror,
-            allowed="a folder that may be written to",
-            remedy="give another one with --out",
-        ) from None
     display = RunDisplay(lines=False)
     config = {"campaigns": f'["{name}"]', "raw_dir": str(raw), "results_dir": str(out)}
     quiet = ("--quiet", "all", "--logger", "pa10cal")

@@ -17,6 +17,7 @@ from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, read_descript
 from pa10cal.campaign.quarantine import quarantine_csv
 from pa10cal.datasets.dataset import AsItIs, ImportedCampaign
 from pa10cal.errors import OutputError
+from pa10cal.files.output import writing_into
 
 POSES_FILE = "poses.csv.gz"
 LEFT_OUT_FILE = "left_out.csv"
@@ -53,20 +54,13 @@ def write_campaigns(campaigns: Sequence[ImportedCampaign], folder: Path) -> list
         besides = [place.with_name(f".{os.getpid()}.partial.{place.name}") for place in places]
         for beside in besides:
             stack.callback(shutil.rmtree, beside, ignore_errors=True)
-        try:
+        remedy = "give another folder, or remove what is in the way"
+        with writing_into(folder, "the campaign", remedy):
             for campaign, beside in zip(campaigns, besides, strict=True):
                 beside.mkdir(parents=True)
                 _write(campaign, beside)
             for place, beside in zip(places, besides, strict=True):
                 _replace(beside, place)
-        except OSError as error:
-            raise OutputError(
-                "the campaign cannot be written",
-                where=str(folder),
-                value=error.strerror,
-                allowed="a folder that may be written to",
-                remedy="give another folder, or remove what is in the way",
-            ) from None
     return places
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.fit.prediction import Suspicion
-from pa10cal.terms.faults.log_fault import FaultKind, LogFault
+from pa10cal.results.fault_kind import FaultKind
+from pa10cal.terms.faults.log_fault import LogFault
 
 Array = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from pa10cal.discovery.loads_exchanged import loads_exchanged
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource
 from pa10cal.observe.observations import Observations
-from pa10cal.terms.faults.log_fault import FaultKind
+from pa10cal.results.fault_kind import FaultKind
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -76,6 +76,30 @@ def _remove(beside: Path) -> None:
         beside.unlink()
 
 
+@contextmanager
+def writing_into(folder: Path, what: str, remedy: str) -> Iterator[None]:
+    """Refuse a folder into which the block cannot write.
+
+    Args:
+        folder: the folder.
+        what: what cannot be written then, such as `the results`.
+        remedy: what to do about it.
+
+    Raises:
+        OutputError: naming the folder.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(
+            f"{what} cannot be written",
+            where=str(folder),
+            value=error.strerror,
+            allowed="a folder that may be written to",
+            remedy=remedy,
+        ) from None
+
+
 def _unwritable(path: Path, error: OSError) -> OutputError:
     return OutputError(
         "the output cannot be written",

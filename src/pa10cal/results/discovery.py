@@ -10,6 +10,7 @@ from pydantic import Field, JsonValue
 from pa10cal.results.accuracy import BeforeAfter, EffectParameter, Parameter
 from pa10cal.results.angles import AnglesSeen as AnglesSeen
 from pa10cal.results.angles import FallsBack as FallsBack
+from pa10cal.results.fault_kind import FaultKind
 from pa10cal.results.record import (
     Key,
     LoadKey,
@@ -22,17 +23,6 @@ from pa10cal.results.record import (
 )
 
 Verdict = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "not_sought"]
-
-FaultKind = Literal[
-    "label",
-    "load",
-    "direction",
-    "joint_zero",
-    "joint_sign",
-    "payload",
-    "step_in_time",
-    "outlier",
-]
 
 
 class EffectName(Part):

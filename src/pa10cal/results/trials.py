@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
@@ -91,9 +92,9 @@ class TrialVerdictRecord(CampaignRecord):
         return FailedTrialRecord if "failed" in content else JudgedTrialRecord
 
     @property
+    @abstractmethod
     def word(self) -> str:
         """Return the verdict in a word, or what went wrong."""
-        raise NotImplementedError
 
 
 class TrialHealth(Part):

@@ -19,6 +19,7 @@ from typing import Any, Protocol
 import pa10cal
 from pa10cal.errors import OutputError, Pa10calError
 from pa10cal.extras import MissingPackageError
+from pa10cal.files.output import writing_into
 
 #: Beside a results folder: Snakemake's own files, and what it and the commands print.
 WORK_FOLDER = ".pa10cal"
@@ -239,17 +240,9 @@ def _alone(folder: Path) -> Iterator[Path]:
         OutputError: when it cannot be written to, or another run holds it.
     """
     work = folder / WORK_FOLDER
-    try:
+    with writing_into(folder, "the results", "give another one with --out"):
         work.mkdir(parents=True, exist_ok=True)
         lock = (work / "lock").open("w")
-    except OSError as error:
-        raise OutputError(
-            "the results cannot be written",
-            where=str(folder),
-            value=error.strerror,
-            allowed="a folder that may be written to",
-            remedy="give another one with --out",
-        ) from None
     with lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

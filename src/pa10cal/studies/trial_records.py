@@ -70,7 +70,8 @@ def read_trials(verdicts: Sequence[Path], truths: Sequence[Path]) -> list[BlindT
     Raises:
         RecordError: when a file cannot be read, or a trial has not one of each.
     """
-    records = _by_name(TrialVerdictRecord, verdicts)
+    # Reading makes one of its kinds, none of which is abstract.
+    records = _by_name(TrialVerdictRecord, verdicts)  # type: ignore[type-abstract]
     hidden = _by_name(TrialTruthRecord, truths)
     if odd := sorted(set(records) ^ set(hidden)):
         raise RecordError(

@@ -6,16 +6,15 @@ somebody must be told of it, by kind and place.
 
 from __future__ import annotations
 
-import pkgutil
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 from functools import cache
-from importlib import import_module
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from pa10cal.cell import disturbances
+from pa10cal.cell.classes import classes_in
 from pa10cal.cell.options import DisturbanceOptions
 from pa10cal.cell.raw_log import RawLog
 from pa10cal.errors import SettingsError
@@ -59,18 +58,7 @@ class Disturbance(Section):
 @cache
 def all_disturbances() -> dict[str, type[Disturbance]]:
     """Return every disturbance by its id, module by module, each in the order of its file."""
-    found: dict[str, type[Disturbance]] = {}
-    for name in sorted(module.name for module in pkgutil.iter_modules(disturbances.__path__)):
-        module = import_module(f"{disturbances.__name__}.{name}")
-        for each in vars(module).values():
-            if (
-                isinstance(each, type)
-                and issubclass(each, Disturbance)
-                and each.__module__ == module.__name__
-                and "id" in vars(each)
-            ):
-                found[each.id] = each
-    return found
+    return classes_in(disturbances, Disturbance)
 
 
 def disturb(

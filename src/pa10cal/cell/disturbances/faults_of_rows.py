@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -98,28 +98,38 @@ class LoadMisstated(Disturbance):
         return [f"{stated:g} N"]
 
 
-class HeldOutReadingOff(Disturbance):
-    """One reading of a held-out pose is far off."""
+class _ReadingOff(Disturbance):
+    """One reading of a pose is far off."""
 
-    id = "held_out_reading_off"
+    #: Kind of the pose.
+    of_kind: ClassVar[str]
     kinds = ("outlier",)
 
-    size_mm: FinitePositive = Field(40.0, description="by how much")
+    size_mm: FinitePositive = Field(description="by how much")
 
     def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
         """Move one reading in any direction."""
-        number = int(rng.choice(log.of_kind("holdout")))
+        number = int(rng.choice(log.of_kind(self.of_kind)))
         shift_mm = np.zeros((len(log.configurations), 3))
         shift_mm[number] = displaced(log.kind, self.size_mm, rng)
         log.move(shift_mm)
         return [log.label(number)]
 
 
-class OneReadingOff(Disturbance):
+class HeldOutReadingOff(_ReadingOff):
+    """One reading of a held-out pose is far off."""
+
+    id = "held_out_reading_off"
+    of_kind = "holdout"
+
+    size_mm: FinitePositive = Field(40.0, description="by how much")
+
+
+class OneReadingOff(_ReadingOff):
     """One reading of a calibration pose is off."""
 
     id = "one_reading_off"
-    kinds = ("outlier",)
+    of_kind = "grid"
 
     size_mm: FinitePositive = Field(5.0, description="by how much")
 
@@ -128,14 +138,6 @@ class OneReadingOff(Disturbance):
         """Return 2 to 30 mm."""
         del joints
         return {"size_mm": round(float(np.exp(rng.uniform(*np.log([2.0, 30.0])))), 2)}
-
-    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
-        """Move one reading in any direction."""
-        number = int(rng.choice(log.of_kind("grid")))
-        shift_mm = np.zeros((len(log.configurations), 3))
-        shift_mm[number] = displaced(log.kind, self.size_mm, rng)
-        log.move(shift_mm)
-        return [log.label(number)]
 
 
 class LogCut(Disturbance):

@@ -6,14 +6,13 @@ An effect is known once its class is in a module of this folder.
 from __future__ import annotations
 
 import difflib
-import pkgutil
 from collections.abc import Sequence
 from functools import cache
-from importlib import import_module
 
 import numpy as np
 
 from pa10cal.cell import effects
+from pa10cal.cell.classes import classes_in
 from pa10cal.cell.effects.effect import LONG_LINKS, Effect
 from pa10cal.cell.options import HiddenEffectOptions
 from pa10cal.cell.robot import Robot
@@ -24,18 +23,7 @@ from pa10cal.settings_reading import parse_section
 @cache
 def all_effects() -> dict[str, type[Effect]]:
     """Return every effect by its id, module by module, each in the order of its file."""
-    found: dict[str, type[Effect]] = {}
-    for name in sorted(module.name for module in pkgutil.iter_modules(effects.__path__)):
-        module = import_module(f"{effects.__name__}.{name}")
-        for each in vars(module).values():
-            if (
-                isinstance(each, type)
-                and issubclass(each, Effect)
-                and each.__module__ == module.__name__
-                and "id" in vars(each)
-            ):
-                found[each.id] = each
-    return found
+    return classes_in(effects, Effect)
 
 
 def vocabulary() -> dict[str, type[Effect]]:

@@ -41,10 +41,17 @@ def classes_in(package: ModuleType, kind: Any) -> tuple[Any, ...]:
 
 def candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect, ...]:
     """Return every effect at every place of an arm where it may sit, but those that a model has."""
+    return everywhere_but(every_effect(), context, held)
+
+
+def everywhere_but(
+    kinds: Iterable[type[Effect]], context: CandidateContext, held: Iterable[Term]
+) -> tuple[Effect, ...]:
+    """Return effects of some kinds at every place where they may sit, but those held."""
     there = {(term.id, term.of) for term in held if isinstance(term, Effect)}
     return tuple(
         effect
-        for kind in every_effect()
+        for kind in kinds
         for effect in kind.everywhere(context)
         if (effect.id, effect.of) not in there
     )

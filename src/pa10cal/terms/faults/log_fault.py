@@ -4,25 +4,15 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.results.fault_kind import FaultKind
 from pa10cal.terms.effects.effect import NamedEffect
 
 Array = NDArray[np.float64]
-
-FaultKind = Literal[
-    "label",
-    "load",
-    "direction",
-    "joint_zero",
-    "joint_sign",
-    "payload",
-    "step_in_time",
-    "outlier",
-]
 
 
 @dataclass(frozen=True)

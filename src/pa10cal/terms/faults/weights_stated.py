@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.results.fault_kind import FaultKind
 from pa10cal.terms.effects.effect import CandidateContext, static_loads_in
-from pa10cal.terms.faults.log_fault import FaultKind, FaultText, LogFault
+from pa10cal.terms.faults.log_fault import FaultText, LogFault
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
