@@ -356,6 +356,20 @@ def test_bars_are_met_and_missed():
     assert all(bar.met is None for bar in bars([]))
 
 
+def test_so_few_trials_that_one_alone_decides_judge_nothing():
+    few = bars([trial("null", [], verdict())] * 4)[0]
+    enough = bars([trial("null", [], verdict())] * 50)[0]
+    wrong = bars([trial("null", [], verdict(named(WAVE)))] * 4)[0]
+    assert few.met
+    assert few.trials_needed == 50
+    assert few.verdict == "too few to judge (50 needed)"
+    assert enough.verdict == "yes"
+    assert wrong.verdict == "no"  # four of four are wrong, where 2 % may be
+    assert bars([])[0].verdict == "no trial"
+    listed = next(bar for bar in bars([]) if bar.at_least and bar.limit == 0.9)
+    assert listed.trials_needed == 10
+
+
 def test_a_compliance_where_the_model_has_a_spring_is_in_the_model_already():
     at_spring, at_rigid = Name("joint_compliance", "joint 5"), Name("joint_compliance", "joint 4")
     assert not single(at_spring, verdict()).is_testable(hidden(at_spring))

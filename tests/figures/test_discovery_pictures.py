@@ -255,7 +255,7 @@ class TestParameterShifts:
         assert drawn["δa₂"] == pytest.approx((shift.after - shift.before) / shift.tolerance)
         assert len(names) == sum(name.startswith("delta") for name in shifts)
         labels = [label.get_text() for label in springs.get_yticklabels()]
-        assert labels == [f"K_{kind}, joint {j}" for kind in ("lin", "cub") for j in (2, 3, 5)]
+        assert labels == [f"K_{kind}_{j}" for kind in ("lin", "cub") for j in (2, 3, 5)]
         shift = shifts["K_lin_3"]
         larger = max(shift.before, shift.after)
         percent = 100.0 * (shift.after - shift.before) / larger
@@ -269,7 +269,7 @@ class TestParameterShifts:
 
         _, springs = parameter_shifts.draw(changed("discovery/analysis.json", linear)).axes
         assert [t.get_text() for t in springs.get_yticklabels()] == [
-            f"K_lin, joint {j}" for j in (2, 3, 5)
+            f"K_lin_{j}" for j in (2, 3, 5)
         ]
 
     def test_only_the_weighing_moves_parameters_where_nothing_was_named(self, results):
@@ -312,6 +312,25 @@ class TestVerdictTable:
         page = (tmp_path / "verdict.html").read_text("utf-8")
         assert "Synthetic data." in page
         assert "Named: every effect found is distinguishable from all others." in page
+
+    def test_effects_that_cannot_be_shown_have_a_row_each(self, changed, tmp_path):
+        def many(record):
+            why = "the torques were not logged"
+            record["not_testable"] = [
+                {"id": "torque_gain", "of": f"joint {k}", "why": why} for k in (1, 2, 3, 5)
+            ] + [
+                {"id": "thermal_growth", "of": "arm", "why": "no temperature"},
+                {"id": "joint_compliance", "of": "joint 1", "why": "no load"},
+                {"id": "joint_compliance", "of": "joint 2", "why": "too small"},
+            ]
+
+        rows = self.rows(changed("discovery/verdict.json", many), tmp_path)
+        assert sum(row["kind"] == "not_testable" for row in rows) == 7
+        text = (tmp_path / "verdict.md").read_text("utf-8")
+        assert "| torque_gain | joints 1 to 3, 5 | the torques were not logged |" in text
+        assert "| thermal_growth | arm | no temperature |" in text
+        reasons = "joint 1: no load; joint 2: too small"
+        assert f"| joint_compliance | joints 1, 2 | {reasons} |" in text
 
     def test_a_map_is_summed_up_and_whole_in_the_csv(self, learnt, tmp_path):
         rows = self.rows(learnt, tmp_path)

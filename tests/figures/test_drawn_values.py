@@ -192,6 +192,12 @@ def test_an_arm_without_springs_is_drawn(changed):
     assert texts_of(figure).count("all joints held rigid") == 2
 
 
+def test_an_arm_without_springs_has_one_calibrated_model(changed):
+    texts = texts_of(fig6_holdout.draw(changed("calibration/combined.json", held_rigid)))
+    assert "calibrated" in texts
+    assert not any("springs" in text for text in texts)
+
+
 def test_the_spread_of_a_stiffness_ends_at_zero(changed):
     def wide(record):
         record["inner_dependence"]["std"]["K_lin_2"] = 1e9

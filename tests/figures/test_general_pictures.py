@@ -163,9 +163,9 @@ class TestHeldOutErrors:
         assert geometry.get_zorder() > springs.get_zorder()
         assert geometry.get_linewidth() < springs.get_linewidth()
 
-    def test_without_springs_the_calibrated_model_is_geometry(self, sighted):
+    def test_without_springs_there_is_one_calibrated_model(self, sighted):
         said = legend_of(held_out_errors.draw(sighted["points"]))
-        assert [text.partition(":")[0] for text in said] == ["nominal, frames fitted", "geometry"]
+        assert [text.partition(":")[0] for text in said] == ["nominal, frames fitted", "calibrated"]
 
     def test_without_held_out_poses(self, copied, sighted):
         source = copied(sighted["pose"], HOLDOUT, lambda r: r.update(models={}, configurations=0))

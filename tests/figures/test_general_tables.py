@@ -62,7 +62,7 @@ class TestParameters:
             record["parameters"]["K_lin_2"].update(at_bound=True, std=0.0)
 
         _, text = rows_of(parameters_general, copied(sighted["pose"], COMBINED, rigid), tmp_path)
-        assert "| K_lin, joint 2 | rigid | – | kN m/rad | – | at a bound |" in text
+        assert "| K_lin_2 | rigid | – | kN m/rad | – | at a bound |" in text
 
 
 class TestDoubted:

@@ -7,7 +7,7 @@ from pa10cal.arm.tolerances import Tolerances
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.baseline import baseline, nominal
-from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.joint_spring import JointSpring, reported_name, stiffness_by_solved
 from pa10cal.terms.offsets import base_frame, link_departures
 
 TERMS = {
@@ -90,3 +90,28 @@ def test_reported_parameters_lead_back_to_solved_ones(cubic):
 def test_a_flexible_joint_must_exist():
     with pytest.raises(CalibrationError, match=r"flexible_joints.*7.*1 to 6"):
         baseline(load_arm("pa10_6ce"), (2, 7), Tolerances())
+
+
+def test_solved_springs_correlate_as_their_stiffness_does():
+    names = ["delta_a_1", "windup_3", "cubic_share_3", "windup_10"]
+    x = np.array([1e-4, 2e-3, 0.2, 1e-3])
+    by_solved = stiffness_by_solved(names, x)
+    step = 1e-6 * x
+    for column in range(4):
+        moved = [x.copy(), x.copy()]
+        moved[0][column] -= step[column]
+        moved[1][column] += step[column]
+        low, high = (
+            np.concatenate(
+                [
+                    at[:1],
+                    JointSpring(3, 1.0).report(at[1:3]).values,
+                    JointSpring(10, 1.0, cubic=False).report(at[3:]).values[:1],
+                ]
+            )
+            for at in moved
+        )
+        expected = (high - low) / (2.0 * step[column])
+        np.testing.assert_allclose(by_solved[:, column], expected, rtol=1e-6, atol=1e-3)
+    reported = ["delta_a_1", "K_lin_3", "K_cub_3", "K_lin_10"]
+    assert [reported_name(name) for name in names] == reported

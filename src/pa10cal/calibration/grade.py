@@ -13,6 +13,7 @@ import numpy as np
 from pa10cal.calibration.repeats import ScatterOfRepeats
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.results.health import Grade
+from pa10cal.terms.joint_spring import reported_name
 
 #: Remaining error over the noise above which a model lacks something.
 OVER_NOISE = 1.25
@@ -320,7 +321,8 @@ def _remarks(evidence: Evidence) -> Iterator[str]:
 
 
 def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:_MOST_NAMES]) + (" and others" if names[_MOST_NAMES:] else "")
+    shown = ", ".join(map(reported_name, names[:_MOST_NAMES]))
+    return shown + (" and others" if names[_MOST_NAMES:] else "")
 
 
 def _by_chance(dof: int) -> float:

@@ -15,6 +15,7 @@ from pa10cal.campaign.findings import InputFinding
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.observe.observations import Observations
 from pa10cal.results.health import Grade
+from pa10cal.terms.joint_spring import reported_name, stiffness_by_solved
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
@@ -234,12 +235,17 @@ def _evidence(ended: FitSummary, errors: Errors, design: PoseDesign) -> Evidence
 
 
 def _correlated(ended: FitSummary) -> tuple[CorrelatedPair, ...]:
-    std = np.sqrt(np.diag(ended.covariance))
-    names = [parameter.name for parameter in ended.parameters]
+    """Return pairs of reported parameters: of a spring, its stiffness."""
+    solved = [parameter.name for parameter in ended.parameters]
     known = np.flatnonzero(
-        (std > 0) & np.array([name not in ended.not_identifiable for name in names])
+        (np.diag(ended.covariance) > 0)
+        & np.array([name not in ended.not_identifiable for name in solved])
     )
-    correlation = ended.covariance[np.ix_(known, known)] / np.outer(std[known], std[known])
+    by_solved = stiffness_by_solved(solved, ended.x)
+    covariance = by_solved @ ended.covariance @ by_solved.T
+    std = np.sqrt(np.diag(covariance))
+    names = list(map(reported_name, solved))
+    correlation = covariance[np.ix_(known, known)] / np.outer(std[known], std[known])
     first, second = np.nonzero(np.triu(np.abs(correlation) > _CORRELATED, 1))
     sizes = correlation[first, second]
     worst = np.argsort(-np.abs(sizes))[:_MOST_PAIRS]

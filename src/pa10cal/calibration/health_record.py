@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pa10cal.calibration.health import Health
 from pa10cal.results import health as health_parts
+from pa10cal.terms.joint_spring import reported_name
 
 
 def health_part(health: Health, pose: NDArray[np.str_]) -> health_parts.Health:
@@ -25,11 +26,11 @@ def health_part(health: Health, pose: NDArray[np.str_]) -> health_parts.Health:
         converged=ended.converged,
         reason=ended.reason,
         iterations=ended.iterations,
-        at_bounds=ended.at_bound,
+        at_bounds=tuple(map(reported_name, ended.at_bound)),
         rank=ended.identifiability.rank,
         unknowns=len(ended.parameters),
         condition=ended.identifiability.condition,
-        not_identifiable=tuple(sorted(ended.not_identifiable)),
+        not_identifiable=tuple(sorted(map(reported_name, ended.not_identifiable))),
         correlated_pairs=tuple(
             health_parts.CorrelatedPair(
                 parameters=(pair.first, pair.second), correlation=pair.correlation

@@ -27,6 +27,14 @@ _NO_WORSE = 1e-9
 #: Distances from a bound, in scales: where a start is moved to, and what counts as being on it.
 _INSIDE = 1e-3
 _NEAR_BOUND = 1e-2
+#: Why the solver stopped, by its status; `p` is the precision asked for.
+_REASONS = {
+    0: "the largest number of steps was reached (calibration.max_iterations)",
+    1: "the gradient of the cost is zero within {p:g}",
+    2: "the cost fell by less than {p:g} of itself",
+    3: "the steps became smaller than {p:g} of the parameters",
+    4: "cost and steps changed by less than {p:g} of themselves",
+}
 
 
 class LeastSquares(Protocol):
@@ -50,7 +58,7 @@ class Solution:
         cost: sum of squares of the data rows and of the tolerance terms.
         iterations: accepted and refused steps together.
         converged: whether it stopped by itself, at a stationary point.
-        reason: the solver's own words.
+        reason: why the solver stopped, in words.
     """
 
     x: Array
@@ -130,7 +138,7 @@ def solve(
         cost=float(np.sum(residuals(z) ** 2)),
         iterations=int(result.nfev),
         converged=bool(result.status > 0),
-        reason=str(result.message),
+        reason=_REASONS[result.status].format(p=precision),
     )
 
 

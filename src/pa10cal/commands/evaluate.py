@@ -51,4 +51,4 @@ def evaluate(
     )
     found = holdout_record(campaign, record.load, models)
     write(found, out)
-    print(f"{campaign.name}: {summary(found)}")
+    print(f"{campaign.name}: {summary(found, springs=record.has_springs)}")

@@ -84,7 +84,7 @@ def _said(bar: Bar) -> str:
         interval = f" ({_figure(bar.low, True)} to {_figure(bar.high, True)})"
     return (
         f"{bar.what}: {_figure(bar.reached, bar.share)}{interval} of {bar.trials} trials, {limit}: "
-        + ("met" if bar.met else "NOT met")
+        + {"yes": "met", "no": "NOT met"}.get(bar.verdict, bar.verdict)
     )
 
 

@@ -313,7 +313,7 @@ def _gap_lines(kind: str, gap: parts.SetGap) -> list[str]:
     low, high = gap.reduction.interval95_mm
     lines = [
         f"{kind} mean {gap.before.mean_mm:.4f} -> {gap.after.mean_mm:.4f} mm, less by {low:.4f} "
-        f"to {high:.4f} mm (95 %); repeatability alone {gap.noise_floor_mm:.4f} mm"
+        f"to {high:.4f} mm (95 %); noise floor {gap.noise_floor_mm:.4f} mm"
     ]
     return lines + [
         f"  {name}: {part.after.configurations} poses, rms {part.before.rms_mm:.4f} -> "

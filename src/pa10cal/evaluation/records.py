@@ -26,12 +26,20 @@ def holdout_record(
     )
 
 
-def summary(record: HoldoutRecord) -> str:
-    """Return the errors in one line."""
+def summary(record: HoldoutRecord, *, springs: bool) -> str:
+    """Return the errors in one line.
+
+    Args:
+        record: the errors.
+        springs: whether the arm was calibrated with springs; linear and cubic are else one model.
+    """
     if not record.models:
         return "no held-out rows to evaluate"
+    rigid = {"linear": "calibrated", "cubic": ""}
+    names = {name: name if springs else rigid.get(name, name) for name in record.models}
     errors = ", ".join(
-        f"{name} {model.mean_mm:.3f}/{model.peak_mm:.3f} mm"
+        f"{names[name]} {model.mean_mm:.3f}/{model.peak_mm:.3f} mm"
         for name, model in record.models.items()
+        if names[name]
     )
     return f"held out ({record.configurations}): mean/peak {errors}"

@@ -18,10 +18,18 @@ Array = NDArray[np.float64]
 _LINES = {"geometry": "--", "cubic": "-."}
 #: Wide below the others and a larger mark, so that what coincides with it is seen beside it.
 _WIDE, _LARGE = {"linear": 2.2}, {"geometry": 6.0}
-MARKERS = {"uncalibrated": "^", "geometry": "D", "linear": "s", "cubic": "o", "extended": "v"}
+MARKERS = {
+    "uncalibrated": "^",
+    "geometry": "D",
+    "linear": "s",
+    "cubic": "o",
+    "calibrated": "o",
+    "extended": "v",
+}
 _NAMES = {
     "uncalibrated": "nominal, frames fitted",
     "geometry": "geometry",
+    "calibrated": "calibrated",
     "linear": "geometry and springs",
     "extended": "with discovered effects",
 }
@@ -81,9 +89,9 @@ def judged(held_out: HoldoutRecord) -> list[Judged]:
 
 
 def title(name: str, held_out: HoldoutRecord) -> str:
-    """Return a model's name; without springs the calibrated one is geometry alone."""
+    """Return a model's name; without springs there is one calibrated model."""
     if name == "linear" and "geometry" not in held_out.models:
-        return _NAMES["geometry"]
+        return _NAMES["calibrated"]
     return _NAMES.get(name, name)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from pa10cal.results.accuracy import Parameter
+from pa10cal.terms.joint_spring import reported_name
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
@@ -36,7 +37,9 @@ class Kind:
         return f"{self.key}_{joint}"
 
     def written(self, joint: int) -> str:
-        """Return the symbol with the joint as its index."""
+        """Return the symbol with the joint as its index; of a spring the name in results."""
+        if self.symbol == self.key:
+            return self.name(joint)
         return self.symbol + str(joint).translate(_SUBSCRIPTS)
 
 
@@ -47,8 +50,8 @@ LINKS = (
     Kind("delta_beta", "δβ", "Hayati angle", "mrad", 1e3, ".3f"),
     Kind("delta_theta", "δθ", "joint zeros", "mrad", 1e3, ".3f"),
 )
-K_LIN = Kind("K_lin", "K_lin,", "linear stiffness", "kN m/rad", 1e-3, ".2f")
-K_CUB = Kind("K_cub", "K_cub,", "cubic stiffness", "MN m/rad³", 1e-6, ".1f")
+K_LIN = Kind("K_lin", "K_lin", "linear stiffness", "kN m/rad", 1e-3, ".2f")
+K_CUB = Kind("K_cub", "K_cub", "cubic stiffness", "MN m/rad³", 1e-6, ".1f")
 #: The base frame: the instrument's origin in it, and the turns to the instrument's axes.
 _FRAME = {f"base_p_cmm_{axis}": f"p_{axis}" for axis in "xyz"}
 _FRAME |= {f"gamma_{axis}": f"γ_{axis}" for axis in "xyz"}
@@ -62,13 +65,12 @@ def joints_of(kind: Kind, names: list[str]) -> list[int]:
 
 
 def written(name: str) -> str:
-    """Return a parameter's name as readers see it: `δa₂`, `K_lin, joint 2`, `tool x`."""
+    """Return a parameter's name as readers see it: `δa₂`, `K_lin_2`, `tool x`."""
+    name = reported_name(name)
     for kind in KINDS:
         if name.startswith(f"{kind.key}_") and name.removeprefix(f"{kind.key}_").isdigit():
             joint = int(name.removeprefix(f"{kind.key}_"))
-            if kind in LINKS:
-                return kind.written(joint)
-            return f"{kind.symbol} joint {joint}"
+            return kind.written(joint)
     return _FRAME.get(name, name.replace("_", " "))
 
 

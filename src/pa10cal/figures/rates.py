@@ -38,7 +38,7 @@ def bar_row(bar: Bar) -> tuple[object, ...]:
         if bar.low is None or bar.high is None or not bar.trials
         else f"{_figure(bar.low, bar)} to {_figure(bar.high, bar)}",
         bar.trials,
-        {None: "no trial", True: "yes", False: "no"}[bar.met],
+        bar.verdict,
     )
 
 

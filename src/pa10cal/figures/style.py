@@ -55,6 +55,7 @@ MODELS = {
     "geometry": ORANGE,
     "linear": GREEN,
     "cubic": BLUE,
+    "calibrated": BLUE,
     "extended": PURPLE,
 }
 BEFORE, AFTER, AFTER_COMBINED = VERMILLION, BLUE, SKY

@@ -137,9 +137,9 @@ class Cells(Part):
     readings: CountColumn = Field(description="number of readings")
     time_s: Column = Field(description="mean time [s]")
     temperature_C: GappyColumn = Field(description="mean temperature [deg C]; null where unknown")
-    position_x_mm: Column = Field(description="position residual along x of the base [mm]")
-    position_y_mm: Column = Field(description="position residual along y of the base [mm]")
-    position_z_mm: Column = Field(description="position residual along z of the base [mm]")
+    position_x_mm: Column = Field(description="position residual along x of the instrument [mm]")
+    position_y_mm: Column = Field(description="position residual along y of the instrument [mm]")
+    position_z_mm: Column = Field(description="position residual along z of the instrument [mm]")
     joints: tuple[CellJoint, ...] = Field(description="joint by joint")
 
 
@@ -156,7 +156,7 @@ class LackOfFit(Part):
     by_pose: tuple[ErrorPart, ...] = Field(
         description="error by pose; empty where nearly all differ"
     )
-    by_axis: tuple[ErrorPart, ...] = Field(description="error along each axis of the base")
+    by_axis: tuple[ErrorPart, ...] = Field(description="error along each axis of the instrument")
     by_joint: tuple[JointPart, ...] = Field(description="angle error of each joint")
     by_torque: tuple[TorquePart, ...] = Field(description="torque residual of each joint")
     drifts: tuple[Drift, ...] = Field(description="slope of the error along each axis")
@@ -233,7 +233,8 @@ class AnalysisKeys(Part):
     )
     gap: GapField = Field(description="residuals before and after")
     noise_floor_mm: float = Field(
-        description="mean position error that repeatability alone leaves [mm]"
+        description="mean position error of averaged poses that noise alone leaves [mm], as "
+        "`gap.noise_floor_mm` of the verdict"
     )
 
     @property

@@ -27,6 +27,8 @@ from pa10cal.results.record import (
 
 Square = Annotated[NDArray[np.float64], Shape("k", "k")]
 
+_STATED = "stated uncertainty"
+
 
 class CalibratedParameter(Parameter):
     """A parameter of a calibration."""
@@ -40,7 +42,10 @@ class CalibratedParameter(Parameter):
 class Covariance(Part):
     """Covariance of parameters."""
 
-    names: tuple[str, ...] = Field(description="names of the parameters, in the matrix's order")
+    names: tuple[str, ...] = Field(
+        description="names of the parameters, in the matrix's order; the general model has "
+        "`windup_2`, the deflection at a reference torque, for `K_lin_2`"
+    )
     matrix: Square = Field(description="covariance, in products of the parameters' units")
 
 
@@ -169,6 +174,16 @@ class CalibrationRecord(Fit, MeasuredRecord):
     def fits_by_model(self) -> Mapping[str, Fit]:
         """Return the fits by the names of their models in an evaluation, the calibration last."""
         return {"calibrated": self}
+
+    @property
+    def has_springs(self) -> bool:
+        """Whether joints have springs in it; without any, linear and cubic fit are one."""
+        return any(name.startswith("K_lin") for name in self.parameters)
+
+    @property
+    def noise_is(self) -> str:
+        """Return what `health.noise_mm` is of, in words."""
+        return "scatter of all repeats" if self.health.repeats else _STATED
 
     @property
     def torques_logged(self) -> bool:
@@ -316,6 +331,11 @@ class GeneralCalibrationRecord(GeneralFit, CalibrationRecord):
         """Return the fit of the frames alone, that without springs, and the whole one."""
         geometry = {"geometry": self.geometry} if self.springs else {}
         return {"uncalibrated": self.nominal, **geometry, "linear": self}
+
+    @property
+    def noise_is(self) -> str:
+        """Return what `health.noise_mm` is of, in words."""
+        return _STATED
 
     @property
     def torques_logged(self) -> bool:

@@ -185,13 +185,22 @@ class Gap(Part):
     """
 
     noise_floor_mm: float = Field(
-        description="mean position error that repeatability alone leaves [mm]"
+        description="mean position error of averaged poses that noise alone leaves [mm]: what "
+        "successive readings of a pose, load and direction of arrival scatter by (unidirectional "
+        "repeatability), or as `noise_floor_from` says"
     )
-    noise_floor_from: str | None = optional("what the noise floor was found from")
+    noise_floor_from: str | None = optional(
+        "what the noise floor was found from, where not from repeats"
+    )
     train: SetGap = Field(description="over the poses fitted")
     holdout: SetGap | None = Field(
         description="over held-out poses, which are never used to choose or fit; null without any"
     )
+
+    @property
+    def floor_is(self) -> str:
+        """Return what the noise floor is, in words."""
+        return "unidirectional repeatability" if self.noise_floor_from is None else "noise"
 
 
 class Tried(EffectName):

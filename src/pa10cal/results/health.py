@@ -94,8 +94,10 @@ class Health(Part):
         description="the same over held-out poses [mm]; null where none were measured"
     )
     noise_mm: float | None = Field(
-        description="root mean square position error that noise alone leaves [mm]; null where it "
-        "is not known"
+        description="root mean square position error of averaged poses that noise alone leaves "
+        "[mm]: with the paper's model what all repeats of a pose and load scatter by, from any "
+        "direction of arrival; with the general model the stated uncertainty; null where it is "
+        "not known"
     )
     error_over_noise: float | None = Field(
         description="remaining error over the noise that repeats show, or else the stated noise; "
@@ -112,3 +114,9 @@ class Health(Part):
         description="what is probably wrong in the input; empty where nothing is"
     )
     poses: PosesNeeded = Field(description="how many poses there are and how many are needed")
+
+    @property
+    def ending(self) -> str:
+        """Return how the fit ended, in one sentence without a full stop."""
+        how = "converged" if self.converged else "not converged"
+        return f"{how} after {self.iterations} steps: {self.reason}"

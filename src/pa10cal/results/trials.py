@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
@@ -13,6 +14,9 @@ from pydantic import Field, JsonValue
 from pa10cal.results.discovery import EffectName, VerdictKeys
 from pa10cal.results.health import Grade
 from pa10cal.results.record import CampaignRecord, Key, Part, Record, optional
+
+#: Where no trial at all may go wrong, so many are needed as for one in a hundred.
+_LEAST_ROOM, _ROUNDING = 0.01, 1e-9
 
 _Id = Annotated[str, Key("id")]
 _Kind = Annotated[str, Key("kind")]
@@ -165,6 +169,27 @@ class Bar(Part):
     trials: int = Field(description="trials that show it")
     share: bool = Field(description="whether it is a share of trials")
     met: bool | None = Field(description="whether it is reached; null where no trial shows it")
+
+    @property
+    def trials_needed(self) -> int:
+        """Return the fewest trials that can judge it: one among them may go wrong.
+
+        With fewer, a single trial weighs more than the figure to reach leaves.
+        """
+        if not self.share:
+            return 1
+        room = 1.0 - self.limit if self.at_least else self.limit
+        return math.ceil(1.0 / max(room, _LEAST_ROOM) - _ROUNDING)
+
+    @property
+    def verdict(self) -> str:
+        """Return whether it is reached, in a word, or why that is not known."""
+        if self.met is None:
+            return "no trial"
+        inside = self.low is None or self.high is None or self.low <= self.limit <= self.high
+        if self.trials < self.trials_needed and inside:
+            return f"too few to judge ({self.trials_needed} needed)"
+        return "yes" if self.met else "no"
 
 
 class NothingHidden(Part):

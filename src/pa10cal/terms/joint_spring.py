@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,6 +23,36 @@ _SHARE_SCALE = 1e-2
 _RIGID_RAD = 1e-7
 _SOFTEST_RAD = 0.1
 _LARGEST_SHARE = 0.95
+#: The stiffness that readers know, by the parameter that is solved in its place.
+_REPORTED = {"windup": "K_lin", "cubic_share": "K_cub"}
+
+
+def reported_name(name: str) -> str:
+    """Return what readers call a solved parameter: `K_cub_3` for `cubic_share_3`; others as is."""
+    kind, _, joint = name.rpartition("_")
+    return f"{_REPORTED[kind]}_{joint}" if kind in _REPORTED else name
+
+
+def stiffness_by_solved(names: Sequence[str], x: Array) -> Array:
+    """Return the derivative (k, k) of the parameters, springs as stiffness, by the solved ones.
+
+    Up to the reference torques, which correlations do not show.
+
+    Args:
+        names: of the k solved parameters.
+        x: (k,) their values.
+    """
+    derivative = np.eye(len(names))
+    for row, name in enumerate(names):
+        kind, _, joint = name.rpartition("_")
+        if kind != "windup" or not joint.isdigit():
+            continue
+        share = f"cubic_share_{joint}"
+        rows = [row, *([names.index(share)] if share in names else [])]
+        spring = JointSpring(int(joint), 1.0, cubic=len(rows) > 1)
+        by_solved = spring.report(x[rows]).jacobian[: len(rows)]
+        derivative[np.ix_(rows, rows)] = by_solved
+    return derivative
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,9 @@ class _Path:
 def draw(results: Results) -> Figure:
     """Draw the first pass over the grid, the held-out places and the straight-line moves."""
     path = _path(results.places(), results.base_frame())
-    figure = new_figure(128.0, "Experimental test path in the robot's base frame (compare Fig. 4)")
+    figure = new_figure(
+        128.0, "Experimental test path in the robot's base frame (compare Fig. 4 of the paper)"
+    )
     space = panel(figure, 2.0, 29.0, 110.0, 94.0, projection="3d")
     _draw_space(space, path)
     _draw_view(panel(figure, 119.0, 76.0, 48.0, 38.0), path, (0, 1), "From above")

@@ -43,7 +43,7 @@ the authors measured.
 """,
 )
 
-_TITLE = "Error before and after calibration, at each load (compare Fig. 5)"
+_TITLE = "Error before and after calibration, at each load (compare Fig. 5 of the paper)"
 #: Where a load's columns stand about its middle.
 _SLOTS = {"before": -0.28, "after": -0.01, "combined": 0.10, "repeats": 0.38}
 _PAPER_ASIDE = -0.11

@@ -29,15 +29,16 @@ from pa10cal.results.analysis import AnalysisRecord, NamingStep
 
 PICTURE = Picture(
     title="Gap: error as effects are named",
-    needs=("analysis",),
+    needs=("analysis", "verdict"),
     caption="""
 Gap between model and measurement in ``{name}`` as the effects of the verdict are added to the
 model in the order found, all parameters fitted again each time: blue for fitted poses, orange
 for held-out poses and loads. A marker is the mean, the bar on the line the root mean square,
-the end of the line the largest error; the axis is logarithmic. Dashed: the error that the
-scatter of repeats alone leaves; an error common to all poses, such as a target position, adds
-to it. Effects that mask each other may bring little one by one and much together. Where orange
-falls with blue, the names hold beyond the fitted poses.
+the end of the line the largest error; the axis is logarithmic. Dashed: the mean error that
+noise alone leaves, as successive readings from one direction of arrival scatter (unidirectional
+repeatability) or, without repeats, as stated; an error common to all poses, such as a target
+position, adds to it. Effects that mask each other may bring little one by one and much
+together. Where orange falls with blue, the names hold beyond the fitted poses.
 """,
 )
 
@@ -70,7 +71,7 @@ def draw(results: Results) -> Figure:
     name_rows(axes, [_name(step) for step in steps], lines=False)
     axes.set_xlabel("position error [mm]: mean, rms (bar) and peak (end)")
     write_text_at(figure, 133.0, _BELOW_MM + rows + 2.0, "mean / rms / peak [mm]")
-    _draw_legend(figure, steps)
+    _draw_legend(figure, steps, f"{results.verdict().gap.floor_is} alone: mean")
     write_text_at(figure, 10.0, 6.5, _beyond(found), color=GREY)
     return figure
 
@@ -111,9 +112,9 @@ def _draw_errors(axes: Axes, y: float, errors: Accuracy, look: dict[str, Any]) -
     write_beside(axes, y, said, 1.035)
 
 
-def _draw_legend(figure: Figure, steps: tuple[NamingStep, ...]) -> None:
+def _draw_legend(figure: Figure, steps: tuple[NamingStep, ...], floor_is: str) -> None:
     handles = [Line2D([], [], label="poses fitted", **_TRAIN)]
     if steps[0].holdout is not None:
         handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
-    handles.append(Line2D([], [], label="repeatability alone", **_FLOOR_LINE))
+    handles.append(Line2D([], [], label=floor_is, **_FLOOR_LINE))
     legend_at(figure, 10.0, 11.0, handles, ncols=3)

@@ -27,6 +27,7 @@ from pa10cal.figures.style import (
     write_beside,
     write_text_at,
 )
+from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.health import Health, PosesNeeded
 
 PICTURE = Picture(
@@ -34,13 +35,17 @@ PICTURE = Picture(
     needs=("calibration",),
     caption="""
 Whether the calibration of ``{name}`` with all loads together is good. Left, the standard
-uncertainty to expect of a predicted position against the number of poses: with poses in
-D-optimal order (blue), in the order measured (orange), and with all of them (star). Dashed: the
-uncertainty that adds hardly anything to the remaining error, and how many chosen poses reach
-it. Right, the remaining error of fitted and held-out poses beside the error that noise
-explains. Below, the grade with its reason, then rank, condition number, termination of the fit,
-parameters that are not identifiable, at a bound, or strongly correlated. The expected
-uncertainties do not cover effects that the model lacks.
+uncertainty to expect of a predicted position against the number of poses: with poses in D-optimal
+order (blue), in the order measured (orange), and with all of them (star). Dashed: the uncertainty
+that adds hardly anything to the remaining error, and how many chosen poses reach it. Right, the
+remaining error of fitted and held-out poses beside the error that noise explains, all as root
+mean squares: *scatter of all repeats* is that of the repeats of a pose and load from every
+direction of arrival, drift between them included; *stated uncertainty* is what the campaign
+states. The noise in the verdict is smaller: a mean, from successive readings that arrived from
+one direction, since what depends on direction or time is sought there as an effect. Below, the
+grade with its reason, then rank, condition number, termination of the fit, parameters that are
+not identifiable, at a bound, or strongly correlated. The expected uncertainties do not cover
+effects that the model lacks.
 """,
 )
 
@@ -74,7 +79,7 @@ def draw(results: Results) -> Figure:
     _draw_poses(curve, health)
     legend_at(figure, 4.0, bottom + 3.0, curve.get_legend_handles_labels()[0], ncols=2)
     errors = panel(figure, 134.0, bottom + 28.0, 22.0, _PANELS_MM - 30.0)
-    _draw_errors(errors, health)
+    _draw_errors(errors, case)
     errors.set_xlabel(f"{error} [mm]")
     top = bottom - _LINE_MM
     for k, line in enumerate(verdict):
@@ -115,11 +120,12 @@ def _wanted(poses: PosesNeeded) -> str:
     return f"{needed}, reached with {poses.needed} chosen poses"
 
 
-def _draw_errors(axes: Axes, health: Health) -> None:
+def _draw_errors(axes: Axes, case: CalibrationRecord) -> None:
     """Draw the remaining error and the errors to compare it with, one below the other."""
+    health = case.health
     rows = [
         ("expected uncertainty", health.poses.u_model_mm, ORANGE, "*"),
-        ("noise of the readings", health.noise_mm, GREEN, "s"),
+        (case.noise_is, health.noise_mm, GREEN, "s"),
         ("fitted poses", health.train_rms_mm, VERMILLION, "o"),
         ("held-out poses", health.held_out_rms_mm, PURPLE, "v"),
     ]
@@ -135,10 +141,10 @@ def _draw_errors(axes: Axes, health: Health) -> None:
 
 
 def _facts(health: Health) -> list[str]:
-    reason = health.reason.rstrip(".").replace("`", "")
+    ending = health.ending
     lines = [
         f"Rank {health.rank} of {health.unknowns}; condition number {health.condition:.0f}.",
-        f"Terminated after {health.iterations} steps: {reason}.",
+        f"{ending[0].upper()}{ending[1:]}.",
         f"At a bound: {listed(health.at_bounds)}.",
         f"Not identifiable: {listed(health.not_identifiable)}.",
     ]

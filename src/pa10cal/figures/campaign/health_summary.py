@@ -49,9 +49,15 @@ def tabulate(results: Results) -> Table:
         ),
         notes=(
             "Expected uncertainty: standard uncertainty of a predicted position, root mean square "
-            "over the poses; with the paper's model from the noise of the readings, with the "
+            "over the poses; with the paper's model from the scatter of repeats, with the "
             "general model from the scatter of the poses about it. Neither covers an effect that "
             "the model lacks.",
+            "Scatter of all repeats: of the averaged repeats of a pose and load, from every "
+            "direction of arrival and with the drift between them. Stated uncertainty: what the "
+            "campaign states of its averaged readings. The grade compares with what successive "
+            "readings scatter by, where they are repeated, and with the places of the targets; the "
+            "verdict with the mean, not the root mean square, of the former "
+            "(unidirectional repeatability).",
             "Needed: the uncertainty that adds hardly anything to the remaining error. D-optimal "
             "order: each pose increases the determinant of the information matrix most.",
         ),
@@ -65,14 +71,14 @@ def _said(case: CalibrationRecord) -> dict[str, str]:
     needed = f"more than {len(poses.d_optimal_order)}" if poses.needed is None else poses.needed
     found = {
         "grade": f"{health.grade}: {health.line}",
-        "termination": f"after {health.iterations} steps: {health.reason}",
+        "termination": health.ending,
         "rank": f"{health.rank} of {health.unknowns} unknowns",
         "condition number": f"{health.condition:.4g}",
         "at a bound": listed(health.at_bounds),
         "not identifiable from these poses": listed(health.not_identifiable),
         "error of the fitted poses, rms [mm]": _number(health.train_rms_mm),
         "error of the held-out poses, rms [mm]": _number(health.held_out_rms_mm),
-        "error that the noise of the readings explains, rms [mm]": _number(health.noise_mm),
+        f"error that the {case.noise_is} explains, rms [mm]": _number(health.noise_mm),
         "expected uncertainty of a prediction [mm]": _number(poses.u_model_mm),
         "needed uncertainty [mm]": _number(poses.u_needed_mm),
         "poses measured": str(poses.measured),

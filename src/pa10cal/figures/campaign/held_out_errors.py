@@ -30,7 +30,8 @@ Errors of ``{name}`` at poses that no fit uses: the share of poses with a smalle
 each model; left the error of the measured target or distance, right the orientation error where
 the instrument measures orientation. *Nominal* is the described arm with base and tool or
 targets fitted; *geometry* has calibrated links; *geometry and springs* also has calibrated
-joint stiffness; the last model includes the discovered effects. An error learnt as a function
+joint stiffness (an arm without springs has one model, *calibrated*); the last model includes the
+discovered effects. An error learnt as a function
 of a joint angle is known only at the angles of the fitted poses: poses beyond them are
 extrapolated and drawn apart, dotted.
 """,

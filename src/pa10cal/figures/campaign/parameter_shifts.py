@@ -89,7 +89,7 @@ def _draw_springs(
     found = [shifts[kind.name(joint)] for kind, joint in springs]
     # The larger of the two: a cubic stiffness may have been, or become, zero.
     unit = np.array([max(abs(s.before), abs(s.after)) or 1.0 for s in found]) / 100.0
-    names = [f"{kind.symbol.rstrip(',')}, joint {joint}" for kind, joint in springs]
+    names = [kind.written(joint) for kind, joint in springs]
     _draw_shifts(axes, found, unit, names)
     axes.set_xlabel("after − before [%] of the larger")
 

@@ -225,7 +225,7 @@ def _draw_stiffness(axes: Axes, kind: Kind, case: PaperCalibrationRecord, result
         for joint in joints
     ]
     name_rows(axes, labels, 0.6)
-    axes.set_xlabel(f"{kind.symbol.rstrip(',')} [{kind.unit}]")
+    axes.set_xlabel(f"{kind.symbol} [{kind.unit}]")
 
 
 def _draw_base(axes: Axes, case: PaperCalibrationRecord) -> None:

@@ -11,6 +11,7 @@ from pa10cal.figures.parameter_names import (
     Kind,
     joints_of,
     std_of,
+    written,
     written_load,
 )
 from pa10cal.figures.registry import Picture
@@ -92,7 +93,7 @@ def _layout(load: str, case: PaperCalibrationRecord, results: Results) -> Shown:
     joints = sorted({joint for kind in KINDS for joint in joints_of(kind, names)})
     header, columns = ["joint"], [[str(joint) for joint in joints]]
     for kind in KINDS:
-        header.append(f"{kind.symbol.rstrip(',')} [{kind.unit}]")
+        header.append(f"{kind.symbol} [{kind.unit}]")
         columns.append([_cell(kind, joint, case) for joint in joints])
         if with_paper:
             header.append("paper")
@@ -127,7 +128,9 @@ def _number(value: float, digits: str) -> str:
 
 
 def _notes(case: PaperCalibrationRecord, results: Results) -> tuple[str, ...]:
-    unidentified_directions = "; ".join(" with ".join(names) for names in case.null_directions)
+    unidentified_directions = "; ".join(
+        " with ".join(map(written, names)) for names in case.null_directions
+    )
     notes = [
         "± is one standard uncertainty.",
         f"{_NOT_IDENTIFIABLE} not identifiable from the poses: the tolerance terms alone determine "

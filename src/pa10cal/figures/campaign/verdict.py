@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from pa10cal.figures.registry import Picture
@@ -17,6 +17,7 @@ from pa10cal.results.discovery import (
     Fault,
     FoundEffect,
     LoadGap,
+    NotTestable,
     SetGap,
     VerdictRecord,
 )
@@ -39,6 +40,9 @@ The CSV holds the same, one number a row.
 )
 
 _HALF_WIDTH_95 = 1.96
+_JOINT = "joint "
+#: More joints than this in a row are written as first to last.
+_MOST_LISTED = 2
 _HEADER = ("kind", "effect", "of", "quantity", "value", "std", "unit", "remark")
 _GAP_HEADER = (
     "poses",
@@ -65,7 +69,7 @@ _BY_BLOCKS = (
     "fit has not seen."
 )
 _MEANINGS = {
-    "none": "None: model and measurement agree within the measured repeatability.",
+    "none": "None: model and measurement agree within the noise.",
     "named": "Named: every effect found is distinguishable from all others.",
     "ambiguous": "Ambiguous: at least one effect cannot be distinguished from its alternatives.",
     "unexplained": "Unexplained: a gap remains that no effect of the vocabulary closes.",
@@ -94,7 +98,7 @@ def _shown(found: VerdictRecord) -> Iterator[Shown]:
         reason = [(found.why or "", found.remedy or "")]
         yield shown(("why", "what would do"), reason, "Effects not sought")
         errors = [(*row[:2], *row[2:-1:2]) for row in _gap_rows(found)]
-        noise = f"noise alone leaves {found.gap.noise_floor_mm:.4f} mm"
+        noise = f"noise alone leaves a mean of {found.gap.noise_floor_mm:.4f} mm"
         yield shown(_ERROR_HEADER, errors, f"Position error [mm] as calibrated; {noise}")
         return
     yield shown(
@@ -108,18 +112,52 @@ def _shown(found: VerdictRecord) -> Iterator[Shown]:
     yield shown(
         _GAP_HEADER,
         _gap_rows(found),
-        f"Position error [mm]; repeatability alone leaves {found.gap.noise_floor_mm:.4f} mm",
+        f"Position error [mm]; {found.gap.floor_is} alone leaves a mean of "
+        f"{found.gap.noise_floor_mm:.4f} mm in the poses fitted",
     )
     if found.indistinguishable:
         groups = [(_together(group),) for group in found.indistinguishable]
         yield shown(("group",), groups, "Effects that these poses cannot distinguish")
     if found.not_testable:
-        entries = [(entry.id, entry.of, entry.why) for entry in found.not_testable]
-        yield shown(("effect", "of", "why"), entries, "Effects that these data cannot show")
+        hidden = _by_effect(found.not_testable)
+        yield shown(("effect", "of", "why"), hidden, "Effects that these data cannot show")
     if found.below_detection_limit:
-        entries = [(entry.id, entry.of, entry.why) for entry in found.below_detection_limit]
+        small = _by_effect(found.below_detection_limit)
         title = "Effects below the detection limit at their plausible size: sought all the same"
-        yield shown(("effect", "of", "why"), entries, title)
+        yield shown(("effect", "of", "why"), small, title)
+
+
+def _by_effect(entries: Iterable[NotTestable]) -> Iterator[Row]:
+    """Yield a row an effect: where it sits, and the reasons, each with its places."""
+    places: dict[str, dict[str, list[str]]] = {}
+    for entry in entries:
+        places.setdefault(entry.id, {}).setdefault(entry.why, []).append(entry.of)
+    for effect, by_reason in places.items():
+        everywhere = _places([of for each in by_reason.values() for of in each])
+        if len(by_reason) == 1:
+            yield effect, everywhere, next(iter(by_reason))
+        else:
+            reasons = (f"{_places(each)}: {why}" for why, each in by_reason.items())
+            yield effect, everywhere, "; ".join(reasons)
+
+
+def _places(places: Sequence[str]) -> str:
+    """Return places in few words: `joints 1 to 3, 5` for the joints among them."""
+    joints = sorted(int(of.removeprefix(_JOINT)) for of in places if of.startswith(_JOINT))
+    others = [of for of in places if not of.startswith(_JOINT)]
+    if not joints:
+        return ", ".join(others)
+    runs: list[list[int]] = []
+    for joint in joints:
+        if runs and joint == runs[-1][-1] + 1:
+            runs[-1].append(joint)
+        else:
+            runs.append([joint])
+    said = ", ".join(
+        f"{run[0]} to {run[-1]}" if len(run) > _MOST_LISTED else ", ".join(map(str, run))
+        for run in runs
+    )
+    return ", ".join([f"joint{'s' if len(joints) > 1 else ''} {said}", *others])
 
 
 def _of_fault(fault: Fault) -> tuple[str, str, str]:
@@ -244,7 +282,8 @@ def _data_rows(found: VerdictRecord) -> Iterator[Row]:
                     value = f"{getattr(errors, name):.6g}"
                     yield ("gap", "", poses, f"{when}_{name}", value, "", "mm", load)
     floor = f"{found.gap.noise_floor_mm:.6g}"
-    yield ("gap", "", "", "noise_floor_mm", floor, "", "mm", "repeatability alone")
+    said = f"{found.gap.floor_is} alone"
+    yield ("gap", "", "", "noise_floor_mm", floor, "", "mm", said)
 
 
 def _notes(found: VerdictRecord) -> tuple[str, ...]:
@@ -259,4 +298,18 @@ def _notes(found: VerdictRecord) -> tuple[str, ...]:
         _BY_REPEATS if found.method == "evidence of repeats" else _BY_BLOCKS,
         "The unit of the reduction's interval is the pose: loads and repeats of a pose share its "
         "errors and count once.",
+        _floor(found),
+    )
+
+
+def _floor(found: VerdictRecord) -> str:
+    """Say what the noise floor is, and why the health of the calibration has another."""
+    if found.gap.noise_floor_from is not None:
+        return f"The noise is that of {found.gap.noise_floor_from}."
+    return (
+        "Unidirectional repeatability: the mean error that the scatter of successive readings of "
+        "the same pose, load and direction of arrival leaves. The noise in the health of the "
+        "calibration is larger: a root mean square, over repeats from every direction and with "
+        "the drift between them, or as stated. What depends on direction or time is sought here as "
+        "an effect, so it is no noise here."
     )

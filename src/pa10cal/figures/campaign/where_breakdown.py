@@ -28,15 +28,17 @@ from pa10cal.results.analysis import AnalysisRecord, LackOfFit
 
 PICTURE = Picture(
     title="Where: remaining error by load, axis, joint and direction",
-    needs=("analysis",),
+    needs=("analysis", "verdict"),
     caption="""
 Remaining error of ``{name}`` fitted without effects (red) and with the effects of the verdict
-(blue), part by part. The black bar is the error that the measured repeatability alone leaves in
-a cell of a few readings, which is more than in averaged poses. Above: position error by load
-and by axis of the instrument, and the same expressed as joint angle errors, on logarithmic
-axes. Below: the mean error of each joint by direction of arrival, and the drift with time and
-temperature. Blue at the bars and at zero means that nothing remains; red and blue together, far
-from the bars, mean that an error was not found. Errors common to all poses are removed first.
+(blue), part by part. The black bar is the error that noise alone leaves in a cell of a few
+readings, which is more than in averaged poses: the scatter of successive readings from one
+direction of arrival (unidirectional repeatability) or, without repeats, what is stated. Above:
+position error by load and by axis of the instrument, and the same expressed as joint angle
+errors, on logarithmic axes. Below: the mean error of each joint by direction of arrival, and the
+drift with time and temperature. Blue at the bars and at zero means that nothing remains; red and
+blue together, far from the bars, mean that an error was not found. Errors common to all poses are
+removed first.
 """,
 )
 
@@ -95,7 +97,7 @@ def draw(results: Results) -> Figure:
     handles = [
         Line2D([], [], label="before: without the effects", **_BEFORE),
         Line2D([], [], label="after: with the named effects", **_AFTER),
-        Line2D([], [], label="repeatability alone", **_FLOOR),
+        Line2D([], [], label=f"{results.verdict().gap.floor_is} alone", **_FLOOR),
     ]
     legend_at(figure, 18.0, 18.5, handles, ncols=3)
     return figure

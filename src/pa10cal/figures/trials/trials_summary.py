@@ -20,6 +20,8 @@ does on errors that the simulation can produce.
 )
 
 _NOTES = (
+    "Too few to judge: one trial alone weighs more than the target leaves, and the interval holds "
+    "the target.",
     "Ratio: remaining position error of the calibrated model over that of noise alone, from the "
     "difference to the same campaign without the effect. A rotation about the last axis, a gain of "
     "the logged torque and friction at a rigid joint do not change it.",

@@ -21,6 +21,8 @@ simulation can produce.
 )
 
 _NOTES = (
+    "Too few to judge: one trial alone weighs more than the target leaves, and the interval holds "
+    "the target.",
     "A fault is above the noise where it moves the residual of the calibrated model by more than "
     "three times what repeatability leaves, against the same campaign without it; faults of single "
     "rows, signs, zeros and units always are.",
