@@ -18,6 +18,16 @@ Array = NDArray[np.float64]
 _SERIES_SUFFICES = 1e-9
 
 
+#: The stiffness that readers know, by the parameter that is solved in its place.
+_REPORTED = {"windup": "K_lin", "cubic_share": "K_cub"}
+
+
+def reported_name(name: str) -> str:
+    """Return what readers call a solved parameter: `K_cub_3` for `cubic_share_3`; others as is."""
+    kind, _, joint = name.rpartition("_")
+    return f"{_REPORTED[kind]}_{joint}" if kind in _REPORTED else name
+
+
 @dataclass(frozen=True)
 class UnitDeflection:
     """Deflection of a spring over that at the reference torque.

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pa10cal.arm.springs import reported_name
 from pa10cal.calibration.repeats import ScatterOfRepeats
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.results.health import Grade
-from pa10cal.terms.joint_spring import reported_name
 
 #: Remaining error over the noise above which a model lacks something.
 OVER_NOISE = 1.25

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.springs import reported_name
 from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.calibration.design import PoseDesign, pose_design, poses_needed
 from pa10cal.calibration.grade import SMALL_SHARE, Departure, Evidence, graded
@@ -15,7 +16,7 @@ from pa10cal.campaign.findings import InputFinding
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.observe.observations import Observations
 from pa10cal.results.health import Grade
-from pa10cal.terms.joint_spring import reported_name, stiffness_by_solved
+from pa10cal.terms.joint_spring import stiffness_by_solved
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.springs import reported_name
 from pa10cal.calibration.health import Health
 from pa10cal.results import health as health_parts
-from pa10cal.terms.joint_spring import reported_name
 
 
 def health_part(health: Health, pose: NDArray[np.str_]) -> health_parts.Health:

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from pa10cal.arm.springs import reported_name
 from pa10cal.results.accuracy import Parameter
-from pa10cal.terms.joint_spring import reported_name
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 

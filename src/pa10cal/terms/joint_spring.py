@@ -23,14 +23,6 @@ _SHARE_SCALE = 1e-2
 _RIGID_RAD = 1e-7
 _SOFTEST_RAD = 0.1
 _LARGEST_SHARE = 0.95
-#: The stiffness that readers know, by the parameter that is solved in its place.
-_REPORTED = {"windup": "K_lin", "cubic_share": "K_cub"}
-
-
-def reported_name(name: str) -> str:
-    """Return what readers call a solved parameter: `K_cub_3` for `cubic_share_3`; others as is."""
-    kind, _, joint = name.rpartition("_")
-    return f"{_REPORTED[kind]}_{joint}" if kind in _REPORTED else name
 
 
 def stiffness_by_solved(names: Sequence[str], x: Array) -> Array:
