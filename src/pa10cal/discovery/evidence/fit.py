@@ -55,9 +55,11 @@ def fit(
         variances: of the shared errors of poses and of torques.
         start: a fit to set out from; the baseline where None.
     """
+    # An effect that the start has keeps its shape: only those that join have shapes to try.
+    joining = [effect for effect in effects if start is None or effect not in start.effects]
     tried = [
         _fit_from(problem, effects, sizes, variances, start, shape)
-        for shape in range(max((len(effect.starts) for effect in effects), default=1))
+        for shape in range(max((len(effect.starts) for effect in joining), default=1))
     ]
     return min(tried, key=lambda found: found[1])[0]
 
