@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Literal, Self
 
 import numpy as np
@@ -139,7 +140,7 @@ class NamedEffect(Effect):
     def reported(self) -> tuple[Parameter, ...]:
         """Return its parameters under the names readers know."""
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Return those readers know, named after effect and place."""
         place = self.of.removeprefix("joint ")

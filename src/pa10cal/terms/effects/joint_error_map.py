@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, CubicSpline
+from scipy.interpolate import BSpline, CubicSpline, PPoly
 from scipy.sparse import csr_array
 
 from pa10cal.arm.state import PoseStates
@@ -89,7 +89,8 @@ class JointErrorMap(JointEffect):
     def shift(self, states: PoseStates, x: Array) -> Array:
         """Return the spline through the knots at q_j, (P, 1)."""
         q_rad = states.q_rad[:, self.joint - 1]
-        spline = CubicSpline(_knots_rad(self.knots), np.append(x, x[0]), bc_type="periodic")
+        alone = _spline_of_knots(self.knots)  # the spline is proportional to its knots
+        spline = PPoly.construct_fast(alone.c @ x, alone.x, extrapolate="periodic")
         return np.asarray(spline(q_rad), dtype=np.float64)[:, None]
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
