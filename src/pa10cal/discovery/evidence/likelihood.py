@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.blas import dtrsm
 
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 
@@ -81,6 +82,14 @@ class _Reduced:
     gram: Array
     projection: Array
     constant: Array
+
+    def of(self, columns: Columns, scale: Array) -> _Reduced:
+        """Return the products of some columns (p',), each scaled."""
+        return _Reduced(
+            self.gram[:, columns[:, None], columns] * np.outer(scale, scale),
+            self.projection[:, columns] * scale,
+            self.constant,
+        )
 
 
 @dataclass(frozen=True)
@@ -203,9 +212,9 @@ class Evidence:
         to_set = self._pose.gram[g][:, columns] + self._torque.gram[h][:, columns]
         to_set = to_set * scale[:, None]
         factor = np.linalg.cholesky(np.eye(len(columns)) + to_set[:, :, columns] * scale)
-        taken = np.linalg.solve(
-            factor, np.concatenate([to_set, (projection[:, columns] * scale)[..., None]], axis=2)
-        )
+        taken = np.concatenate([to_set, (projection[:, columns] * scale)[..., None]], axis=2)
+        for lower, rows in zip(factor, taken, strict=True):  # triangular: a third of a solution
+            rows[:] = dtrsm(1.0, lower.T, rows.T, side=1).T
         log_determinant = 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
         return _Given(
             projection - np.einsum("gmp,gm->gp", taken[:, :, :-1], taken[:, :, -1]),
@@ -215,17 +224,16 @@ class Evidence:
 
     def _score(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> Score:
         columns, scale = self._of(members, sizes)
-        every = slice(None)
-        g, h, last = 0, 0, np.inf
+        of_set = _OfSet(self._pose.of(columns, scale), self._torque.of(columns, scale))
+        g, last = 0, np.inf
         while True:  # one variance after the other: they hardly depend on each other
-            over_h = _minus_twice_log(*self._at([g], every, columns, scale))[0]
-            h = int(np.argmin(over_h))
-            over_g = _minus_twice_log(*self._at(every, [h], columns, scale))[:, 0]
+            h = int(np.argmin(of_set.over_torque(g)))
+            over_g = of_set.over_pose(h)
             g = int(np.argmin(over_g))
             if not over_g[g] < last - 1e-9:
                 break
             last = float(over_g[g])
-        over_h = _minus_twice_log(*self._at([g], every, columns, scale))[0]
+        over_h = of_set.over_torque(g)
         pose_gain, pose_variance = _between(over_g, g)
         torque_gain, torque_variance = _between(over_h, h)
         return Score(
@@ -246,21 +254,43 @@ class Evidence:
             np.concatenate([np.zeros(0), *scale]),
         )
 
-    def _at(
-        self, g: slice | list[int], h: slice | list[int], columns: Columns, scale: Array
-    ) -> tuple[Array, Array, Array]:
-        """Return products of some columns at some variances of poses and torques, (G, H, ...)."""
-        inner = np.ix_(columns, columns)
-        gram = (
-            self._pose.gram[g][:, inner[0], inner[1]][:, None]
-            + self._torque.gram[h][:, inner[0], inner[1]][None]
-        )
-        projection = (
-            self._pose.projection[g][:, columns][:, None]
-            + self._torque.projection[h][:, columns][None]
-        )
-        constant = self._pose.constant[g][:, None] + self._torque.constant[h][None]
-        return gram * np.outer(scale, scale), projection * scale, constant
+
+class _OfSet:
+    """Minus twice the log evidence of one set, at all variances of a channel; each found once."""
+
+    def __init__(self, pose: _Reduced, torque: _Reduced) -> None:
+        """Take the products of the columns of the set in both channels."""
+        self._pose, self._torque = pose, torque
+        self._by_pose: Array | None = None
+        if not torque.gram.any():  # torques say nothing of the set: they add a constant
+            self._by_pose = _minus_twice_log(pose.gram, pose.projection, pose.constant)
+        self._over_pose: dict[int, Array] = {}
+        self._over_torque: dict[int, Array] = {}
+
+    def over_pose(self, h: int) -> Array:
+        """Return it at every variance of poses, and one of torques, (G,)."""
+        if self._by_pose is not None:
+            return self._by_pose + self._torque.constant[h]
+        if h not in self._over_pose:
+            self._over_pose[h] = _together(self._pose, self._torque, h)
+        return self._over_pose[h]
+
+    def over_torque(self, g: int) -> Array:
+        """Return it at every variance of torques, and one of poses, (H,)."""
+        if self._by_pose is not None:
+            return self._by_pose[g] + self._torque.constant
+        if g not in self._over_torque:
+            self._over_torque[g] = _together(self._torque, self._pose, g)
+        return self._over_torque[g]
+
+
+def _together(channel: _Reduced, other: _Reduced, k: int) -> Array:
+    """Return minus twice the log evidence at all variances of a channel, and one of the other."""
+    return _minus_twice_log(
+        channel.gram + other.gram[k],
+        channel.projection + other.projection[k],
+        channel.constant + other.constant[k],
+    )
 
 
 def _reduce(channel: NoiseModel, columns: Array, data: Array, own: Array) -> _Reduced:
@@ -322,10 +352,14 @@ def _minus_twice_log(gram: Array, projection: Array, constant: Array) -> Array:
     k = gram.shape[-1]
     if k == 0:
         return constant
-    factor = np.linalg.cholesky(np.eye(k) + gram)
-    explained = np.linalg.solve(factor, projection[..., None])[..., 0]
-    log_determinant = 2.0 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
-    found: Array = constant - np.sum(explained**2, axis=-1) + log_determinant
+    # With the projection as a last row, the factor's last row is what the factor makes of it.
+    beside = np.empty((*gram.shape[:-2], k + 1, k + 1))
+    beside[..., :k, :k] = gram + np.eye(k)
+    beside[..., k, :k] = beside[..., :k, k] = projection
+    beside[..., k, k] = 1.0 + 2.0 * np.sum(projection**2, axis=-1)
+    factor = np.linalg.cholesky(beside)
+    log_determinant = 2.0 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)[..., :k]).sum(axis=-1)
+    found: Array = constant - np.sum(factor[..., k, :k] ** 2, axis=-1) + log_determinant
     return found
 
 
