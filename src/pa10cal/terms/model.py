@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -78,8 +78,10 @@ class Model:
             screws[:, :, self.chain.columns(without)] = 0.0
             end = EndPose(end.T, screws)
         jacobian = np.empty((len(states), 6, len(x)))
-        for term, columns in self._slices:
-            jacobian[:, :, columns] = self._by_term(term, x[columns], end, states, x)
+        terms, slices = zip(*self._slices, strict=True) if self._slices else ((), ())
+        by_terms = self._by_terms(terms, [x[columns] for columns in slices], end, states, x)
+        for columns, found in zip(slices, by_terms, strict=True):
+            jacobian[:, :, columns] = found
         return jacobian
 
     def columns_of(self, term: Term) -> slice:
@@ -101,29 +103,41 @@ class Model:
             For each term (P, 6, k'): velocity of the end over its angular velocity, base axes.
         """
         end = end_pose_with_screws(self.chain, self.chain_coordinates(states, x))
-        return [
-            self._by_term(term, point, end, states, x)
-            for term, point in zip(terms, points, strict=True)
-        ]
+        return list(self._by_terms(terms, points, end, states, x))
 
-    def _by_term(
-        self, term: Term, point: Array, end: EndPose, states: PoseStates, x: Array
-    ) -> Array:
-        """Return the derivative of the pose by a term's parameters, (P, 6, k')."""
+    def _by_terms(
+        self,
+        terms: Sequence[Term],
+        points: Sequence[Array],
+        end: EndPose,
+        states: PoseStates,
+        x: Array,
+    ) -> Iterator[Array]:
+        """Yield the derivative of the pose by the parameters of terms, each (P, 6, k')."""
         carried = self.carried(states, x)
-        screws = end.screws[:, :, self.chain.columns(term.coordinates)]
-        by_parameter = term.derivative(carried, point)
-        if len(by_parameter) == 1 and _is_identity(by_parameter[0]):
-            found = screws
-        else:
-            found = screws @ by_parameter
-        if shows_torque(term) and not term.carried:
-            false_Nm = term.torque_derivative(states, point)
-            for yielding, columns in self._yielding:
-                screw = end.screws[:, :, self.chain.columns(yielding.coordinates)]
-                by_torque = yielding.by_torque(carried, x[columns])[:, None, None]
-                found = found - screw * by_torque * false_Nm[:, None, yielding.joint - 1, :]
-        return found
+        yielding = [term.joint - 1 for term, _ in self._yielding]
+        by_torque: Array | None = None
+        for term, point in zip(terms, points, strict=True):
+            screws = end.screws[:, :, self.chain.columns(term.coordinates)]
+            by_parameter = term.derivative(carried, point)
+            if len(by_parameter) == 1 and _is_identity(by_parameter[0]):
+                found = screws
+            else:
+                found = screws @ by_parameter
+            if yielding and shows_torque(term) and not term.carried:
+                if by_torque is None:
+                    by_torque = self._by_torque(end, carried, x)
+                found = found - by_torque @ term.torque_derivative(states, point)[:, yielding]
+            yield found
+
+    def _by_torque(self, end: EndPose, carried: PoseStates, x: Array) -> Array:
+        """Return how the pose follows the torques of the joints that yield, (P, 6, j)."""
+        turned = [
+            end.screws[:, :, self.chain.columns(term.coordinates)[0]]
+            * term.by_torque(carried, x[columns])[:, None]
+            for term, columns in self._yielding
+        ]
+        return np.stack(turned, axis=2)
 
     def carried(self, states: PoseStates, x: Array) -> PoseStates:
         """Return the states with the torques that the joints carry, in place of those logged."""

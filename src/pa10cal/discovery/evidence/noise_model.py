@@ -9,9 +9,11 @@ standard uncertainties are known.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from pa10cal.discovery.evidence.cells import SharedError
 
@@ -54,7 +56,13 @@ class NoiseModel:
         """Return whitened, turned rows (C b, k) of values (C, b, k)."""
         white = self.whitener @ values
         count, b, k = white.shape
-        return (self.shared.turn @ white.reshape(count, b * k)).reshape(count * b, k)
+        turned: Array = self._turn @ white.reshape(count, b * k)
+        return turned.reshape(count * b, k)
+
+    @cached_property
+    def _turn(self) -> csr_array:
+        """Return the turn without its zeros: few cells belong to one pose."""
+        return csr_array(self.shared.turn)
 
     def whitening(self, variance: float) -> Whitening:
         """Return the weights for a variance of the shared error, in those of one reading."""
