@@ -270,7 +270,7 @@ class _OfSet:
     def over_pose(self, h: int) -> Array:
         """Return it at every variance of poses, and one of torques, (G,)."""
         if self._by_pose is not None:
-            return self._by_pose + self._torque.constant[h]
+            return np.asarray(self._by_pose + self._torque.constant[h])
         if h not in self._over_pose:
             self._over_pose[h] = _together(self._pose, self._torque, h)
         return self._over_pose[h]
@@ -278,7 +278,7 @@ class _OfSet:
     def over_torque(self, g: int) -> Array:
         """Return it at every variance of torques, and one of poses, (H,)."""
         if self._by_pose is not None:
-            return self._by_pose[g] + self._torque.constant
+            return np.asarray(self._by_pose[g] + self._torque.constant)
         if g not in self._over_torque:
             self._over_torque[g] = _together(self._torque, self._pose, g)
         return self._over_torque[g]
