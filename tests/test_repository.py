@@ -62,7 +62,7 @@ MAY_IMPORT = {
     "terms": {"arm"},
     "frame": {"fit.least_squares"},
     "observe": {"arm", "terms", "frame"},
-    "campaign": {"arm", "files.arms", "frame", "observe", "settings"},
+    "campaign": {"files.cells", "arm", "files.arms", "frame", "observe", "settings"},
     "calibration": {
         "arm",
         "campaign.conventions",
