@@ -99,7 +99,7 @@ class Information:
         elsewhere = self._white @ learned.T
         self.covariance = self.covariance - sign * (learned.T @ learned)
         self._spread = self._spread - sign * (elsewhere @ elsewhere.transpose(0, 2, 1))
-        self.log_det += sign * 2.0 * float(np.log(np.diag(root)).sum())
+        self.log_det += 2.0 * float(np.log(np.diag(root)).sum())
 
 
 class Criterion:
