@@ -141,6 +141,16 @@ MAY_IMPORT = {
         "figures.parameter_names",
         "files.output",
     },
+    "pose_plan": {
+        "arm",
+        "calibration",
+        "campaign.rows",
+        "discovery",
+        "files.output",
+        "fit",
+        "observe",
+        "terms",
+    },
     "planning": {
         "calibration.options",
         "cell.options",

@@ -30,9 +30,13 @@ from pa10cal.pose_plan.options import PlanOptions
 Array = NDArray[np.float64]
 
 _MM = 1e-3
+#: Joint positions are chosen as a plan's file has them [deg, mm].
+DECIMALS = 3
 #: Poses drawn at once, a power of two as Sobol's sequence needs, and how often at most.
 _AT_ONCE = 2**14
 _MOST_DRAWS = 60
+#: After so many draws of which nothing is left, nothing will be.
+_HOPELESS = 6
 #: The tool stays off the base's axis, and targets off the lines from joint to joint, by these parts
 #: of the arm's reach: about how thick arms are.
 _COLUMN_SHARE = 0.1
@@ -135,11 +139,13 @@ def draw_candidates(arm: Arm, targets_m: Array, options: PlanOptions, least: int
     kept: list[Array] = []
     draws = 0
     while draws < _MOST_DRAWS and sum(map(len, kept)) < options.candidates:
-        q = low + (high - low) * sobol.random(_AT_ONCE)
+        q = _as_written(arm, low + (high - low) * sobol.random(_AT_ONCE))
         allowed, fewer = admissible(Postures.of(chain, q, targets_m), [*constraints.values()])
         kept.append(q[allowed])
         removed += fewer
         draws += 1
+        if draws == _HOPELESS and not sum(map(len, kept)):
+            break
     found = Candidates(
         np.concatenate(kept)[: options.candidates],
         draws * _AT_ONCE,
@@ -147,6 +153,13 @@ def draw_candidates(arm: Arm, targets_m: Array, options: PlanOptions, least: int
     )
     _refuse_too_few(found, least)
     return found
+
+
+def _as_written(arm: Arm, q: Array) -> Array:
+    """Return joint positions rounded as a plan's file has them."""
+    unit = np.where(arm.prismatic, _MM, np.radians(1.0))
+    rounded: Array = np.round(q / unit, DECIMALS) * unit
+    return rounded
 
 
 def _refuse_too_few(found: Candidates, least: int) -> None:

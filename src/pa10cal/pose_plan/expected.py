@@ -100,7 +100,7 @@ def targets_of(kind: type[Instrument], options: PlanOptions) -> dict[str, Array]
         angle = 2.0 * np.pi * np.arange(count) / count
         around = off_m * np.column_stack([np.cos(angle), np.sin(angle)])
         given = np.column_stack([around, np.full(count, _AHEAD_M)])
-    return {chr(ord("A") + k): place for k, place in enumerate(given)}
+    return {f"T{number}": place for number, place in enumerate(given, start=1)}
 
 
 def instrument_place_m(arm: Arm, options: PlanOptions) -> Array:

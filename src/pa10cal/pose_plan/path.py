@@ -23,7 +23,8 @@ def short_path(q: Array) -> Index:
     if len(q) < 3:
         return np.arange(len(q), dtype=np.intp)
     away = cdist(q, q, metric="chebyshev")
-    order = min((_nearest_next(away, first) for first in range(len(q))), key=_length_by(away))
+    starts = [_nearest_next(away, first) for first in range(len(q))]
+    order = min(starts, key=lambda each: float(away[each[:-1], each[1:]].sum()))
     for _ in range(_MOST_ROUNDS):
         turned = _turned_round(away, order)
         if turned is None:
@@ -35,10 +36,6 @@ def short_path(q: Array) -> Index:
 def path_length(q: Array) -> float:
     """Return the sum over moves of the furthest that a joint turns, in the order given."""
     return float(np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0).sum())
-
-
-def _length_by(away: Array):  # type: ignore[no-untyped-def]
-    return lambda order: float(away[order[:-1], order[1:]].sum())
 
 
 def _nearest_next(away: Array, first: int) -> Index:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
@@ -23,8 +24,7 @@ from pa10cal.terms.term import Parameter
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-#: Sets drawn at random: to start an exchange from, and to hold the plan against.
-_RANDOM_STARTS = 2
+#: Sets drawn at random, to hold the plan against.
 _RANDOM_SETS = 20
 #: A parameter is identified where its uncertainty falls below this part of what is possible.
 _IDENTIFIED = 0.3
@@ -127,7 +127,7 @@ def plan_poses(
     options, calibration = options or PlanOptions(), calibration or CalibrationOptions()
     kind = instrument_named(instrument)
     targets_m = np.array(list(targets_of(kind, options).values()))
-    candidates = draw_candidates(arm, targets_m, options, least=max(poses, 1))
+    candidates = draw_candidates(arm, targets_m, options, least=poses)
     rows = expect(arm, kind, candidates.q, options, calibration)
     _refuse_too_few(poses, rows)
     found, values = _choose(rows, poses, options)
@@ -169,12 +169,8 @@ def criterion_of(rows: Expected, effects: float) -> Criterion:
 def _choose(rows: Expected, poses: int, options: PlanOptions) -> tuple[Index, tuple[float, ...]]:
     """Return the poses chosen, and the criterion from the start of their exchange on."""
     criterion = criterion_of(rows, options.effects)
-    starts = [one_by_one(criterion, poses)]
-    rng = np.random.default_rng(options.random_seed)
-    count = len(rows.white)
-    starts += [rng.choice(count, poses, replace=False) for _ in range(_RANDOM_STARTS)]
-    best = max((exchange(criterion, start) for start in starts), key=lambda found: found.values[-1])
-    return best.chosen, best.values
+    found = exchange(criterion, one_by_one(criterion, poses))
+    return found.chosen, found.values
 
 
 def _planned(
@@ -195,7 +191,7 @@ def _planned(
     others = [rng.choice(count, len(chosen), replace=False) for _ in range(_RANDOM_SETS)]
     at_random = [_rms_mm(rows.tool, _covariance(rows.white[o][..., :k])) for o in others]
     target_m = next(iter(targets_of(kind, options).values()))
-    T = _forward(arm, candidates.q[chosen])
+    T = Chain.of(arm).forward(candidates.q[chosen])
     return PosePlan(
         arm=arm,
         kind=kind,
@@ -218,12 +214,6 @@ def _planned(
         candidates=candidates,
         travel_rad=path_length(candidates.q[chosen]),
     )
-
-
-def _forward(arm: Arm, q: Array) -> Array:
-    from pa10cal.arm.chain import Chain
-
-    return Chain.of(arm).forward(q)
 
 
 def _covariance(white: Array) -> Array:
