@@ -99,7 +99,7 @@ class Box:
         By slabs: the stretch of the line between each pair of faces, and whether all three overlap.
         """
         start, way = np.broadcast_arrays(start, end - start)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             one, other = (self.low_m - start) / way, (self.high_m - start) / way
         still = way == 0.0  # along the faces: within all the way, or never
         within = (start >= self.low_m) & (start <= self.high_m)
