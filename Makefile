@@ -1,8 +1,8 @@
-# Targets for a newcomer: reproduce, test. The rest: setup, figures, report, check, bench, peers, urdfs, commanded,
-# clean, and for maintainers: lock, schema.
+# Targets for a newcomer: reproduce, test. The rest: setup, figures, report, docs, check, bench, peers, urdfs,
+# commanded, clean, and for maintainers: lock, schema.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup reproduce figures report test check bench peers urdfs commanded clean lock schema
+.PHONY: help setup reproduce figures report docs test check bench peers urdfs commanded clean lock schema
 
 PYTHON ?= python3
 CORES ?= 2
@@ -15,6 +15,7 @@ help:
 	@echo "make test        set up .venv, run the tests"
 	@echo "make figures     figures and tables, and what they stand on where it is not up to date"
 	@echo "make report      results/report.html alone"
+	@echo "make docs        the documentation site in build/site; a warning is an error"
 	@echo "make check       lint, format, types, workflow lint"
 	@echo "make bench       measure, and write benchmarks/results.md"
 	@echo "make peers       other packages on the same data: benchmarks/peers.md (PA10CAL_IPA_DATA=folder: real too)"
@@ -48,6 +49,11 @@ report: setup
 
 test: setup
 	$(BIN)/pytest -n $(CORES) --dist loadfile
+
+docs: setup
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --fresh-env \
+	  --doctree-dir build/doctrees docs build/site
+	@echo "build/site/index.html"
 
 check: setup
 	$(BIN)/ruff check .

@@ -1,8 +1,13 @@
-"""The campaigns under examples/: what they are, and one of them run as a newcomer would."""
+"""The campaigns under examples/, one of them run as a newcomer would, and examples of the docs."""
 
 from __future__ import annotations
 
 import importlib.util
+import io
+import re
+import shlex
+import shutil
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +19,21 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictRecord
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples"
+RUN = "pa10cal run examples/ur10-pose"
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "docs/tutorial.md",
+    ROOT / "docs/using-the-model.md",
+    *sorted(ROOT.glob("docs/how-to/*.md")),
+]
+#: Kind of block, or its kind and caption; its content.
+BLOCKS = re.compile(
+    r"^```(?:(sh|python)|\{code-block\} (\w+)\n:caption: ([^\n]+))\n(.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
+FIRST_LINES = "The first lines of "
 FILES = {"irb120-points": ("poses.csv", ",", "."), "ur10-pose": ("tracker.txt", ";", ",")}
 
 
@@ -56,22 +75,82 @@ def test_every_row_can_be_used_and_they_are_said_to_be_synthetic(name, fitted, h
     assert size < 100_000
 
 
-def test_a_folder_runs_to_a_grade_a_model_and_figures(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    folder = EXAMPLES / "irb120-points"
-    before = {path: path.read_bytes() for path in folder.iterdir()}
-    assert main(["run", str(folder)]) == 0
-    shown = capsys.readouterr()
-    assert shown.err == ""  # no terminal: nothing but the result
-    row = next(line for line in shown.out.splitlines() if line.startswith("irb120-points"))
-    assert row.split()[1:3] == ["good", "not_sought"]
-    assert "results/irb120-points/model/model.yaml" in shown.out
-    results = tmp_path / "results/irb120-points"
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """A folder with the examples, in which one of them has been run, and what that printed."""
+    here = tmp_path_factory.mktemp("ran")
+    shutil.copytree(EXAMPLES, here / "examples")
+    out, err = io.StringIO(), io.StringIO()
+    with chdir(here), redirect_stdout(out), redirect_stderr(err):
+        assert main(RUN.split()[1:]) == 0
+    for name in ("model", "june", "july"):  # as pages call a model
+        for end in ("yaml", "covariance.npz"):
+            shutil.copy(here / f"results/ur10-pose/model/model.{end}", here / f"{name}.{end}")
+    return here, out.getvalue(), err.getvalue()
+
+
+def test_a_folder_runs_to_a_grade_a_model_and_figures(ran):
+    here, printed, told = ran
+    assert told == ""  # no terminal: nothing but the result
+    row = next(line for line in printed.splitlines() if line.startswith("ur10-pose"))
+    assert row.split()[1:3] == ["incomplete", "named"]
+    assert "results/ur10-pose/model/model.yaml" in printed
+    results = here / "results/ur10-pose"
     verdict = read(VerdictRecord, results / "discovery/verdict.json")
-    assert verdict.campaign == "irb120-points"
+    assert verdict.campaign == "ur10-pose"
     assert (results / "model/model.yaml").is_file()
     assert (results / "figures/health.svg").is_file()
-    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+    folder = EXAMPLES / "ur10-pose"
+    raw = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert {p.name: p.read_bytes() for p in (here / "examples/ur10-pose").iterdir()} == raw
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_examples_of_a_page_do_what_it_says(ran, page):
+    """Captioned blocks are files, to write or as they are, or what the last command printed."""
+    here, printed, _ = ran
+    variables = {}
+    for kind, captioned, caption, content in BLOCKS.findall(page.read_text("utf-8")):
+        if caption == "output":
+            assert shows(printed, content), (page.name, content, printed)
+        elif caption.startswith(FIRST_LINES):
+            assert (here / caption.removeprefix(FIRST_LINES)).read_text("utf-8").startswith(content)
+        elif caption and (here / caption).is_file() and "/" in caption:
+            assert shows((here / caption).read_text("utf-8"), content)
+        elif caption:
+            (here / caption).parent.mkdir(parents=True, exist_ok=True)
+            (here / caption).write_text(content, encoding="utf-8")
+        elif kind == "sh":
+            commands = content.replace("\\\n", " ").splitlines()
+            printed = "".join(ran[1] if line == RUN else typed(line, here) for line in commands)
+        elif kind == "python":
+            with chdir(here):
+                exec(compile(content, str(page), "exec"), variables)
+        assert not (captioned and not caption)
+
+
+def typed(line, here):
+    """Type one line at a prompt in a folder, and return what it printed."""
+    words, _, target = line.partition(" > ")
+    name, *arguments = shlex.split(words, comments=True)
+    out = io.StringIO()
+    with chdir(here), redirect_stdout(out):
+        if name == "mkdir":
+            Path(arguments[-1]).mkdir(parents=True, exist_ok=True)
+        elif name == "cp":
+            shutil.copy(*arguments)
+        else:
+            assert name == "pa10cal", line
+            assert main(arguments) == 0, line
+        if target:
+            Path(target.strip()).write_text(out.getvalue(), encoding="utf-8")
+    return out.getvalue()
+
+
+def shows(text, expected):
+    """Say whether a text has these lines in it; `…` stands for anything."""
+    pattern = ".*".join(map(re.escape, expected.split("…")))
+    return re.search(pattern, text, re.DOTALL) is not None
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def _conditions() -> list[str]:
     length_mm, angle_mrad = 1e3 * simulate.TOLERANCE_M, 1e3 * simulate.TOLERANCE_RAD
     return [
         f"`make peers` on {platform.machine()}, Python {platform.python_version()}, one thread; "
-        f"{versions}. What each is given: [README](peers/README.md).",
+        f"{versions}. What each is given: `benchmarks/peers/README.md`.",
         f"Simulated UR10, positions with {1e3 * simulate.NOISE_M:g} mm noise an axis, "
         f"{simulate.TEST_POSES} noise-free test poses; errors of all rows of {length_mm:g} mm and "
         f"{angle_mrad:g} mrad (1 sigma): `rows-N`; parallel axes tilted by as much too: "

@@ -347,7 +347,7 @@ def _label(place: str, k: int) -> str:
 
 
 def label_of(path: Path) -> str:
-    """Return a name for a campaign, of that of a file."""
+    """Return a name for a campaign, of that of a file or folder."""
     stem = path.name.partition(".")[0]
     letters = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in stem)
     return letters.strip("-_") or "mine"

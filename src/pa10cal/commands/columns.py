@@ -20,7 +20,7 @@ def columns(file: Path, *, robot: str | None = None, name: str | None = None) ->
     Args:
         file: one row a configuration: joint positions, and what was measured.
         robot: name of the arm's description, shipped or beside the file.
-        name: name of the campaign; without it, that of the file.
+        name: name of the campaign; without it, that of the folder.
 
     Examples:
         pa10cal columns examples/ur10-pose/tracker.txt --robot ur10
@@ -36,7 +36,8 @@ def columns(file: Path, *, robot: str | None = None, name: str | None = None) ->
 
     arm = None if robot is None else load_arm(robot, file.parent)
     found = sniff(file)
-    proposal = propose(found, file.name, name or label_of(file), robot or "my_arm", arm)
+    label = name or label_of(file.absolute().parent)
+    proposal = propose(found, file.name, label, robot or "my_arm", arm)
     if follows_contract(found):
         del proposal.content["columns"]
     text = yaml.safe_dump(

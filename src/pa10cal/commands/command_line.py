@@ -37,7 +37,7 @@ CLOSED = 141
 
 #: Commands by whom they serve, as `--help` lists them. Each is a function in a module of its name.
 GROUPS = {
-    "a campaign from raw files to a model": ("plan", "run", "report", "columns", "doctor"),
+    "a campaign from raw files to a model": ("run", "report", "columns", "doctor"),
     "a calibrated robot in use": ("predict", "compensate", "compare"),
     "one step of a run": (
         "ingest",
@@ -129,6 +129,12 @@ def command_named(name: str) -> Command:
     function = _FUNCTIONS.get(name, name)
     found: Command = getattr(import_module(f"pa10cal.commands.{function}"), function)
     return found
+
+
+def parser_of(name: str) -> argparse.ArgumentParser:
+    """Return the parser of one of `COMMANDS`, from which its help and its reference are made."""
+    command = command_named(name)
+    return _parser(name, command, get_type_hints(command))
 
 
 def run_command(name: str, argv: Sequence[str], command: Command | None = None) -> int:

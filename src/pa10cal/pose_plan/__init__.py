@@ -1,1 +1,0 @@
-"""Which poses to measure, before any is measured."""
