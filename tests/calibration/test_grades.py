@@ -15,6 +15,9 @@ from pa10cal.campaign.findings import InputFinding
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
+from pa10cal.discovery.options import DiscoveryOptions
+from pa10cal.discovery.setup import setup_of
+from pa10cal.evaluation.compared import judged_models
 from pa10cal.files.arms import load_arm
 from pa10cal.results.health import UNRESERVED
 from pa10cal.settings_reading import parse_section
@@ -26,11 +29,20 @@ ECCENTRIC = {"id": "encoder_eccentricity", "of": "joint 2", "parameters": {"A": 
 
 @pytest.fixture
 def campaign(tmp_path):
-    def measured(robot="ur10", instrument="pose", poses=200, hidden=(), stated_mm=None, **plan):
+    def measured(
+        robot="ur10",
+        instrument="pose",
+        poses=200,
+        hidden=(),
+        disturbances=(),
+        stated_mm=None,
+        **plan,
+    ):
         raw = {
             "random_seed": 7,
             "robot": robot,
             "hidden_effects": list(hidden),
+            "disturbances": list(disturbances),
             "without_touches": {"instrument": instrument, "poses": poses, **plan},
         } | ({} if stated_mm is None else {"stated_uncertainty_mm": stated_mm})
         options = parse_section(SimulateOptions, raw, where="test")
@@ -39,6 +51,22 @@ def campaign(tmp_path):
         return pa10cal.read_campaign(tmp_path / "raw")
 
     return measured
+
+
+@pytest.mark.parametrize(
+    ("instrument", "plan"), [("pose", {}), ("points", {"repeats": 3}), ("distance", {})]
+)
+def test_a_held_out_reading_that_is_wrong_does_not_count(campaign, instrument, plan):
+    wrong = [{"id": "held_out_reading_off", "parameters": {"size_mm": 4.0}}]
+    found = campaign(instrument=instrument, disturbances=wrong, departs="rows", **plan)
+    model = pa10cal.calibrate(found)
+    assert model.grade in ("good", "few_poses"), model.fitted_to.health
+    assert "held-out poses without 1 with a suspected reading" in model.fitted_to.health
+    setup = setup_of(found.description, found.arm, CalibrationOptions(), DiscoveryOptions())
+    models = {"uncalibrated": model.nominal(), "linear": model}
+    judged = judged_models(found.observations, models, None, setup)["linear"]
+    assert judged.rms_mm > 2.0 * judged.trusted.rms_mm
+    assert f", {judged.trusted.rms_mm:.3f} mm over held-out" in model.fitted_to.health
 
 
 def turned(every, joint, angle_rad, logged=None):

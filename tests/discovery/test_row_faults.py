@@ -16,8 +16,8 @@ from pa10cal.discovery.evidence.confirm import confirm
 from pa10cal.discovery.loads_exchanged import loads_exchanged
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.row_faults import carries, held_out_faults, of_wrong_row, row_faults
-from pa10cal.discovery.tails import Tails
 from pa10cal.discovery.verdict import Unexplained
+from pa10cal.fit.tails import Tails
 
 
 def with_loads(readings, load_N):

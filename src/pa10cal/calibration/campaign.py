@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from pa10cal.calibration.general.start import find_start, start_of
 from pa10cal.calibration.load_case import COMBINED, LoadCase, rows_of_load, work_out
 from pa10cal.calibration.options import CalibrationOptions, takes_general_model
 from pa10cal.calibration.records import fitted_to, paper_record
+from pa10cal.calibration.suspected_held_out import suspected_held_out
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.errors import CalibrationError
@@ -142,6 +144,7 @@ def paper_case(
         options,
         stated=poses_of(every, "grid", average=False, covariance="instrument"),
         findings=findings,
+        suspects=partial(suspected_held_out, every),
     )
 
 
@@ -183,4 +186,5 @@ def general_case(
         options,
         readings=single.take(rows_of_load(single.states.load_N, case)),
         findings=findings,
+        suspects=partial(suspected_held_out, every),
     )

@@ -77,6 +77,7 @@ class Evidence:
         held_out_u_mm: standard uncertainty of their predictions; None where only `u_model_mm` is
             known.
         held_out_repeats: readings behind a held-out pose over those behind a fitted one.
+        held_out_suspected: further held-out poses, which have a suspected reading.
         noise_mm: the part that the noise of readings explains; None where not known.
         repeats: what repeats show of the stated uncertainty, by kind.
         noise_is_found: whether `noise_mm` is what readings scatter by, and not what is stated.
@@ -102,6 +103,7 @@ class Evidence:
     held_out: int = 0
     held_out_u_mm: float | None = None
     held_out_repeats: float = 1.0
+    held_out_suspected: int = 0
     noise_mm: float | None = None
     repeats: tuple[ScatterOfRepeats, ...] = ()
     noise_is_found: bool = False
@@ -210,6 +212,8 @@ def _errors(evidence: Evidence) -> str:
     text = f"remaining error {evidence.train_rms_mm:.3f} mm rms over the poses fitted"
     if evidence.held_out_rms_mm is not None:
         text += f", {evidence.held_out_rms_mm:.3f} mm over held-out poses"
+        if evidence.held_out_suspected:
+            text += f" without {evidence.held_out_suspected} with a suspected reading"
     return text
 
 

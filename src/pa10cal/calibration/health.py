@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.springs import reported_name
-from pa10cal.calibration.accuracy import Accuracy
+from pa10cal.calibration.accuracy import Accuracy, summarise
 from pa10cal.calibration.design import PoseDesign, pose_design, poses_needed
 from pa10cal.calibration.grade import SMALL_SHARE, Departure, Evidence, graded
 from pa10cal.calibration.repeats import ScatterOfRepeats
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Deviations
 from pa10cal.results.health import Grade
 from pa10cal.terms.joint_spring import stiffness_by_solved
 from pa10cal.terms.term import Parameter
@@ -70,11 +71,13 @@ class HeldOut:
         accuracy: the errors.
         u_mm: standard uncertainty of the predictions there; None where not known.
         repeats: readings behind a held-out pose over those behind a fitted one.
+        suspected: further held-out poses, with a suspected reading, that do not count.
     """
 
     accuracy: Accuracy
     u_mm: float | None = None
     repeats: float = 1.0
+    suspected: int = 0
 
 
 @dataclass(frozen=True)
@@ -180,19 +183,32 @@ def health(ended: FitSummary, errors: Errors) -> Health:
 
 
 def held_out_errors(
-    accuracy: Accuracy, fitted: Observations, held_out: Observations, position: Array, cov: Array
+    deviations: Deviations,
+    fitted: Observations,
+    held_out: Observations,
+    position: Array,
+    cov: Array,
+    suspected: NDArray[np.bool_] | None = None,
 ) -> HeldOut:
     """Return the errors of held-out poses, with what they are to be compared with.
 
     Args:
-        accuracy: their errors.
+        deviations: of the P poses held out.
         fitted, held_out: averaged poses.
         position: (P, c, k) derivative of the predicted positions of those held out [m].
         cov: (k, k) of the parameters.
+        suspected: (P,) which of them have a suspected reading; those do not count, unless all
+            have one. None for none.
     """
+    if suspected is not None and suspected.any() and not suspected.all():
+        rest = ~suspected
+        found = held_out_errors(
+            deviations.take(rest), fitted, held_out.take(rest), position[rest], cov
+        )
+        return replace(found, suspected=int(suspected.sum()))
     variance = np.einsum("pck,kl,pcl->p", position, cov, position, optimize=True)
     return HeldOut(
-        accuracy=accuracy,
+        accuracy=summarise(deviations),
         u_mm=float(1e3 * np.sqrt(np.mean(np.maximum(variance, 0.0)))),
         repeats=float(np.mean(1.0 / fitted.readings) / np.mean(1.0 / held_out.readings)),
     )
@@ -210,6 +226,7 @@ def _evidence(ended: FitSummary, errors: Errors, design: PoseDesign) -> Evidence
         held_out=0 if held_out is None else held_out.accuracy.configurations,
         held_out_u_mm=None if held_out is None else held_out.u_mm,
         held_out_repeats=1.0 if held_out is None else held_out.repeats,
+        held_out_suspected=0 if held_out is None else held_out.suspected,
         noise_mm=errors.noise_mm,
         repeats=errors.repeats,
         noise_is_found=errors.noise_is_found,

@@ -29,6 +29,7 @@ from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.repeats import gross_errors_of_repeats, scatter_of_repeats
 from pa10cal.calibration.solve import nominal_start, solve
+from pa10cal.calibration.suspected_held_out import Suspects
 from pa10cal.calibration.uncertainty import ErrorSources, with_own_scatter
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.errors import CalibrationError
@@ -113,6 +114,7 @@ def work_out(
     options: CalibrationOptions,
     stated: Observations[Pose] | None = None,
     findings: tuple[InputFinding, ...] = (),
+    suspects: Suspects | None = None,
 ) -> LoadCase:
     """Compute one load case.
 
@@ -125,6 +127,7 @@ def work_out(
         options: how to calibrate.
         stated: `readings` with the covariance that the instrument states; None where it is theirs.
         findings: what checks of the input found.
+        suspects: says which of the held-out poses have a suspected reading; None for none.
 
     Raises:
         CalibrationError: when no grid pose has that load, or there are too few of them.
@@ -174,6 +177,7 @@ def work_out(
             ),
             1e-3 * options.apparatus_uncertainty_mm,
             findings,
+            suspects,
         ),
         seed_angle_deg=float(
             np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1)))
@@ -244,6 +248,7 @@ def _health(
     stated: Observations[Pose],
     u_apparatus_m: float,
     findings: tuple[InputFinding, ...],
+    suspects: Suspects | None,
 ) -> Health:
     """Judge the calibration, base frame included."""
     level, solution = cubic.level, cubic.solution
@@ -278,9 +283,15 @@ def _health(
     p_instr_m = level.observations.measured.T_instr_target[:, :3, 3]
     off = None
     if held_out is not None:
-        accuracy = summarise(model_deviations(cubic, held_out))
         elsewhere = replace(whole, observations=held_out).rows(x).jacobian[:, :3]
-        off = held_out_errors(accuracy, level.observations, held_out, elsewhere, covariance)
+        off = held_out_errors(
+            model_deviations(cubic, held_out),
+            level.observations,
+            held_out,
+            elsewhere,
+            covariance,
+            None if suspects is None else suspects(fitted_model(cubic, None)),
+        )
     scatter = scatter_of_repeats(stated, fitted_model(cubic, None))
     if scatter:
         usual_mm = (

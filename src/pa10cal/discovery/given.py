@@ -122,9 +122,15 @@ def calibrate_with(
     deviations = calibrated.deviations(poses)
     held_out = None
     if campaign.held_out is not None:
-        away = ready(campaign.held_out)
+        away, wrong = ready(campaign.held_out), campaign.suspected
+        if wrong is not None and not wrong.all():
+            away = away.take(~wrong)
         repeats = float(np.mean(1.0 / poses.readings) / np.mean(1.0 / away.readings))
-        held_out = HeldOut(summarise(calibrated.deviations(away)), repeats=repeats)
+        held_out = HeldOut(
+            summarise(calibrated.deviations(away)),
+            repeats=repeats,
+            suspected=len(campaign.held_out) - len(away),
+        )
     errors = Errors(
         train_rms_mm=summarise(deviations).rms_mm,
         held_out=held_out,

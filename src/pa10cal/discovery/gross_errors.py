@@ -17,11 +17,18 @@ from scipy.special import chdtri
 from pa10cal.discovery.in_time.running import moved_between_repeats
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import compared, noise_of_repeats
-from pa10cal.discovery.tails import ACCUSED_RATE, Tails
 from pa10cal.discovery.weights import pose_weights
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.averages import average_groups, reading_groups
+from pa10cal.fit.off_prediction import (
+    LEAST_STATED,
+    by_stated,
+    components_seen,
+    confirmed,
+    far_from_prediction,
+)
+from pa10cal.fit.tails import ACCUSED_RATE, Tails
+from pa10cal.observe.averages import average_groups
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations
 
@@ -34,8 +41,6 @@ EXCLUDED_RATE = 0.1
 #: Readings before and after one that are looked at: where most of them are off as well, something
 #: happened in time, and the reading is no single one.
 _NEIGHBOURS = 5
-#: Another reading confirms one where they differ by less than this part of how far it is off.
-_CONFIRMED = 0.3
 #: Relative error of a scatter that is found from one deviate, by its median, twice.
 _OF_SCALE = 2.3
 #: Means of poses have lighter tails than readings: as `tails.ACCUSED_RATE`, and standard errors by
@@ -44,8 +49,7 @@ _OF_POSES_RATE = 1e-3
 _OF_POSES_SURELY = 1.6
 #: More readings than this are no gross errors.
 _MOST_BEYOND = 0.1
-#: Scatter is no less than this part of what is stated, or of the noise found: rounding is none.
-_LEAST_STATED = 1e-3
+#: Scatter is no less than this part of the noise found: rounding is none.
 _LEAST_NOISE = 0.1
 
 
@@ -86,22 +90,10 @@ def off_prediction(poses: Observations, model: FittedModel, fitted: Observations
         model: the calibrated model.
         fitted: single readings that it was fitted to, likewise: they show what is usual.
     """
-    usual = _by_stated(fitted, residual(model, fitted))
-    left = residual(model, poses)
-    white = _by_stated(poses, left)
-    far = np.zeros(len(poses), dtype=bool)
-    for _, at in poses.measured.component_kinds:
-        of_fitted, own = _tails(usual, fitted, at), _tails(white, poses, at)
-        scale = max(of_fitted.scale, own.scale, _LEAST_STATED)
-        white[:, at] /= scale
-        seen = poses.measured.components_seen[:, at]
-        both = np.concatenate([white[:, at][seen], usual[:, at][_seen(fitted, at)] / scale])
-        limit = Tails.of(both).largest(ACCUSED_RATE, int(seen.sum()))
-        far |= np.abs(np.where(seen, white[:, at], 0.0)).max(axis=1, initial=0.0) > limit
-    far &= ~_confirmed(poses, left, np.flatnonzero(far))
+    far, white = far_from_prediction(poses, model, fitted)
     components = np.sqrt(np.maximum(poses.measured.components_seen.sum(axis=1), 1))
     times = np.linalg.norm(white, axis=1) / components
-    return GrossErrors(far, far, times, _position_mm(poses, left))
+    return GrossErrors(far, far, times, _position_mm(poses, residual(model, poses)))
 
 
 def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> GrossErrors:
@@ -114,7 +106,7 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
     if alone.all():
         return GrossErrors(nobody, nobody, nothing, nothing)
     left = left - moved_between_repeats(readings, left, group)
-    further = np.linalg.norm(_by_stated(readings, left), axis=1)
+    further = np.linalg.norm(by_stated(readings, left), axis=1)
 
     def judged(whitener: Array, without: Mask, least: float) -> GrossErrors:
         """Exclude the reading furthest from the others of its group, group by group, anew.
@@ -152,11 +144,11 @@ def _off_repeats(readings: Observations, model: FittedModel, left: Array) -> Gro
         return GrossErrors(out, out & beyond, times, nothing)
 
     stated = readings.measured.stated_covariance
-    found = judged(np.linalg.inv(np.linalg.cholesky(stated)), nobody, _LEAST_STATED)
+    found = judged(np.linalg.inv(np.linalg.cholesky(stated)), nobody, LEAST_STATED)
     try:
         plain = _with_means_of_others(left, group, seen, found.excluded)
         noise = noise_of_repeats(readings, -plain, by_every_joint(model, readings))
-        cov = noise.cov + _LEAST_STATED**2 * stated
+        cov = noise.cov + LEAST_STATED**2 * stated
         whitener = np.linalg.inv(np.linalg.cholesky(cov))
     except (DiscoveryError, np.linalg.LinAlgError):
         pass
@@ -176,7 +168,7 @@ def _off_model(
         return found
     white = _by_scatter(readings, model, left)
     far = alone & _beyond_tails(white, readings, np.ones(len(readings), dtype=bool))
-    far &= ~_confirmed(readings, left, np.flatnonzero(far))
+    far &= ~confirmed(readings, left, np.flatnonzero(far))
     far &= ~_in_time(far, readings.states.time_s)
     components = np.sqrt(np.maximum(seen.sum(axis=1), 1))
     return GrossErrors(
@@ -205,7 +197,7 @@ def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[flo
     white = _by_scatter(averages, model, left)
     far = np.zeros(len(labels), dtype=bool)
     for _, at in averages.measured.component_kinds:
-        tails = Tails.of(white[:, at][_seen(averages, at)], _OF_POSES_SURELY)
+        tails = Tails.of(white[:, at][components_seen(averages, at)], _OF_POSES_SURELY)
         far |= np.any(np.abs(white[:, at]) > tails.largest(_OF_POSES_RATE), axis=1)
     far &= ~_in_time(far, averages.states.time_s)
     components = np.sqrt(np.maximum(averages.measured.components_seen.sum(axis=1), 1))
@@ -239,7 +231,7 @@ def _beyond_tails(
         found = beyond.copy()
         for _, at in readings.measured.component_kinds:
             # Zero is what nothing else was seen of.
-            seen = _seen(readings, at) & (white[:, at] != 0.0)
+            seen = components_seen(readings, at) & (white[:, at] != 0.0)
             bulk = white[:, at][seen & (usual & ~beyond)[:, None]]
             limit = Tails.of(bulk).largest(ACCUSED_RATE)
             found |= judged & np.any(seen & (np.abs(white[:, at]) > limit), axis=1)
@@ -247,27 +239,6 @@ def _beyond_tails(
             break
         beyond = found
     return beyond
-
-
-def _confirmed(readings: Observations, left: Array, rows: Index) -> Mask:
-    """Return (P,) which of some rows another reading of the pose and load confirms.
-
-    It does where it is off by about as much in the same direction.
-
-    Args:
-        readings: P single readings.
-        left: (P, b) what the model leaves of them.
-        rows: those that are far from it.
-    """
-    group, near = reading_groups(readings), np.zeros(len(readings), dtype=bool)
-    seen = readings.measured.components_seen
-    for row in rows:
-        others = np.flatnonzero(group == group[row])
-        others = others[others != row]
-        both = seen[others] & seen[row]
-        apart = np.linalg.norm(np.where(both, left[others] - left[row], 0.0), axis=1)
-        near[row] = bool(np.any(apart <= _CONFIRMED * np.linalg.norm(left[row])))
-    return near
 
 
 def _from_others(values: Array, group: Index, seen: Mask, out: Mask) -> Array:
@@ -305,20 +276,6 @@ def _in_time(off: Mask, time_s: Array) -> Mask:
     together = np.zeros(len(off), dtype=bool)
     together[order] = np.convolve(most & off[order], window, mode="same") > 0.5
     return together & off
-
-
-def _by_stated(readings: Observations, values: Array) -> Array:
-    """Return values (P, b) in the stated uncertainty of the readings."""
-    stated = np.linalg.inv(np.linalg.cholesky(readings.measured.stated_covariance))
-    return np.asarray((stated @ values[:, :, None])[:, :, 0])
-
-
-def _seen(readings: Observations, at: slice) -> Mask:
-    return np.asarray(readings.measured.components_seen[:, at])
-
-
-def _tails(white: Array, readings: Observations, at: slice) -> Tails:
-    return Tails.of(white[:, at][_seen(readings, at)])
 
 
 def _position_mm(readings: Observations, apart: Array) -> Array:

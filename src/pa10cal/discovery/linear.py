@@ -15,7 +15,6 @@ from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.quantities import Comparison
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Parameter, Term
@@ -49,7 +48,7 @@ def _possible_size(parameter: Parameter) -> float:
 
 def residual(at: FittedModel, poses: Observations) -> Array:
     """Return predicted minus measured components, (P, b) [m, rad]."""
-    return _compared(at, poses).residual
+    return at.compared(poses).residual
 
 
 def residual_and_jacobian(at: FittedModel, poses: Observations) -> tuple[Array, Array]:
@@ -66,7 +65,7 @@ def by_terms(
     at: FittedModel, poses: Observations, terms: Sequence[Term], points: Sequence[Array]
 ) -> list[Array]:
     """Return how `residual` follows the parameters of terms, each (P, b, k')."""
-    by_base = _along_base(_compared(at, poses).by_end, at)
+    by_base = _along_base(at.compared(poses).by_end, at)
     return [by_base @ columns for columns in at.model.by_terms(poses.states, at.x, terms, points)]
 
 
@@ -94,7 +93,7 @@ def by_every_joint(at: FittedModel, poses: Observations) -> Array:
 
 def by_targets(at: FittedModel, poses: Observations) -> Array:
     """Return how `residual` follows the coordinates of the instrument's targets, (P, b, t)."""
-    return _compared(at, poses).by_targets
+    return at.compared(poses).by_targets
 
 
 def by_joints(at: FittedModel, poses: Observations, joints: Sequence[int]) -> Array:
@@ -184,8 +183,3 @@ def _positions(measured: Instrument) -> tuple[slice, Array]:
     """Return which components are of positions, and over how many targets each pose has them."""
     _, at = measured.component_kinds[0]
     return at, np.maximum(measured.components_seen[:, at].sum(axis=1) / 3.0, 1.0)
-
-
-def _compared(at: FittedModel, poses: Observations) -> Comparison:
-    T_instr_ee = at.T_instr_base @ at.model.predict(poses.states, at.x)
-    return poses.measured.compare(T_instr_ee, at.targets_m)

@@ -24,7 +24,7 @@ from pa10cal.fit.prediction import FittedTo as FittedTo
 from pa10cal.fit.prediction import Prediction as Prediction
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.quantities import Deviations
+from pa10cal.observe.quantities import Comparison, Deviations
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Report, Term
@@ -199,6 +199,11 @@ class FittedModel:
             return found
         outside = ~self.falls_back.within.inside(observations.states.q_rad)
         return found.with_others(outside, self.falls_back.model.deviations(observations))
+
+    def compared(self, observations: Observations) -> Comparison:
+        """Compare predictions with `as_modelled` poses, component by component."""
+        T_instr_ee = self.T_instr_base @ self.model.predict(observations.states, self.x)
+        return observations.measured.compare(T_instr_ee, self.targets_m)
 
     def as_read(self, observations: Observations) -> Array:
         """Return the end of the chain as the instrument is expected to read it, (P, 4, 4) [m]."""

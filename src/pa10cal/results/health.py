@@ -91,7 +91,8 @@ class Health(Part):
         description="root mean square position error over the poses fitted [mm]"
     )
     held_out_rms_mm: float | None = Field(
-        description="the same over held-out poses [mm]; null where none were measured"
+        description="the same over held-out poses [mm], without those that have a suspected "
+        "reading; null where none were measured"
     )
     noise_mm: float | None = Field(
         description="root mean square position error of averaged poses that noise alone leaves "

@@ -20,6 +20,7 @@ from pa10cal.calibration.general.suspected_outliers import SuspectedOutlier, sus
 from pa10cal.calibration.health import Errors, FitSummary, Health, health, held_out_errors
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.repeats import scatter_of_repeats
+from pa10cal.calibration.suspected_held_out import Suspects
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import span_seen
@@ -84,6 +85,7 @@ def work_out_general(
     *,
     readings: Observations | None = None,
     findings: tuple[InputFinding, ...] = (),
+    suspects: Suspects | None = None,
 ) -> GeneralCase:
     """Compute one load case.
 
@@ -99,6 +101,7 @@ def work_out_general(
         readings: single readings behind the poses to fit, whose repeats show the noise; None for
             none.
         findings: what checks of the input found.
+        suspects: says which of the held-out poses have a suspected reading; None for none.
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
@@ -125,8 +128,14 @@ def work_out_general(
         held_out = weighed(held_out)
         elsewhere = replace(full.problem, observations=held_out.turned(start.R_ee_target))
         position = _position(elsewhere, elsewhere.rows(full.fit.x).jacobian)
-        accuracy = summarise(calibrated.deviations(held_out))
-        off = held_out_errors(accuracy, used, held_out, position, full.fit.covariance)
+        off = held_out_errors(
+            calibrated.deviations(held_out),
+            used,
+            held_out,
+            position,
+            full.fit.covariance,
+            None if suspects is None else suspects(calibrated),
+        )
     parameters = full.problem.parameters
     names = {parameter.name for parameter in parameters}
     openly = not_identifiable(full.fit.identifiability, parameters) & names
