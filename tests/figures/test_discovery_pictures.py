@@ -108,7 +108,7 @@ class TestBreakdown:
 class TestJoints:
     def test_the_marked_order_of_the_joint_stands_out(self, named):
         orders = where_joints.draw(named).axes[6:]
-        marked = [axes.lines[5].get_ydata() for axes in orders]
+        marked = [axes.lines[1].get_ydata() for axes in orders]
         assert np.unravel_index(np.argmax(marked), (6, 4)) == (1, 3)
         assert [label.get_text() for label in orders[1].get_xticklabels()] == [
             "1",
@@ -116,7 +116,27 @@ class TestJoints:
             "N",
             "\n2N",
         ]
-        assert list(orders[1].lines[5].get_xdata()) == [1.0, 2.0, 50.0, 100.0]
+        assert list(orders[1].lines[1].get_xdata()) == [1.0, 2.0, 50.0, 100.0]
+
+    def test_orders_that_the_poses_cannot_tell_are_shaded_and_not_drawn(self, named):
+        axes = where_joints.draw(named).axes[7]
+        shaded = axes.patches[0].get_extents().transformed(axes.transData.inverted())
+        assert max(axes.lines[0].get_xdata()) <= shaded.x0 * (1.0 + 1e-9)
+        assert shaded.x0 < 100.0  # 27 poses
+
+    def test_without_a_gear_ratio_there_is_no_axis_of_it(self, changed):
+        def ungeared(record):
+            for fit in ("before", "after"):
+                for joint in record[fit]["by_joint"]:
+                    if joint["periodogram"]:
+                        for key in ("marked", "marked_rad"):
+                            joint["periodogram"][key] = joint["periodogram"][key][:2]
+
+        figure = where_joints.draw(changed("discovery/analysis.json", ungeared))
+        assert not any("gear" in text for text in texts_of(figure))
+        axes = figure.axes[7]
+        assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2"]
+        assert axes.get_xlim()[1] <= 30.0
 
     def test_a_point_a_cell_over_the_joints_own_angle(self, named):
         points = where_joints.draw(named).axes[1]
@@ -161,6 +181,17 @@ class TestTorque:
 
         with pytest.raises(NothingToShowError, match="no torques were logged, or the weights are"):
             where_torque.draw(changed("discovery/analysis.json", unlogged))
+
+    def test_a_calculated_log_has_nothing_to_show(self, changed):
+        def none_left(record):
+            for fit in ("before", "after"):
+                for joint in record[fit]["cells"]["joints"]:
+                    joint["torque_residual_Nm"] = [0.0] * len(joint["torque_residual_Nm"])
+                for part in record[fit]["by_torque"]:
+                    part["noise_Nm"] = 0.0
+
+        with pytest.raises(NothingToShowError, match="none remain"):
+            where_torque.draw(changed("discovery/analysis.json", none_left))
 
 
 class TestGapByStep:

@@ -50,7 +50,7 @@ joint's error, more so where the instrument does not measure orientation.
 Array = NDArray[np.float64]
 
 _ROW_MM, _BETWEEN_MM, _BELOW_MM, _ABOVE_MM = 38.0, 4.0, 33.0, 14.0
-#: Bins of the running mean over what a joint turned, and share of the errors that is in sight.
+#: Most bins of the running mean over what a joint turned, and share of the errors in sight.
 _BINS = 90
 _IN_SIGHT = 0.998
 #: Joint error thought possible, a standard deviation [rad or m]: decides what poses leave open.
@@ -168,7 +168,8 @@ def _draw_row(panels: list[Axes], row: _Row, everywhere: Array, limit: float) ->
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         span = float(np.ptp(every))
         if span > 0.0:
-            middle, mean = running_mean(q, error, span / _BINS)
+            bins = np.clip(len(q) // (2 * _LEAST_IN_BIN), 1, _BINS)
+            middle, mean = running_mean(q, error, span / float(bins))
             axes.plot(middle, mean, color=BLACK, linewidth=0.9)
             known = np.isfinite(mean)
             averaged |= bool((known[1:] & known[:-1]).any())  # else no line is seen
@@ -186,9 +187,10 @@ def _notes(
 ) -> Iterator[str]:
     beyond = sum(int((np.abs(row.error) > limit).sum()) for row in rows)
     model = "before and after discovery" if rows[-1].colour == AFTER else "calibrated model"
+    outside = f"; {beyond} points lie outside the panels" if beyond else ""
     yield (
-        f"Rows of {', '.join(str(len(row.q)) for row in rows)} poses, {model}; "
-        f"{beyond} points lie outside the panels.{' Black: mean.' if averaged else ''}"
+        f"Rows of {', '.join(str(len(row.q)) for row in rows)} poses, {model}{outside}."
+        f"{' Black: running mean.' if averaged else ''}"
     )
     extrapolated = int(rows[-1].beyond.sum())
     if extrapolated:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pa10cal.figures.parameter_names import K_CUB, K_LIN, LINKS, Kind, joints_of
+from pa10cal.figures.parameter_names import K_CUB, K_LIN, KINDS, LINKS, Kind, joints_of
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
@@ -110,8 +110,10 @@ def _draw_shifts(axes: Axes, found: list[ParameterShift], unit: Array, names: li
 def _said(found: AnalysisRecord) -> str:
     if not found.effects:
         return "No effect was named: any change comes from the weights of the fit."
-    hidden = len(found.parameter_shifts) - sum(s.identifiable for s in found.parameter_shifts)
+    names = [shift.name for shift in found.parameter_shifts if not shift.identifiable]
+    hidden = [kind.written(joint) for kind in KINDS for joint in joints_of(kind, names)]
+    others = f"; not identifiable: {', '.join(hidden)}" if hidden else ""
     return (
         "Bars: change of the value. Lines: 95 % intervals of the value after.\n"
-        f"Not shown: the base frame, and {hidden} parameters that are not identifiable."
+        f"Not shown: base frame, tool and weights{others}."
     )

@@ -211,6 +211,6 @@ def _label(arrows: _Arrows, shown: _Arrows) -> str:
         f"{np.linalg.norm(vector_mm, axis=1).mean():.3f} mm {when}"
         for when, vector_mm in arrows.vector_mm.items()
     ]
-    text = f"{arrows.name}, every load: mean {', '.join(means)}"
+    text = f"{arrows.name}, every load: mean length {', '.join(means)}"
     total, some = len(arrows.place_mm), len(shown.place_mm)
     return text if some == total else f"{text}; {some} of {total} drawn"

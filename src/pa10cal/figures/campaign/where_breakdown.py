@@ -36,9 +36,9 @@ readings, which is more than in averaged poses: the scatter of successive readin
 direction of arrival (unidirectional repeatability) or, without repeats, what is stated. Above:
 position error by load and by axis of the instrument, and the same expressed as joint angle
 errors, on logarithmic axes. Below: the mean error of each joint by direction of arrival, and the
-drift with time and temperature. Blue at the bars and at zero means that nothing remains; red and
-blue together, far from the bars, mean that an error was not found. Errors common to all poses are
-removed first.
+drift with time and, where it was logged, temperature. Blue at the bars and at zero means that
+nothing remains; red and blue together, far from the bars, mean that an error was not found.
+Errors common to all poses are removed first.
 """,
 )
 
@@ -169,11 +169,12 @@ def _draw_drifts(axes: Axes, found: AnalysisRecord) -> None:
             )
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     names = [drift.axis for drift in found.before.drifts]
-    axes.set_xticks([0, 1, 2, 4, 5, 6], names * 2)
-    axes.set_xlim(-0.6, 6.6)
+    warmed = any(slope is not None for slope in _slopes(found.before)[1])
+    axes.set_xticks([0, 1, 2, 4, 5, 6][: 6 if warmed else 3], names * (2 if warmed else 1))
+    axes.set_xlim(-0.6, 6.6 if warmed else 2.6)
     axes.tick_params(axis="x", length=0.0)
     axes.grid(visible=False, axis="x")
-    axes.set_xlabel("with time        with temperature")
+    axes.set_xlabel("with time        with temperature" if warmed else "with time")
     axes.set_ylabel("slope × range [µm]")
 
 

@@ -32,6 +32,8 @@ only.
 _TITLE = "Residual torque, logged minus static, joint by joint"
 _HEIGHT_MM = 128.0
 _NOISES = 2.0
+#: Torques below this are those of a log that was calculated [N m].
+_LEAST_NM = 1e-6
 #: Directions of arrival: sign, marker and colour, and what they are called.
 _SIDES: tuple[tuple[int, dict[str, Any], str], ...] = (
     (1, {"color": BLUE, "marker": "^"}, "joint arrived in + direction"),
@@ -46,6 +48,8 @@ def draw(results: Results) -> Figure:
     joints = found.before.cells.joints
     if any(joint.torque_residual_Nm is None for joint in joints):
         raise NothingToShowError("no torques were logged, or the weights are not known")
+    if max(map(_limit, (found.before, found.after))) < _LEAST_NM:
+        raise NothingToShowError("the torques logged are those of the weights: none remain")
     figure = new_figure(_HEIGHT_MM, _TITLE)
     for fit, bottom, when in ((found.before, 76.0, "before"), (found.after, 24.0, "after")):
         limit = _limit(fit)
