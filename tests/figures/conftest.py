@@ -206,3 +206,18 @@ def copied(tmp_path):
 def project_looks():
     with looks():
         yield
+
+
+@pytest.fixture
+def changed_from(tmp_path):
+    """Copy results with changes to the JSON of one of them."""
+
+    def copy(results, name, change):
+        folder = tmp_path / "changed"
+        shutil.copytree(results.folder, folder)
+        record = json.loads((folder / name).read_text("utf-8"))
+        change(record)
+        (folder / name).write_text(json.dumps(record), encoding="utf-8")
+        return replace(results, folder=folder)
+
+    return copy

@@ -1,9 +1,7 @@
 """What the pictures and the table of discovery show is what its records say."""
 
 import csv
-import json
-import shutil
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,7 +15,6 @@ from pa10cal.figures.campaign import (
     residual_field,
     verdict,
     where_breakdown,
-    where_joints,
     where_torque,
 )
 from pa10cal.figures.registry import NothingToShowError
@@ -32,18 +29,9 @@ def texts_of(figure):
 
 
 @pytest.fixture
-def changed(named, tmp_path):
+def changed(named, changed_from):
     """Copy the results with changes to the JSON of one of them."""
-
-    def copy(name, change):
-        folder = tmp_path / "changed"
-        shutil.copytree(named.folder, folder)
-        record = json.loads((folder / name).read_text("utf-8"))
-        change(record)
-        (folder / name).write_text(json.dumps(record), encoding="utf-8")
-        return replace(named, folder=folder)
-
-    return copy
+    return partial(changed_from, named)
 
 
 def test_discovery_names_what_the_spoiled_campaign_hides(named):
@@ -103,64 +91,6 @@ class TestBreakdown:
         texts = texts_of(where_breakdown.draw(changed("discovery/analysis.json", once)))
         assert "no direction was logged" in texts
         assert any(text.startswith("No pose was repeated") for text in texts)
-
-
-class TestJoints:
-    def test_the_marked_order_of_the_joint_stands_out(self, named):
-        orders = where_joints.draw(named).axes[6:]
-        marked = [axes.lines[1].get_ydata() for axes in orders]
-        assert np.unravel_index(np.argmax(marked), (6, 4)) == (1, 3)
-        assert [label.get_text() for label in orders[1].get_xticklabels()] == [
-            "1",
-            "2",
-            "N",
-            "\n2N",
-        ]
-        assert list(orders[1].lines[1].get_xdata()) == [1.0, 2.0, 50.0, 100.0]
-
-    def test_orders_that_the_poses_cannot_tell_are_shaded_and_not_drawn(self, named):
-        axes = where_joints.draw(named).axes[7]
-        shaded = axes.patches[0].get_extents().transformed(axes.transData.inverted())
-        assert max(axes.lines[0].get_xdata()) <= shaded.x0 * (1.0 + 1e-9)
-        assert shaded.x0 < 100.0  # 27 poses
-
-    def test_without_a_gear_ratio_there_is_no_axis_of_it(self, changed):
-        def ungeared(record):
-            for fit in ("before", "after"):
-                for joint in record[fit]["by_joint"]:
-                    if joint["periodogram"]:
-                        for key in ("marked", "marked_rad"):
-                            joint["periodogram"][key] = joint["periodogram"][key][:2]
-
-        figure = where_joints.draw(changed("discovery/analysis.json", ungeared))
-        assert not any("gear" in text for text in texts_of(figure))
-        axes = figure.axes[7]
-        assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2"]
-        assert axes.get_xlim()[1] <= 30.0
-
-    def test_a_point_a_cell_over_the_joints_own_angle(self, named):
-        points = where_joints.draw(named).axes[1]
-        joint = named.analysis().before.cells.joints[1]
-        before = points.lines[1]
-        np.testing.assert_allclose(before.get_xdata(), np.degrees(joint.q_rad))
-        np.testing.assert_allclose(before.get_ydata(), 1e6 * np.array(joint.error_rad))
-
-    def test_a_joint_that_hardly_turned_has_no_periodogram(self, changed):
-        def still(record):
-            for fit in ("before", "after"):
-                record[fit]["by_joint"][0]["periodogram"] = None
-
-        texts = texts_of(where_joints.draw(changed("discovery/analysis.json", still)))
-        assert texts.count("hardly\nturned") == 1
-
-    def test_an_arm_of_which_no_joint_turned_is_drawn(self, changed):
-        def still(record):
-            for fit in ("before", "after"):
-                for joint in record[fit]["by_joint"]:
-                    joint["periodogram"] = None
-
-        texts = texts_of(where_joints.draw(changed("discovery/analysis.json", still)))
-        assert texts.count("hardly\nturned") == 6
 
 
 class TestTorque:

@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -37,18 +38,9 @@ def legend_of(figure):
 
 
 @pytest.fixture
-def changed(results, tmp_path):
+def changed(results, changed_from):
     """Copy the results with changes to the JSON of one of them."""
-
-    def copy(name, change):
-        folder = tmp_path / "changed"
-        shutil.copytree(results.folder, folder)
-        record = json.loads((folder / name).read_text("utf-8"))
-        change(record)
-        (folder / name).write_text(json.dumps(record), encoding="utf-8")
-        return replace(results, folder=folder)
-
-    return copy
+    return partial(changed_from, results)
 
 
 def test_the_path_is_that_of_the_arm_in_its_own_frame(results):

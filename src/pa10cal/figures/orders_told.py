@@ -16,9 +16,10 @@ _SAME_PHASE = 0.1
 def highest_told(orders: Array, q_rad: Array) -> float:
     """Return the highest order (cycles a turn) up to which the angles tell all orders apart.
 
-    A sine has two unknowns, and peaks are one over the turns wide that the joint made. So many
-    orders up to a highest one can be told apart only where there are twice as many different
-    angles, the mean being one unknown more; beyond that any error is a sum of such sines.
+    A sine has two unknowns, and two orders differ over the arc that the joint moved where they are
+    one cycle of it apart. So many orders up to a highest one can be told apart only where there are
+    twice as many different angles, the mean being one unknown more; beyond that any error is a sum
+    of such sines.
 
     Args:
         orders: (F,) ascending cycles a turn, of which one is returned; the first where not even
@@ -28,7 +29,7 @@ def highest_told(orders: Array, q_rad: Array) -> float:
     angles = np.sort(q_rad / (2.0 * np.pi)).tolist()
     turns, highest = angles[-1] - angles[0], float(orders[0])
     for order in orders.tolist():
-        if _different(angles, _SAME_PHASE / order) < 1.0 + 2.0 * turns * order:
+        if _different(angles, _SAME_PHASE / order) < 1 + 2 * int(turns * order):
             break
         highest = order
     return highest

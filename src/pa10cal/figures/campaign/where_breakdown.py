@@ -93,7 +93,8 @@ def draw(results: Results) -> Figure:
     drift = panel(figure, 121.0, 39.0, 46.0, 38.0)
     _draw_drifts(drift, found)
     drift.set_title("drift over the whole campaign")
-    write_text_at(figure, 18.0, 8.0, _against_pure_error(found))
+    noise_from = results.verdict().gap.noise_floor_from
+    write_text_at(figure, 18.0, 8.0, _against_pure_error(found, noise_from))
     handles = [
         Line2D([], [], label="before: without the effects", **_BEFORE),
         Line2D([], [], label="after: with the named effects", **_AFTER),
@@ -186,13 +187,12 @@ def _slopes(fit: LackOfFit) -> tuple[list[Estimate | None], list[Estimate | None
     )
 
 
-def _against_pure_error(found: AnalysisRecord) -> str:
+def _against_pure_error(found: AnalysisRecord, noise_from: str | None) -> str:
     """Return how what poses share compares with pure error, before and after."""
     tests = [("before", found.before.pose.shared), ("after", found.after.pose.shared)]
     if not any(test for _, test in tests):
-        return (
-            "No pose was repeated: the repeatability is that of nearly equal poses, or as stated."
-        )
+        origin, _, _ = (noise_from or "nearly equal poses").partition(":")
+        return f"No pose was repeated: the noise is that of {origin}."
     said = ", ".join(
         f"{_number(test.F)} {when} (p {_probability(test.p_value)})" for when, test in tests if test
     )
