@@ -331,7 +331,7 @@ class TestResidualField:
         rows = sighted["points"].general().residuals
         (said,) = legend_of(figure)
         mean = np.linalg.norm(rows.position_mm, axis=1).mean()
-        assert said.endswith(f"mean {mean:.3f} mm calibrated; 240 of {60 * len(rows)} drawn")
+        assert said.endswith(f"mean length {mean:.3f} mm calibrated; 240 of {60 * len(rows)} drawn")
         arrows = figure.axes[0].findobj(Quiver)[0]
         assert len(arrows.X) == 240
 
