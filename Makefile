@@ -1,8 +1,8 @@
-# Targets for a newcomer: reproduce, test. The rest: setup, figures, report, docs, check, bench, peers, urdfs,
-# commanded, clean, and for maintainers: lock, schema.
+# Targets for a newcomer: reproduce, test. The rest: setup, figures, report, docs, test-browser, check, bench, peers,
+# urdfs, commanded, clean, and for maintainers: lock, schema.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup reproduce figures report docs test check bench peers urdfs commanded clean lock schema
+.PHONY: help setup reproduce figures report docs test test-browser check bench peers urdfs commanded clean lock schema
 
 PYTHON ?= python3
 CORES ?= 2
@@ -13,6 +13,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check --no-input insta
 help:
 	@echo "make reproduce   set up .venv, run the whole workflow, write results/ and results/report.html"
 	@echo "make test        set up .venv, run the tests"
+	@echo "make test-browser   the tests that need Chromium on the machine: reports as a browser shows them"
 	@echo "make figures     figures and tables, and what they stand on where it is not up to date"
 	@echo "make report      results/report.html alone"
 	@echo "make docs        the documentation site in build/site; a warning is an error"
@@ -48,7 +49,11 @@ report: setup
 	$(SNAKEMAKE) --report results/report.html
 
 test: setup
-	$(BIN)/pytest -n $(CORES) --dist loadfile
+	$(BIN)/pytest -n $(CORES) --dist loadfile --ignore tests/browser
+
+# Needs Chromium; make test does not.
+test-browser: setup
+	$(BIN)/pytest tests/browser
 
 docs: setup
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --fresh-env \

@@ -77,6 +77,7 @@ def test_has_every_section_in_the_order_of_reading(small, page):
         "Grade of the calibration",
         "Verdict: what the model lacks",
         "Before and after",
+        "Where the model is off",
         "Parameters",
         "What is missing",
         "What to measure next",

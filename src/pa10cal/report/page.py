@@ -10,13 +10,16 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 import pa10cal
-from pa10cal.report.blocks import Block, Section
+from pa10cal.report.blocks import Beside, Block, Drawing, Folded, Section
 from pa10cal.report.gathered import Gathered
-from pa10cal.report.sections.accuracy import accuracy, headline
+from pa10cal.report.looks import drawn, library
+from pa10cal.report.model_errors import headline
+from pa10cal.report.sections.accuracy import accuracy
 from pa10cal.report.sections.measured import measured
 from pa10cal.report.sections.missing import missing, next_poses
 from pa10cal.report.sections.outcome import grade, grade_sentence, verdict, verdict_sentence
 from pa10cal.report.sections.parameters import parameters
+from pa10cal.report.sections.residuals import residuals
 from pa10cal.report.sections.trust import trust
 from pa10cal.report.sections.use import use
 from pa10cal.report.written import count, mm
@@ -27,6 +30,7 @@ _SECTIONS = (
     grade,
     verdict,
     accuracy,
+    residuals,
     parameters,
     missing,
     next_poses,
@@ -68,7 +72,8 @@ def page_text(found: Gathered) -> str:
         glances=list(_glances(found)),
         sections=sections,
         style=Markup(style),
-        library=_library(sections),
+        library=library() if _any_drawing(sections) else None,
+        drawn=drawn,
         version=pa10cal.__version__,
     )
     return text
@@ -91,19 +96,20 @@ def _glances(found: Gathered) -> Iterator[Glance]:
     ends = headline(found)
     if ends is not None:
         before, after = ends
-        over = f"rms over {count(before.configurations, f'{before.poses} configuration')}"
+        over = f"rms over {count(before.configurations, f'{before.kind} configuration')}"
         peaks = f"peak {mm(before.peak_mm)} to {mm(after.peak_mm)} mm"
         said = f"{mm(before.rms_mm)} → {mm(after.rms_mm)} mm"
         yield Glance("Position error", said, f"{over}; {peaks}.")
 
 
-def _library(sections: list[Section]) -> Markup | None:
-    """Return the plotting library, where there is something to plot."""
-    del sections
-    return None
+def _any_drawing(sections: list[Section]) -> bool:
+    return any(
+        isinstance(block, Drawing | Beside) for section in sections for block in _inside(section)
+    )
 
 
-def blocks_of(sections: list[Section]) -> Iterator[Block]:
-    """Yield every block of some sections."""
-    for section in sections:
-        yield from section.blocks
+def _inside(part: Section | Folded) -> Iterator[Block]:
+    for block in part.blocks:
+        yield block
+        if isinstance(block, Folded):
+            yield from _inside(block)

@@ -56,7 +56,12 @@ def sized(parameter: EffectParameter) -> str:
     """Return a parameter of an effect with its 95 % interval and unit."""
     unit, scale = shown_in(parameter.unit, parameter.value)
     text = with_interval(scale * parameter.value, scale * parameter.std)
-    return f"({text}) {unit}" if unit != "1" else text
+    return unbroken(f"({text}) {unit}" if unit != "1" else text)
+
+
+def unbroken(text: str) -> str:
+    """Return a text that stays on one line."""
+    return text.replace(" ", "\u00a0")
 
 
 def named(effect: EffectName) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from pa10cal.report.blocks import Block, Callout, Folded, Items, Paragraph, Section, grid
 from pa10cal.report.gathered import Gathered
+from pa10cal.report.pictures import poses_drawing
 from pa10cal.report.written import count, listed, mm, parameters, sentence
 from pa10cal.results.discovery import NotTestable, VerdictRecord
 
@@ -93,6 +94,9 @@ def _next(found: Gathered) -> Iterator[Block]:
                 "repetition of the campaign, the most informative of those measured are, in order: "
                 f"{', '.join(list(dict.fromkeys(poses.d_optimal_order))[:_MOST_POSES])}."
             )
+        drawing = poses_drawing(poses)
+        if drawing is not None:
+            yield drawing
     record = found.verdict
     if record is None:
         yield Callout("missing", found.why_absent(VerdictRecord.FILE))

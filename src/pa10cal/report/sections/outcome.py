@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from pa10cal.report.blocks import Block, Callout, Items, Paragraph, Section, grid
 from pa10cal.report.gathered import Gathered
-from pa10cal.report.written import NOT_KNOWN, listed, mm, named, sentence, sized
+from pa10cal.report.written import NOT_KNOWN, listed, mm, named, sentence, sized, unbroken
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.health import UNRESERVED, Health
 
@@ -92,7 +92,7 @@ def _verdict(found: Gathered) -> Iterator[Block]:
             [
                 (
                     each.id.replace("_", " "),
-                    each.of.replace("_", " "),
+                    unbroken(each.of.replace("_", " ")),
                     _size(each),
                     formulas.get((each.id, each.of), NOT_KNOWN),
                     listed(map(named, each.alternatives), "nothing else"),

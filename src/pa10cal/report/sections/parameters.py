@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pa10cal.figures.parameter_names import written
 from pa10cal.report.blocks import Block, Callout, Paragraph, Section, grid
 from pa10cal.report.gathered import Gathered
+from pa10cal.report.pictures import tolerances_drawing
 from pa10cal.report.written import NOT_KNOWN, shown_in, with_interval
 from pa10cal.results.accuracy import Parameter
 
@@ -37,6 +38,9 @@ def _blocks(found: Gathered) -> Iterator[Block]:
         "measurement leaves open; it holds no effect that the model lacks. A tolerance is what a "
         "maker is expected to keep."
     )
+    drawing = tolerances_drawing(shown)
+    if drawing is not None:
+        yield drawing
     remaining = dict(shown)
     for title, begins in _GROUPS:
         names = [name for name in remaining if name.startswith(begins)]
