@@ -11,27 +11,29 @@ P(ratio > m / alpha for any of m candidates) <= alpha (Markov), however strange 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.blas import dtrsm
 
 from pa10cal.discovery.evidence.noise_model import NoiseModel
+from pa10cal.discovery.evidence.reduced import (
+    SHARED_VARIANCES,
+    Reduced,
+    nothing,
+    reduced,
+    spread,
+)
 
 Array = NDArray[np.float64]
 Columns = NDArray[np.intp]
 
-#: Variances of the shared error tried, in those of one reading: from none to a hundred times the
-#: noise in size.
-SHARED_VARIANCES = np.concatenate([[0.0], np.geomspace(1e-2, 1e5, 15)])
 #: Variances looked at between the neighbours of the best one tried, where a spline is laid.
 _BETWEEN = 129
-#: Rows with less of the shared error than this have none.
-_NO_PART = 1e-9
 #: Standard deviations of an effect that are tried, in its plausible size. Trying them costs the
 #: logarithm of their number, which keeps the bound above.
 SIZES = (0.1, 1.0, 10.0)
@@ -67,29 +69,6 @@ class Score:
     torque_variance: float
     sizes: tuple[int, ...]
     nearest: tuple[int, int]
-
-
-@dataclass(frozen=True)
-class _Reduced:
-    """One channel at each of the G shared variances, the model's own parameters integrated out.
-
-    Attributes:
-        gram: (G, p, p) products of the candidates' columns, in units of their expected sizes.
-        projection: (G, p) products with the data.
-        constant: (G,) minus twice the logarithm of the likelihood without candidates.
-    """
-
-    gram: Array
-    projection: Array
-    constant: Array
-
-    def of(self, columns: Columns, scale: Array) -> _Reduced:
-        """Return the products of some columns (p',), each scaled."""
-        return _Reduced(
-            self.gram[:, columns[:, None], columns] * np.outer(scale, scale),
-            self.projection[:, columns] * scale,
-            self.constant,
-        )
 
 
 @dataclass(frozen=True)
@@ -150,16 +129,16 @@ class Evidence:
         stops = np.cumsum([0, *(block.factor.shape[1] for block in blocks)])
         self._columns = [np.arange(a, b) for a, b in pairwise(stops.tolist())]
         self._shows_in_torque = np.array([np.any(block.torque) for block in blocks], dtype=bool)
-        self._pose = _reduce(pose, _side_by_side(pose_data, blocks, "pose"), pose_data, own)
+        self._pose = reduced(pose, _side_by_side(pose_data, blocks, "pose"), pose_data, own)
         width = int(stops[-1])
         if torque is None:
-            self._torque = _nothing(width)
+            self._torque = nothing(width)
         else:
             showing = np.flatnonzero(self._shows_in_torque).tolist()
             columns = _side_by_side(torque_data, tuple(blocks[k] for k in showing), "torque")
             none = np.zeros((len(torque_data), 0))
             places = np.concatenate([np.zeros(0, np.intp), *(self._columns[k] for k in showing)])
-            self._torque = _spread(_reduce(torque, columns, torque_data, none), places, width)
+            self._torque = spread(reduced(torque, columns, torque_data, none), places, width)
         self._scores: dict[tuple[tuple[int, ...], tuple[int, ...]], Score] = {}
 
     def score(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> Score:
@@ -178,15 +157,17 @@ class Evidence:
         """
         g0, h0 = self.score(members, sizes).nearest
         columns, scale = self._of(members, sizes)
-        poses = self._given(columns, scale, slice(None), [h0])
-        torques = self._given(columns, scale, [g0], slice(None))
+        at_g0, at_h0, every = slice(g0, g0 + 1), slice(h0, h0 + 1), slice(None)
+        poses = self._given(columns, scale, every, at_h0)
+        torques = None  # only where a candidate shows in them
         gains = np.empty((len(SIZES), len(candidates)))
         for own, at in self._by_width(candidates):
             of_pose, of_torque = self._grams(own)
-            gains[:, at] = poses.gains(own, of_pose + of_torque[[h0]])
+            gains[:, at] = poses.gains(own, of_pose + of_torque[at_h0])
             shows = self._shows_in_torque[np.array(candidates)[at]]
             if shows.any():  # their shared error is then chosen anew as well
-                again = torques.gains(own[shows], of_pose[[g0]][:, shows] + of_torque[:, shows])
+                torques = torques or self._given(columns, scale, at_g0, every)
+                again = torques.gains(own[shows], of_pose[at_g0, shows] + of_torque[:, shows])
                 gains[:, at[shows]] = np.maximum(gains[:, at[shows]], again)
         best = np.argmax(gains, axis=0)
         cost = float(np.log(len(SIZES)))
@@ -203,18 +184,21 @@ class Evidence:
         inner = (slice(None), own[:, :, None], own[:, None, :])
         return self._pose.gram[inner], self._torque.gram[inner]
 
-    def _given(
-        self, columns: Columns, scale: Array, g: slice | list[int], h: slice | list[int]
-    ) -> _Given:
+    def _given(self, columns: Columns, scale: Array, g: slice, h: slice) -> _Given:
         """Reduce the products of all columns by a set that is taken as there."""
         projection = self._pose.projection[g] + self._torque.projection[h]
         constant = self._pose.constant[g] + self._torque.constant[h]
-        to_set = self._pose.gram[g][:, columns] + self._torque.gram[h][:, columns]
-        to_set = to_set * scale[:, None]
-        factor = np.linalg.cholesky(np.eye(len(columns)) + to_set[:, :, columns] * scale)
-        taken = np.concatenate([to_set, (projection[:, columns] * scale)[..., None]], axis=2)
+        taken = np.empty((len(constant), len(columns), projection.shape[1] + 1))
+        np.add(
+            self._pose.gram[g].take(columns, axis=1),
+            self._torque.gram[h].take(columns, axis=1),
+            out=taken[..., :-1],
+        )
+        taken[..., -1] = projection[:, columns]
+        taken *= scale[:, None]
+        factor = np.linalg.cholesky(np.eye(len(columns)) + taken[:, :, columns] * scale)
         for lower, rows in zip(factor, taken, strict=True):  # triangular: a third of a solution
-            rows[:] = dtrsm(1.0, lower.T, rows.T, side=1).T
+            dtrsm(1.0, lower.T, rows.T, side=1, overwrite_b=1)
         log_determinant = 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
         return _Given(
             projection - np.einsum("gmp,gm->gp", taken[:, :, :-1], taken[:, :, -1]),
@@ -224,7 +208,9 @@ class Evidence:
 
     def _score(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> Score:
         columns, scale = self._of(members, sizes)
-        of_set = _OfSet(self._pose.of(columns, scale), self._torque.of(columns, scale))
+        shows = bool(self._shows_in_torque[list(members)].any())
+        torque = self._torque.of(columns, scale) if shows else self._torque
+        of_set = _OfSet(self._pose.of(columns, scale), torque, shows_in_torque=shows)
         g, last = 0, np.inf
         while True:  # one variance after the other: they hardly depend on each other
             h = int(np.argmin(of_set.over_torque(g)))
@@ -258,11 +244,14 @@ class Evidence:
 class _OfSet:
     """Minus twice the log evidence of one set, at all variances of a channel; each found once."""
 
-    def __init__(self, pose: _Reduced, torque: _Reduced) -> None:
-        """Take the products of the columns of the set in both channels."""
+    def __init__(self, pose: Reduced, torque: Reduced, *, shows_in_torque: bool) -> None:
+        """Take the products of the columns of the set in both channels.
+
+        Of torques that say nothing of the set only the constant is looked at.
+        """
         self._pose, self._torque = pose, torque
         self._by_pose: Array | None = None
-        if not torque.gram.any():  # torques say nothing of the set: they add a constant
+        if not shows_in_torque:
             self._by_pose = _minus_twice_log(pose.gram, pose.projection, pose.constant)
         self._over_pose: dict[int, Array] = {}
         self._over_torque: dict[int, Array] = {}
@@ -284,7 +273,7 @@ class _OfSet:
         return self._over_torque[g]
 
 
-def _together(channel: _Reduced, other: _Reduced, k: int) -> Array:
+def _together(channel: Reduced, other: Reduced, k: int) -> Array:
     """Return minus twice the log evidence at all variances of a channel, and one of the other."""
     return _minus_twice_log(
         channel.gram + other.gram[k],
@@ -293,58 +282,10 @@ def _together(channel: _Reduced, other: _Reduced, k: int) -> Array:
     )
 
 
-def _reduce(channel: NoiseModel, columns: Array, data: Array, own: Array) -> _Reduced:
-    """Integrate the model's own parameters and the common errors out, at every shared variance."""
-    k, c = own.shape[1], channel.common.shape[1]
-    rows = np.concatenate([own, columns, data[:, None], channel.common], axis=1)
-    # Most rows have no part in the shared error: their products are the same for all variances.
-    shared = channel.shared_size > _NO_PART
-    always = rows[~shared].T @ rows[~shared]
-    rows, size = rows[shared], channel.shared_size[shared]
-    grams, projections, constants = [], [], []
-    for variance in SHARED_VARIANCES:
-        total = 1.0 + variance * size
-        products = always + (rows / total[:, None]).T @ rows
-        products, common_determinant = _integrated_out(products, slice(-c, None) if c else slice(0))
-        products, own_determinant = _integrated_out(products, slice(0, k))
-        grams.append(products[:-1, :-1])
-        projections.append(products[:-1, -1])
-        constants.append(
-            products[-1, -1] + np.log(total).sum() + common_determinant + own_determinant
-        )
-    return _Reduced(np.array(grams), np.array(projections), np.array(constants))
-
-
-def _integrated_out(products: Array, columns: slice) -> tuple[Array, float]:
-    """Return the products of the other columns, those given being Gaussian of unit variance."""
-    out = np.arange(len(products))[columns]
-    if not len(out):
-        return products, 0.0
-    kept = np.setdiff1d(np.arange(len(products)), out)
-    factor = cho_factor(products[np.ix_(out, out)] + np.eye(len(out)), lower=True)
-    across = products[np.ix_(out, kept)]
-    left = products[np.ix_(kept, kept)] - across.T @ cho_solve(factor, across)
-    return left, 2.0 * float(np.log(np.diag(factor[0])).sum())
-
-
 def _side_by_side(data: Array, blocks: tuple[Block, ...], rows: Literal["pose", "torque"]) -> Array:
     """Return the rows of all blocks at their expected sizes, (R, p)."""
     parts = [getattr(block, rows) @ block.factor for block in blocks]
     return np.concatenate([np.zeros((len(data), 0)), *parts], axis=1)
-
-
-def _spread(reduced: _Reduced, places: Columns, width: int) -> _Reduced:
-    """Return the same with columns at other places among more, which are zero."""
-    count = len(reduced.constant)
-    gram, projection = np.zeros((count, width, width)), np.zeros((count, width))
-    gram[:, places[:, None], places] = reduced.gram
-    projection[:, places] = reduced.projection
-    return _Reduced(gram, projection, reduced.constant)
-
-
-def _nothing(columns: int) -> _Reduced:
-    """Return a channel that says nothing."""
-    return _Reduced(np.zeros((1, columns, columns)), np.zeros((1, columns)), np.zeros(1))
 
 
 def _minus_twice_log(gram: Array, projection: Array, constant: Array) -> Array:
@@ -372,8 +313,15 @@ def _between(values: Array, least: int) -> tuple[float, float]:
     """
     if least < 2 or least >= len(values) - 1:
         return 0.0, float(SHARED_VARIANCES[least])
+    variances, spline = _spline_below(least)
+    between = spline @ values[1:]
+    lowest = int(np.argmin(between))
+    return float(values[least] - between[lowest]), float(variances[lowest])
+
+
+@cache
+def _spline_below(least: int) -> tuple[Array, Array]:
+    """Return variances (V,) about one of those tried, and the spline by its knots (V, G-1)."""
     logarithm = np.log(SHARED_VARIANCES[1:])
     near = np.linspace(logarithm[least - 2], logarithm[least], _BETWEEN)
-    between = CubicSpline(logarithm, values[1:])(near)
-    lowest = int(np.argmin(between))
-    return float(values[least] - between[lowest]), float(np.exp(near[lowest]))
+    return np.exp(near), np.asarray(CubicSpline(logarithm, np.eye(len(logarithm)))(near))

@@ -1,0 +1,97 @@
+"""Rows of one channel reduced to products, at every variance of the error that poses share.
+
+The model's own parameters, and the errors common to all poses, are integrated out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from pa10cal.discovery.evidence.noise_model import NoiseModel
+
+Array = NDArray[np.float64]
+Columns = NDArray[np.intp]
+
+#: Variances of the shared error tried, in those of one reading: from none to a hundred times the
+#: noise in size.
+SHARED_VARIANCES = np.concatenate([[0.0], np.geomspace(1e-2, 1e5, 15)])
+#: Rows with less of the shared error than this have none.
+_NO_PART = 1e-9
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """One channel at each of the G shared variances, the model's own parameters integrated out.
+
+    Attributes:
+        gram: (G, p, p) products of the candidates' columns, in units of their expected sizes.
+        projection: (G, p) products with the data.
+        constant: (G,) minus twice the logarithm of the likelihood without candidates.
+    """
+
+    gram: Array
+    projection: Array
+    constant: Array
+
+    def of(self, columns: Columns, scale: Array) -> Reduced:
+        """Return the products of some columns (p',), each scaled."""
+        variances, width, _ = self.gram.shape
+        places = width * columns[:, None] + columns
+        return Reduced(
+            self.gram.reshape(variances, -1).take(places, axis=1) * np.outer(scale, scale),
+            self.projection[:, columns] * scale,
+            self.constant,
+        )
+
+
+def reduced(channel: NoiseModel, columns: Array, data: Array, own: Array) -> Reduced:
+    """Integrate the model's own parameters and the common errors out, at every shared variance."""
+    k, c = own.shape[1], channel.common.shape[1]
+    rows = np.concatenate([own, columns, data[:, None], channel.common], axis=1)
+    # Most rows have no part in the shared error: their products are the same for all variances.
+    shared = channel.shared_size > _NO_PART
+    always = rows[~shared].T @ rows[~shared]
+    rows, size = rows[shared], channel.shared_size[shared]
+    grams, projections, constants = [], [], []
+    for variance in SHARED_VARIANCES:
+        total = 1.0 + variance * size
+        weighed = rows / np.sqrt(total)[:, None]
+        products = always + weighed.T @ weighed
+        products, common_determinant = _integrated_out(products, slice(-c, None) if c else slice(0))
+        products, own_determinant = _integrated_out(products, slice(0, k))
+        grams.append(products[:-1, :-1])
+        projections.append(products[:-1, -1])
+        constants.append(
+            products[-1, -1] + np.log(total).sum() + common_determinant + own_determinant
+        )
+    return Reduced(np.array(grams), np.array(projections), np.array(constants))
+
+
+def _integrated_out(products: Array, columns: slice) -> tuple[Array, float]:
+    """Return the products of the other columns, those given being Gaussian of unit variance."""
+    out = np.arange(len(products))[columns]
+    if not len(out):
+        return products, 0.0
+    kept = np.setdiff1d(np.arange(len(products)), out)
+    factor = cho_factor(products[np.ix_(out, out)] + np.eye(len(out)), lower=True)
+    across = products[np.ix_(out, kept)]
+    left = products[np.ix_(kept, kept)] - across.T @ cho_solve(factor, across)
+    return left, 2.0 * float(np.log(np.diag(factor[0])).sum())
+
+
+def spread(reduced: Reduced, places: Columns, width: int) -> Reduced:
+    """Return the same with columns at other places among more, which are zero."""
+    count = len(reduced.constant)
+    gram, projection = np.zeros((count, width, width)), np.zeros((count, width))
+    gram[:, places[:, None], places] = reduced.gram
+    projection[:, places] = reduced.projection
+    return Reduced(gram, projection, reduced.constant)
+
+
+def nothing(columns: int) -> Reduced:
+    """Return a channel that says nothing."""
+    return Reduced(np.zeros((1, columns, columns)), np.zeros((1, columns)), np.zeros(1))
