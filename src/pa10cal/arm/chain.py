@@ -180,6 +180,17 @@ def end_pose_with_screws(
         coordinates: (P, m) where it stands.
         columns: coordinates whose screws are needed, all others are zero; None for all.
     """
+    T, screws = end_pose_and_screws(chain, coordinates)
+    return EndPose(T, screws(columns))
+
+
+def end_pose_and_screws(
+    chain: Chain, coordinates: Array
+) -> tuple[Array, Callable[[Sequence[int] | None], Array]]:
+    """Return the pose of the end (P, 4, 4), and what gives the screws (P, 6, m) if they are wanted.
+
+    Its argument is `columns` of `end_pose_with_screws`.
+    """
     m, count = len(chain.motions), len(coordinates)
     axes: list[Array] = [coordinates] * m
     origins: list[Array] = [coordinates] * m
@@ -188,19 +199,24 @@ def end_pose_with_screws(
         axes[k], origins[k] = frame[chain.motions[k].axis], origin
 
     frame, end = _walk(chain, coordinates, note)
-    chosen = range(m) if columns is None else columns
-    turning = [k for k in chosen if chain.motions[k].turns]
-    screws = np.zeros((m, 6, count))
-    if turning:
-        axis = np.concatenate([axes[k] for k in turning]).reshape(len(turning), 3, count)
-        arm = end - np.concatenate([origins[k] for k in turning]).reshape(len(turning), 3, count)
-        screws[turning, 3:] = axis
-        for row, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
-            screws[turning, row] = axis[:, j] * arm[:, k] - axis[:, k] * arm[:, j]
-    for k in chosen:
-        if not chain.motions[k].turns:
-            screws[k, :3] = axes[k]
-    return EndPose(_homogeneous(frame, end), screws.transpose(2, 1, 0))
+
+    def screws_of(columns: Sequence[int] | None) -> Array:
+        chosen = range(m) if columns is None else columns
+        turning = [k for k in chosen if chain.motions[k].turns]
+        screws = np.zeros((m, 6, count))
+        if turning:
+            axis = np.concatenate([axes[k] for k in turning]).reshape(len(turning), 3, count)
+            start = np.concatenate([origins[k] for k in turning]).reshape(len(turning), 3, count)
+            arm = end - start
+            screws[turning, 3:] = axis
+            for row, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+                screws[turning, row] = axis[:, j] * arm[:, k] - axis[:, k] * arm[:, j]
+        for k in chosen:
+            if not chain.motions[k].turns:
+                screws[k, :3] = axes[k]
+        return screws.transpose(2, 1, 0)
+
+    return _homogeneous(frame, end), screws_of
 
 
 def frames(chain: Chain, coordinates: Array) -> Frames:

@@ -6,7 +6,7 @@ frame says. Rows are those of the instrument: b components a pose, zero where no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,12 +53,24 @@ def residual(at: FittedModel, poses: Observations) -> Array:
 
 def residual_and_jacobian(at: FittedModel, poses: Observations) -> tuple[Array, Array]:
     """Return `residual`, and its exact derivative (P, b, k + t) by parameters and targets."""
+    left, jacobian = residual_then_jacobian(at, poses)
+    return left, jacobian()
+
+
+def residual_then_jacobian(
+    at: FittedModel, poses: Observations
+) -> tuple[Array, Callable[[], Array]]:
+    """Return `residual`, and what gives its derivative if it is wanted."""
     predicted = at.model.predict_with_jacobian(poses.states, at.x)
     found = poses.measured.compare(at.T_instr_base @ predicted.T_base_ee, at.targets_m)
-    by_model = _along_base(found.by_end, at) @ predicted.jacobian
-    if not len(at.targets_m):
-        return found.residual, by_model
-    return found.residual, np.concatenate([by_model, found.by_targets], axis=2)
+
+    def jacobian() -> Array:
+        by_model = _along_base(found.by_end, at) @ predicted.jacobian
+        if not len(at.targets_m):
+            return by_model
+        return np.concatenate([by_model, found.by_targets], axis=2)
+
+    return found.residual, jacobian
 
 
 def by_terms(

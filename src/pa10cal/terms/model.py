@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import Chain, EndPose, end_pose, end_pose_with_screws
+from pa10cal.arm.chain import (
+    Chain,
+    EndPose,
+    end_pose,
+    end_pose_and_screws,
+    end_pose_with_screws,
+)
 from pa10cal.arm.state import PoseStates
 from pa10cal.terms.offsets import identity
 from pa10cal.terms.term import Parameter, Report, Term, TorqueTerm, Yielding, shows_torque, yields
@@ -17,17 +23,25 @@ from pa10cal.terms.term import Parameter, Report, Term, TorqueTerm, Yielding, sh
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PoseJacobian:
     """Predicted poses and their derivative by the parameters of a model.
 
     Attributes:
         T_base_ee: (P, 4, 4) predicted poses [m].
-        jacobian: (P, 6, k) velocity of the end over its angular velocity, along base axes.
+        derivative: gives the derivative.
     """
 
     T_base_ee: Array
-    jacobian: Array
+    derivative: Callable[[], Array]
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """(P, 6, k) velocity of the end over its angular velocity, along base axes.
+
+        Worked out when it is asked for: a step that leads uphill needs none.
+        """
+        return self.derivative()
 
 
 @dataclass(frozen=True)
@@ -58,9 +72,10 @@ class Model:
 
     def predict_with_jacobian(self, states: PoseStates, x: Array) -> PoseJacobian:
         """Return predicted poses and their exact derivative by x."""
-        at = self.chain_coordinates(states, x)
-        end = end_pose_with_screws(self.chain, at, self._moved_columns)
-        return PoseJacobian(end.T, self.jacobian_at(states, x, end))
+        T, screws = end_pose_and_screws(self.chain, self.chain_coordinates(states, x))
+        return PoseJacobian(
+            T, lambda: self.jacobian_at(states, x, EndPose(T, screws(self._moved_columns)))
+        )
 
     def jacobian_at(
         self, states: PoseStates, x: Array, end: EndPose, without: tuple[str, ...] = ()

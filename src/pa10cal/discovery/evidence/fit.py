@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import Problem
-from pa10cal.discovery.linear import possible_sizes, residual_and_jacobian
+from pa10cal.discovery.linear import (
+    possible_sizes,
+    residual_and_jacobian,
+    residual_then_jacobian,
+)
 from pa10cal.discovery.with_effects import ModelWithEffects, at_unknowns, unknowns, with_base_term
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.least_squares import Bounds, Equations, minimise
@@ -86,6 +92,7 @@ def _fit_from(
         lambda _, taken: taken.gained <= _PRECISION * (1.0 + taken.before.cost - taken.gained),
         most_steps=_MOST_STEPS,
         held=bounds.held,
+        cost=weighed.cost,
         first_damping=_FIRST_DAMPING,
     )
     fitted = Fit(effects, at_unknowns(at, found.at), found.converged, sizes, *variances)
@@ -136,6 +143,14 @@ def _start(problem: Problem, effects: tuple[Effect, ...], start: Fit | None, sha
     return np.concatenate([own[:first], *parts, own[first:]])
 
 
+class _Left(NamedTuple):
+    """A model, what it leaves of the poses (C, b), and what gives the derivative of that."""
+
+    at: FittedModel
+    pose: Array
+    jacobian: Callable[[], Array]
+
+
 class _Weighed:
     """Rows of the fit: weighed poses and torques, and what is expected of every parameter."""
 
@@ -165,6 +180,17 @@ class _Weighed:
             column += len(effect.parameters)
             middle[here.stop : column] = x_start[here.stop : column]
         self._expected, self._middle = rows, middle
+        self._looked_at: tuple[Array, _Left] | None = None
+
+    def cost(self, x: Array) -> float:
+        """Return the sum of squares at parameters (k,): all that a step uphill needs."""
+        left = self._left_at(x)
+        rows = [self._pose(self._problem.pose.rows(left.pose[:, :, None]))]
+        if self._problem.torque is not None and self._torque is not None:
+            torque = torque_left(self._problem, left.at)
+            rows.append(self._torque(self._problem.torque.rows(torque[:, :, None])))
+        rows.append(self._expected @ (x - self._middle)[:, None])
+        return float(sum(np.sum(part**2) for part in rows))
 
     def equations(self, x: Array) -> Equations:
         """Return the problem at parameters (k,)."""
@@ -172,15 +198,22 @@ class _Weighed:
 
     def _rows(self, x: Array) -> tuple[Array, Array]:
         """Return rows (R,) and their derivative (R, k)."""
-        problem, at = self._problem, at_unknowns(self._at, x)
-        rows = problem.pose.rows(pose_rows(problem, at))
-        weighed = [self._pose(rows)]
+        problem, left = self._problem, self._left_at(x)
+        at, of_pose = left.at, np.concatenate([left.pose[:, :, None], left.jacobian()], axis=2)
+        weighed = [self._pose(problem.pose.rows(of_pose))]
         if problem.torque is not None and self._torque is not None:
             weighed.append(self._torque(problem.torque.rows(torque_rows(problem, at))))
         off = self._expected @ (x - self._middle)
         own = np.concatenate([off[:, None], self._expected], axis=1)
         everything = np.concatenate([*weighed, own])
         return everything[:, 0], everything[:, 1:]
+
+    def _left_at(self, x: Array) -> _Left:
+        """Return what the model leaves at parameters, kept for the next question of the same."""
+        if self._looked_at is None or self._looked_at[0] is not x:
+            at = at_unknowns(self._at, x)
+            self._looked_at = x, _Left(at, *residual_then_jacobian(at, self._problem.cells))
+        return self._looked_at[1]
 
 
 def pose_rows(problem: Problem, at: FittedModel) -> Array:
@@ -192,11 +225,16 @@ def pose_rows(problem: Problem, at: FittedModel) -> Array:
 def torque_rows(problem: Problem, at: FittedModel) -> Array:
     """Return predicted minus logged torque and its derivative side by side, (C, n, 1 + k + t)."""
     states, model = problem.cells.states, at.model
-    left = model.torque_Nm(states, at.x) - problem.torque_left_Nm
+    left = torque_left(problem, at)
     by_targets = np.zeros((*left.shape, len(at.targets_m)))
     return np.concatenate(
         [left[:, :, None], model.torque_jacobian(states, at.x), by_targets], axis=2
     )
+
+
+def torque_left(problem: Problem, at: FittedModel) -> Array:
+    """Return predicted minus logged torque, (C, n)."""
+    return at.model.torque_Nm(problem.cells.states, at.x) - problem.torque_left_Nm
 
 
 def expected_middle(problem: Problem, model: Model) -> Array:
