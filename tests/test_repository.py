@@ -62,7 +62,7 @@ MAY_IMPORT = {
     "terms": {"arm"},
     "frame": {"fit.least_squares"},
     "observe": {"arm", "terms", "frame"},
-    "campaign": {"arm", "files.arms", "frame", "observe", "settings"},
+    "campaign": {"files.cells", "arm", "files.arms", "frame", "observe", "settings"},
     "calibration": {
         "arm",
         "campaign.conventions",
@@ -140,6 +140,16 @@ MAY_IMPORT = {
         "campaign.table",
         "figures.parameter_names",
         "files.output",
+    },
+    "pose_plan": {
+        "arm",
+        "calibration",
+        "campaign.rows",
+        "discovery",
+        "files.output",
+        "fit",
+        "observe",
+        "terms",
     },
     "planning": {
         "calibration.options",

@@ -28,17 +28,23 @@ if TYPE_CHECKING:
     from pa10cal.interface import calibrate as calibrate
     from pa10cal.interface import compare as compare
     from pa10cal.interface import discover as discover
+    from pa10cal.interface import plan as plan
+    from pa10cal.pose_plan.options import PlanOptions as PlanOptions
+    from pa10cal.pose_plan.plan import PosePlan as PosePlan
 
 __version__ = "0.2.0"
 
 #: Public names, in the order in which they are used, and the modules they stand in.
 _HOMES = {
+    "plan": "pa10cal.interface",
     "read_campaign": "pa10cal.campaign.read",
     "load_arm": "pa10cal.files.arms",
     "calibrate": "pa10cal.interface",
     "discover": "pa10cal.interface",
     "load_model": "pa10cal.fit.model_file",
     "compare": "pa10cal.interface",
+    "PlanOptions": "pa10cal.pose_plan.options",
+    "PosePlan": "pa10cal.pose_plan.plan",
     "Campaign": "pa10cal.campaign.read",
     "FittedModel": "pa10cal.fit.fitted_model",
     "Prediction": "pa10cal.fit.fitted_model",

@@ -16,10 +16,13 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import load_model
 
 if TYPE_CHECKING:
+    from pa10cal.arm.description import Arm
     from pa10cal.discovery.verdict import Verdict
+    from pa10cal.pose_plan.options import PlanOptions
+    from pa10cal.pose_plan.plan import PosePlan
     from pa10cal.results.comparison import ComparisonRecord
 
-__all__ = ["calibrate", "compare", "discover", "load_arm", "load_model", "read_campaign"]
+__all__ = ["calibrate", "compare", "discover", "load_arm", "load_model", "plan", "read_campaign"]
 
 
 def calibrate(
@@ -104,3 +107,29 @@ def compare(
     from pa10cal.evaluation.two_models import compare_models
 
     return compare_models(first, second, names)
+
+
+def plan(
+    robot: Arm | str, instrument: str, poses: int, options: PlanOptions | None = None
+) -> PosePlan:
+    """Choose which poses to measure, before any is measured.
+
+    Args:
+        robot: the nominal arm, or the name of a shipped one.
+        instrument: what will measure: `pose`, `points`, `distance` or `touch_trigger_cmm`.
+        poses: how many.
+        options: where arm and instrument may be, what is measured; None for the defaults.
+
+    Returns:
+        The poses in the order in which to drive to them, and what to expect of them; `save` writes
+        them as CSV, with a JSON file beside.
+
+    Raises:
+        ArmError: for a robot that does not exist.
+        CalibrationError: for an instrument that does not exist, fewer poses than the unknowns of
+            the model need, or too few poses within all limits.
+    """
+    from pa10cal.pose_plan.plan import plan_poses
+
+    arm = load_arm(robot) if isinstance(robot, str) else robot
+    return plan_poses(arm, instrument, poses, options)

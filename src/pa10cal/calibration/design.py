@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.fit.exchange import Criterion, Share, one_by_one
+
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
@@ -55,7 +57,8 @@ def pose_design(white: Array, position: Array, scale: Array, unknowns: int) -> P
     white, position = white * scale, position * scale
     pool = np.unique(np.linspace(0, count - 1, min(count, _POOL)).round().astype(np.intp))
     information = np.eye(len(scale)) / _POSSIBLE_SCALES**2
-    order = pool[_greedy(white[pool], information, min(len(pool), _MOST))]
+    criterion = Criterion(white[pool] * _POSSIBLE_SCALES, [Share(1.0, len(scale))])
+    order = pool[one_by_one(criterion, min(len(pool), _MOST))]
     spread = np.einsum("pck,pcl->kl", position, position, optimize=True) / count
     numbers = np.unique(np.geomspace(1, len(order), 40).round().astype(np.intp))
     measured = np.arange(count)
@@ -81,19 +84,3 @@ def poses_needed(design: PoseDesign, u_needed_m: float) -> int | None:
     """Return the least number of well-chosen poses with that uncertainty; None where more."""
     enough = np.flatnonzero(design.u_optimal_m <= u_needed_m)
     return int(design.numbers[enough[0]]) if len(enough) else None
-
-
-def _greedy(white: Array, information: Array, most: int) -> Index:
-    """Return rows in the order in which the determinant of the information grows fastest."""
-    covariance = np.linalg.inv(information)
-    left = np.ones(len(white), dtype=bool)
-    order = np.empty(most, dtype=np.intp)
-    unit = np.eye(white.shape[1])
-    for n in range(most):
-        spread = white @ covariance
-        gain = np.linalg.slogdet(unit + spread @ white.transpose(0, 2, 1))[1]
-        best = int(np.argmax(np.where(left, gain, -np.inf)))
-        order[n], left[best] = best, False
-        row, own = white[best], spread[best]
-        covariance = covariance - own.T @ np.linalg.solve(unit + own @ row.T, own)
-    return order

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.errors import RawDataError
+from pa10cal.files.cells import csv_cell
 from pa10cal.observe.observations import Observations
 
 
@@ -80,7 +81,7 @@ def quarantine_csv(rows: Iterable[Quarantined]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("file", "line", "reason", "value"))
-    writer.writerows((row.file, row.line, row.reason, row.value) for row in rows)
+    writer.writerows((row.file, row.line, row.reason, csv_cell(row.value)) for row in rows)
     return text.getvalue()
 
 

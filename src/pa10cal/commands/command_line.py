@@ -37,7 +37,7 @@ CLOSED = 141
 
 #: Commands by whom they serve, as `--help` lists them. Each is a function in a module of its name.
 GROUPS = {
-    "a campaign from raw files to a model": ("run", "report", "columns", "doctor"),
+    "a campaign from raw files to a model": ("plan", "run", "report", "columns", "doctor"),
     "a calibrated robot in use": ("predict", "compensate", "compare"),
     "one step of a run": (
         "ingest",

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from pa10cal.files.cells import csv_cell, markdown_cell
 from pa10cal.files.output import whole_file
 
 Row = tuple[str, ...]
@@ -87,6 +88,8 @@ def _csv(data: pd.DataFrame) -> str:
     data = data.copy()
     for name in data.select_dtypes("bool"):
         data[name] = data[name].map({True: "true", False: "false"})
+    for name in data.select_dtypes(["object", "str"]):
+        data[name] = data[name].map(csv_cell)
     return data.to_csv(index=False, float_format="%.10g", lineterminator="\n")
 
 
@@ -103,7 +106,7 @@ def _markdown(table: Table, footer: str) -> str:
 
 
 def _markdown_row(row: Iterable[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
+    return "| " + " | ".join(markdown_cell(cell) for cell in row) + " |"
 
 
 def _html(table: Table, footer: str) -> str:

@@ -70,6 +70,15 @@ class Distance(Instrument):
         d_m = np.linalg.norm(p_instr_m[:, 0], axis=1)
         return replace(self, d_m=d_m, u_m=np.ones(len(d_m)))
 
+    @classmethod
+    @override
+    def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Distance:
+        """Return the distances of the first target stated, as certain as stated."""
+        name, place_m = next(iter(stated.targets_m.items()))
+        p_instr_m, _ = carried_targets(T_instr_ee, place_m)
+        d_m = np.linalg.norm(p_instr_m[:, 0], axis=1)
+        return Distance(d_m, np.full(len(d_m), stated.uncertainty_m), name, place_m)
+
     @property
     @override
     def target_names(self) -> tuple[str, ...]:

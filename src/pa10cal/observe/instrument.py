@@ -101,6 +101,15 @@ class Instrument(ABC):
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Instrument:
         """Return what it would measure of poses (P, 4, 4) without error, all targets in sight."""
 
+    @classmethod
+    @abstractmethod
+    def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Instrument:
+        """Return what it would measure of poses (P, 4, 4), all targets in sight, as stated.
+
+        Raises:
+            CalibrationError: when the stated targets are not what it measures.
+        """
+
     @property
     @abstractmethod
     def places_m(self) -> Array:

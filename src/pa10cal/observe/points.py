@@ -82,6 +82,16 @@ class Points(Instrument):
         unit = np.broadcast_to(np.eye(3), (*p_instr_m.shape[:2], 3, 3))
         return replace(self, p_instr_m=p_instr_m, cov_m2=unit)
 
+    @classmethod
+    @override
+    def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Points:
+        """Return the positions of the targets stated, every coordinate as certain as stated."""
+        names = tuple(stated.targets_m)
+        places_m = np.array([stated.targets_m[name] for name in names])
+        p_instr_m, _ = carried_targets(T_instr_ee, places_m.ravel())
+        cov_m2 = stated.uncertainty_m**2 * np.eye(3)
+        return Points(names, p_instr_m, np.broadcast_to(cov_m2, (*p_instr_m.shape, 3)), places_m)
+
     @override
     def in_order(self, order: Sequence[int]) -> Self:
         """Return the positions with each target under the label of another."""

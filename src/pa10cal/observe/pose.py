@@ -89,6 +89,20 @@ class Pose(Instrument):
         """Return what it would measure of poses (P, 4, 4) without error."""
         return Pose.of(T_instr_ee, np.broadcast_to(np.eye(6), (len(T_instr_ee), 6, 6)))
 
+    @classmethod
+    @override
+    def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Pose:
+        """Return the poses of the first target stated, of the end where none is.
+
+        Attitudes are as certain as stated, else as targets some centimetres apart make them.
+        """
+        T = T_instr_ee.copy()
+        for place_m in list(stated.targets_m.values())[:1]:
+            T[:, :3, 3] += T[:, :3, :3] @ place_m
+        u_rad = stated.attitude_rad or stated.uncertainty_m / _TARGET_SPREAD_M
+        cov = np.diag(np.repeat([stated.uncertainty_m**2, u_rad**2], 3))
+        return Pose.of(T, np.broadcast_to(cov, (len(T), 6, 6)))
+
     @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
         """Compare predicted with measured poses: position, then chord of the attitude."""

@@ -20,10 +20,12 @@ class Stated:
     Attributes:
         uncertainty_m: standard uncertainty of one measured coordinate or distance.
         targets_m: places of targets in the end-effector frame (3,), by name.
+        attitude_rad: standard uncertainty of an attitude about each axis; None where not stated.
     """
 
     uncertainty_m: float
     targets_m: Mapping[str, Array]
+    attitude_rad: float | None = None
 
     def places_m(self, names: tuple[str, ...]) -> Array | None:
         """Return the places (B, 3) of targets; None where one of them is not stated."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from pa10cal.errors import CalibrationError
 from pa10cal.frame.nominal_fit import seed_from_nominal
 from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
 from pa10cal.observe.instrument import MM, LocatingMethod, group_means
@@ -68,6 +69,31 @@ class Touched(Pose):
         cov = found.covariance * np.outer(POSE_SCALE, POSE_SCALE)
         p_m, cov_m2 = MM * p_instr_balls_mm, MM**2 * cov_balls_mm2
         return Touched(T, cov, pose_by_source(T, p_m, cov_m2), names, p_m, cov_m2, touches)
+
+    @classmethod
+    @override
+    def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Touched:
+        """Return the end-effector as the balls stated would give it, each as certain as stated.
+
+        Raises:
+            CalibrationError: when there are fewer than three balls.
+        """
+        names = tuple(stated.targets_m)
+        if len(names) < 3:
+            raise CalibrationError(
+                "too few balls to give an attitude",
+                where="targets",
+                value=len(names),
+                allowed="three or more that are not collinear",
+                remedy="state the places of three balls",
+            )
+        p_ee_mm = np.array([stated.targets_m[name] for name in names]) / MM
+        turned = np.einsum("pij,bj->pbi", T_instr_ee[:, :3, :3], p_ee_mm)
+        p_instr_mm = T_instr_ee[:, None, :3, 3] / MM + turned
+        cov_mm2 = (stated.uncertainty_m / MM) ** 2 * np.eye(3)
+        cov_mm2 = np.broadcast_to(cov_mm2, (*p_instr_mm.shape, 3))
+        touches = np.ones(p_instr_mm.shape[:2], dtype=np.int64)
+        return cls.of_balls(names, p_ee_mm, p_instr_mm, cov_mm2, touches)
 
     @override
     def averaged(self, code: Index) -> Self:

@@ -29,6 +29,7 @@ from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, TransferRecord
 from pa10cal.results.montecarlo import PlaneRecord
 from pa10cal.results.pictures import PicturesRecord
+from pa10cal.results.plan import PlanRecord
 from pa10cal.results.record import Key, Part, Record, Table
 from pa10cal.results.seed import BaseFrameRecord
 from pa10cal.results.studies import (
@@ -50,6 +51,7 @@ RECORDS: tuple[type[Record], ...] = (
     ExtendedRecord,
     AnalysisRecord,
     ComparisonRecord,
+    PlanRecord,
     PicturesRecord,
     CurveRecord,
     CurveCalibrationRecord,

@@ -4,44 +4,35 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.fit import Fit, fit
+from pa10cal.calibration.general.problem import check_enough, general_problem, loaded_joints
 from pa10cal.calibration.general.tilts import Settled, tilts_not_shown
-from pa10cal.calibration.general.unknowns import Unknowns, choose_unknowns
+from pa10cal.calibration.general.unknowns import Unknowns
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.errors import CalibrationError
 from pa10cal.fit.loads import TorqueSource, with_torques
 from pa10cal.fit.problem import Problem
-from pa10cal.fit.uncertain_weights import unknown_tool
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
-from pa10cal.terms.weights import Weights
 
 Array = NDArray[np.float64]
 
-#: Part of the largest torque that a joint's torque must vary by for its spring to be looked for ...
-_LEAST_TORQUE_SHARE = 0.005
-#: ... and to be there, whether or not the readings show it.
+#: Part of the largest torque that a joint's torque must vary by for its spring to be there, whether
+#: or not the readings show it.
 _FULL_TORQUE_SHARE = 0.02
-#: Less than this is none.
-_NO_TORQUE_NM = 1e-9
 #: Weights have moved on where they move a pose by more than this [m] ...
 _MOVES_NOTHING_M = 1e-7
 #: ... and one fit more brings them to rest: what sag moves weights by is a thousandth of the sag.
 _MOST_REFITS = 3
-#: A usual stiffness, from which springs start [N m/rad].
-_USUAL_STIFFNESS = 5e4
 
 
 @dataclass(frozen=True)
@@ -100,30 +91,14 @@ def calibrate_general(
     began = time.perf_counter()
     options = options or CalibrationOptions()
     robust, max_iterations = options.general.robust, options.max_iterations
-    chain, unweighed = Chain.of(arm), observations.states
-    states, source = with_torques(Model(chain, ()), np.zeros(0), unweighed, payload)
-    observations = observations.with_states(states)
-    unknown: tuple[Weights, ...] = ()
-    if source == "masses" and payload is not None and not payload.known:
-        unknown = (unknown_tool(arm, payload),)
-    torques_Nm = _with_tool(states, unknown)
-    springs = _springs(arm, torques_Nm, source, options.general.springs)
-    tau_Nm = np.abs(torques_Nm).max(axis=0)
-    observations = observations.turned(start.R_ee_target)
-    unknowns = choose_unknowns(
-        arm, options.tolerances, observations.measured, start.T_instr_base, start.targets_m
-    )
-    if not links:
-        unknowns = replace(unknowns, links=Offsets((), ()))
-    terms = tuple(JointSpring(joint, float(tau_Nm[joint - 1]), cubic=False) for joint in springs)
-    weights = unknown if terms else ()
-    model = Model(chain, (unknowns.links, *terms, *weights, unknowns.tool, unknowns.base))
-    problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, observations)
-    _check_enough(problem)
-    x_start = problem.start(_model_start(problem.model, start))
+    posed = general_problem(arm, observations, start, payload, options, links=links)
+    problem, x_start, springs = posed.problem, posed.x_start, posed.springs
+    unweighed, source, unknowns = observations.states, posed.torques_from, posed.unknowns
+    tau_Nm = problem.observations.states.tau_Nm
+    check_enough(problem)
     found = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
     if options.general.springs == "auto":
-        sure = _loaded(arm, states.tau_Nm, _FULL_TORQUE_SHARE)
+        sure = loaded_joints(arm, tau_Nm, _FULL_TORQUE_SHARE)
         rigid = {
             joint for joint in springs if joint not in sure and not _shown(problem, found, joint)
         }
@@ -186,70 +161,6 @@ def _links_of(problem: Problem) -> Offsets:
     return links
 
 
-def _with_tool(states: PoseStates, unknown: tuple[Weights, ...]) -> Array:
-    """Return the torques of poses (P, n), a tool of unknown mass as heavy as it may well be."""
-    tau_Nm: Array = states.tau_Nm
-    for weights in unknown:
-        mass = np.array(
-            [part.plausible if part.unit == "kg" else 0.0 for part in weights.parameters]
-        )
-        tau_Nm = tau_Nm - weights.torque_Nm(states, mass)
-    return tau_Nm
-
-
-def _springs(
-    arm: Arm,
-    tau_Nm: Array,
-    source: TorqueSource,
-    springs: tuple[int, ...] | Literal["auto"],
-) -> tuple[int, ...]:
-    """Return the joints to give a spring."""
-    if springs == ():
-        return ()
-    if source == "none":
-        if springs == "auto":
-            return ()
-        raise CalibrationError(
-            f"joint {springs[0]} has a spring, but its torques are not known",
-            where=f"tau{springs[0]}_Nm",
-            allowed="torques logged in every pose, or the masses of the links in the arm's "
-            "description",
-            remedy=f"log the torques, describe mass_kg and com_m of {arm.name}, or remove the "
-            "joint from general.springs (an empty list calibrates a rigid arm)",
-        )
-    if springs != "auto":
-        for joint in springs:
-            if not 1 <= joint <= arm.n or arm.prismatic[joint - 1]:
-                raise CalibrationError(
-                    "no such revolute joint",
-                    where="general.springs",
-                    value=joint,
-                    allowed=f"revolute joints, 1 to {arm.n}",
-                    remedy="correct the list",
-                )
-            if not np.any(np.abs(tau_Nm[:, joint - 1]) > _NO_TORQUE_NM):
-                raise CalibrationError(
-                    f"joint {joint} is unloaded in all poses, so its stiffness cannot be "
-                    "identified",
-                    where="general.springs",
-                    value=joint,
-                    allowed="joints that weights load",
-                    remedy="remove the joint from general.springs, or measure with a load on it",
-                )
-        return tuple(sorted(set(springs)))
-    return _loaded(arm, tau_Nm, _LEAST_TORQUE_SHARE)
-
-
-def _loaded(arm: Arm, tau_Nm: Array, share: float) -> tuple[int, ...]:
-    """Return the turning joints whose torque varies by this part of the largest."""
-    span = np.ptp(tau_Nm, axis=0)
-    turning = ~arm.prismatic
-    least = share * float(np.max(span[turning], initial=0.0))
-    return tuple(
-        int(joint) + 1 for joint in np.flatnonzero(turning & (span > max(least, _NO_TORQUE_NM)))
-    )
-
-
 def _shown(problem: Problem, found: Fit, joint: int) -> bool:
     """Return whether readings show the spring of a joint that weights hardly load (Schwarz)."""
     at = [parameter.name for parameter in problem.parameters].index(f"windup_{joint}")
@@ -265,31 +176,3 @@ def _rigid_at(problem: Problem, joints: set[int]) -> tuple[Problem, NDArray[np.b
     gone = {parameter.name for term in springs for parameter in term.parameters}
     kept = np.array([parameter.name not in gone for parameter in problem.parameters])
     return replace(problem, model=Model(problem.model.chain, terms)), kept
-
-
-def _model_start(model: Model, start: Start) -> Array:
-    """Return nominal geometry with usual springs and the tool where it is thought to be."""
-    parts = []
-    for term in model.terms:
-        if isinstance(term, JointSpring):
-            parts.append(term.solved(_USUAL_STIFFNESS, 0.0))
-        else:
-            values = np.zeros(len(term.parameters))
-            for k, parameter in enumerate(term.parameters):
-                if parameter.name in ("tool_x", "tool_y", "tool_z"):
-                    values[k] = start.p_ee_target_m["xyz".index(parameter.name[-1])]
-            parts.append(values)
-    return np.concatenate(parts)
-
-
-def _check_enough(problem: Problem) -> None:
-    unknowns, rows = len(problem.parameters), problem.readings
-    if rows < unknowns:
-        a_pose = rows / max(1, len(problem.observations))
-        raise CalibrationError(
-            "fewer equations than unknowns",
-            where="grid poses",
-            value=f"{len(problem.observations)} poses with {rows} readings, {unknowns} unknowns",
-            allowed=f"at least {int(np.ceil(unknowns / max(a_pose, 1e-9)))} poses like these",
-            remedy="measure more poses",
-        )

@@ -32,6 +32,9 @@ _CONFIGURATIONS = 60
 _RANDOM_SEED = 1
 #: Part of a column that must remain beside those before it: exact redundancy leaves 1e-13.
 _LEAST_LEFT = 1e-8
+#: Columns below this part of the largest are rounding: of a target on the axis of a joint, or of a
+#: base turned about the line to an instrument that measures distances.
+_NOTHING = 1e-12
 #: No parameter replaces another if it has to move the target so many times further.
 _MOST_TIMES = 5.0
 #: Joints without a stated limit are taken through so much.
@@ -105,6 +108,8 @@ def choose_unknowns(
     columns = np.concatenate([by_model[..., :at], found.by_targets, by_model[..., at:]], axis=2)
     columns = columns.reshape(-1, len(parameters)) * [p.scale for p in parameters]
     base_first = len(base.parameters)
+    size = np.linalg.norm(columns, axis=0)
+    columns[:, size <= _NOTHING * size.max()] = 0.0
     kept, parts = _well_said(columns, _independent(columns), base_first)
     redundant = _redundant(parts, kept, parameters)
     names = {parameters[k].name for k in kept}

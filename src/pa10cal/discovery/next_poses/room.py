@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import frames
+from pa10cal.arm.room import Above, OffColumn, OffLinks, Postures, admissible
 from pa10cal.discovery.preparation import MeasurementSetup, targets_m
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
@@ -116,26 +115,19 @@ def draw_admissible(problem: Measured, count: int, room: Room, rng: np.random.Ge
 
 def _is_admissible(problem: Measured, q_rad: Array, room: Room) -> NDArray[np.bool_]:
     """Return which configurations (P, n) keep within the room, (P,), by the nominal chain."""
-    chain = problem.baseline.model.chain
-    at = frames(chain, chain.coordinates(q_rad))
-    T_instr_base = problem.baseline.T_instr_base
-    p_base_end = at.T_base_ee[:, :3, 3]
-    p_instr_end = p_base_end @ T_instr_base[:3, :3].T + T_instr_base[:3, 3]
-    low, high = _box(problem, room)
-    within: NDArray[np.bool_] = np.all((p_instr_end > low) & (p_instr_end < high), axis=1)
-    p_base_targets = p_base_end[:, None] + np.einsum(
-        "pij,bj->pbi",
-        at.T_base_ee[:, :3, :3],
+    at = Postures.of(
+        problem.baseline.model.chain,
+        q_rad,
         targets_m(problem.baseline, problem.setup).reshape(-1, 3),
     )
-    tool = np.concatenate([p_base_end[:, None], p_base_targets], axis=1)
-    within &= tool[..., 2].min(axis=1) > room.floor_m
-    within &= np.hypot(tool[..., 0], tool[..., 1]).min(axis=1) > room.column_m
-    joints = at.T_base_joints[:, :, :3, 3]
-    for start, end in pairwise(joints):
-        distance = _distance(p_base_targets, start[:, None], end[:, None])
-        within &= distance.min(axis=1, initial=np.inf) > room.clearance_m
-    return within
+    T_instr_base = problem.baseline.T_instr_base
+    p_instr_end = at.p_base_end @ T_instr_base[:3, :3].T + T_instr_base[:3, 3]
+    low, high = _box(problem, room)
+    within = np.all((p_instr_end > low) & (p_instr_end < high), axis=1)
+    keeps, _ = admissible(
+        at, [Above(room.floor_m), OffColumn(room.column_m), OffLinks(room.clearance_m)]
+    )
+    return np.asarray(within & keeps, dtype=np.bool_)
 
 
 def _box(problem: Measured, room: Room) -> tuple[Array, Array]:
@@ -144,15 +136,6 @@ def _box(problem: Measured, room: Room) -> tuple[Array, Array]:
     low, high = measured.min(axis=0), measured.max(axis=0)
     margin = np.maximum(0.5 * (room.volume_factor - 1.0) * (high - low), room.least_margin_m)
     return low - margin, high + margin
-
-
-def _distance(points: Array, start: Array, end: Array) -> Array:
-    """Return the distances (P, B) of points (P, B, 3) from lines start to end (P, 1, 3)."""
-    along = end - start
-    length2 = np.maximum(np.sum(along**2, axis=-1), 1e-12)
-    share = np.clip(np.sum((points - start) * along, axis=-1) / length2, 0.0, 1.0)
-    distance: Array = np.linalg.norm(points - start - share[..., None] * along, axis=-1)
-    return distance
 
 
 def measured_ends_m(problem: Measured) -> Array:

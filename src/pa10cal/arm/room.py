@@ -1,0 +1,259 @@
+"""Where an arm and what it carries may go: constraints on postures, by the nominal chain.
+
+Links count as straight lines from joint to joint; how thick they are is not known here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import Chain, frames
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Directions shorter than this have none [m].
+_NOWHERE_M = 1e-12
+
+
+@dataclass(frozen=True)
+class Postures:
+    """P postures, in the base frame [m].
+
+    Attributes:
+        T_base_ee: (P, 4, 4) end of the chain.
+        p_base_joints: (n, P, 3) where each joint sits.
+        p_base_targets: (P, B, 3) targets on the end.
+    """
+
+    T_base_ee: Array
+    p_base_joints: Array
+    p_base_targets: Array
+
+    @classmethod
+    def of(cls, chain: Chain, q: Array, targets_m: Array) -> Postures:
+        """Return the postures at joint positions.
+
+        Args:
+            chain: the nominal chain.
+            q: (P, n) joint positions [rad, or m of a prismatic joint].
+            targets_m: (B, 3) places of targets on the end.
+        """
+        at = frames(chain, chain.coordinates(q))
+        T = at.T_base_ee
+        carried = T[:, None, :3, 3] + np.einsum("pij,bj->pbi", T[:, :3, :3], targets_m)
+        return cls(T, at.T_base_joints[..., :3, 3], carried)
+
+    @property
+    def p_base_end(self) -> Array:
+        """Return the origin of the end, (P, 3)."""
+        return self.T_base_ee[:, :3, 3]
+
+    @property
+    def p_base_tool(self) -> Array:
+        """Return the end and its targets, (P, 1 + B, 3)."""
+        return np.concatenate([self.p_base_end[:, None], self.p_base_targets], axis=1)
+
+    def take(self, rows: Mask) -> Postures:
+        """Return some of the postures."""
+        return Postures(
+            self.T_base_ee[rows], self.p_base_joints[:, rows], self.p_base_targets[rows]
+        )
+
+    def __len__(self) -> int:
+        return len(self.T_base_ee)
+
+
+class Constraint(Protocol):
+    """Where postures may be."""
+
+    def allows(self, at: Postures) -> Mask:
+        """Return which postures keep to it, (P,)."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box along the axes of the base.
+
+    Attributes:
+        low_m, high_m: (3,) its corners.
+    """
+
+    low_m: Array
+    high_m: Array
+
+    def holds(self, points: Array) -> Mask:
+        """Return which points (..., 3) lie in it."""
+        within = (points >= self.low_m) & (points <= self.high_m)
+        return np.asarray(within.all(axis=-1), dtype=np.bool_)
+
+    def meets(self, start: Array, end: Array) -> Mask:
+        """Return which straight lines from start to end (..., 3) pass through it.
+
+        By slabs: the stretch of the line between each pair of faces, and whether all three overlap.
+        """
+        start, way = np.broadcast_arrays(start, end - start)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            one, other = (self.low_m - start) / way, (self.high_m - start) / way
+        still = way == 0.0  # along the faces: within all the way, or never
+        within = (start >= self.low_m) & (start <= self.high_m)
+        enters = np.where(still, np.where(within, -np.inf, np.inf), np.fmin(one, other))
+        leaves = np.where(still, np.where(within, np.inf, -np.inf), np.fmax(one, other))
+        first, last = enters.max(axis=-1), leaves.min(axis=-1)
+        return np.asarray((first <= last) & (last >= 0.0) & (first <= 1.0), dtype=np.bool_)
+
+
+@dataclass(frozen=True)
+class Within:
+    """The target, the first of them, stays in a box."""
+
+    box: Box
+
+    def allows(self, at: Postures) -> Mask:
+        """Return which postures have the target in the box."""
+        return self.box.holds(at.p_base_targets[:, 0])
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The target, the first of them, stays in a sphere about the base's origin."""
+
+    radius_m: float
+
+    def allows(self, at: Postures) -> Mask:
+        """Return which postures have the target in the sphere."""
+        away = np.linalg.norm(at.p_base_targets[:, 0], axis=1)
+        return np.asarray(away <= self.radius_m, dtype=np.bool_)
+
+
+@dataclass(frozen=True)
+class KeepOut:
+    """End, targets, and the lines from joint to joint and on to these stay out of a box.
+
+    The first joint moves nowhere, so what it stands on may lie in the box.
+    """
+
+    box: Box
+
+    def allows(self, at: Postures) -> Mask:
+        """Return which postures keep out."""
+        clear = ~self.box.holds(at.p_base_tool).any(axis=1)
+        links = [*at.p_base_joints[1:], at.p_base_end]
+        for start, end in pairwise(links):
+            clear &= ~self.box.meets(start, end)
+        clear &= ~self.box.meets(at.p_base_end[:, None], at.p_base_targets).any(axis=1)
+        return np.asarray(clear, dtype=np.bool_)
+
+
+@dataclass(frozen=True)
+class Above:
+    """End and targets stay above a height over the base's origin, along the base's z axis."""
+
+    floor_m: float
+
+    def allows(self, at: Postures) -> Mask:
+        """Return which postures stay above it."""
+        return np.asarray(at.p_base_tool[..., 2].min(axis=1) > self.floor_m, dtype=np.bool_)
+
+
+@dataclass(frozen=True)
+class OffColumn:
+    """End and targets stay off the base's axis."""
+
+    column_m: float
+
+    def allows(self, at: Postures) -> Mask:
+        """Return which postures stay off it."""
+        tool = at.p_base_tool
+        off = np.hypot(tool[..., 0], tool[..., 1]).min(axis=1)
+        return np.asarray(off > self.column_m, dtype=np.bool_)
+
+
+@dataclass(frozen=True)
+class OffLinks:
+    """Targets stay off the lines from joint to joint."""
+
+    clearance_m: float
+
+    def allows(self, at: Postures) -> Mask:
+        """Return which postures keep targets off the links."""
+        clear = np.ones(len(at), dtype=np.bool_)
+        for start, end in pairwise(at.p_base_joints):
+            away = distance_from_line(at.p_base_targets, start[:, None], end[:, None])
+            clear &= away.min(axis=1, initial=np.inf) > self.clearance_m
+        return clear
+
+
+@dataclass(frozen=True)
+class InSight:
+    """The straight lines from the instrument to the targets pass through no box.
+
+    Attributes:
+        p_base_instrument: (3,) where the instrument is.
+        boxes: that hide what is behind them.
+    """
+
+    p_base_instrument: Array
+    boxes: tuple[Box, ...]
+
+    def allows(self, at: Postures) -> Mask:
+        """Return which postures have all targets in sight."""
+        clear = np.ones(len(at), dtype=np.bool_)
+        for box in self.boxes:
+            clear &= ~box.meets(self.p_base_instrument, at.p_base_targets).any(axis=1)
+        return clear
+
+
+@dataclass(frozen=True)
+class Facing:
+    """An axis of the end points to the instrument, within an angle.
+
+    Attributes:
+        p_base_instrument: (3,) where the instrument is.
+        axis_ee: (3,) direction in which the targets look, along the end's axes.
+        most_rad: largest angle between that and the way to the instrument.
+    """
+
+    p_base_instrument: Array
+    axis_ee: Array
+    most_rad: float
+
+    def allows(self, at: Postures) -> Mask:
+        """Return which postures face the instrument with every target."""
+        looks = at.T_base_ee[:, :3, :3] @ (self.axis_ee / np.linalg.norm(self.axis_ee))
+        way = self.p_base_instrument - at.p_base_targets
+        away = np.maximum(np.linalg.norm(way, axis=-1), _NOWHERE_M)
+        cosine = np.einsum("pbi,pi->pb", way, looks) / away
+        return np.asarray(cosine.min(axis=1) >= np.cos(self.most_rad), dtype=np.bool_)
+
+
+def admissible(at: Postures, constraints: Sequence[Constraint]) -> tuple[Mask, list[int]]:
+    """Return which postures keep to all constraints, and how many each one removed.
+
+    Args:
+        at: P postures.
+        constraints: looked at in this order; each removes from what those before it left.
+    """
+    allowed = np.ones(len(at), dtype=np.bool_)
+    removed = []
+    for constraint in constraints:
+        left = at.take(allowed)
+        kept = constraint.allows(left)
+        removed.append(int((~kept).sum()))
+        allowed[np.flatnonzero(allowed)[~kept]] = False
+    return allowed, removed
+
+
+def distance_from_line(points: Array, start: Array, end: Array) -> Array:
+    """Return the distances (P, B) of points (P, B, 3) from lines start to end (P, 1, 3)."""
+    along = end - start
+    length2 = np.maximum(np.sum(along**2, axis=-1), 1e-12)
+    share = np.clip(np.sum((points - start) * along, axis=-1) / length2, 0.0, 1.0)
+    distance: Array = np.linalg.norm(points - start - share[..., None] * along, axis=-1)
+    return distance

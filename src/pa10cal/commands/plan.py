@@ -1,0 +1,137 @@
+"""Command `plan`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pa10cal.pose_plan.options import PlanOptions
+
+if TYPE_CHECKING:
+    from pa10cal.arm.description import Arm
+    from pa10cal.pose_plan.plan import PosePlan
+
+#: An effect shows where its expected uncertainty is below this part of its plausible size.
+_SHOWS = 1.0 / 3.0
+
+
+def plan(
+    *,
+    robot: str,
+    instrument: str,
+    poses: int,
+    out: Path,
+    keep_out: Path | None = None,
+    workspace_mm: tuple[float, ...] | None = None,
+    reach_mm: float | None = None,
+    floor_mm: float | None = None,
+    instrument_at_mm: tuple[float, ...] | None = None,
+    facing_deg: float | None = None,
+    uncertainty_mm: float | None = None,
+    loads_N: tuple[float, ...] | None = None,
+    tool_kg: float | None = None,
+    options: PlanOptions | None = None,
+) -> None:
+    """Choose which poses to measure, before any is measured.
+
+    Out of poses within the joint limits, the workspace and the line of sight, those are chosen that
+    say most of the model's parameters and of effects that it may lack. docs/plan.md explains the
+    limits, the files, and how to go on from there.
+
+    Args:
+        robot: name of a shipped arm, or the file of a description (.yaml).
+        instrument: pose, points, distance, or touch_trigger_cmm.
+        poses: how many to measure.
+        out: poses to write (.csv); what to expect of them goes into a JSON file beside it.
+        keep_out: boxes that arm, tool and lines of sight stay out of (.yaml): a list of {min_mm,
+            max_mm, name} in the base frame.
+        workspace_mm: box that the target stays in, in the base frame: least x y z, largest x y z.
+        reach_mm: radius about the base's origin that the target stays in.
+        floor_mm: height over the base's origin that the tool stays above; without it 0.
+        instrument_at_mm: where the instrument is, in the base frame: x y z.
+        facing_deg: largest angle between the end-effector's z axis and the way to the instrument.
+        uncertainty_mm: standard uncertainty of a measured coordinate or distance; without it 0.05.
+        loads_N: external loads; every pose is measured under each.
+        tool_kg: mass of the tool, where it is known.
+        options: everything else, such as targets_mm, joints_deg, effects, candidates.
+
+    Examples:
+        pa10cal plan --robot ur10 --instrument pose --poses 40 --out plan.csv
+        pa10cal plan --robot my_arm.yaml --instrument points --poses 60 --out plan.csv \\
+          --keep-out box.yaml --instrument-at-mm 2500 0 1200 --facing-deg 60
+    """
+    from pa10cal.errors import SettingsError
+    from pa10cal.pose_plan.files import read_keep_out, save_plan
+    from pa10cal.pose_plan.plan import plan_poses
+    from pa10cal.settings_reading import parse_section
+
+    given: dict[str, Any] = {
+        "reach_mm": reach_mm,
+        "floor_mm": floor_mm,
+        "instrument_at_mm": instrument_at_mm,
+        "facing_deg": facing_deg,
+        "uncertainty_mm": uncertainty_mm,
+        "loads_N": loads_N,
+        "tool_kg": tool_kg,
+    }
+    if workspace_mm is not None:
+        if len(workspace_mm) != 6:
+            raise SettingsError(
+                "not the two corners of a box",
+                where="--workspace-mm",
+                value=workspace_mm,
+                allowed="six numbers: least x y z, largest x y z",
+                remedy="give both corners",
+            )
+        given["workspace_mm"] = (workspace_mm[:3], workspace_mm[3:])
+    if keep_out is not None:
+        given["keep_out"] = [box.model_dump() for box in read_keep_out(keep_out)]
+    stated = (options or PlanOptions()).model_dump()
+    stated |= {name: value for name, value in given.items() if value is not None}
+    found = plan_poses(
+        _arm(robot), instrument, poses, parse_section(PlanOptions, stated, where="plan")
+    )
+    save_plan(found, out)
+    print("\n".join(_lines(found, out)))
+
+
+def _arm(robot: str) -> Arm:
+    """Return the arm of a name, or of a file."""
+    from pa10cal.files.arms import load_arm, read_arm
+
+    path = Path(robot)
+    return read_arm(path) if path.suffix in (".yaml", ".yml") else load_arm(robot)
+
+
+def _lines(found: PosePlan, out: Path) -> Iterator[str]:
+    """Yield what a reader is shown."""
+    expected = out.with_suffix(".json")
+    yield f"{out}: {len(found)} poses of {found.arm.name}, in an order of short moves"
+    yield f"{expected}: what to expect of them"
+    yield (
+        f"tool position: {found.u_tool_all_mm:.3f} mm expected standard uncertainty over the poses "
+        f"that the limits allow ({len(found)} of them at random: {found.u_tool_random_mm:.3f} mm)"
+    )
+    open_ = ", ".join(found.not_identified)
+    springs = ", ".join(map(str, found.springs)) or "none"
+    yield (
+        f"parameters: {len(found.parameters)}, springs at joints: {springs}; "
+        + (f"hardly determined: {open_}" if open_ else "all identified")
+    )
+    if found.effects:
+        shown = sum(each.u_alone < _SHOWS for each in found.effects)
+        apart = sum(each.u_among_all < _SHOWS for each in found.effects)
+        yield (
+            f"missing effects: {shown} of {len(found.effects)} would show in their plausible size, "
+            f"{apart} whatever others are missing too"
+        )
+    yield from _limits(found)
+
+
+def _limits(found: PosePlan) -> Iterator[str]:
+    """Yield how many poses each limit removed."""
+    removed = {name: count for name, count in found.candidates.removed.items() if count}
+    each = ", ".join(f"{name} {count}" for name, count in removed.items()) or "none"
+    kept, drawn = len(found.candidates.q), found.candidates.drawn
+    yield f"chosen from {kept} poses; of {drawn} drawn the limits removed: {each}"

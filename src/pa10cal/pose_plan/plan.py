@@ -1,0 +1,253 @@
+"""Which poses to measure: chosen by what they are expected to say of the model and of effects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.errors import CalibrationError
+from pa10cal.fit.exchange import Criterion, Share, exchange, one_by_one
+from pa10cal.observe.instrument import Instrument
+from pa10cal.pose_plan.candidates import Candidates, draw_candidates
+from pa10cal.pose_plan.expected import Expected, expect, instrument_named, targets_of
+from pa10cal.pose_plan.options import PlanOptions
+from pa10cal.pose_plan.path import path_length, short_path
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.term import Parameter
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: Sets drawn at random, to hold the plan against.
+_RANDOM_SETS = 20
+#: A parameter is identified where its uncertainty falls below this part of what is possible.
+_IDENTIFIED = 0.3
+
+
+@dataclass(frozen=True)
+class ExpectedEffect:
+    """How well poses would show a missing effect.
+
+    Attributes:
+        effect: which, and where.
+        u_alone: its standard uncertainty in its plausible size, the model's parameters unknown.
+        u_among_all: the same, all other effects unknown too.
+    """
+
+    effect: Effect
+    u_alone: float
+    u_among_all: float
+
+
+@dataclass(frozen=True, eq=False)
+class PosePlan:
+    """Poses to measure, in the order in which to drive to them, and what to expect of them.
+
+    Attributes:
+        arm: the nominal arm.
+        kind: what measures.
+        options: what was wanted.
+        q: (N, n) joint positions [rad, or m of a prismatic joint].
+        p_base_target_m: (N, 3) where the first target comes, by the nominal arm.
+        u_tool_mm: (N,) expected standard uncertainty of that position after the calibration.
+        u_tool_all_mm: the same, root mean square over all candidates.
+        u_tool_random_mm: the same after as many poses drawn at random, median of several sets.
+        parameters: the k unknowns of the model.
+        u_parameters: (k,) their expected standard uncertainties.
+        not_identified: unknowns that these poses hardly determine.
+        effects: how well missing effects would show.
+        springs: joints to which the model gives a spring.
+        log_dets: the criterion at the start of the exchange, and after each; never falling.
+        candidates: from which the poses were chosen.
+        travel_rad: sum over moves of the furthest that a joint turns [rad, m].
+    """
+
+    arm: Arm
+    kind: type[Instrument]
+    options: PlanOptions
+    q: Array
+    p_base_target_m: Array
+    u_tool_mm: Array
+    u_tool_all_mm: float
+    u_tool_random_mm: float
+    parameters: tuple[Parameter, ...]
+    u_parameters: Array
+    not_identified: tuple[str, ...]
+    effects: tuple[ExpectedEffect, ...]
+    springs: tuple[int, ...]
+    log_dets: tuple[float, ...]
+    candidates: Candidates
+    travel_rad: float
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def ids(self) -> NDArray[np.str_]:
+        """Return the names of the poses, (N,): P1, P2, …"""
+        return np.array([f"P{number}" for number in range(1, len(self) + 1)])
+
+    def save(self, path: str | Path) -> None:
+        """Write the poses as a CSV file, and what to expect of them as a JSON file beside it.
+
+        Raises:
+            OutputError: when they cannot be written there.
+        """
+        from pa10cal.pose_plan.files import save_plan  # late: it needs the records
+
+        save_plan(self, Path(path))
+
+
+def plan_poses(
+    arm: Arm,
+    instrument: str,
+    poses: int,
+    options: PlanOptions | None = None,
+    calibration: CalibrationOptions | None = None,
+) -> PosePlan:
+    """Choose poses to measure.
+
+    Args:
+        arm: the nominal arm.
+        instrument: what measures, a word of docs/instruments.md.
+        poses: N, how many.
+        options: where arm and instrument may be, and what is measured; None for the defaults.
+        calibration: how the poses will be calibrated; None for the defaults.
+
+    Raises:
+        CalibrationError: for an instrument that does not exist, too few poses for the unknowns, or
+            too few poses within all limits.
+    """
+    options, calibration = options or PlanOptions(), calibration or CalibrationOptions()
+    kind = instrument_named(instrument)
+    targets_m = np.array(list(targets_of(kind, options).values()))
+    candidates = draw_candidates(arm, targets_m, options, least=poses)
+    rows = expect(arm, kind, candidates.q, options, calibration)
+    _refuse_too_few(poses, rows)
+    found, values = _choose(rows, poses, options)
+    found = found[short_path(candidates.q[found])]
+    return _planned(arm, kind, options, candidates, rows, found, values)
+
+
+def _refuse_too_few(poses: int, rows: Expected) -> None:
+    a_pose = rows.white.shape[1]
+    needed = -(-rows.unknowns // a_pose)
+    if poses >= needed:
+        return
+    raise CalibrationError(
+        "fewer equations than unknowns",
+        where="poses",
+        value=f"{poses} poses with {a_pose} equations each, {rows.unknowns} unknowns",
+        allowed=f"at least {needed} poses; twice as many show errors of the measurement too",
+        remedy="plan more poses",
+    )
+
+
+def criterion_of(rows: Expected, effects: float) -> Criterion:
+    """Return what a set of poses is judged by.
+
+    The log determinant of the information about the model's parameters, and that about the effects
+    once the model is projected out, each a parameter on average.
+
+    Args:
+        rows: of the candidates.
+        effects: part that the effects count, 0 to 1.
+    """
+    k, every = rows.unknowns, rows.white.shape[2]
+    if every == k:
+        return Criterion(rows.white, [Share(1.0, k)])
+    of_effects = effects * k / (every - k)
+    return Criterion(rows.white, [Share(1.0 - effects - of_effects, k), Share(of_effects, every)])
+
+
+def _choose(rows: Expected, poses: int, options: PlanOptions) -> tuple[Index, tuple[float, ...]]:
+    """Return the poses chosen, and the criterion from the start of their exchange on."""
+    criterion = criterion_of(rows, options.effects)
+    found = exchange(criterion, one_by_one(criterion, poses))
+    return found.chosen, found.values
+
+
+def _planned(
+    arm: Arm,
+    kind: type[Instrument],
+    options: PlanOptions,
+    candidates: Candidates,
+    rows: Expected,
+    chosen: Index,
+    values: tuple[float, ...],
+) -> PosePlan:
+    """Return a plan of poses chosen, with all that is expected of them."""
+    k = rows.unknowns
+    covariance = _covariance(rows.white[chosen][..., :k])
+    part = np.sqrt(np.diag(covariance))
+    rng = np.random.default_rng(options.random_seed)
+    count = len(rows.white)
+    others = [rng.choice(count, len(chosen), replace=False) for _ in range(_RANDOM_SETS)]
+    at_random = [_rms_mm(rows.tool, _covariance(rows.white[o][..., :k])) for o in others]
+    target_m = next(iter(targets_of(kind, options).values()))
+    T = Chain.of(arm).forward(candidates.q[chosen])
+    return PosePlan(
+        arm=arm,
+        kind=kind,
+        options=options,
+        q=candidates.q[chosen],
+        p_base_target_m=T[:, :3, 3] + T[:, :3, :3] @ target_m,
+        u_tool_mm=_u_mm(rows.tool[chosen], covariance),
+        u_tool_all_mm=_rms_mm(rows.tool, covariance),
+        u_tool_random_mm=float(np.median(at_random)),
+        parameters=rows.parameters,
+        u_parameters=part * rows.sizes,
+        not_identified=tuple(
+            parameter.name
+            for parameter, left in zip(rows.parameters, part, strict=True)
+            if left > _IDENTIFIED
+        ),
+        effects=_effects(rows, chosen),
+        springs=rows.springs,
+        log_dets=values,
+        candidates=candidates,
+        travel_rad=path_length(candidates.q[chosen]),
+    )
+
+
+def _covariance(white: Array) -> Array:
+    """Return the covariance (k, k) of unknowns in the sizes expected of them."""
+    k = white.shape[2]
+    triangle = np.linalg.qr(np.concatenate([white.reshape(-1, k), np.eye(k)]), mode="r")
+    inverse = np.linalg.inv(triangle)
+    covariance: Array = inverse @ inverse.T
+    return covariance
+
+
+def _u_mm(tool: Array, covariance: Array) -> Array:
+    """Return the standard uncertainty of the tool's position in poses, (P,)."""
+    variance = np.einsum("pik,pik->p", tool, tool @ covariance)
+    return np.asarray(1e3 * np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _rms_mm(tool: Array, covariance: Array) -> float:
+    return float(np.sqrt(np.mean(_u_mm(tool, covariance) ** 2)))
+
+
+def _effects(rows: Expected, chosen: Index) -> tuple[ExpectedEffect, ...]:
+    """Return how well each effect would show, alone and among all others."""
+    if not rows.effects:
+        return ()
+    k, white = rows.unknowns, rows.white[chosen]
+    among = np.diag(_covariance(white))
+    found = []
+    for effect, columns in rows.effects.items():
+        own = np.concatenate([white[..., :k], white[..., columns]], axis=2)
+        alone = np.diag(_covariance(own))[k:]
+        found.append(
+            ExpectedEffect(
+                effect, float(np.sqrt(alone.mean())), float(np.sqrt(among[columns].mean()))
+            )
+        )
+    return tuple(found)

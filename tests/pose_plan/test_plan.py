@@ -1,0 +1,113 @@
+"""A plan of poses: within all limits, better than chance, refused in one message."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.room import Box, Postures
+from pa10cal.errors import CalibrationError
+from pa10cal.files.arms import load_arm
+from pa10cal.observe.registry import instruments
+from pa10cal.pose_plan.candidates import joint_ranges
+from pa10cal.pose_plan.options import PlanOptions
+from pa10cal.pose_plan.path import path_length, short_path
+from pa10cal.pose_plan.plan import plan_poses
+
+FEW = {"candidates": 150, "effects": 0.0}
+
+
+def option(**keys):
+    return PlanOptions(**{**FEW, **keys})
+
+
+@pytest.mark.parametrize("instrument", sorted(instruments()))
+def test_every_instrument_gets_a_plan_that_beats_chance(instrument):
+    poses = 40 if instrument == "distance" else 15
+    plan = plan_poses(load_arm("irb120"), instrument, poses, option())
+    assert len(plan) == poses
+    assert len(np.unique(plan.q, axis=0)) == poses
+    assert not plan.not_identified
+    assert np.all(np.diff(plan.log_dets) > 0.0)
+    assert plan.u_tool_all_mm < plan.u_tool_random_mm
+    assert np.all(plan.u_parameters > 0.0)
+    low, high = joint_ranges(plan.arm, plan.options)
+    assert np.all((plan.q >= low - 1e-5) & (plan.q <= high + 1e-5))
+
+
+def test_all_poses_keep_to_every_limit():
+    arm = load_arm("ur10")
+    options = option(
+        workspace_mm=((-900, -900, 100), (900, 900, 1200)),
+        reach_mm=1000,
+        keep_out=[{"min_mm": (300, -2000, -2000), "max_mm": (500, 2000, 500), "name": "wall"}],
+        instrument_at_mm=(3000, 0, 500),
+        facing_deg=70,
+        targets_mm=((0, 0, 50), (40, 0, 50), (0, 40, 50)),
+    )
+    plan = plan_poses(arm, "points", 20, options)
+    targets_m = 1e-3 * np.array(options.targets_mm)
+    at = Postures.of(Chain.of(arm), plan.q, targets_m)
+    assert plan.p_base_target_m == pytest.approx(at.p_base_targets[:, 0])
+    first = at.p_base_targets[:, 0]
+    assert np.all((first >= [-0.9, -0.9, 0.1]) & (first <= [0.9, 0.9, 1.2]))
+    assert np.linalg.norm(first, axis=1).max() <= 1.0
+    wall = Box(np.array([0.3, -2.0, -2.0]), np.array([0.5, 2.0, 0.5]))
+    assert not wall.holds(at.p_base_tool).any()
+    assert not wall.meets(np.array([3.0, 0.0, 0.5]), at.p_base_targets).any()
+    way = np.array([3.0, 0.0, 0.5]) - at.p_base_targets
+    cosine = np.einsum("pbi,pi->pb", way, at.T_base_ee[:, :3, 2]) / np.linalg.norm(way, axis=2)
+    assert np.degrees(np.arccos(cosine.min())) <= 70.0 + 1e-9
+    assert plan.candidates.removed["line of sight"] > 0
+
+
+def test_effects_count_where_they_are_wanted():
+    arm = load_arm("irb120")
+    alone = plan_poses(arm, "pose", 20, option())
+    both = plan_poses(arm, "pose", 20, option(effects=0.9))
+    assert not alone.effects
+    assert len(both.effects) > 10
+    assert all(each.u_alone <= each.u_among_all + 1e-9 for each in both.effects)
+    assert both.u_tool_all_mm > 0.9 * alone.u_tool_all_mm
+
+
+def test_loads_show_springs():
+    arm, two = load_arm("pa10_6ce"), {"tool_kg": 2.0, "loads_N": (0.0, 44.0)}
+    once, loaded = (plan_poses(arm, "pose", 15, option(**keys)) for keys in ({}, two))
+    assert loaded.springs
+    names = [parameter.name for parameter in loaded.parameters]
+    at = names.index("windup_2")
+    before = [parameter.name for parameter in once.parameters].index("windup_2")
+    assert loaded.u_parameters[at] < once.u_parameters[before]
+
+
+def test_a_short_path_is_no_longer_than_the_order_given():
+    for seed in range(5):
+        q = np.random.default_rng(seed).normal(size=(30, 6))
+        order = short_path(q)
+        assert sorted(order) == list(range(30))
+        assert path_length(q[order]) < 0.7 * path_length(q)
+
+
+@pytest.mark.parametrize(
+    ("instrument", "poses", "options", "words"),
+    [
+        ("pose", 4, {}, ["fewer equations than unknowns", "at least 5 poses"]),
+        ("distance", 10, {}, ["fewer equations than unknowns", "at least"]),
+        ("point", 20, {}, ["no such instrument", "points"]),
+        ("pose", 20, {"reach_mm": 10}, ["no pose is left", "reach_mm: 9"]),
+        ("pose", 20, {"joints_deg": ((0, 1),)}, ["not one range a joint"]),
+        ("pose", 20, {"joints_deg": ((0, 999), *[(0, 10)] * 5)}, ["leaves the joint's limits"]),
+        (
+            "pose",
+            20,
+            {"keep_out": [{"min_mm": (-5e3,) * 3, "max_mm": (5e3,) * 3, "name": "hall"}]},
+            ["no pose is left", "keep-out 1 (hall)"],
+        ),
+    ],
+)
+def test_what_cannot_be_planned_is_refused_in_one_message(instrument, poses, options, words):
+    with pytest.raises(CalibrationError) as refused:
+        plan_poses(load_arm("irb120"), instrument, poses, option(**options))
+    assert all(each in str(refused.value) for each in words), str(refused.value)
