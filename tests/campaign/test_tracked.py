@@ -218,3 +218,54 @@ def test_repeatability_is_the_deviation_of_position_within_a_pose(tracked):
     T[(poses.repeat == 2) & (poses.states.load_N == 22), 2, 3] += 2e-5
     moved = poses.with_measured(T_instr_target=T)
     assert repeatability_mm(moved) == pytest.approx({0.0: 0.0, 22.0: 0.02 / 2**0.5}, abs=1e-6)
+
+
+def spoil_none(lines):
+    del lines
+
+
+def spoil_numbers(lines):
+    """A row that cannot be read is of its configuration all the same; an exact repeat is none."""
+    lines[3] = lines[3].replace(lines[3].split(",")[5], "x")
+    lines.append(lines[5])
+
+
+def cut(lines):
+    del lines[30:]
+
+
+@pytest.mark.parametrize(
+    ("stated", "spoil", "said"),
+    [
+        (None, cut, ()),
+        (34, spoil_none, ()),
+        (34, spoil_numbers, ()),
+        (
+            34,
+            cut,
+            (
+                "poses.csv has 29 of the 34 configurations that campaign.yaml states: 5 are "
+                "missing, and the log seems cut short",
+            ),
+        ),
+        (
+            30,
+            spoil_none,
+            (
+                "poses.csv has 34 configurations, and campaign.yaml states 30: correct that "
+                "number, or remove rows of another campaign",
+            ),
+        ),
+    ],
+)
+def test_a_log_is_counted_against_what_the_campaign_states(tracked, stated, spoil, said):
+    if stated is not None:
+        tracked.description["configurations"] = stated
+    spoil(tracked.poses)
+    assert ingest(tracked).warnings == said
+
+
+def test_touches_are_counted_likewise(raw_campaign):
+    raw_campaign.description["configurations"] = 36
+    (said,) = ingest(raw_campaign).warnings
+    assert said.startswith("cmm.csv has 34 of the 36 configurations")

@@ -38,6 +38,7 @@ SAME_FORMAT = 0.99
 
 OWN_NAMES = "; pa10cal columns proposes how to read a file with names of its own"
 CUT = "the last line is cut short"
+REPEATED = "repeats an earlier row"
 FIELDS = "the number of fields differs from the header"
 
 
@@ -156,7 +157,7 @@ def read_rows(
     if repeats:
         return raw
     once = ~pd.Series(np.array(parts.hashes, dtype=np.int64)[kept]).duplicated().to_numpy()
-    return raw.take(once, "repeats an earlier row", [""] * int((~once).sum()))
+    return raw.take(once, REPEATED, [""] * int((~once).sum()))
 
 
 class _Parts:

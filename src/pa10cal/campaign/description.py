@@ -100,6 +100,7 @@ class CampaignDescription(Section):
     files: Files
     ball_diameter_mm: Annotated[FiniteFloat, Field(gt=0.1, le=1e3)] | None = None
     holdout: Holdout | None = None
+    configurations: Annotated[int, Field(ge=1)] | None = None
     columns: OwnColumns | None = None
 
     @property

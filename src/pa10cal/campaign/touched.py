@@ -20,6 +20,7 @@ from pa10cal.campaign.balls import (
     locate_balls,
 )
 from pa10cal.campaign.bounds import Bounds
+from pa10cal.campaign.completeness import count_warnings
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.dwell import (
     DwellReadings,
@@ -88,6 +89,7 @@ def read_touched(
     cmm, resolver = (file.path for file in files)
     touches, cmm_read = read_touches(files[0], campaign.ball_names, Bounds(arm))
     samples, resolver_read = read_samples(files[1], Bounds(arm))
+    logged = len(np.unique(touches.configurations))
     reads = (cmm_read, resolver_read)
     totals = {read.file: read.total for read in reads}
     listed = [*cmm_read.quarantined, *resolver_read.quarantined]
@@ -126,7 +128,10 @@ def read_touched(
     poses = _assemble(tool, touches, groups, balls, readings, dwell, good)
     idle, idle_notes = _idle_samples(samples, dwells, touched, dwell[good], resolver.name)
     notes = [note for read in reads for note in read.notes] + _scatter_notes(balls) + idle_notes
-    warnings = _cut_touches(dwells, touched, cmm.name)
+    warnings = (
+        *count_warnings(campaign.configurations, logged, cmm.name),
+        *_cut_touches(dwells, touched, cmm.name),
+    )
     return Ingested(poses, (*listed, *idle), tuple(notes), warnings)
 
 

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.campaign.bounds import Bounds
+from pa10cal.campaign.completeness import count_warnings
+from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.labels import (
     EXCHANGED,
@@ -88,6 +90,9 @@ def read_tracked(
     rows, read, columns = read_pose_rows(
         file, Bounds(arm), instrument, stated, kind_stated=description.holdout is None
     )
+    # Rows that cannot be read are of some configuration too, but for exact repeats.
+    unread = sum(row.reason != REPEATED for row in read.quarantined)
+    logged = len(np.unique(rows.configurations)) + unread
     totals, most = {read.file: read.total}, options.max_quarantined_fraction
     listed = list(read.quarantined)
     _, first = np.unique(rows.configurations, return_index=True)
@@ -110,7 +115,8 @@ def read_tracked(
     notes = [*read.notes, *instrument.raw_notes(columns, stated)]
     if np.isnan(found.states.tau_Nm).all():
         notes.append(NO_TORQUES if arm.mass_kg is None else THOSE_OF_MASSES)
-    return Ingested(found, tuple(listed), tuple(notes), screened.warnings)
+    missing = count_warnings(description.configurations, logged, read.file)
+    return Ingested(found, tuple(listed), tuple(notes), (*missing, *screened.warnings))
 
 
 @dataclass(frozen=True)
