@@ -1,7 +1,10 @@
 """The command that writes an arm's description from a URDF, called in process."""
 
+import re
+
 import numpy as np
 import pytest
+import yaml
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.urdf import urdf_text
@@ -40,6 +43,18 @@ def test_the_description_written_is_the_arm_of_the_urdf(urdf, tmp_path, capsys):
     q = np.random.default_rng(2).uniform(-3, 3, (20, 6))
     found = Chain.of(load_arm("again", tmp_path)).forward(q)
     np.testing.assert_allclose(found, chain.forward(q), atol=1e-12)
+
+
+def test_limits_have_the_digits_that_they_need(urdf, tmp_path):
+    text = urdf.read_text(encoding="utf-8")
+    lower = re.search(r'lower="([^"]+)"', text)[1]
+    urdf.write_text(text.replace(f'lower="{lower}"', 'lower="-2.8798"', 1), encoding="utf-8")
+    out = tmp_path / "mine.yaml"
+    assert run_command("import_arm", [str(urdf), "--out", str(out)]) == 0
+    limits = yaml.safe_load(out.read_text(encoding="utf-8"))["rows"][0]["limits_deg"]
+    assert limits[0] == -165.0003858
+    assert np.radians(limits[0]) == pytest.approx(-2.8798, abs=1e-9)
+    assert isinstance(limits[1], int)  # a full turn
 
 
 def test_the_urdf_stays_beside_the_description(urdf, tmp_path):

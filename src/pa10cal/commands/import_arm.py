@@ -26,7 +26,7 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
 
     from pa10cal.arm.parallel import neighbouring_axes
     from pa10cal.errors import ArmError
-    from pa10cal.files.arm_text import arm_text
+    from pa10cal.files.arm_text import arm_text, with_short_limits
     from pa10cal.files.arms import parse_arm
     from pa10cal.files.output import whole_files
     from pa10cal.files.urdf import arm_from_urdf
@@ -40,7 +40,7 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
             remedy="rename it",
         )
     imported = arm_from_urdf(urdf, base, tip, name=out.stem)
-    arm = imported.arm
+    arm = with_short_limits(imported.arm)
     parallel = [axes for axes in neighbouring_axes(arm) if axes.parallel]
     lines = [
         f"From {imported.base} to {imported.tip}, joints 1 to {arm.n}: "

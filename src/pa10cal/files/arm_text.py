@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,10 @@ from pa10cal.arm.attitude import roll_pitch_yaw
 from pa10cal.arm.description import Arm
 
 Array = NDArray[np.float64]
+
+#: Limits this near [rad, m] are one.
+_SAME_LIMIT = 1e-9
+_MOST_DECIMALS = 15
 
 
 def arm_text(arm: Arm, comments: Iterable[str] = (), urdf: Mapping[str, str] | None = None) -> str:
@@ -41,6 +46,29 @@ def arm_text(arm: Arm, comments: Iterable[str] = (), urdf: Mapping[str, str] | N
     return "\n".join(lines) + "\n"
 
 
+def with_short_limits(arm: Arm) -> Arm:
+    """Return the arm with each limit the shortest number in the file that is within 1e-9 of it.
+
+    What a URDF states in radians with a few digits has fourteen in degrees.
+    """
+    limits = [
+        [_shortest(limit, _SAME_LIMIT, degrees=not slides) for limit in ends]
+        for ends, slides in zip(arm.limits_rad, arm.prismatic, strict=True)
+    ]
+    turned = np.where(arm.prismatic[:, None], limits, np.radians(limits))
+    return replace(arm, limits_rad=turned)
+
+
+def _shortest(limit: float, within: float, *, degrees: bool) -> float | int:
+    """Return a limit [deg or m] with the fewest decimals that is so near [rad or m]."""
+    shown = float(np.degrees(limit)) if degrees else float(limit)
+    for decimals in range(_MOST_DECIMALS):
+        rounded = round(shown, decimals)
+        if abs((np.radians(rounded) if degrees else rounded) - limit) <= within:
+            return _number(rounded)
+    return _number(shown)
+
+
 def _geometry(arm: Arm, row: int) -> dict[str, Any]:
     values = {
         "theta_deg": np.degrees(arm.theta_rad[row]),
@@ -56,10 +84,9 @@ def _joint_and_link(arm: Arm, row: int) -> dict[str, Any]:
     slides = bool(arm.prismatic[row])
     limits, rated = arm.limits_rad[row], arm.torque_limit_Nm[row]
     content: dict[str, Any] = {"prismatic": True} if slides else {}
-    if slides:
-        content["limits_m"] = _numbers(limits)
-    else:
-        content["limits_deg"] = _numbers(np.degrees(limits))
+    content["limits_m" if slides else "limits_deg"] = [
+        _shortest(limit, 0.0, degrees=not slides) for limit in limits
+    ]
     if not np.isnan(arm.gear_ratio[row]):
         content["gear_ratio"] = _number(arm.gear_ratio[row])
     if not np.isnan(rated):
