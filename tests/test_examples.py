@@ -26,6 +26,7 @@ PAGES = [
     ROOT / "README.md",
     ROOT / "docs/tutorial.md",
     ROOT / "docs/using-the-model.md",
+    ROOT / "docs/report.md",
     *sorted(ROOT.glob("docs/how-to/*.md")),
 ]
 #: Kind of block, or its kind and caption; its content.

@@ -11,11 +11,14 @@ import pandas as pd
 import pytest
 
 from pa10cal.extras import EXTRAS
+from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.codec import read
+from pa10cal.results.discovery import VerdictRecord
 
 ROOT = Path(__file__).parents[1]
 BLOCKED = f"""
 import sys
-for name in {[*EXTRAS, "sphinx", "furo", "myst_parser"]}:
+for name in {[*EXTRAS]}:
     sys.modules[name] = None
 from pa10cal.__main__ import main
 for command in sys.stdin.read().splitlines():
@@ -29,17 +32,19 @@ doctor
 ingest --campaign-dir RAW --out poses.parquet --quarantine quarantine.csv
 seed --campaign-dir RAW --poses poses.parquet --out base_frame.json
 calibrate --campaign-dir RAW --poses poses.parquet --base-frame base_frame.json --out calibration
+discover --campaign-dir RAW --poses poses.parquet --calibration calibration/combined.json FOUND
 export --calibration calibration/combined.json --model model.yaml --urdf robot.urdf --dh dh.csv
 predict --model model.yaml --joints joints.csv --out poses.csv --frame tool
 compensate --model model.yaml --targets targets.csv --out commands.csv --frame tool
 """
+FOUND = "--verdict verdict.json --analysis a.json --extended extended.json --suggested s.csv"
 
 
 def without_extras(folder, commands):
     raw = str(ROOT / "examples/irb120-points")
     return subprocess.run(
         [sys.executable, "-c", BLOCKED],
-        input=commands.strip().replace("RAW", raw),
+        input=commands.strip().replace("RAW", raw).replace("FOUND", FOUND),
         cwd=folder,
         capture_output=True,
         text=True,
@@ -54,6 +59,9 @@ def test_raw_files_become_a_model_in_use_without_any_extra(tmp_path):
     (tmp_path / "targets.csv").write_text(target)
     done = without_extras(tmp_path, STAGES)
     assert done.returncode == 0, done.stderr
+    graded = read(CalibrationRecord, tmp_path / "calibration/combined.json")
+    assert graded.health.grade == "good"
+    assert read(VerdictRecord, tmp_path / "verdict.json").verdict == "not_sought"
     assert pd.read_csv(tmp_path / "poses.csv").u_mm[0] < 0.1
     assert pd.read_csv(tmp_path / "commands.csv").status[0] == "ok"
     for extra in ("figures", "report", "workflow", "urdf"):
