@@ -1,8 +1,8 @@
 # Targets for a newcomer: reproduce, test. The rest: setup, figures, report, docs, test-browser, check, bench, peers,
-# urdfs, commanded, clean, and for maintainers: lock, schema.
+# urdfs, commanded, plan, clean, and for maintainers: lock, schema.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup reproduce figures report docs test test-browser check bench peers urdfs commanded clean lock schema
+.PHONY: help setup reproduce figures report docs test test-browser check bench peers urdfs commanded plan clean lock schema
 
 PYTHON ?= python3
 CORES ?= 2
@@ -22,6 +22,7 @@ help:
 	@echo "make peers       other packages on the same data: benchmarks/peers.md (PA10CAL_IPA_DATA=folder: real too)"
 	@echo "make urdfs       real URDFs imported, exported, loaded back: benchmarks/urdfs.md (235 MB, once)"
 	@echo "make commanded   simulated robots sent through their models: benchmarks/commanded.md"
+	@echo "make plan        planned poses against the paper's grid, simulated: benchmarks/plan.md"
 	@echo "make clean       remove results/ (make setup builds .venv; make lock, make schema: maintainers)"
 
 setup: .venv/.complete
@@ -79,6 +80,9 @@ urdfs: setup
 
 commanded: setup
 	$(BIN)/python -m benchmarks.commanded
+
+plan: setup
+	$(BIN)/python -m benchmarks.plan
 
 clean:
 	rm -rf results

@@ -113,6 +113,7 @@ MAY_IMPORT = {
         "frame.options",
         "interface",
         "observe",
+        "pose_plan",
         "terms",
     },
     "datasets": {"campaign", "files", "settings"},

@@ -184,12 +184,12 @@ def _planned(
 ) -> PosePlan:
     """Return a plan of poses chosen, with all that is expected of them."""
     k = rows.unknowns
-    covariance = _covariance(rows.white[chosen][..., :k])
+    covariance = covariance_of(rows.white[chosen][..., :k])
     part = np.sqrt(np.diag(covariance))
     rng = np.random.default_rng(options.random_seed)
     count = len(rows.white)
     others = [rng.choice(count, len(chosen), replace=False) for _ in range(_RANDOM_SETS)]
-    at_random = [_rms_mm(rows.tool, _covariance(rows.white[o][..., :k])) for o in others]
+    at_random = [rms_mm(rows.tool, covariance_of(rows.white[o][..., :k])) for o in others]
     target_m = next(iter(targets_of(kind, options).values()))
     T = Chain.of(arm).forward(candidates.q[chosen])
     return PosePlan(
@@ -199,7 +199,7 @@ def _planned(
         q=candidates.q[chosen],
         p_base_target_m=T[:, :3, 3] + T[:, :3, :3] @ target_m,
         u_tool_mm=_u_mm(rows.tool[chosen], covariance),
-        u_tool_all_mm=_rms_mm(rows.tool, covariance),
+        u_tool_all_mm=rms_mm(rows.tool, covariance),
         u_tool_random_mm=float(np.median(at_random)),
         parameters=rows.parameters,
         u_parameters=part * rows.sizes,
@@ -216,7 +216,7 @@ def _planned(
     )
 
 
-def _covariance(white: Array) -> Array:
+def covariance_of(white: Array) -> Array:
     """Return the covariance (k, k) of unknowns in the sizes expected of them."""
     k = white.shape[2]
     triangle = np.linalg.qr(np.concatenate([white.reshape(-1, k), np.eye(k)]), mode="r")
@@ -231,7 +231,8 @@ def _u_mm(tool: Array, covariance: Array) -> Array:
     return np.asarray(1e3 * np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _rms_mm(tool: Array, covariance: Array) -> float:
+def rms_mm(tool: Array, covariance: Array) -> float:
+    """Return the same, root mean square over the poses."""
     return float(np.sqrt(np.mean(_u_mm(tool, covariance) ** 2)))
 
 
@@ -240,11 +241,11 @@ def _effects(rows: Expected, chosen: Index) -> tuple[ExpectedEffect, ...]:
     if not rows.effects:
         return ()
     k, white = rows.unknowns, rows.white[chosen]
-    among = np.diag(_covariance(white))
+    among = np.diag(covariance_of(white))
     found = []
     for effect, columns in rows.effects.items():
         own = np.concatenate([white[..., :k], white[..., columns]], axis=2)
-        alone = np.diag(_covariance(own))[k:]
+        alone = np.diag(covariance_of(own))[k:]
         found.append(
             ExpectedEffect(
                 effect, float(np.sqrt(alone.mean())), float(np.sqrt(among[columns].mean()))

@@ -1,0 +1,161 @@
+"""A plan of poses against the paper's grid: robots of the cell, measured at either, calibrated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.cell.mechanism import Mechanism
+from pa10cal.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
+from pa10cal.cell.poses import place_poses
+from pa10cal.cell.robot import Departures
+from pa10cal.cell.tool import ring_of_targets, tool_payload
+from pa10cal.files.arms import load_arm
+from pa10cal.observe.kinds import TrackerKind
+from pa10cal.pose_plan.candidates import draw_candidates
+from pa10cal.pose_plan.expected import expect, instrument_named
+from pa10cal.pose_plan.options import PlanOptions
+from pa10cal.pose_plan.plan import covariance_of, plan_poses, rms_mm
+from pa10cal.studies.commanded import simulated_model, true_frame
+
+Array = NDArray[np.float64]
+
+#: Test poses in the box: grids of these parts of the paper's spacing, other attitudes each.
+_INNER_GRIDS = (0.35, 0.7, 1.0)
+_TESTED = 200
+_ROUNDING_MM = 0.1
+_ROUNDING_DEG = 1e-3
+_TOOL_KG, _TOOL_COM_MM = 1.0, (0.0, 0.0, 60.0)
+_SEED = 1
+
+
+@dataclass(frozen=True)
+class Cell:
+    """An arm under an instrument, and the middle of its grid.
+
+    Attributes:
+        robot: name of the arm.
+        instrument: what measures.
+        centre_deg: joint angles in the middle of the 3 x 3 x 3 grid.
+        loads_N: external loads; every pose is measured under each.
+        flexible_joints: joints with a spring.
+        position_mm, attitude_rad: noise of a coordinate, and of an attitude.
+    """
+
+    robot: str
+    instrument: TrackerKind
+    centre_deg: tuple[float, ...]
+    loads_N: tuple[float, ...] = (0.0,)
+    flexible_joints: tuple[int, ...] = ()
+    position_mm: float = 0.03
+    attitude_rad: float = 1e-4
+    arm: Arm = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "arm", load_arm(self.robot))
+
+    def grid(self, part: float = 1.0, seed: int = _SEED) -> Array:
+        """Return the paper's grid about the middle, (27, n), its attitudes drawn by a seed.
+
+        Args:
+            part: of the paper's spacing.
+            seed: draws the attitudes.
+        """
+        nominal = Mechanism.of(self.arm, Departures.none(self.arm.n), tool_payload(_TOOL_KG))
+        settings = CellPosesOptions(
+            centre_deg=self.centre_deg, spacing_m=(0.125 * part,) * 3, tilt_seed=seed
+        )
+        return place_poses(self.arm, nominal, settings, 0).grid
+
+    @property
+    def targets_mm(self) -> tuple[tuple[float, float, float], ...]:
+        """Return where the targets are, as the virtual cell puts them."""
+        if instrument_named(self.instrument).measures_pose:
+            return ((0.0, 0.0, 0.0),)
+        return tuple(map(tuple, (1e3 * ring_of_targets(3).p_ee_m).tolist()))
+
+    def options(self, *, ranges_of_grid: bool, seed: int = 2008) -> PlanOptions:
+        """Return the options of a plan whose first target stays in the box of the grid's.
+
+        Args:
+            ranges_of_grid: whether every joint stays in the range that the grid takes it through,
+                too; else in all of its own.
+            seed: draws the candidates.
+        """
+        q = self.grid()
+        T = Chain.of(self.arm).forward(q)
+        p_mm = 1e3 * T[:, :3, 3] + T[:, :3, :3] @ np.array(self.targets_mm[0])
+        low, high = np.degrees(q.min(axis=0)), np.degrees(q.max(axis=0))
+        ranges = np.column_stack([low - _ROUNDING_DEG, high + _ROUNDING_DEG])
+        return PlanOptions.model_validate(
+            {
+                "workspace_mm": (p_mm.min(axis=0) - _ROUNDING_MM, p_mm.max(axis=0) + _ROUNDING_MM),
+                "joints_deg": ranges.tolist() if ranges_of_grid else (),
+                "floor_mm": None,
+                "targets_mm": self.targets_mm,
+                "uncertainty_mm": self.position_mm,
+                "attitude_mrad": 1e3 * self.attitude_rad,
+                "loads_N": self.loads_N,
+                "tool_kg": _TOOL_KG,
+                "tool_com_mm": _TOOL_COM_MM,
+                "effects": 0.0,
+                "random_seed": seed,
+            }
+        )
+
+    def tested(self, options: PlanOptions) -> Array:
+        """Return poses within the limits of a plan, others than its candidates, (200, n)."""
+        other = options.model_copy(update={"random_seed": 77, "candidates": _TESTED})
+        targets_m = 1e-3 * np.array(self.targets_mm)
+        return draw_candidates(self.arm, targets_m, other, least=_TESTED // 2).q
+
+    def tested_like_grid(self) -> Array:
+        """Return poses all over the box, with attitudes as the grid has them, (81, n)."""
+        grids = [self.grid(part, 11 + k) for k, part in enumerate(_INNER_GRIDS)]
+        return np.concatenate(grids)
+
+    def planned(self, poses: int, options: PlanOptions) -> Array:
+        """Return the poses of a plan, (N, n)."""
+        return plan_poses(self.arm, self.instrument, poses, options).q
+
+    def expected_mm(self, q: Array, tested: Array, options: PlanOptions) -> float:
+        """Return the tool's expected standard uncertainty over tested poses, rms."""
+        kind = instrument_named(self.instrument)
+        every = np.concatenate([q, tested])
+        rows = expect(self.arm, kind, every, options, CalibrationOptions())
+        return rms_mm(rows.tool[len(q) :], covariance_of(rows.white[: len(q)]))
+
+    def simulated_mm(self, q: Array, tests: list[Array], seed: int) -> list[float]:
+        """Measure a robot of the cell at poses, calibrate it, and return the error of its tool.
+
+        Args:
+            q: (N, n) where it is measured.
+            tests: poses over which the error is taken, rms each; unloaded.
+            seed: draws the robot and the noise.
+        """
+        commanded = np.degrees(np.repeat(q, len(self.loads_N), axis=0))
+        plan = TrackerOptions(
+            instrument=self.instrument,
+            commanded=tuple(map(tuple, commanded.tolist())),
+            holdout_share=0.0,
+            loads_N=self.loads_N,
+            position_mm=self.position_mm,
+            attitude_rad=self.attitude_rad,
+            unseen_share=0.0,
+            flexible_joints=self.flexible_joints,
+            hardening=False,
+            tool_mass_kg=_TOOL_KG,
+        )
+        settings = SimulateOptions(random_seed=seed, robot=self.robot, without_touches=plan)
+        made, _, model = simulated_model(settings)
+        errors = []
+        for q_test in tests:
+            T = model.T_instr_base @ model.predict(q_test, frame="tool").T
+            off_m = T[:, :3, 3] - true_frame(made, q_test)[:, :3, 3]
+            errors.append(1e3 * float(np.sqrt(np.mean(np.sum(off_m**2, axis=1)))))
+        return errors
