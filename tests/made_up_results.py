@@ -39,7 +39,9 @@ def small_results(place: Path) -> Path:
     calibration = ("--calibration", combined)
     _run("discover", *given, *calibration, *words)
     extended = ("--extended", out["extended"])
-    _run("evaluate", *given, *calibration, *extended, "--out", folder / "evaluation/holdout.json")
+    iso9283 = ("--iso9283", folder / "evaluation/iso9283.json")
+    held_out = ("--out", folder / "evaluation/holdout.json")
+    _run("evaluate", *given, *calibration, *extended, *held_out, *iso9283)
     model = ("--model", folder / "model/model.yaml", "--urdf", folder / "model/robot.urdf")
     _run("export", *calibration, *extended, *model, "--dh", folder / "model/dh.csv")
     return folder

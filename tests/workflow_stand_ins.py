@@ -51,7 +51,10 @@ STAND_INS = {
             write_text(Path(path), a.calibration)
         """,
     ),
-    "evaluate": (["--campaign-dir", "--poses", "--calibration", "--extended?", "--out"], ""),
+    "evaluate": (
+        ["--campaign-dir", "--poses", "--calibration", "--extended?", "--out", "--iso9283"],
+        "write_text(Path(a.iso9283), a.calibration)",
+    ),
     "export": (
         [
             "--calibration",

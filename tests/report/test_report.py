@@ -11,6 +11,13 @@ from itertools import pairwise
 import pytest
 
 from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.results.codec import write
+from pa10cal.results.iso9283 import (
+    AccuracyRows,
+    Iso9283Record,
+    PoseAccuracy,
+    RepeatabilityRows,
+)
 
 VOID = {"meta", "link", "br", "img", "input", "hr", "col"}
 
@@ -77,6 +84,7 @@ def test_has_every_section_in_the_order_of_reading(small, page):
         "Grade of the calibration",
         "Verdict: what the model lacks",
         "Before and after",
+        "Pose accuracy and repeatability (ISO 9283)",
         "Where the model is off",
         "Parameters",
         "What is missing",
@@ -139,6 +147,37 @@ def test_only_raw_rows_read_is_enough_for_a_page(copied, page):
     found = page(copied)
     assert "There is no calibration" in found.text
     assert "to fit" in found.text
+
+
+def test_repeats_give_accuracy_and_repeatability_before_and_after(copied, page):
+    assert "Not known: no configuration has 5 repeats." in page(copied).text
+    rows = {"pose": ["P1"], "load_N": [0.0]}
+    accuracy = {
+        name: PoseAccuracy(
+            AP_mean_mm=mm,
+            AP_largest_mm=2 * mm,
+            AP_mean_deg=None,
+            AP_largest_deg=None,
+            rows=AccuracyRows(**rows, AP_mm=[mm], AP_xyz_mm=[[mm, 0, 0]], AP_deg=None),
+        )
+        for name, mm in (("uncalibrated", 1.25), ("linear", 0.0625))
+    }
+    repeated = {"kind": ["grid"], "repeats": [30], "one_direction": [False], "RP_mm": [0.021]}
+    made = Iso9283Record(
+        campaign="small",
+        provenance="synthetic",
+        calibration="combined",
+        accuracy=accuracy,
+        repeatability=RepeatabilityRows(**rows, **repeated, RP_deg=None),
+    )
+    write(made, copied / "evaluation/iso9283.json")
+    found = page(copied).text
+    assert "Over 1 configuration used for the fit with 30 readings each" in found
+    assert "AP, nominal model 1.250 2.500 – –" in found
+    assert "AP, model calibrated 0.062 0.125 – –" in found
+    assert "RP 0.021 0.021 – –" in found
+    assert "joints arrived from either side in 1 configuration" in found
+    assert "30 repeats" not in found
 
 
 def test_nothing_held_out_is_said(copied, page):

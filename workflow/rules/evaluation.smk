@@ -7,7 +7,8 @@ rule evaluate:
         calibration=result("calibration"),
         extended=result("discovery/extended.json"),
     output:
-        result("evaluation/holdout.json"),
+        held_out=result("evaluation/holdout.json"),
+        iso9283=result("evaluation/iso9283.json"),
     log:
         result("logs/evaluate.log"),
     params:
@@ -16,5 +17,5 @@ rule evaluate:
         folder=campaign_folder,
     shell:
         "python -m pa10cal evaluate --campaign-dir {params.folder:q} --poses {input.poses:q}"
-        " --calibration {params.calibration:q} --extended {input.extended:q} --out {output:q}"
-        " 2>&1 | tee {log:q} >&2"
+        " --calibration {params.calibration:q} --extended {input.extended:q}"
+        " --out {output.held_out:q} --iso9283 {output.iso9283:q} 2>&1 | tee {log:q} >&2"

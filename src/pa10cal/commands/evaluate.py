@@ -12,6 +12,7 @@ def evaluate(
     calibration: Path,
     out: Path,
     extended: Path | None = None,
+    iso9283: Path | None = None,
 ) -> None:
     """Judge uncalibrated, calibrated and extended models on held-out points and loads.
 
@@ -21,6 +22,7 @@ def evaluate(
         calibration: calibration to evaluate (.json).
         out: errors of every model, to write (.json).
         extended: model with the effects that discovery named (.json).
+        iso9283: pose accuracy and repeatability after ISO 9283, to write (.json).
 
     Examples:
         pa10cal evaluate --campaign-dir data/raw/mine --poses poses.parquet --calibration \\
@@ -32,7 +34,8 @@ def evaluate(
     from pa10cal.commands.extended import read_extended
     from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.discovery.setup import setup_of
-    from pa10cal.evaluation.compared import judged_models
+    from pa10cal.evaluation.compared import judged_models, judged_where_repeated
+    from pa10cal.evaluation.iso9283 import iso9283_record
     from pa10cal.evaluation.records import holdout_record, summary
     from pa10cal.files.arms import load_arm
     from pa10cal.results.calibration import CalibrationRecord
@@ -43,12 +46,20 @@ def evaluate(
     every = read_observations(poses, campaign)
     record = read(CalibrationRecord, calibration, campaign.name)
     options = calibration_options(record, str(calibration))
-    models = judged_models(
-        every,
-        models_of(record, str(calibration)),
-        None if extended is None else read_extended(extended, campaign.name),
-        setup_of(campaign, arm, options, DiscoveryOptions()),
-    )
+    fitted = models_of(record, str(calibration))
+    with_effects = None if extended is None else read_extended(extended, campaign.name)
+    setup = setup_of(campaign, arm, options, DiscoveryOptions())
+    models = judged_models(every, fitted, with_effects, setup)
     found = holdout_record(campaign, record.load, models)
     write(found, out)
+    if iso9283 is not None:
+        *_, last = fitted.values()
+        repeated = iso9283_record(
+            campaign,
+            record.load,
+            every,
+            judged_where_repeated(every, fitted, with_effects, setup, held_out=models),
+            last.T_instr_base[:3, :3],
+        )
+        write(repeated, iso9283)
     print(f"{campaign.name}: {summary(found, springs=record.has_springs)}")

@@ -14,11 +14,13 @@ from pa10cal.discovery.preparation import prepared as made_ready
 from pa10cal.evaluation.holdout import judged, prepared
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.arrivals import with_arrivals
-from pa10cal.observe.averages import poses_of
+from pa10cal.observe.averages import poses_of, reading_groups
 from pa10cal.observe.observations import Observations
 from pa10cal.results.evaluation import HeldOutModel
 from pa10cal.terms.baseline import nominal
 
+#: Kinds of poses that are repeated.
+_KINDS = ("grid", "holdout")
 UNCALIBRATED, EXTENDED = "uncalibrated", "extended"
 
 
@@ -74,4 +76,28 @@ def judged_models(
     found = {name: judge(model, every, None) for name, model in models.items()}
     if extended is not None:
         found[EXTENDED] = judge(extended.model, with_arrivals(every)[0], extended)
+    return found
+
+
+def judged_where_repeated(
+    every: Observations,
+    models: Mapping[str, FittedModel],
+    extended: Extended | None,
+    setup: MeasurementSetup,
+    *,
+    held_out: Mapping[str, HeldOutModel],
+) -> dict[str, Mapping[str, HeldOutModel]]:
+    """Judge models on all configurations of the kinds that have repeats, by kind.
+
+    Args:
+        every, models, extended, setup: see `judged_models`.
+        held_out: what that gave of the held-out poses.
+    """
+    found: dict[str, Mapping[str, HeldOutModel]] = {}
+    for kind in _KINDS:
+        single = every.of_kind(kind)
+        if len(single) == len(np.unique(reading_groups(single))):
+            continue
+        known = held_out if kind == "holdout" else None
+        found[kind] = known or judged_models(every, models, extended, setup, kind=kind)
     return found

@@ -18,6 +18,7 @@ from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord
+from pa10cal.results.iso9283 import Iso9283Record
 from pa10cal.results.record import CampaignRecord, MeasuredRecord, Record
 from pa10cal.results.seed import BaseFrameRecord
 
@@ -37,6 +38,7 @@ _STAGES = {
     AnalysisRecord.FILE: ("discover", "discover"),
     ExtendedRecord.FILE: ("discover", "discover"),
     HoldoutRecord.FILE: ("evaluate", "evaluate"),
+    Iso9283Record.FILE: ("evaluate", "evaluate"),
     MODEL: ("export", "export"),
 }
 
@@ -69,8 +71,8 @@ class Gathered:
         poses: the table of poses.
         quarantined: how many raw rows are not used, by reason.
         absent: what a whole run would have left and is not there.
-        base_frame, calibration, general, verdict, analysis, extended, held_out: the records;
-            `general` is the general model beside the paper's.
+        base_frame, calibration, general, verdict, analysis, extended, held_out, iso9283: the
+            records; `general` is the general model beside the paper's.
     """
 
     folder: Path
@@ -88,14 +90,22 @@ class Gathered:
     analysis: AnalysisRecord | None
     extended: ExtendedRecord | None
     held_out: HoldoutRecord | None
+    iso9283: Iso9283Record | None
 
     @property
     def records(self) -> tuple[CampaignRecord, ...]:
         """Return the records that are there."""
-        every = (self.base_frame, self.calibration, self.general, self.verdict, self.analysis)
-        return tuple(
-            record for record in (*every, self.extended, self.held_out) if record is not None
+        every = (
+            self.base_frame,
+            self.calibration,
+            self.general,
+            self.verdict,
+            self.analysis,
+            self.extended,
+            self.held_out,
+            self.iso9283,
         )
+        return tuple(record for record in every if record is not None)
 
     @property
     def synthetic(self) -> bool:
@@ -172,6 +182,7 @@ def gather(folder: Path, load_case: str = "combined", campaign_dir: Path | None 
         analysis=_read(AnalysisRecord, folder),
         extended=_read(ExtendedRecord, folder),
         held_out=_read(HoldoutRecord, folder),
+        iso9283=_read(Iso9283Record, folder),
     )
     return replace(found, campaign=_one_campaign(found), provenance=_provenance(found))
 

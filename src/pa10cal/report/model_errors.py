@@ -64,6 +64,21 @@ def headline(found: Gathered) -> tuple[Errors, Errors] | None:
     return None
 
 
+def model_title(name: str, found: Gathered, beside: Iterable[str]) -> str | None:
+    """Return what readers call a model; None of one that is the calibrated one once more.
+
+    Args:
+        name: in the records.
+        found: what was gathered.
+        beside: names of the models that it is compared with.
+    """
+    if name == "extended":
+        return EXTENDED if found.verdict is None or found.verdict.effects else None
+    if name == "uncalibrated":
+        return UNCALIBRATED
+    return _SPRINGS.get(name, name) if {"geometry", "cubic"} & set(beside) else CALIBRATED
+
+
 def _fitted(found: Gathered) -> Iterator[Errors]:
     if (record := found.calibration) is None:
         return
@@ -82,14 +97,10 @@ def _fitted(found: Gathered) -> Iterator[Errors]:
 def _held_out(found: Gathered) -> Iterator[Errors]:
     if found.held_out is None:
         return
-    with_effects = found.verdict is None or bool(found.verdict.effects)
     for name, model in found.held_out.models.items():
-        if name == "extended" and not with_effects:
-            continue
-        title = {"uncalibrated": UNCALIBRATED, "extended": EXTENDED}.get(name)
+        title = model_title(name, found, found.held_out.models)
         if title is None:
-            springs = "geometry" in found.held_out.models or "cubic" in found.held_out.models
-            title = _SPRINGS.get(name, name) if springs else CALIBRATED
+            continue
         yield _errors(HELD_OUT, "all", title, model)
         for load, part in model.per_load.items():
             yield _errors(HELD_OUT, load, title, part)

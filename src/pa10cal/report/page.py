@@ -19,6 +19,7 @@ from pa10cal.report.sections.measured import measured
 from pa10cal.report.sections.missing import missing, next_poses
 from pa10cal.report.sections.outcome import grade, grade_sentence, verdict, verdict_sentence
 from pa10cal.report.sections.parameters import parameters
+from pa10cal.report.sections.repeats import repeats
 from pa10cal.report.sections.residuals import residuals
 from pa10cal.report.sections.trust import trust
 from pa10cal.report.sections.use import use
@@ -30,6 +31,7 @@ _SECTIONS = (
     grade,
     verdict,
     accuracy,
+    repeats,
     residuals,
     parameters,
     missing,

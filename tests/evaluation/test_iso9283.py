@@ -1,0 +1,92 @@
+"""Pose accuracy and repeatability after ISO 9283, against examples worked out by hand."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from made_up_poses import measured_poses
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.state import PoseStates
+from pa10cal.evaluation.holdout import judged
+from pa10cal.evaluation.iso9283 import LEAST_REPEATS, iso9283_record, repeatability
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.distance import Distance
+from pa10cal.terms.model import Model
+
+CAMPAIGN = SimpleNamespace(name="mine", provenance="made up", robot="pa10_6ce")
+
+
+def test_repeatability_of_positions_all_equally_far():
+    p_m = 1e-3 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    found = repeatability(p_m, None)
+    assert found.RP_mm == pytest.approx(1.0)  # every distance is 1 mm, so they do not scatter
+    assert found.RP_deg is None
+
+
+def test_repeatability_of_positions_along_a_line():
+    # Mean 1 mm; distances 1, 1, 1, 3 mm: mean 1.5, standard deviation 1; 1.5 + 3 x 1.
+    p_m = 1e-3 * np.array([[0.0, 0, 0], [0, 0, 0], [0, 0, 0], [4, 0, 0]])
+    assert repeatability(p_m, None).RP_mm == pytest.approx(4.5)
+
+
+def test_repeatability_of_angles_is_three_standard_deviations_about_each_axis():
+    angles_deg = np.array([[0.0, 0, -0.1], [0, 0, 0], [0, 0, 0.1]])
+    R = (Rotation.from_rotvec(angles_deg, degrees=True) * Rotation.random(rng=1)).as_matrix()
+    found = repeatability(np.zeros((3, 3)), R)
+    np.testing.assert_allclose(found.RP_deg, [0.0, 0.0, 0.3], atol=1e-6)
+
+
+def repeated(repeats, *, arrival=1.0):
+    """Two configurations, the first attained (0, 0, 3) mm off and repeated; the second once."""
+    arm = load_arm("pa10_6ce")
+    model = FittedModel(Model(Chain.of(arm), ()), np.zeros(0), np.eye(4))
+    q_rad = np.repeat([[0.3, 0.2, 0.5, 0.1, 0.4, 0.2], [0.1] * 6], [repeats, 1], axis=0)
+    T = Chain.of(arm).forward(q_rad)
+    along = np.zeros(repeats)
+    along[-1] = 1e-3 * repeats  # mean 1 mm
+    T[:repeats, 0, 3] += along
+    T[:repeats, 2, 3] += 3e-3
+    count = len(q_rad)
+    zero, arrivals = np.zeros(count), np.full((count, 6), 1.0)
+    arrivals[0] = arrival
+    states = PoseStates(q_rad, np.zeros((count, 6)), arrivals, zero, zero, zero)
+    labels = np.array(["P1"] * repeats + ["P2"])
+    every = measured_poses(labels, states, T, np.zeros((count, 6, 6)))
+    return every, {"grid": {"linear": judged(model, average_repeats(every))}}
+
+
+def test_accuracy_is_the_mean_attained_less_the_commanded_pose():
+    every, models = repeated(5)
+    found = iso9283_record(CAMPAIGN, "combined", every, models, np.eye(3))
+    rows = found.repeatability
+    assert rows.pose.tolist() == ["P1"]
+    assert rows.repeats.tolist() == [5]
+    # Distances 1, 1, 1, 1, 4 mm: mean 1.6, variance (4 x 0.36 + 5.76) / 4 = 1.8.
+    assert rows.RP_mm[0] == pytest.approx(1.6 + 3.0 * np.sqrt(1.8))
+    of = found.accuracy["linear"]
+    np.testing.assert_allclose(of.rows.AP_xyz_mm[0], [1.0, 0.0, 3.0], atol=1e-9)
+    assert of.AP_mean_mm == of.AP_largest_mm == pytest.approx(np.sqrt(10.0))
+    assert of.AP_largest_deg == pytest.approx(0.0, abs=1e-6)
+
+
+def test_says_whether_joints_arrived_from_one_side():
+    for arrival, alone in ((1.0, True), (-1.0, False)):
+        every, models = repeated(6, arrival=arrival)
+        found = iso9283_record(CAMPAIGN, "combined", every, models, np.eye(3))
+        assert found.repeatability.one_direction.tolist() == [alone]
+
+
+def test_says_why_there_is_none():
+    every, models = repeated(LEAST_REPEATS - 1)
+    found = iso9283_record(CAMPAIGN, "combined", every, models, np.eye(3))
+    assert found.note == f"no configuration has {LEAST_REPEATS} repeats"
+    assert found.accuracy is found.repeatability is None
+    assert iso9283_record(CAMPAIGN, "combined", every, {}, np.eye(3)).note is not None
+    blind = SimpleNamespace(measured=SimpleNamespace(directional=Distance.directional))
+    assert "a distance alone" in iso9283_record(CAMPAIGN, "combined", blind, {}, np.eye(3)).note
