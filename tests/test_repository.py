@@ -327,6 +327,28 @@ def test_every_decision_has_a_number_of_its_own():
     assert numbers == list(range(1, len(numbers) + 1))
 
 
+def test_every_page_stands_in_the_table_of_contents():
+    """`make docs` would say so too; this says it sooner."""
+    docs = ROOT / "docs"
+    pages = {str(p.relative_to(docs).with_suffix("")) for p in docs.rglob("*.md")}
+    pages = {page for page in pages if not page.startswith("decisions/")}
+    contents = "".join(
+        (docs / page).read_text("utf-8") for page in ("index.md", "benchmarks/index.md")
+    )
+    listed = set(re.findall(r"^([\w/-]+)$", contents, re.MULTILINE))
+    listed |= {f"benchmarks/{page}" for page in listed}
+    assert pages - listed == {"STATUS", "index"}
+
+
+def test_pages_that_are_named_exist():
+    named = {
+        page
+        for path in (*PROSE, *CODE, *(ROOT / "workflow").rglob("*.smk"))
+        for page in re.findall(r"\b(docs/[\w/-]+\.md)\b", path.read_text("utf-8"))
+    }
+    assert not [page for page in sorted(named) if not (ROOT / page).is_file()]
+
+
 PROSE = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
