@@ -77,3 +77,10 @@ def test_without_a_covariance_it_says_so(here, capsys):
     (here / "july.covariance.npz").unlink()
     assert run_command("compare", ["june.yaml", "july.yaml"]) == 0
     assert "cannot be judged: the covariance is missing of july.yaml" in capsys.readouterr().out
+
+
+def test_no_model_is_replaced(here, capsys):
+    before = (here / "july.yaml").read_bytes()
+    assert run_command("compare", ["june.yaml", "july.yaml", "--out", "july.yaml"]) == REFUSED
+    assert "would replace the file of second" in capsys.readouterr().err
+    assert (here / "july.yaml").read_bytes() == before

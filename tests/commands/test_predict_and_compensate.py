@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from made_up_model import fitted, postures
 from pa10cal.arm.tolerances import Tolerances
@@ -114,6 +115,12 @@ SLIPS = [
     ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5"], "another number of fields"),
     ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,6", "P2,1,2,3"], ":3: the number of fields"),
     ("predict", [f"id,{JOINTS}".replace(",", ";"), "P1;1;2;3;4;5;6"], "semicolons"),
+    ("predict", [""], "the file is empty"),
+    ("predict", [f"id,{JOINTS},q1_deg", "P1,1,2,3,4,5,6,7"], "q1_deg occurs twice"),
+    ("predict", [JOINTS, "1,2,3,4,5,6"], "missing column id"),
+    ("predict", [f"id,{JOINTS}", 'P1,"1,5",2,3,4,5,6'], "decimal commas"),
+    ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,6\0"], "not UTF-8 text"),
+    ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,inf"], "not a finite number"),
     ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,nan"], ":2: not a finite number.*q6_deg = 'nan'"),
     ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,1e9"], "q6_deg is no position of a joint"),
     ("predict", [f"id,{JOINTS},load_N", "P1,1,2,3,4,5,6,60"], "load_N of pose 1.*0 to 44 N"),
@@ -126,6 +133,9 @@ SLIPS = [
         "the seed lacks joints.*q4_deg",
     ),
     ("compensate", [f"id,{POSE},q1_deg", f"P1,{HERE},1"], "missing columns q2_deg"),
+    ("compensate", [f"id,{POSE}", "P1,700,200,600,0,0,0,0"], "quaternion is not of length one"),
+    ("compensate", [f"id,{POSE},load_N", f"P1,{HERE},", f"P2,{HERE},60"], "load_N of pose 2"),
+    ("compensate", ["id,x_mm,y_mm,z_mm,rx,ry,rz", "P1,700,200,600,1,0,0"], "missing columns qw"),
     ("compensate", [f"id,{POSE},q1_mm", f"P1,{HERE},1"], "q1_mm"),
     (
         "compensate",
@@ -188,3 +198,53 @@ def test_without_its_covariance_a_model_says_no_uncertainty(tmp_path):
     assert run("compensate", tmp_path, [f"id,{POSE}", f"P1,{HERE}"]) == 0
     assert rows(tmp_path / "out.csv")[0]["u_mm"] == ""
     assert np.isnan(load_model(tmp_path / "model.yaml").predict(np.zeros(6)).u_mm).all()
+
+
+def test_columns_that_are_not_read_are_named(tmp_path, capsys):
+    """A load under another name would be none."""
+    saved(tmp_path)
+    assert run("predict", tmp_path, [f"id,{JOINTS},load,note", "P1,1,2,3,4,5,6,22,x"]) == 0
+    assert capsys.readouterr().out.endswith("given.csv: load, note\n")
+    assert run("compensate", tmp_path, [f"id,{POSE},load", f"P1,{HERE},22"]) == 0
+    assert capsys.readouterr().out.endswith("given.csv: load\n")
+
+
+@pytest.mark.parametrize(
+    ("command", "out", "of"),
+    [
+        ("predict", "given.csv", "joints"),
+        ("compensate", "given.csv", "targets"),
+        ("predict", "model.yaml", "model"),
+    ],
+)
+def test_no_input_is_replaced(tmp_path, capsys, command, out, of):
+    saved(tmp_path)
+    lines = [f"id,{JOINTS}", "P1,1,2,3,4,5,6"]
+    lines = lines if command == "predict" else [f"id,{POSE}", f"P1,{HERE}"]
+    before = (tmp_path / "model.yaml").read_bytes()
+    assert run(command, tmp_path, lines, out=out) == REFUSED
+    assert f"--out: the output would replace the file of {of}" in capsys.readouterr().err
+    assert (tmp_path / "given.csv").read_text(encoding="utf-8").splitlines() == lines
+    assert (tmp_path / "model.yaml").read_bytes() == before
+
+
+def test_statuses_are_those_of_the_target(tmp_path):
+    """Straight wrist, beyond a limit, out of reach: a row each, in order, and exit code 0."""
+    model = saved(tmp_path)
+    q = np.radians([[10, 20, 60, 0, 0, 0], [10, -80, 150, 0, 40, 0], [20, 30, 60, 20, 45, -30]])
+    poses = model.predict(q).T
+    quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
+    numbers = np.hstack([1e3 * poses[:, :3, 3], quaternions]).tolist()
+    lines = [f"id,{POSE},{JOINTS}"]
+    for name, row, seed in zip("abc", numbers, np.degrees(q).tolist(), strict=True):
+        lines.append(",".join([name, *map(repr, [*row, *seed])]))
+    lines.insert(3, f"far,3000,0,0,1,0,0,0{',' * 6}")
+    assert run("compensate", tmp_path, lines) == 0
+    found = rows(tmp_path / "out.csv")
+    assert [row["id"] for row in found] == ["a", "b", "far", "c"]
+    assert [row["status"] for row in found] == [
+        "near_singular",
+        "outside_limits",
+        "unreachable",
+        "ok",
+    ]

@@ -42,11 +42,13 @@ class JointList:
         ids: (N,) names of the rows.
         q: (N, n) joint positions [rad, m].
         load_N: (N,) external loads; nan where none is given.
+        unused: columns that are not read.
     """
 
     ids: NDArray[np.str_]
     q: Array
     load_N: Array
+    unused: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -58,12 +60,14 @@ class TargetList:
         T: (N, 4, 4) poses [m].
         load_N: (N,) external loads; nan where none is given.
         seed: (N, n) joint positions near which the answer should be [rad, m]; nan where none are.
+        unused: columns that are not read.
     """
 
     ids: NDArray[np.str_]
     T: Array
     load_N: Array
     seed: Array
+    unused: tuple[str, ...] = ()
 
 
 def read_joints(path: Path, prismatic: NDArray[np.bool_]) -> JointList:
@@ -77,7 +81,8 @@ def read_joints(path: Path, prismatic: NDArray[np.bool_]) -> JointList:
     raw = _rows(path, joints, ["id", *joints], [_LOAD])
     positions = _finite(path, raw, joints)
     _refuse_far(path, raw, joints, positions)
-    return JointList(raw.text_of("id"), in_radians(positions, prismatic), _loads(path, raw))
+    q = in_radians(positions, prismatic)
+    return JointList(raw.text_of("id"), q, _loads(path, raw), raw.unused)
 
 
 def read_targets(path: Path, prismatic: NDArray[np.bool_]) -> TargetList:
@@ -131,7 +136,7 @@ def read_targets(path: Path, prismatic: NDArray[np.bool_]) -> TargetList:
             )
         _refuse_far(path, raw, joints, positions)
         seed = in_radians(positions, prismatic)
-    return TargetList(raw.text_of("id"), T, _loads(path, raw), seed)
+    return TargetList(raw.text_of("id"), T, _loads(path, raw), seed, raw.unused)
 
 
 def poses_text(

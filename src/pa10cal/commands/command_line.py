@@ -24,7 +24,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, NoReturn, Union, get_args, get_origin, get_type_hints
 
 from pa10cal import __version__
-from pa10cal.errors import Pa10calError
+from pa10cal.errors import OutputError, Pa10calError
 from pa10cal.extras import missing_package
 from pa10cal.near_miss import remedy_for
 
@@ -153,7 +153,9 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
     given = vars(_parser(name, command, types).parse_args(argv))
     debug: bool = given.pop("debug")
     try:
-        command(**{key: _read(types[key], value, key) for key, value in given.items()})
+        values = {key: _read(types[key], value, key) for key, value in given.items()}
+        _refuse_to_replace(values)
+        command(**values)
     except KeyboardInterrupt:
         print(f"pa10cal {name}: interrupted", file=sys.stderr)
         return INTERRUPTED
@@ -172,6 +174,22 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
         )
         return FAULT
     return 0
+
+
+def _refuse_to_replace(values: Mapping[str, Any]) -> None:
+    """Refuse an output in the place of a file that the command reads."""
+    out = values.get("out")
+    if not isinstance(out, Path) or not out.is_file():
+        return
+    for name, path in values.items():
+        if name != "out" and isinstance(path, Path) and path.is_file() and out.samefile(path):
+            raise OutputError(
+                f"the output would replace the file of {name.replace('_', ' ')}",
+                where="--out",
+                value=str(out),
+                allowed="a path of its own",
+                remedy="give another one",
+            )
 
 
 def _nobody_reads() -> bool:

@@ -36,7 +36,7 @@ def compensate(
     import numpy as np
 
     from pa10cal.campaign.pose_lists import commands_text, read_targets
-    from pa10cal.commands.model_in_use import doubtful, loads_of, model_in_use
+    from pa10cal.commands.model_in_use import doubtful, loads_of, model_in_use, not_read
     from pa10cal.files.output import write_text
 
     fitted = model_in_use(model, force=force)
@@ -61,4 +61,5 @@ def compensate(
     write_text(out, commands_text(asked.ids, found.q, arm.prismatic, columns))
     words, counts = np.unique(found.status, return_counts=True)
     said = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
-    print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {said}")
+    rest = not_read(targets, asked.unused)
+    print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {said}{rest}")

@@ -42,3 +42,8 @@ def doubtful(model: FittedModel) -> bool:
 def loads_of(given_N: Array, load_N: float) -> Array:
     """Return the loads of rows, that of the command where a row gives none (nan)."""
     return np.where(np.isnan(given_N), load_N, given_N)
+
+
+def not_read(path: Path, columns: tuple[str, ...]) -> str:
+    """Return which columns of a list are not read, for the end of a line; nothing where all are."""
+    return f"; not read of {path}: {', '.join(columns)}" if columns else ""

@@ -32,7 +32,7 @@ def predict(
         pa10cal predict --model model.yaml --joints joints.csv --frame tool --load-N 22 --out p.csv
     """
     from pa10cal.campaign.pose_lists import poses_text, read_joints
-    from pa10cal.commands.model_in_use import doubtful, loads_of, model_in_use
+    from pa10cal.commands.model_in_use import doubtful, loads_of, model_in_use, not_read
     from pa10cal.files.output import write_text
 
     fitted = model_in_use(model, force=force)
@@ -44,5 +44,5 @@ def predict(
     outside = int((~found.inside).sum())
     print(
         f"{out}: {frame} of {fitted.arm.name} at {len(found)} joint positions, "
-        f"{outside} of them beyond the angles of the fit"
+        f"{outside} of them beyond the angles of the fit{not_read(joints, asked.unused)}"
     )
