@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import cycle
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -26,6 +27,8 @@ form disagree. No measurement is used here.
 
 #: The closed form holds to first order in the joint errors; so far should the draws agree.
 _AGREEMENT_PERCENT = 0.3
+#: Planes differ by more than their colours.
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
 def draw(results: Results) -> Figure:
@@ -35,15 +38,19 @@ def draw(results: Results) -> Figure:
     running = panel(figure, 18.0, 33.0, 64.0, 52.0)
     distance = panel(figure, 104.0, 33.0, 63.0, 52.0)
     halves = []
-    for plane, colour in zip(planes, cycle(SERIES), strict=False):
+    for plane, colour, marker in zip(planes, cycle(SERIES), cycle(_MARKERS), strict=False):
         trace = plane.convergence
         cycles = trace.cycles
         percent = 100.0 * (trace.mean_mm / plane.closed_form_mean_mm - 1.0)
         halves.append(100.0 * trace.half_width95_mm / plane.closed_form_mean_mm)
-        running.plot(cycles, percent, color=colour, label=f"z = {plane.plane_mm} mm")
-        distance.plot(
-            cycles, np.abs(percent), color=colour, marker="o", markersize=2.5, linewidth=0.7
-        )
+        look: dict[str, Any] = {
+            "color": colour,
+            "marker": marker,
+            "markersize": 3.0,
+            "linewidth": 0.7,
+        }
+        running.plot(cycles, percent, label=f"z = {plane.plane_mm} mm", **look)
+        distance.plot(cycles, np.abs(percent), **look)
     # The planes' intervals hardly differ; the first one's stands for all.
     cycles, half = planes[0].convergence.cycles, halves[0]
     running.fill_between(

@@ -86,7 +86,7 @@ def _draw_rates(axes: Axes, rows: list[tuple[str, Rate, float | None]]) -> None:
             axes.plot(
                 100.0 * allowed, y, color=BLACK, marker="|", markersize=10.0, linestyle="none"
             )
-    highest = max(5.0, *(min(100.0 * found.high, 40.0) for _, found, _ in rows))
-    axes.set_xlim(-0.02 * highest, highest)
+    highest = max(5.0, *(100.0 * found.high for _, found, _ in rows))
+    axes.set_xlim(-0.02 * highest, 1.02 * highest)
     name_rows(axes, [name for name, _, _ in rows])
     axes.set_xlabel("share of trials [%]")
