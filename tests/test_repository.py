@@ -338,6 +338,8 @@ def test_every_page_stands_in_the_table_of_contents():
     listed = set(re.findall(r"^([\w/-]+)$", contents, re.MULTILINE))
     listed |= {f"benchmarks/{page}" for page in listed}
     assert pages - listed == {"STATUS", "index"}
+    measured = {f"benchmarks/{path.stem}" for path in (ROOT / "benchmarks").glob("*.md")}
+    assert measured <= pages
 
 
 def test_pages_that_are_named_exist():
