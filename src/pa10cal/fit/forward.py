@@ -66,18 +66,18 @@ def conditions(
     """Return the conditions of poses; see `FittedModel.predict`.
 
     Raises:
-        ModelError: when a load is no load, or heavier than any that the fit has seen.
+        ModelError: when a load is no load, or heavier than any that the fit has seen; or when there
+            are not as many numbers as poses.
     """
     fitted = model.fitted_to
     if temperature_C is None:
         temperature_C = np.nan if fitted is None else fitted.temperature_C
     if time_s is None:
         time_s = 0.0 if fitted is None else 0.5 * sum(fitted.time_s)
-    every_N, of_temperature, of_time = (
-        np.broadcast_to(np.asarray(value, dtype=float), (count,))
-        for value in (load_N, temperature_C, time_s)
-    )
-    directions = np.broadcast_to(np.asarray(arrival, dtype=float), (count, model.arm.n))
+    every_N = _of_every_pose("load_N", load_N, (count,))
+    of_temperature = _of_every_pose("temperature_C", temperature_C, (count,))
+    of_time = _of_every_pose("time_s", time_s, (count,))
+    directions = _of_every_pose("arrival", arrival, (count, model.arm.n))
     seen_N = () if fitted is None else fitted.loads_N
     wrong = ~(every_N >= 0.0) | ~np.isfinite(every_N)
     if seen_N and not extrapolate:
@@ -93,6 +93,20 @@ def conditions(
             "which the uncertainty does not cover",
         )
     return Conditions(every_N, directions, of_temperature, of_time)
+
+
+def _of_every_pose(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return what is given once, or for every pose, as an array of this shape."""
+    try:
+        return np.broadcast_to(np.asarray(value, dtype=float), shape)
+    except (TypeError, ValueError):
+        raise ModelError(
+            "not one number for all poses, nor one for each",
+            where=name,
+            value=value,
+            allowed=f"a number, or an array of shape {shape}",
+            remedy="give as many as there are poses",
+        ) from None
 
 
 @dataclass(frozen=True)
