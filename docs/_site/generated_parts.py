@@ -71,13 +71,20 @@ def _effect(places: tuple[Any, ...]) -> str:
         f"formula, at {first.of}": f"`{first.formula}`",
         "moves": ", ".join(f"`{each}`" for each in first.coordinates) or "the logged torque alone",
         "parameters": ", ".join(shown),
-        "sign": "never negative" if first.positive else "either",
+        "sign": _sign(first, [each.name for each in reported]),
         "expected size": f"{size.plausible:.2g} {size.unit}".removesuffix(" 1"),
     }
     if first.goes_with_time:
         rows["goes with"] = "time or temperature: the campaign must have lasted, or warmed up"
     table = "\n".join(f"| {what} | {value} |" for what, value in rows.items())
     return f"## `{first.id}`\n\n{_text(type(first))}\n\n| | |\n| --- | --- |\n{table}"
+
+
+def _sign(effect: Any, reported: list[str]) -> str:
+    """Return which signs its amount may have."""
+    if effect.positive:
+        return "never negative"
+    return "by the phase" if {"A", "phi"} <= set(reported) else "either"
 
 
 def rivals() -> str:
