@@ -50,6 +50,7 @@ candidates or like the grid.
 """
 
 TAIL = """
+## What it says
 The first row of each cell is what a plan gains that has no more room than the grid's own box: the
 tool is known at every attitude there. The attitudes of the grid hardly differ, so that its model
 extrapolates as soon as the tool turns further. The second row allows the plan no more of any joint
@@ -59,24 +60,26 @@ unknowns over the number of poses, whichever poses these are.
 """
 
 
+#: Heads of the columns of figures.
+FIGURES = ("grid", "plan", "ratio")
+
+
 def main() -> None:
     limit_threads()
-    lines = [HEAD + _table_head()]
-    for name, cell in CELLS.items():
-        lines += _rows(name, cell)
-    text = "\n".join(lines) + "\n" + TAIL
+    text = HEAD + "\n".join(_table(name, cell) for name, cell in CELLS.items()) + TAIL
     write_text(HERE / "plan.md", text)
     print(text)
 
 
-def _table_head() -> str:
-    columns = ["cell", "plan within", "tested at"]
-    columns += ["expected, grid", "expected, plan", "ratio"]
-    columns += ["simulated, grid", "simulated, plan", "ratio"]
-    return f"| {' | '.join(columns)} |\n|{' --- |' * len(columns)}"
+def _table(name: str, cell) -> str:
+    """Return the heading and the table of one cell."""
+    kinds = [f"{kind} {each}" for kind in ("expected", "simulated") for each in FIGURES]
+    columns = ["plan within", "tested at", *kinds]
+    head = [f"| {' | '.join(columns)} |", f"|{' --- |' * len(columns)}"]
+    return "\n".join([f"## {name}", *head, *_rows(cell)]) + "\n"
 
 
-def _rows(name: str, cell) -> list[str]:
+def _rows(cell) -> list[str]:
     """Return the lines of one cell."""
     import numpy as np
 
@@ -106,7 +109,7 @@ def _rows(name: str, cell) -> list[str]:
         figures = " | ".join(
             f"{one:.3f} | {other:.3f} | {other / one:.2f}" for one, other in (expected, simulated)
         )
-        lines.append(f"| {name} | {words} | {figures} |")
+        lines.append(f"| {words} | {figures} |")
     return lines
 
 

@@ -77,3 +77,9 @@ def test_other_slips_are_refused(tmp_path, capsys, more, words):
     assert code == REFUSED
     assert words in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_where_an_instrument_of_distances_is_taken_to_be_is_said(tmp_path, capsys):
+    code, _ = command(tmp_path, "--instrument", "distance", poses="40")
+    assert code == 0
+    assert "instrument taken to be at" in capsys.readouterr().out

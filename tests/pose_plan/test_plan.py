@@ -64,12 +64,20 @@ def test_all_poses_keep_to_every_limit():
 
 def test_effects_count_where_they_are_wanted():
     arm = load_arm("irb120")
-    alone = plan_poses(arm, "pose", 20, option())
-    both = plan_poses(arm, "pose", 20, option(effects=0.9))
-    assert not alone.effects
-    assert len(both.effects) > 10
-    assert all(each.u_alone <= each.u_among_all + 1e-9 for each in both.effects)
-    assert both.u_tool_all_mm > 0.9 * alone.u_tool_all_mm
+    assert not plan_poses(arm, "pose", 20, option()).effects
+    little, much = (plan_poses(arm, "pose", 20, option(effects=part)) for part in (1e-6, 0.9))
+    assert len(much.effects) > 10
+    assert all(each.u_alone <= each.u_among_all + 1e-9 for each in much.effects)
+    before, after = (
+        np.log([each.u_among_all for each in plan.effects]).mean() for plan in (little, much)
+    )
+    assert after < before
+    assert much.u_tool_all_mm > little.u_tool_all_mm
+
+
+def test_there_is_something_to_choose_among_for_every_pose():
+    plan = plan_poses(load_arm("gx4_351s"), "pose", 80, option(floor_mm=None))
+    assert len(plan.candidates.q) == 3 * 80
 
 
 def test_loads_show_springs():

@@ -126,6 +126,9 @@ def _lines(found: PosePlan, out: Path) -> Iterator[str]:
             f"missing effects: {shown} of {len(found.effects)} would show in their plausible size, "
             f"{apart} whatever others are missing too"
         )
+    if not found.kind.directional and found.options.instrument_at_mm is None:
+        place = ", ".join(f"{1e3 * each:.0f}" for each in found.p_base_instrument_m)
+        yield f"instrument taken to be at {place} mm of the base; state --instrument-at-mm"
     yield from _limits(found)
 
 

@@ -39,7 +39,7 @@ def reference() -> str:
     for name in pa10cal.__all__:
         thing = getattr(pa10cal, name)
         if inspect.isclass(thing):
-            parts += [f"## `pa10cal.{name}`\n", _text(thing)]
+            parts += [f"## `pa10cal.{name}`\n", _text(thing), *_keys(thing)]
             parts += [
                 f"{_heading(f'{name}.{member}', _signature(of))}\n\n{_text(of)}"
                 for member, of in vars(thing).items()
@@ -59,12 +59,22 @@ def _heading(name: str, signature: str) -> str:
     return f"### `{name}`\n\n```python\n{name}(\n    {arguments},\n)\n```"
 
 
+def _keys(thing: Any) -> list[str]:
+    """Return the keys of a section of settings, each with its default and meaning."""
+    fields = getattr(thing, "model_fields", {})
+    lines = [
+        f"| `{name}` | `{field.get_default()!r}` | {field.description} |"
+        for name, field in fields.items()
+    ]
+    return ["\n".join(["| key | default | meaning |", "| --- | --- | --- |", *lines])] * bool(lines)
+
+
 def _documented(member: Any) -> bool:
     return bool(_docstring(member)) and not inspect.isclass(member)
 
 
 def _docstring(thing: Any) -> str:
-    if isinstance(thing, str | int | float | tuple):
+    if isinstance(thing, str | int | float | tuple | dict):
         return ""
     return inspect.getdoc(getattr(thing, "__func__", thing)) or ""
 

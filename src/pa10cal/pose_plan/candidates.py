@@ -37,6 +37,8 @@ _AT_ONCE = 2**14
 _MOST_DRAWS = 60
 #: After so many draws of which nothing is left, nothing will be.
 _HOPELESS = 6
+#: There is something to choose among so many candidates for each pose.
+_FOR_EACH = 3
 #: The tool stays off the base's axis, and targets off the lines from joint to joint, by these parts
 #: of the arm's reach: about how thick arms are.
 _COLUMN_SHARE = 0.1
@@ -123,6 +125,8 @@ def constraints_of(arm: Arm, options: PlanOptions) -> dict[str, Constraint]:
 def draw_candidates(arm: Arm, targets_m: Array, options: PlanOptions, least: int) -> Candidates:
     """Draw poses by Sobol's sequence, and keep those within all constraints.
 
+    As many as the options want, and some for each pose that is needed.
+
     Args:
         arm: the nominal arm.
         targets_m: (B, 3) targets on the end.
@@ -132,13 +136,14 @@ def draw_candidates(arm: Arm, targets_m: Array, options: PlanOptions, least: int
     Raises:
         CalibrationError: when too few are left, saying which constraint removed how many.
     """
+    wanted = max(options.candidates, _FOR_EACH * least)
     low, high = joint_ranges(arm, options)
     constraints, chain = constraints_of(arm, options), Chain.of(arm)
     sobol = qmc.Sobol(arm.n, rng=options.random_seed)
     removed = np.zeros(len(constraints), dtype=np.int64)
     kept: list[Array] = []
     draws = 0
-    while draws < _MOST_DRAWS and sum(map(len, kept)) < options.candidates:
+    while draws < _MOST_DRAWS and sum(map(len, kept)) < wanted:
         q = _as_written(arm, low + (high - low) * sobol.random(_AT_ONCE))
         allowed, fewer = admissible(Postures.of(chain, q, targets_m), [*constraints.values()])
         kept.append(q[allowed])
@@ -147,7 +152,7 @@ def draw_candidates(arm: Arm, targets_m: Array, options: PlanOptions, least: int
         if draws == _HOPELESS and not sum(map(len, kept)):
             break
     found = Candidates(
-        np.concatenate(kept)[: options.candidates],
+        np.concatenate(kept)[:wanted],
         draws * _AT_ONCE,
         {name: int(number) for name, number in zip(constraints, removed, strict=True)},
     )

@@ -15,7 +15,13 @@ from pa10cal.errors import CalibrationError
 from pa10cal.fit.exchange import Criterion, Share, exchange, one_by_one
 from pa10cal.observe.instrument import Instrument
 from pa10cal.pose_plan.candidates import Candidates, draw_candidates
-from pa10cal.pose_plan.expected import Expected, expect, instrument_named, targets_of
+from pa10cal.pose_plan.expected import (
+    Expected,
+    expect,
+    instrument_named,
+    instrument_place_m,
+    targets_of,
+)
 from pa10cal.pose_plan.options import PlanOptions
 from pa10cal.pose_plan.path import path_length, short_path
 from pa10cal.terms.effects.effect import Effect
@@ -26,6 +32,8 @@ Index = NDArray[np.intp]
 
 #: Sets drawn at random, to hold the plan against.
 _RANDOM_SETS = 20
+#: Turns of the exchange through all poses: among many poses there is little left to gain.
+_MOST_SWEEPS, _POSE_SWEEPS = 20, 600
 #: A parameter is identified where its uncertainty falls below this part of what is possible.
 _IDENTIFIED = 0.3
 
@@ -87,6 +95,11 @@ class PosePlan:
 
     def __len__(self) -> int:
         return len(self.q)
+
+    @property
+    def p_base_instrument_m(self) -> Array:
+        """Return where the instrument is, as given or as taken to be, (3,)."""
+        return instrument_place_m(self.arm, self.options)
 
     @property
     def ids(self) -> NDArray[np.str_]:
@@ -169,7 +182,8 @@ def criterion_of(rows: Expected, effects: float) -> Criterion:
 def _choose(rows: Expected, poses: int, options: PlanOptions) -> tuple[Index, tuple[float, ...]]:
     """Return the poses chosen, and the criterion from the start of their exchange on."""
     criterion = criterion_of(rows, options.effects)
-    found = exchange(criterion, one_by_one(criterion, poses))
+    sweeps = int(np.clip(_POSE_SWEEPS // poses, 1, _MOST_SWEEPS))
+    found = exchange(criterion, one_by_one(criterion, poses), most_sweeps=sweeps)
     return found.chosen, found.values
 
 
