@@ -206,7 +206,10 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
             0 if gap is None else gap.trials,
         ),
         _number(
-            "seconds to judge one campaign, longest", max(seconds, default=None), 15.0, len(seconds)
+            "seconds of the processor to judge one campaign, longest",
+            max(seconds, default=None),
+            15.0,
+            len(seconds),
         ),
         _number(
             "trials an hour on two cores",

@@ -73,7 +73,7 @@ class TrialTruthRecord(CampaignRecord):
         description="uncertainty stated in place of the true one [mm]; null where it is true"
     )
     mass_factor: tuple[float, ...] = Field(description="factors of the masses that are stated")
-    seconds_twin: float = Field(description="time taken to find `moved_mm` [s]")
+    seconds_twin: float = Field(description="processor time to find `moved_mm` [s]")
 
 
 class TrialVerdictRecord(CampaignRecord):
@@ -116,8 +116,8 @@ class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
 
     springs: tuple[int, ...] = Field(description="joints with a spring in the judged model, from 1")
     health: TrialHealth | None = optional("what the calibration says of its input; of wild trials")
-    seconds: float = Field(description="time taken to judge the campaign [s]")
-    seconds_simulating: float = Field(description="time taken to simulate the campaign [s]")
+    seconds: float = Field(description="processor time to judge the campaign [s]")
+    seconds_simulating: float = Field(description="processor time to simulate the campaign [s]")
 
     @property
     def word(self) -> str:

@@ -92,17 +92,17 @@ def try_trial(trial: Trial, options: JudgingOptions) -> tuple[TrialVerdictRecord
         return try_wild_trial(trial, options)
     moved_mm: list[float | None] = [None] * len(trial.sizes)
     seconds = 0.0
-    began = time.perf_counter()
+    began = time.process_time()
     try:
         known = _measured(trial.name, trial.settings, options)
-        simulating = time.perf_counter() - began - known.seconds
+        simulating = time.process_time() - began - known.seconds
         verdict: TrialVerdictRecord = known.verdict(simulating)
-        began = time.perf_counter()
+        began = time.process_time()
         moved_mm = [
             _moved_mm(trial, number, known.residual_mm, options)
             for number in range(len(trial.sizes))
         ]
-        seconds = time.perf_counter() - began
+        seconds = time.process_time() - began
     except Exception as error:
         message = " ".join(f"{type(error).__name__}: {error}".split())
         verdict = FailedTrialRecord(campaign=trial.name, failed=message)

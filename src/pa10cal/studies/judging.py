@@ -41,7 +41,7 @@ class CalibratedCampaign:
         campaign: as it was read.
         model: fitted to all its loads.
         residual_mm: (C, 3) what the model leaves at averaged grid poses, along the base axes.
-        seconds: that reading and calibrating took.
+        seconds: of the processor that reading and calibrating took.
         options: by which it is judged.
     """
 
@@ -57,7 +57,7 @@ class CalibratedCampaign:
         Args:
             seconds_simulating: time that simulating the campaign took.
         """
-        began = time.perf_counter()
+        began = time.process_time()
         campaign, options, terms = self.campaign, self.options, self.model.model.terms
         setup = setup_of(campaign.description, campaign.arm, options.calibration, options.discovery)
         every, wrong = campaign.observations, campaign.wrong_rows
@@ -66,7 +66,7 @@ class CalibratedCampaign:
             **dict(verdict_keys(found)),
             campaign=campaign.name,
             springs=tuple(term.joint for term in terms if isinstance(term, JointSpring)),
-            seconds=self.seconds + time.perf_counter() - began,
+            seconds=self.seconds + time.process_time() - began,
             seconds_simulating=seconds_simulating,
         )
 
@@ -84,7 +84,7 @@ def calibrated_campaign(raw: Path, options: JudgingOptions) -> CalibratedCampaig
         RawDataError: when the campaign cannot be read.
         CalibrationError: when it is not enough to calibrate with.
     """
-    began = time.perf_counter()
+    began = time.process_time()
     campaign = read_campaign(raw, options.ingest)
     settings = options.calibration
     if campaign.description.instrument.type.from_touches:
@@ -97,7 +97,7 @@ def calibrated_campaign(raw: Path, options: JudgingOptions) -> CalibratedCampaig
         record = record_of(campaign, settings)
         *_, model = models_of(record, campaign.name).values()
         residual_mm = record.residuals.position_mm
-    return CalibratedCampaign(campaign, model, residual_mm, time.perf_counter() - began, options)
+    return CalibratedCampaign(campaign, model, residual_mm, time.process_time() - began, options)
 
 
 def record_of(
