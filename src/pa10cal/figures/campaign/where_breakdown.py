@@ -100,7 +100,7 @@ def draw(results: Results) -> Figure:
         Line2D([], [], label="after: with the named effects", **_AFTER),
         Line2D([], [], label=f"{results.verdict().gap.floor_is} alone", **_FLOOR),
     ]
-    legend_at(figure, 18.0, 18.5, handles, ncols=3)
+    legend_at(figure, 4.0, 18.5, handles, ncols=3, columnspacing=1.2)
     return figure
 
 
