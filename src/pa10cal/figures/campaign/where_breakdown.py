@@ -98,7 +98,7 @@ def draw(results: Results) -> Figure:
     handles = [
         Line2D([], [], label="before: without the effects", **_BEFORE),
         Line2D([], [], label="after: with the named effects", **_AFTER),
-        Line2D([], [], label=f"{results.verdict().gap.floor_is} alone", **_FLOOR),
+        Line2D([], [], label=results.verdict().gap.floor_is, **_FLOOR),
     ]
     legend_at(figure, 4.0, 18.5, handles, ncols=3, columnspacing=1.2)
     return figure
