@@ -38,9 +38,8 @@ Whether the calibration of ``{name}`` with all loads together is good. Left, the
 uncertainty to expect of a predicted position against the number of poses: with poses in D-optimal
 order (blue), in the order measured (orange), and with all of them (star). Dashed: the uncertainty
 that adds hardly anything to the remaining error, and how many chosen poses reach it. Right, the
-remaining error of fitted and held-out poses beside the error that noise explains, all as root
-mean squares: *scatter of all repeats* is that of the repeats of a pose and load from every
-direction of arrival, drift between them included; *stated uncertainty* is what the campaign
+remaining error beside the error that noise explains, root mean squares: *scatter of all repeats*
+is over every direction of arrival and with drift; *stated uncertainty* is what the campaign
 states. The noise in the verdict is smaller: a mean, from successive readings that arrived from
 one direction, since what depends on direction or time is sought there as an effect. Below, the
 grade with its reason, then rank, condition number, termination of the fit, parameters that are

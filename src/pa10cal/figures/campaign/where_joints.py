@@ -33,13 +33,13 @@ PICTURE = Picture(
     caption="""
 One column a joint of ``{name}``. Above, the joint angle error, measured minus modelled, against
 the joint angle, in every cell of readings: red before, blue after the named effects were added.
-Below, how much of it a sine of the angle explains, order by order (generalised Lomb-Scargle
-periodogram; of many orders the highest in each band). Upright lines with markers: the orders at
-which joints are known to err, once and twice a turn of the joint and, where the gear ratio is
-known, once and twice a turn of the motor. A red marker far above its neighbours that is low in
-blue is an error of that joint that was found. Grey: orders that so few different angles cannot
-tell apart; an error at one of them appears at many, so only the known orders are drawn there. An
-error elsewhere in the arm appears in several joints.
+Below, how much of it a sine of the angle explains, order by order (Lomb-Scargle periodogram; of
+many orders the highest in each band). Upright lines with markers: the orders at which joints are
+known to err, once and twice a turn of the joint and, where the gear ratio is known, once and
+twice a turn of the motor. A red marker far above its neighbours that is low in blue is an error
+of that joint that was found. Grey: orders that so few different angles cannot tell apart; an
+error at one of them appears at many, so only the known orders are drawn there. An error elsewhere
+in the arm appears in several joints.
 """,
 )
 
