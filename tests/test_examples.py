@@ -96,6 +96,7 @@ def test_a_folder_runs_to_a_grade_a_model_and_figures(ran):
     row = next(line for line in printed.splitlines() if line.startswith("ur10-pose"))
     assert row.split()[1:3] == ["incomplete", "named"]
     assert "results/ur10-pose/model/model.yaml" in printed
+    assert "results/ur10-pose/report.html" in printed
     results = here / "results/ur10-pose"
     verdict = read(VerdictRecord, results / "discovery/verdict.json")
     assert verdict.campaign == "ur10-pose"
@@ -177,6 +178,21 @@ def test_a_folder_that_cannot_be_run_is_refused_in_one_message(tmp_path, capsys,
     shown = capsys.readouterr().err
     assert message in shown
     assert shown.count("\n") == 1
+
+
+def test_where_a_stage_refuses_the_report_says_so(tmp_path, capsys):
+    folder = tmp_path / "mine"
+    shutil.copytree(EXAMPLES / "irb120-points", folder)
+    lines = (folder / "poses.csv").read_text().splitlines(keepends=True)
+    (folder / "poses.csv").write_text("".join(lines[:4]))
+    assert main(["run", str(folder), "--out", str(tmp_path / "out")]) == 2
+    shown = capsys.readouterr().err
+    page = tmp_path / "out/irb120-points/report.html"
+    assert shown.count("\n") == 1
+    assert f"report so far: {page}" in shown
+    told = page.read_text("utf-8")
+    assert "refused:" in told
+    assert "Synthetic data" in told
 
 
 def test_results_do_not_go_among_the_raw_files(tmp_path, capsys):

@@ -137,6 +137,8 @@ MAY_IMPORT = {
     },
     "running": {"files.output", "results", "settings"},
     "report": {
+        "observe.quantities",
+        "observe.registry",
         "campaign.description",
         "campaign.table",
         "figures.parameter_names",

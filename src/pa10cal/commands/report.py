@@ -21,6 +21,36 @@ def report(
     Examples:
         pa10cal report results/cell-a --out report.html
     """
+    name, size = _write(results, out, campaign_dir, calibration)
+    print(f"{name}: report {out}, {size / 1e6:.1f} MB")
+
+
+def write_what_there_is(results: Path, campaign_dir: Path, calibration: str) -> Path | None:
+    """Write the report of a run that a stage has ended, and return its path.
+
+    None without results, or with those of a run that came to its end before: they are not of the
+    raw files as they are now.
+
+    Args:
+        results, campaign_dir, calibration: see `report`.
+    """
+    from pa10cal.errors import Pa10calError
+    from pa10cal.report.gathered import MODEL
+
+    if (results / MODEL).exists():
+        return None
+    out = results / "report.html"
+    try:
+        _write(results, out, campaign_dir, calibration)
+    except Pa10calError:  # there is nothing to tell but what ended the run
+        return None
+    return out
+
+
+def _write(
+    results: Path, out: Path, campaign_dir: Path | None, calibration: str
+) -> tuple[str, int]:
+    """Write the report and return the campaign's name and the page's size in bytes."""
     from pa10cal.files.output import write_text
     from pa10cal.report.gathered import gather
     from pa10cal.report.page import page_text
@@ -28,4 +58,4 @@ def report(
     found = gather(results, calibration, campaign_dir)
     text = page_text(found)
     write_text(out, text)
-    print(f"{found.campaign}: report {out}, {len(text.encode()) / 1e6:.1f} MB")
+    return found.campaign, len(text.encode())

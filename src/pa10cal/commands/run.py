@@ -8,9 +8,10 @@ from pathlib import Path
 def run(
     folder: Path, *, out: Path = Path("results"), cores: int = 0, settings: Path | None = None
 ) -> None:
-    """Run a folder of raw files to its grade, verdict, model, figures and tables.
+    """Run a folder of raw files to its grade, verdict, model, report, figures and tables.
 
-    What is up to date is not made again. On a terminal the stages are shown while they run.
+    What is up to date is not made again. On a terminal the stages are shown while they run. Where a
+    stage refuses, the report says so, with what there is before it.
 
     Args:
         folder: raw files of a campaign, with campaign.yaml.
@@ -24,6 +25,7 @@ def run(
         pa10cal run mine --settings robust.yaml
     """
     from pa10cal.campaign.description import read_description
+    from pa10cal.commands.report import write_what_there_is
     from pa10cal.errors import OutputError
     from pa10cal.files.output import writing_into
     from pa10cal.running.display import RunDisplay
@@ -57,7 +59,9 @@ def run(
     try:
         run_workflow(workflow, display)
     except StageError as error:
-        raise StageError(str(error).replace(str(link), str(folder))) from None
+        told = str(error).replace(str(link), str(folder))
+        ended = write_what_there_is(out / name, folder, used.evaluation.calibration)
+        raise StageError(told if ended is None else f"{told}; report so far: {ended}") from None
     finally:
         display.close()
     print(table([summarise(out / name, used.evaluation.calibration)]))

@@ -49,6 +49,7 @@ class Distance(Instrument):
     kind: ClassVar[str] = "distance"
     locates_by: ClassVar[LocatingMethod] = "ranging"
     words: ClassVar[Words] = Words(
+        "instrument that measures the distance of a target from a fixed point",
         "distance error",
         "Errors are of the measured distance; errors across the line of sight are not measured.",
         "Arrows lie along the line of sight; errors across it are not measured.",

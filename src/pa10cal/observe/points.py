@@ -49,6 +49,7 @@ class Points(Instrument):
     kind: ClassVar[str] = "points"
     locates_by: ClassVar[LocatingMethod] = "hand_eye_points"
     words: ClassVar[Words] = Words(
+        "instrument that measures positions of targets",
         "position error",
         "The error of a pose is the root mean square over the targets observed in it.",
         "Arrows: mean over the targets observed in a pose.",

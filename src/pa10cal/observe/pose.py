@@ -54,6 +54,7 @@ class Pose(Instrument):
     kind: ClassVar[str] = "pose"
     locates_by: ClassVar[LocatingMethod] = "hand_eye_poses"
     words: ClassVar[Words] = Words(
+        "tracker that measures position and attitude of a target",
         "position error",
         "Errors are distances of the target, predicted from measured.",
         "Arrows: of the target.",

@@ -36,14 +36,16 @@ class Stated:
 
 @dataclass(frozen=True)
 class Words:
-    """How messages and captions speak of an instrument's errors.
+    """How messages and captions speak of an instrument and of its errors.
 
     Attributes:
+        instrument: what it is.
         error: label of an axis: `position error`.
         of: what the errors are of, one sentence.
         arrows: what an arrow that shows one is.
     """
 
+    instrument: str
     error: str
     of: str
     arrows: str

@@ -38,6 +38,7 @@ class Touched(Pose):
     kind: ClassVar[str] = "touch_trigger_cmm"
     locates_by: ClassVar[LocatingMethod] = "rigid_fit_nominal"
     words: ClassVar[Words] = Words(
+        "coordinate measuring machine that touches balls on the end-effector",
         "position error",
         "Errors are distances of the end-effector, predicted from measured.",
         "Arrows: of the end-effector.",

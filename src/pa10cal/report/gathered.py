@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, TypeVar
 from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError
+from pa10cal.observe.quantities import Words
+from pa10cal.observe.registry import instruments
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
@@ -111,6 +113,16 @@ class Gathered:
     def synthetic(self) -> bool:
         """Whether the campaign's own words say that its data were simulated."""
         return self.provenance is not None and is_synthetic(self.provenance)
+
+    @property
+    def words(self) -> Words | None:
+        """Return how to speak of the instrument's errors, None where it is not known."""
+        kind: object = None if self.description is None else self.description.instrument.kind
+        if kind is None and self.calibration is not None:
+            fitted_to = self.calibration.fitted_model.get("fitted_to")
+            kind = fitted_to.get("instrument") if isinstance(fitted_to, dict) else None
+        known = instruments().get(str(kind))
+        return None if known is None else known.words
 
     @property
     def model(self) -> Path | None:

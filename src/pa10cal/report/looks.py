@@ -71,7 +71,7 @@ def new_space(height: int, ranges_mm: NDArray[np.float64]) -> Any:
         f"{name}axis": {**axis, "title": {"text": f"{name} [mm]"}, "range": ends.tolist()}
         for name, ends in zip("xyz", ranges_mm, strict=True)
     }
-    camera = {"eye": {"x": 1.45, "y": -1.45, "z": 0.95}}
+    camera = {"eye": {"x": 1.4, "y": -1.4, "z": 0.85}, "center": {"x": 0, "y": 0, "z": -0.12}}
     return go.Figure(
         layout={
             **_ground(height),

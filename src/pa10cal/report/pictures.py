@@ -39,7 +39,7 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
             x=0,
             xanchor="left",
             y=row,
-            yshift=17,
+            yshift=19,
             showarrow=False,
         )
         figure.add_scatter(
@@ -74,7 +74,7 @@ def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Dr
             x=[mm for _, mm in noisy],
             y=[row for row, _ in noisy],
             mode="markers",
-            marker={"color": GREY, "size": 16, "symbol": "line-ns", "line": {"width": 2}},
+            marker={"color": GREY, "size": 12, "symbol": "line-ns", "line": {"width": 2}},
             name="noise alone, mean",
             hovertemplate="noise alone, mean %{x:.4f} mm<extra></extra>",
         )

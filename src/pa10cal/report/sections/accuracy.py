@@ -33,8 +33,8 @@ def _blocks(found: Gathered) -> Iterator[Block]:
             lead=True,
         )
     yield Paragraph(
-        "Errors are distances between predicted and measured positions of the end-effector, "
-        "repeats of a configuration averaged. Held-out poses are only used "
+        f"{'' if found.words is None else f'{found.words.of} '}"
+        "Repeats of a configuration are averaged. Held-out poses are only used "
         "to judge."
     )
     whole = [each for each in every if each.load == "all"]

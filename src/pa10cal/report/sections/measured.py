@@ -10,12 +10,6 @@ from pa10cal.report.blocks import Block, Callout, Facts, Section, grid
 from pa10cal.report.gathered import POSES, Gathered
 from pa10cal.report.written import count, listed, mm
 
-_INSTRUMENTS = {
-    "touch_trigger_cmm": "coordinate measuring machine that touches balls on the end-effector",
-    "pose": "tracker that measures position and attitude of a target",
-    "points": "instrument that measures positions of targets",
-    "distance": "instrument that measures the distance of a target from a fixed point",
-}
 _KINDS = {
     "grid": "to fit",
     "holdout": "held out",
@@ -58,7 +52,8 @@ def _facts(found: Gathered) -> Iterator[tuple[str, str]]:
     yield "Campaign", found.campaign
     if found.provenance is not None:
         kind = "Synthetic data. " if found.synthetic else ""
-        yield "Where the data come from", f"{kind}In the campaign's own words: {found.provenance}."
+        words = found.provenance.strip().removesuffix(".")
+        yield "Where the data come from", f"{kind}In the campaign's own words: {words}."
     yield "Arm", _arm(found)
     yield "Instrument", _instrument(found)
     if found.poses is not None:
@@ -83,18 +78,15 @@ def _arm(found: Gathered) -> str:
 
 
 def _instrument(found: Gathered) -> str:
-    kind, stated = "", ""
+    stated = ""
     if found.description is not None:
-        kind = found.description.instrument.kind
         uncertainty = found.description.instrument.uncertainty_mm
         stated = f"; stated standard uncertainty {uncertainty:g} mm along each axis"
     elif found.calibration is not None:
-        fitted_to = found.calibration.fitted_model.get("fitted_to")
-        kind = str(fitted_to.get("instrument", "")) if isinstance(fitted_to, dict) else ""
         told = [each for each in found.calibration.health.repeats if each.kind != "attitude"]
         if told:
             stated = f"; stated standard uncertainty of a reading {mm(1e3 * told[0].stated)} mm"
-    return f"{_INSTRUMENTS.get(kind, kind or 'not known')}{stated}"
+    return f"{'not known' if found.words is None else found.words.instrument}{stated}"
 
 
 def _counts(poses: pd.DataFrame) -> Iterator[tuple[str, ...]]:

@@ -21,7 +21,7 @@ def missing(found: Gathered) -> Section:
 
 def _missing(found: Gathered) -> Iterator[Block]:
     for each in found.absent:
-        yield Callout("missing", f"{each.file}: {each.why} {each.remedy}")
+        yield Callout("missing", f"{each.why} {each.remedy}")
     told = tuple(_told(found))
     if told:
         yield Items(told)

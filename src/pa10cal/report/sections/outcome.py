@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from pa10cal.report.blocks import Block, Callout, Items, Paragraph, Section, grid
 from pa10cal.report.gathered import Gathered
-from pa10cal.report.written import NOT_KNOWN, listed, mm, named, sentence, sized, unbroken
+from pa10cal.report.written import NOT_KNOWN, listed, mm, named, sentence, shown_in, sized, unbroken
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.health import UNRESERVED, Health
 
@@ -120,7 +120,7 @@ def _verdict(found: Gathered) -> Iterator[Block]:
 
 def verdict_sentence(record: VerdictRecord) -> str:
     """Return the verdict in one plain sentence."""
-    effects = listed(_briefly(each) for each in record.effects)
+    effects = _together(record.effects)
     lacks = f"The model lacks {effects}."
     unexplained = record.unexplained
     if record.verdict == "none":
@@ -138,17 +138,28 @@ def verdict_sentence(record: VerdictRecord) -> str:
     return lacks
 
 
-def _briefly(effect: FoundEffect) -> str:
-    rivals = f" or {listed(map(named, effect.alternatives))}" if effect.alternatives else ""
-    return f"{named(effect)}{rivals}"
+def _together(effects: tuple[FoundEffect, ...]) -> str:
+    """Return effects as a list within a sentence, those of one kind at several joints as one."""
+    joints: dict[str, list[str]] = {}
+    for each in effects:
+        if each.of.startswith("joint ") and not each.alternatives:
+            joints.setdefault(each.id, []).append(each.of.removeprefix("joint "))
+    told = []
+    for each in effects:
+        at = joints.get(each.id, [])
+        if len(at) < 2 or each.alternatives or not each.of.startswith("joint "):
+            told.append(" or ".join(map(named, (each, *each.alternatives))))
+        elif each.of == f"joint {at[0]}":
+            told.append(f"{each.id.replace('_', ' ')} at joints {listed(sorted(at, key=int))}")
+    return ", and ".join(told) if len(told) == 2 and "and" in told[0] else listed(told)
 
 
 def _size(effect: NamedEffect) -> str:
     if len(effect.parameters) > _MOST_PARAMETERS:
         values = [each.value for each in effect.parameters.values()]
-        unit = next(iter(effect.parameters.values())).unit
-        rms = (sum(value**2 for value in values) / len(values)) ** 0.5
-        return f"{len(values)} values, rms {rms:.3g} {unit}"
+        unit, scale = shown_in(next(iter(effect.parameters.values())).unit)
+        rms = scale * (sum(value**2 for value in values) / len(values)) ** 0.5
+        return unbroken(f"{len(values)} values, rms {rms:.3g} {unit}")
     return "; ".join(f"{name} = {sized(each)}" for name, each in effect.parameters.items())
 
 

@@ -62,7 +62,7 @@ def _blocks(found: Gathered) -> Iterator[Block]:
         "Residuals of every configuration in the robot's base frame: each line begins at the "
         f"position of the end-effector and shows its residual {scale:g} times enlarged, the same "
         "in every picture. Lines that agree or turn steadily from place to place show an effect "
-        "that the model lacks; noise has no common direction."
+        f"that the model lacks; noise has no common direction.{_arrows(found)}"
     )
     ranges = _ranges(fields, models[0], scale)
     drawings = tuple(_drawing(fields, model, scale, ranges) for model in models)
@@ -74,6 +74,10 @@ def _blocks(found: Gathered) -> Iterator[Block]:
         _largest(fields, last),
         (1, 3, 4, 5, 6),
     )
+
+
+def _arrows(found: Gathered) -> str:
+    return "" if found.words is None else f" {found.words.arrows.replace('Arrows', 'Lines')}"
 
 
 def _fields(found: Gathered) -> list[_Field]:

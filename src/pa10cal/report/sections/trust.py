@@ -118,8 +118,10 @@ def _limits(found: Gathered) -> Iterator[str]:
         "errors show how large those are."
     )
     loads = found.calibration.loads_fitted
-    if loads:
+    if max(loads, default=0.0) > 0.0:
         yield f"The heaviest load of the fit is {max(loads):g} N: beyond it is extrapolation."
+    else:
+        yield "The fit has seen no external load: any is extrapolation."
     yield (
         "Outside the joint positions of the table below a prediction is an extrapolation; the "
         "column inside of pa10cal predict says so row by row."
