@@ -6,15 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import pa10cal
 from made_up_model import fitted
 from made_up_pair import campaign, parts, shifted
 from pa10cal.arm.tolerances import Tolerances
+from pa10cal.calibration.campaign import calibrated
+from pa10cal.cell.campaign import simulate_campaign
+from pa10cal.cell.options import SimulateOptions
+from pa10cal.cell.write import write_campaign
 from pa10cal.errors import ModelError
 from pa10cal.evaluation import predictions_apart
+from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.prediction import FallBack
+from pa10cal.settings_reading import parse_section
 from pa10cal.terms.offsets import link_departures
 
 
@@ -125,6 +132,28 @@ def test_parameters_that_no_pose_determines_are_not_called_different():
     covariance[k, k] = 1e-34
     held = replace(shifted(one, delta_d_1=1e-14), covariance=covariance)
     assert np.isnan(over_u(pa10cal.compare(held, replace(one, covariance=covariance)), "delta_d_1"))
+
+
+def test_turns_of_the_tool_count_from_the_attitude_that_a_fit_began_with():
+    one, other = campaign(1), campaign(2)
+    assert np.isfinite(over_u(pa10cal.compare(one, other), "tool_rx"))
+    turned = replace(other, R_ee_target=Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix())
+    assert np.isnan(over_u(pa10cal.compare(one, turned), "tool_rx"))
+    assert np.isfinite(over_u(pa10cal.compare(one, turned), "tool_x"))
+
+
+def test_two_halves_of_a_campaign_agree(tmp_path):
+    plan = {"instrument": "points", "poses": 160, "departs": "rows"}
+    raw = {"random_seed": 21, "robot": "irb120", "without_touches": plan}
+    options = parse_section(SimulateOptions, raw, where="test")
+    write_campaign(simulate_campaign("c", load_arm("irb120"), options), tmp_path / "raw")
+    measured = pa10cal.read_campaign(tmp_path / "raw")
+    every, about = measured.observations, (measured.description, measured.arm)
+    half = np.arange(len(every)) % 2 == 0
+    found = pa10cal.compare(*(calibrated(*about, every.take(rows)) for rows in (half, ~half)))
+    assert found.agree, found.line
+    assert found.frames["flange"].remaining_rms_mm < 0.05
+    assert np.sqrt(np.nanmean(found.parameters.over_u**2)) < 1.5
 
 
 def test_descriptions_that_differ_otherwise_are_told():

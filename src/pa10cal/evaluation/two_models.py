@@ -159,8 +159,15 @@ def _parameters(first: FittedModel, second: FittedModel) -> ParameterRows:
     one = np.array([mine.get(key, unknown) for key in keys]).reshape(-1, 3)
     other = np.array([theirs.get(key, unknown) for key in keys]).reshape(-1, 3)
     difference, u = other[:, 0] - one[:, 0], np.hypot(one[:, 1], other[:, 1])
-    # A parameter that no pose determines stays where it began, with an uncertainty of rounding.
-    determined = u > _SAME * np.maximum(one[:, 2], np.abs(one[:, 0]))
+    if not np.allclose(first.R_ee_target, second.R_ee_target, rtol=0, atol=_SAME):
+        # Each counts from the attitude that its own fit began with; the frames show the whole.
+        difference[[unit == "rad" and of == "tool" for _, of, _, unit in keys]] = np.nan
+    # A parameter that no pose determines stays where it began, and one at the end of its range
+    # there: their uncertainties are rounding.
+    determined = np.all(
+        [each[:, 1] > _SAME * np.maximum(each[:, 2], np.abs(each[:, 0])) for each in (one, other)],
+        axis=0,
+    )
     over_u = np.divide(difference, u, out=np.full(len(u), np.nan), where=determined)
     term, of, parameter, unit = np.array(keys, dtype=str).reshape(-1, 4).T
     return ParameterRows(

@@ -34,10 +34,13 @@ class ParameterRows(Table):
     first_std: GappyColumn = Field(description="its standard uncertainty")
     second: GappyColumn = Field(description="value in the second model")
     second_std: GappyColumn = Field(description="its standard uncertainty")
-    difference: GappyColumn = Field(description="second minus first")
+    difference: GappyColumn = Field(
+        description="second minus first; null too for turns of the tool where both fits began with "
+        "other attitudes of it"
+    )
     over_u: GappyColumn = Field(
         description="difference over its combined standard uncertainty; null where that is not "
-        "known, or the poses determine the parameter in neither model"
+        "known, or the poses of either do not determine the parameter"
     )
 
 
