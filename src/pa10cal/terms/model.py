@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from pa10cal.arm.chain import (
     end_pose_with_screws,
 )
 from pa10cal.arm.state import PoseStates
+from pa10cal.terms.kept import Kept
 from pa10cal.terms.offsets import identity
 from pa10cal.terms.term import Parameter, Report, Term, TorqueTerm, Yielding, shows_torque, yields
 
@@ -51,10 +52,13 @@ class Model:
     Attributes:
         chain: the nominal chain.
         terms: what moves it off nominal.
+        kept: keeps derivatives where the same terms are asked again and again at the same states;
+            None to work them out each time.
     """
 
     chain: Chain
     terms: tuple[Term, ...]
+    kept: Kept | None = field(default=None, compare=False, repr=False)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -134,7 +138,10 @@ class Model:
         by_torque: Array | None = None
         for term, point in zip(terms, points, strict=True):
             screws = end.screws[:, :, self.chain.columns(term.coordinates)]
-            by_parameter = term.derivative(carried, point)
+            if self.kept is None:
+                by_parameter = term.derivative(carried, point)
+            else:
+                by_parameter = self.kept.derivative(term, carried, point)
             if len(by_parameter) == 1 and _is_identity(by_parameter[0]):
                 found = screws
             else:
@@ -194,7 +201,11 @@ class Model:
         coordinates = self.chain.coordinates(states.q_rad)
         carried = self.carried(states, x)
         for term, columns in self._slices:
-            coordinates[:, self.chain.columns(term.coordinates)] += term.shift(carried, x[columns])
+            if self.kept is None:
+                shift = term.shift(carried, x[columns])
+            else:
+                shift = self.kept.shift(term, carried, x[columns])
+            coordinates[:, self.chain.columns(term.coordinates)] += shift
         return coordinates
 
     @cached_property

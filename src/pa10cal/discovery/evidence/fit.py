@@ -78,7 +78,7 @@ def _fit_from(
     start: Fit | None,
     shape: int,
 ) -> tuple[Fit, float]:
-    model = with_base_term(problem.baseline, effects)
+    model = replace(with_base_term(problem.baseline, effects), kept=problem.kept)
     x_start = _start(problem, effects, start, shape)
     at = at_unknowns(
         replace(problem.baseline, model=model, x=np.zeros(len(model.parameters))), x_start

@@ -140,6 +140,7 @@ class Evidence:
             places = np.concatenate([np.zeros(0, np.intp), *(self._columns[k] for k in showing)])
             self._torque = spread(reduced(torque, columns, torque_data, none), places, width)
         self._scores: dict[tuple[tuple[int, ...], tuple[int, ...]], Score] = {}
+        self._last: tuple[tuple[int, ...], Reduced, Reduced] | None = None
 
     def score(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> Score:
         """Return the evidence of a set of candidates at given sizes."""
@@ -209,8 +210,12 @@ class Evidence:
     def _score(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> Score:
         columns, scale = self._of(members, sizes)
         shows = bool(self._shows_in_torque[list(members)].any())
-        torque = self._torque.of(columns, scale) if shows else self._torque
-        of_set = _OfSet(self._pose.of(columns, scale), torque, shows_in_torque=shows)
+        if self._last is None or self._last[0] != members:  # often asked at other sizes
+            self._last = members, self._pose.of(columns), self._torque.of(columns)
+        _, pose, torque = self._last
+        of_set = _OfSet(
+            pose.scaled(scale), torque.scaled(scale) if shows else torque, shows_in_torque=shows
+        )
         g, last = 0, np.inf
         while True:  # one variance after the other: they hardly depend on each other
             h = int(np.argmin(of_set.over_torque(g)))

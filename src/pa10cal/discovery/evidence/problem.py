@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import unknown_tool
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.kept import Kept
 
 Array = NDArray[np.float64]
 MM = 1e-3
@@ -47,6 +48,7 @@ class Problem:
         context: where effects may sit.
         torques_logged: whether the torques are those of a log, and scatter.
         in_time: how base or instrument move in the course of time.
+        kept: what effects make of the cells, the same in all fits.
     """
 
     baseline: FittedModel
@@ -61,6 +63,7 @@ class Problem:
     context: CandidateContext
     torques_logged: bool
     in_time: InTime = STILL
+    kept: Kept = field(default_factory=Kept, compare=False, repr=False)
 
 
 def prepare(

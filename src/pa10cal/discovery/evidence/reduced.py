@@ -37,15 +37,19 @@ class Reduced:
     projection: Array
     constant: Array
 
-    def of(self, columns: Columns, scale: Array) -> Reduced:
-        """Return the products of some columns (p',), each scaled."""
+    def of(self, columns: Columns) -> Reduced:
+        """Return the products of some columns (p',)."""
         variances, width, _ = self.gram.shape
         places = width * columns[:, None] + columns
         return Reduced(
-            self.gram.reshape(variances, -1).take(places, axis=1) * np.outer(scale, scale),
-            self.projection[:, columns] * scale,
+            self.gram.reshape(variances, -1).take(places, axis=1),
+            self.projection[:, columns],
             self.constant,
         )
+
+    def scaled(self, scale: Array) -> Reduced:
+        """Return the products of the columns, each scaled (p,)."""
+        return Reduced(self.gram * np.outer(scale, scale), self.projection * scale, self.constant)
 
 
 def reduced(channel: NoiseModel, columns: Array, data: Array, own: Array) -> Reduced:
