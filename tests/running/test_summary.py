@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from pa10cal.running.summary import CampaignSummary, paths, table
+from made_up_records import effect, verdict_keys
+from pa10cal.running.summary import CampaignSummary, notes, paths, table
 
 GOOD = CampaignSummary(
     "mine", "good", "none", 2.76, 0.013, "held-out poses", ("good: at the noise",)
@@ -37,7 +38,27 @@ def test_paths_are_those_that_are_there_from_the_working_folder(tmp_path, monkey
     (results / "model").mkdir(parents=True)
     (results / "model/model.yaml").touch()
     (results / "report.html").touch()
+    (results / "ingest").mkdir()
+    (results / "ingest/quarantine.csv").write_text("file,line,reason\n", encoding="utf-8")
     assert paths(results).splitlines() == [
         "report  results/mine/report.html",
         "model   results/mine/model/model.yaml",
     ]
+    with (results / "ingest/quarantine.csv").open("a", encoding="utf-8") as file:
+        file.write("poses.csv,3,a blank angle\n")
+    assert any("quarantine.csv" in line for line in paths(results).splitlines())
+
+
+def test_a_verdict_says_what_is_open_beside_its_word():
+    sure = effect("backlash", "joint 2", {"b": (1e-4, 1e-6)}, [("hysteresis", "joint 2")])
+    found = notes(verdict_keys("ambiguous", (sure,), places=("joint 5", None)))
+    assert found == (
+        "ambiguous: backlash of joint 2 or hysteresis of joint 2",
+        "unexplained: joint 5: made up",
+        "unexplained: place not known: made up",
+    )
+    unsought = verdict_keys("not_sought", ()).model_copy(
+        update={"why": "45 poses are too few", "remedy": "measure 100"}
+    )
+    assert notes(unsought) == ("not_sought: 45 poses are too few; measure 100",)
+    assert notes(verdict_keys("none", ())) == ()

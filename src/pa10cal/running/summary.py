@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
-from pa10cal.results.discovery import VerdictRecord
+from pa10cal.results.discovery import VerdictKeys, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord
 
 _HEAD = ("campaign", "grade", "verdict", "before", "after", "mean error over")
@@ -74,7 +75,7 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
         before,
         after,
         "held-out poses" if held_out.models else "fitted poses",
-        (f"{fitted.health.grade}: {fitted.health.line}", *_notes(verdict)),
+        (f"{fitted.health.grade}: {fitted.health.line}", *notes(verdict)),
     )
 
 
@@ -96,13 +97,22 @@ def _mean(errors: Iterable[Accuracy]) -> float | None:
     return sum(mean * part for mean, part in found) / count if count else None
 
 
-def _notes(verdict: VerdictRecord) -> tuple[str, ...]:
-    effects = [f"{each.id} of {each.of}" for each in verdict.effects]
+def notes(verdict: VerdictKeys) -> tuple[str, ...]:
+    """Return what a verdict says beside its word, in one line each."""
+    effects = [
+        " or ".join(f"{name.id} of {name.of}" for name in (each, *each.alternatives))
+        for each in verdict.effects
+    ]
     named = [f"{verdict.verdict}: {', '.join(effects)}"] if effects else []
+    unsought = [f"not_sought: {verdict.why}; {verdict.remedy}"] if verdict.why else []
+    nameless = [
+        f"unexplained: {place.of or 'place not known'}: {place.why}"
+        for place in (verdict.unexplained.all if verdict.unexplained else ())
+    ]
     faults = [
         f"the log: {fault.where}: {fault.what}; {fault.remedy}" for fault in verdict.faults or ()
     ]
-    return (*named, *faults)
+    return (*named, *unsought, *nameless, *faults)
 
 
 def table(campaigns: Sequence[CampaignSummary]) -> str:
@@ -128,10 +138,18 @@ def paths(results: Path) -> str:
         (title, results / name)
         for title, names in _PATHS.items()
         for name in names
-        if (results / name).exists()
+        if _holds_something(results / name)
     ]
     width = max((len(title) for title, _ in found), default=0)
     return "\n".join(f"{title:<{width}}  {_short(path)}" for title, path in found)
+
+
+def _holds_something(path: Path) -> bool:
+    """Return whether a file or folder is there and, if a table, has a row below its header."""
+    if path.suffix != ".csv" or not path.exists():
+        return path.exists()
+    with path.open(encoding="utf-8") as file:
+        return len(list(islice(file, 2))) > 1
 
 
 def reports(results: Iterable[Path]) -> str:
