@@ -67,6 +67,8 @@ def test_boxes_that_are_none_are_refused(tmp_path, capsys, boxes, words):
     [
         (["--workspace-mm", "0", "1"], "six numbers"),
         (["--instrument-at-mm", "0", "1"], "instrument_at_mm"),
+        (["--facing-deg", "30"], "instrument_at_mm"),
+        (["--workspace-mm", "0", "0", "0", "500", "0", "500"], "a volume"),
         (["--uncertainty-mm", "-1"], "uncertainty_mm"),
         (["--poses", "3"], "at least 5 poses"),
         (["--robot", "ur100"], "unknown robot"),

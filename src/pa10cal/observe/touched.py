@@ -18,6 +18,9 @@ from pa10cal.observe.pose import POSE_SCALE, Pose, pose_of_columns
 from pa10cal.observe.quantities import Array, Index, Located, Stated, Words
 from pa10cal.observe.targets import columns_of_places, names_of_columns, places_of_columns
 
+#: Balls nearer to one line than this do not show a turn about it.
+_COLLINEAR_MM = 1.0
+
 
 @dataclass(frozen=True)
 class Touched(Pose):
@@ -77,18 +80,18 @@ class Touched(Pose):
         """Return the end-effector as the balls stated would give it, each as certain as stated.
 
         Raises:
-            CalibrationError: when there are fewer than three balls.
+            CalibrationError: when there are fewer than three balls, or they are collinear.
         """
         names = tuple(stated.targets_m)
-        if len(names) < 3:
+        p_ee_mm = np.array([*stated.targets_m.values()]).reshape(-1, 3) / MM
+        if np.linalg.matrix_rank(p_ee_mm - p_ee_mm.mean(axis=0), tol=_COLLINEAR_MM) < 2:
             raise CalibrationError(
-                "too few balls to give an attitude",
+                "these balls do not give an attitude",
                 where="targets",
-                value=len(names),
+                value=p_ee_mm.tolist(),
                 allowed="three or more that are not collinear",
                 remedy="state the places of three balls",
             )
-        p_ee_mm = np.array([stated.targets_m[name] for name in names]) / MM
         turned = np.einsum("pij,bj->pbi", T_instr_ee[:, :3, :3], p_ee_mm)
         p_instr_mm = T_instr_ee[:, None, :3, 3] / MM + turned
         cov_mm2 = (stated.uncertainty_m / MM) ** 2 * np.eye(3)

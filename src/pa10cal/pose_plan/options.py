@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated
 
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import Field, FiniteFloat, ValidationInfo, field_validator
 
 from pa10cal.settings_section import NonNegative, Positive, Section
 
@@ -18,13 +18,13 @@ class KeepOutBox(Section):
     max_mm: Triple = Field(description="its largest corner")
     name: str = Field("box", description="what it is, for messages")
 
-    @model_validator(mode="after")
-    def _has_a_volume(self) -> Self:
-        if any(low >= high for low, high in zip(self.min_mm, self.max_mm, strict=True)):
-            raise ValueError(
-                f"a volume: every coordinate of min_mm below that of max_mm (box {self.name!r})"
-            )
-        return self
+    @field_validator("max_mm")
+    @classmethod
+    def _has_a_volume(cls, high: Triple, info: ValidationInfo) -> Triple:
+        low = info.data.get("min_mm", high)
+        if any(least >= largest for least, largest in zip(low, high, strict=True)):
+            raise ValueError(f"a volume: every coordinate above that of min_mm, {low}")
+        return high
 
 
 class KeepOut(Section):
@@ -98,3 +98,17 @@ class PlanOptions(Section):
         1000, description="poses from which the plan is chosen"
     )
     random_seed: Annotated[int, Field(ge=0)] = Field(2008, description="draws these")
+
+    @field_validator("workspace_mm")
+    @classmethod
+    def _has_a_volume(cls, corners: tuple[Triple, Triple] | None) -> tuple[Triple, Triple] | None:
+        if corners is not None and any(a == b for a, b in zip(*corners, strict=True)):
+            raise ValueError("a box with a volume: corners that differ in x, y and z")
+        return corners
+
+    @field_validator("facing_deg")
+    @classmethod
+    def _faces_something(cls, angle: float | None, info: ValidationInfo) -> float | None:
+        if angle is not None and info.data.get("instrument_at_mm") is None:
+            raise ValueError("an angle together with instrument_at_mm, where the instrument is")
+        return angle
