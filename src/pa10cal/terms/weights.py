@@ -12,6 +12,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.term import Parameter, Report, report_as_solved
+from pa10cal.terms.torque_only import TorqueOnly
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ class WeightSizes:
 
 
 @dataclass(frozen=True)
-class Weights:
+class Weights(TorqueOnly):
     """Masses, first moments and level as unknowns about what is described.
 
     For torques that were calculated from the masses described: the joints carry those torques and,
@@ -96,11 +97,6 @@ class Weights:
         )
 
     @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return none: it moves the arm by way of the springs."""
-        return ()
-
-    @property
     def carried(self) -> bool:
         """Return that the calculated torques do not have it."""
         return False
@@ -113,11 +109,6 @@ class Weights:
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return nothing, (P, 0, k)."""
         return np.zeros((len(states), 0, len(x)))
-
-    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
-        """Return by how much the calculated torques are too large, (P, n)."""
-        torque: Array = self.torque_derivative(states, x) @ x
-        return torque
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         """Return its derivative by the parameters, (P, n, k).

@@ -17,18 +17,14 @@ from pa10cal.terms.effects.effect import (
     turning_joints,
 )
 from pa10cal.terms.term import Parameter
+from pa10cal.terms.torque_only import TorqueOnly
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class FalseTorque(JointEffect):
+class FalseTorque(TorqueOnly, JointEffect):
     """A single parameter by which the logged torque of one joint is off; no joint carries it."""
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return none: it moves the arm by way of the springs alone."""
-        return ()
 
     @property
     def carried(self) -> bool:
@@ -38,11 +34,6 @@ class FalseTorque(JointEffect):
     @abstractmethod
     def per_unit(self, states: PoseStates) -> Array:
         """Return how much too much the log shows a unit of the parameter, (P,) [N m]."""
-
-    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
-        """Return what the log shows too much, (P, n)."""
-        torque: Array = self.torque_derivative(states, x) @ x
-        return torque
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         """Return its derivative by the parameter, (P, n, 1)."""

@@ -17,6 +17,7 @@ from pa10cal.terms.effects.effect import CandidateContext, JointEffect, NamedEff
 from pa10cal.terms.effects.instrument import FalseReading
 from pa10cal.terms.effects.joint_windup import loaded_joints
 from pa10cal.terms.term import Parameter
+from pa10cal.terms.torque_only import TorqueOnly
 
 Array = NDArray[np.float64]
 
@@ -81,7 +82,7 @@ def _monomials() -> Iterator[tuple[int, ...]]:
 
 
 @dataclass(frozen=True)
-class TorqueMap(JointEffect):
+class TorqueMap(TorqueOnly, JointEffect):
     """The joint carries, beyond the weights, a torque that is a smooth function of its angle.
 
     Legendre polynomials of degree 1 to 4 over the measured span of the angle [N m].
@@ -123,19 +124,9 @@ class TorqueMap(JointEffect):
         )
 
     @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return none: the springs know the torque from the log."""
-        return ()
-
-    @property
     def carried(self) -> bool:
         """Return that the joint carries it."""
         return True
-
-    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
-        """Return the torque beyond the weights, (P, n)."""
-        torque: Array = self.torque_derivative(states, x) @ x
-        return torque
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the polynomials at q_j, (P, n, 4)."""

@@ -14,6 +14,7 @@ from pa10cal.results.fault_kind import FaultKind
 from pa10cal.terms.effects.effect import CandidateContext, static_loads_in
 from pa10cal.terms.faults.log_fault import FaultText, LogFault
 from pa10cal.terms.term import Parameter
+from pa10cal.terms.torque_only import TorqueOnly
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ _TOOL_M = 0.05
 
 
 @dataclass(frozen=True)
-class WeightStated(LogFault):
+class WeightStated(TorqueOnly, LogFault):
     """A weight that is not what is stated: the joints hold more than the weights described.
 
     A log of torques shows it, and the springs know of it. Torques that were calculated lack it,
@@ -45,11 +46,6 @@ class WeightStated(LogFault):
     @abstractmethod
     def per_unit(self, states: PoseStates) -> Array:
         """Return what the joints hold beyond what is stated, a unit of each parameter (P, n, k)."""
-
-    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
-        """Return what a log shows beyond the weights stated, or what calculated ones lack."""
-        torque: Array = self.torque_derivative(states, x) @ x
-        return torque
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         """Return its derivative by the parameters, (P, n, k)."""
