@@ -136,7 +136,7 @@ MAY_IMPORT = {
         "settings",
     },
     "running": {"files.output", "results", "settings"},
-    "report": {
+    "reports": {
         "observe.quantities",
         "observe.registry",
         "campaign.description",
@@ -165,11 +165,11 @@ MAY_IMPORT = {
 }
 #: Libraries that only some packages or modules may import.
 KEPT_TO = {
-    "jinja2": {"report"},
-    "markupsafe": {"report"},
+    "jinja2": {"reports"},
+    "markupsafe": {"reports"},
     "matplotlib": {"figures"},
     "pinocchio": {"arm.imported"},
-    "plotly": {"report"},
+    "plotly": {"reports"},
     "snakemake": set(),
 }
 NOT_IN_PURE = {"pandas", "pyarrow", "yaml", "json", "csv", "pathlib", "os", "sys"}

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from pa10cal.interface import compare as compare
     from pa10cal.interface import discover as discover
     from pa10cal.interface import plan as plan
+    from pa10cal.interface import report as report
     from pa10cal.pose_plan.options import PlanOptions as PlanOptions
     from pa10cal.pose_plan.plan import PosePlan as PosePlan
 
@@ -43,6 +44,7 @@ _HOMES = {
     "discover": "pa10cal.interface",
     "load_model": "pa10cal.fit.model_file",
     "compare": "pa10cal.interface",
+    "report": "pa10cal.interface",
     "PlanOptions": "pa10cal.pose_plan.options",
     "PosePlan": "pa10cal.pose_plan.plan",
     "Campaign": "pa10cal.campaign.read",

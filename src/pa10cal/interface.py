@@ -1,11 +1,12 @@
 """The package from Python: read a campaign, calibrate the arm, find what the model lacks.
 
 Each function takes what the one before returns, and works in memory; nothing is written but by
-`FittedModel.save`.
+`FittedModel.save` and `report`.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pa10cal.calibration.options import CalibrationOptions
@@ -22,7 +23,16 @@ if TYPE_CHECKING:
     from pa10cal.pose_plan.plan import PosePlan
     from pa10cal.results.comparison import ComparisonRecord
 
-__all__ = ["calibrate", "compare", "discover", "load_arm", "load_model", "plan", "read_campaign"]
+__all__ = [
+    "calibrate",
+    "compare",
+    "discover",
+    "load_arm",
+    "load_model",
+    "plan",
+    "read_campaign",
+    "report",
+]
 
 
 def calibrate(
@@ -133,3 +143,20 @@ def plan(
 
     arm = load_arm(robot) if isinstance(robot, str) else robot
     return plan_poses(arm, instrument, poses, options)
+
+
+def report(results: Path | str, out: Path | str, campaign_dir: Path | str | None = None) -> None:
+    """Write the report of a campaign: one page for its reader, that needs no network.
+
+    Args:
+        results: results of a campaign, as `pa10cal run` leaves them.
+        out: page to write (.html).
+        campaign_dir: folder of raw files, for what campaign.yaml says of the instrument.
+
+    Raises:
+        RecordError: when there are no results of a campaign, or they cannot be read.
+        OutputError: when the page cannot be written.
+    """
+    from pa10cal.reports.page import write_page
+
+    write_page(Path(results), Path(out), None if campaign_dir is None else Path(campaign_dir))

@@ -21,7 +21,9 @@ def report(
     Examples:
         pa10cal report results/cell-a --out report.html
     """
-    name, size = _write(results, out, campaign_dir, calibration)
+    from pa10cal.reports.page import write_page
+
+    name, size = write_page(results, out, campaign_dir, calibration)
     print(f"{name}: report {out}, {size / 1e6:.1f} MB")
 
 
@@ -35,27 +37,14 @@ def write_what_there_is(results: Path, campaign_dir: Path, calibration: str) -> 
         results, campaign_dir, calibration: see `report`.
     """
     from pa10cal.errors import Pa10calError
-    from pa10cal.report.gathered import MODEL
+    from pa10cal.reports.gathered import MODEL
+    from pa10cal.reports.page import write_page
 
     if (results / MODEL).exists():
         return None
     out = results / "report.html"
     try:
-        _write(results, out, campaign_dir, calibration)
+        write_page(results, out, campaign_dir, calibration)
     except Pa10calError:  # there is nothing to tell but what ended the run
         return None
     return out
-
-
-def _write(
-    results: Path, out: Path, campaign_dir: Path | None, calibration: str
-) -> tuple[str, int]:
-    """Write the report and return the campaign's name and the page's size in bytes."""
-    from pa10cal.files.output import write_text
-    from pa10cal.report.gathered import gather
-    from pa10cal.report.page import page_text
-
-    found = gather(results, calibration, campaign_dir)
-    text = page_text(found)
-    write_text(out, text)
-    return found.campaign, len(text.encode())

@@ -5,25 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.resources import files
+from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 import pa10cal
-from pa10cal.report.blocks import Beside, Block, Drawing, Folded, Section
-from pa10cal.report.gathered import Gathered
-from pa10cal.report.looks import drawn, library
-from pa10cal.report.model_errors import headline
-from pa10cal.report.sections.accuracy import accuracy
-from pa10cal.report.sections.measured import measured
-from pa10cal.report.sections.missing import missing, next_poses
-from pa10cal.report.sections.outcome import grade, grade_sentence, verdict, verdict_sentence
-from pa10cal.report.sections.parameters import parameters
-from pa10cal.report.sections.repeats import repeats
-from pa10cal.report.sections.residuals import residuals
-from pa10cal.report.sections.trust import trust
-from pa10cal.report.sections.use import use
-from pa10cal.report.written import count, mm
+from pa10cal.files.output import write_text
+from pa10cal.reports.blocks import Beside, Block, Drawing, Folded, Section
+from pa10cal.reports.gathered import Gathered, gather
+from pa10cal.reports.looks import drawn, library
+from pa10cal.reports.model_errors import headline
+from pa10cal.reports.sections.accuracy import accuracy
+from pa10cal.reports.sections.measured import measured
+from pa10cal.reports.sections.missing import missing, next_poses
+from pa10cal.reports.sections.outcome import grade, grade_sentence, verdict, verdict_sentence
+from pa10cal.reports.sections.parameters import parameters
+from pa10cal.reports.sections.repeats import repeats
+from pa10cal.reports.sections.residuals import residuals
+from pa10cal.reports.sections.trust import trust
+from pa10cal.reports.sections.use import use
+from pa10cal.reports.written import count, mm
 
 #: The sections, in the order of reading.
 _SECTIONS = (
@@ -57,17 +59,36 @@ class Glance:
     more: str
 
 
+def write_page(
+    results: Path, out: Path, campaign_dir: Path | None = None, load_case: str = "combined"
+) -> tuple[str, int]:
+    """Write the page of a results folder, and return the campaign's name and the size in bytes.
+
+    Args:
+        results, load_case, campaign_dir: see `gather`.
+        out: page to write.
+
+    Raises:
+        RecordError, RawDataError: as `gather`.
+        OutputError: when the page cannot be written.
+    """
+    found = gather(results, load_case, campaign_dir)
+    text = page_text(found)
+    write_text(out, text)
+    return found.campaign, len(text.encode())
+
+
 def page_text(found: Gathered) -> str:
     """Return the page as HTML, everything in it that it needs."""
     sections = [section(found) for section in _SECTIONS]
     environment = Environment(
-        loader=PackageLoader("pa10cal.report"),
+        loader=PackageLoader("pa10cal.reports"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    style = files("pa10cal.report").joinpath("templates/page.css").read_text(encoding="utf-8")
+    style = files("pa10cal.reports").joinpath("templates/page.css").read_text(encoding="utf-8")
     text: str = environment.get_template("page.html.j2").render(
         campaign=found.campaign,
         synthetic=SYNTHETIC if found.synthetic else None,

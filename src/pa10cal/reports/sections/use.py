@@ -6,8 +6,8 @@ import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
-from pa10cal.report.blocks import Block, Callout, Code, Items, Paragraph, Section, grid
-from pa10cal.report.gathered import MODEL, Gathered
+from pa10cal.reports.blocks import Block, Callout, Code, Items, Paragraph, Section, grid
+from pa10cal.reports.gathered import MODEL, Gathered
 from pa10cal.results.health import UNRESERVED
 
 _FILES = {

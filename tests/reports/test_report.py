@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import pytest
 
+import pa10cal
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.results.codec import write
 from pa10cal.results.iso9283 import (
@@ -75,6 +76,14 @@ def test_says_what_it_is_of_and_that_the_data_are_synthetic_first(small, page, c
     assert title == "small: calibration report (synthetic data)"
     said = found.text.removeprefix(title)
     assert said.startswith(" Skip to the report Synthetic data: simulated, no robot was measured.")
+
+
+def test_python_writes_the_same_page(small, tmp_path):
+    out = tmp_path / "report.html"
+    pa10cal.report(small, out)
+    again = out.read_text("utf-8")
+    assert run_command("report", [str(small), "--out", str(out)]) == 0
+    assert out.read_text("utf-8") == again
 
 
 def test_has_every_section_in_the_order_of_reading(small, page):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from pa10cal.report.blocks import Block, Callout, Items, Section, grid
-from pa10cal.report.gathered import Gathered
-from pa10cal.report.written import NOT_KNOWN, mm, named, sentence
+from pa10cal.reports.blocks import Block, Callout, Items, Section, grid
+from pa10cal.reports.gathered import Gathered
+from pa10cal.reports.written import NOT_KNOWN, mm, named, sentence
 from pa10cal.results.calibration import GeneralCalibrationRecord
 from pa10cal.results.discovery import EvidenceByBlocks, FoundEffect
 from pa10cal.results.health import Health

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pa10cal.report.blocks import Block, Callout, Folded, Items, Paragraph, Section, grid
-from pa10cal.report.gathered import Gathered
-from pa10cal.report.pictures import poses_drawing
-from pa10cal.report.written import count, listed, mm, parameters, sentence
+from pa10cal.reports.blocks import Block, Callout, Folded, Items, Paragraph, Section, grid
+from pa10cal.reports.gathered import Gathered
+from pa10cal.reports.pictures import poses_drawing
+from pa10cal.reports.written import count, listed, mm, parameters, sentence
 from pa10cal.results.discovery import NotTestable, VerdictRecord
 
 #: Of more suggested poses only the first are shown; all are in the file.

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 
 from pa10cal.figures.parameter_names import written
-from pa10cal.report.blocks import Drawing
-from pa10cal.report.looks import BLUE, GREY, ORANGE, new_figure
-from pa10cal.report.model_errors import Errors
-from pa10cal.report.written import HALF_WIDTH_95
+from pa10cal.reports.blocks import Drawing
+from pa10cal.reports.looks import BLUE, GREY, ORANGE, new_figure
+from pa10cal.reports.model_errors import Errors
+from pa10cal.reports.written import HALF_WIDTH_95
 from pa10cal.results.accuracy import Parameter
 from pa10cal.results.health import PosesNeeded
 

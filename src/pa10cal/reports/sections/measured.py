@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from pa10cal.report.blocks import Block, Callout, Facts, Section, grid
-from pa10cal.report.gathered import POSES, Gathered
-from pa10cal.report.written import count, listed, mm
+from pa10cal.reports.blocks import Block, Callout, Facts, Section, grid
+from pa10cal.reports.gathered import POSES, Gathered
+from pa10cal.reports.written import count, listed, mm
 
 _KINDS = {
     "grid": "to fit",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from pa10cal.report.gathered import Gathered
+from pa10cal.reports.gathered import Gathered
 from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.calibration import CalibrationRecord, GeneralErrors
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.report.blocks import Beside, Block, Callout, Drawing, Paragraph, Section, grid
-from pa10cal.report.gathered import Gathered
-from pa10cal.report.looks import BLUE, ORANGE, new_space
-from pa10cal.report.written import mm
+from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Paragraph, Section, grid
+from pa10cal.reports.gathered import Gathered
+from pa10cal.reports.looks import BLUE, ORANGE, new_space
+from pa10cal.reports.written import mm
 
 Array = NDArray[np.float64]
 

@@ -4,9 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pa10cal.report.blocks import Block, Callout, Items, Paragraph, Section, grid
-from pa10cal.report.gathered import Gathered
-from pa10cal.report.written import NOT_KNOWN, listed, mm, named, sentence, shown_in, sized, unbroken
+from pa10cal.reports.blocks import Block, Callout, Items, Paragraph, Section, grid
+from pa10cal.reports.gathered import Gathered
+from pa10cal.reports.written import (
+    NOT_KNOWN,
+    listed,
+    mm,
+    named,
+    sentence,
+    shown_in,
+    sized,
+    unbroken,
+)
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.health import UNRESERVED, Health
 

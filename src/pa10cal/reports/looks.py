@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from plotly import graph_objects as go
 from plotly.offline import get_plotlyjs
 
-from pa10cal.report.blocks import Drawing
+from pa10cal.reports.blocks import Drawing
 
 #: A grey with the same contrast to a light and to a dark ground.
 GREY = "#7d7d7d"
