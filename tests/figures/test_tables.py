@@ -12,7 +12,14 @@ import pytest
 from pa10cal.figures import published
 from pa10cal.figures.campaign import paper_against_ours, table1_parameters
 from pa10cal.figures.options import PictureOptions
-from pa10cal.figures.table import Table, figures, frame_of, shown, write_table
+from pa10cal.figures.table import (
+    Table,
+    figures,
+    frame_of,
+    shown,
+    with_half_width,
+    write_table,
+)
 
 
 @pytest.fixture(scope="module")
@@ -336,3 +343,18 @@ def test_nothing_is_left_when_one_format_fails(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="disk full"):
         write_table(Table("T", part.frame, (part,)), "footer", tmp_path, "t")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "written"),
+    [
+        (0.54933, 0.049, "0.549 ± 0.049"),
+        (4.3839, 0.018, "4.384 ± 0.018"),
+        (0.00039437, 1.7e-5, "(3.94 ± 0.17)e-4"),
+        (5e-5, 2e-4, "(0.5 ± 2.0)e-4"),
+        (123456.0, 2300.0, "(1.235 ± 0.023)e5"),
+        (12.3, 0.0, "12.3 ± 0"),
+    ],
+)
+def test_a_value_has_the_digits_of_its_interval(value, half, written):
+    assert with_half_width(value, half) == written

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -15,6 +16,9 @@ from pa10cal.files.cells import csv_cell, markdown_cell
 from pa10cal.files.output import whole_file
 
 Row = tuple[str, ...]
+
+#: Smaller values are written as multiples of a power of ten.
+_LEAST_POWER = -2
 
 _STYLE = (
     "body{font:14px/1.4 sans-serif;margin:1.5em}table{border-collapse:collapse;margin:1em 0}"
@@ -69,6 +73,22 @@ def shown(header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "
 def figures(value: float | None, count: int) -> float:
     """Return a number with so many significant figures, nan for None."""
     return np.nan if value is None else float(f"{value:.{count}g}")
+
+
+def with_half_width(value: float, half: float) -> str:
+    """Return a value and half an interval with the same digits, two of the latter: `0.55 ± 0.12`.
+
+    A value far from one is a multiple of a power of ten: `(3.94 ± 0.17)e-4`.
+    """
+    if not (half > 0.0 and math.isfinite(half) and math.isfinite(value)):
+        return f"{value:.5g} ± {half:.2g}"
+    last = math.floor(math.log10(half)) - 1
+    power = math.floor(math.log10(max(abs(value), half)))
+    if power >= _LEAST_POWER and last <= 0:
+        return f"{value:.{-last}f} ± {half:.{-last}f}"
+    scale = 10.0**power
+    digits = max(power - last, 0)
+    return f"({value / scale:.{digits}f} ± {half / scale:.{digits}f})e{power}"
 
 
 def write_table(table: Table, footer: str, folder: Path, name: str) -> None:

@@ -59,6 +59,8 @@ _POSSIBLE = 1e-3
 _NOISE_SHARE = 0.1
 #: Fewer points than this have no mean worth drawing.
 _LEAST_IN_BIN = 5
+#: Joints whose errors are all below this part of the largest move nothing that was measured.
+_NOTHING = 1e-2
 
 
 @dataclass(frozen=True)
@@ -187,7 +189,8 @@ def _notes(
 ) -> Iterator[str]:
     beyond = sum(int((np.abs(row.error) > limit).sum()) for row in rows)
     model = "before and after discovery" if rows[-1].colour == AFTER else "calibrated model"
-    outside = f"; {beyond} points lie outside the panels" if beyond else ""
+    points_lie = "point lies" if beyond == 1 else "points lie"
+    outside = f"; {beyond} {points_lie} outside the panels" if beyond else ""
     yield (
         f"Rows of {', '.join(str(len(row.q)) for row in rows)} poses, {model}{outside}."
         f"{' Black: running mean.' if averaged else ''}"
@@ -196,9 +199,18 @@ def _notes(
     if extrapolated:
         yield f"Grey: {extrapolated} extrapolated poses, beyond the angles of the fit."
     if case.residuals.rotation_deg is None:
-        yield "Positions alone were measured: an error of one joint appears in several."
+        yield "Positions alone were measured: an error of one joint appears in several." + _hidden(
+            rows
+        )
     elif rows[-1].colour != AFTER:
         yield "No model with discovered effects was evaluated at the held-out poses."
+
+
+def _hidden(rows: list[_Row]) -> str:
+    """Say of which joints no error can be seen: what was measured lies on their axes."""
+    largest = np.array([np.abs(row.error).max(axis=0) for row in rows]).max(axis=0)
+    joints = [str(joint + 1) for joint in np.flatnonzero(largest < _NOTHING * largest.max())]
+    return f" None of joint {', '.join(joints)} can be seen." if joints else ""
 
 
 def joint_errors(chain: Chain, left: PoseResiduals, p_ee_target_m: Array) -> Array:

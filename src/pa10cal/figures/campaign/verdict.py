@@ -8,7 +8,7 @@ from typing import Any
 
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.table import Row, Shown, Table, frame_of, shown
+from pa10cal.figures.table import Row, Shown, Table, frame_of, shown, with_half_width
 from pa10cal.results.accuracy import BeforeAfter
 from pa10cal.results.discovery import (
     EffectName,
@@ -166,7 +166,8 @@ def _of_fault(fault: Fault) -> tuple[str, str, str]:
 
 def _effect_row(effect: FoundEffect) -> Row:
     parameters = _knots(effect) or "; ".join(
-        f"{name} = {parameter.value:.5g} ± {_HALF_WIDTH_95 * parameter.std:.2g} {parameter.unit}"
+        f"{name} = {with_half_width(parameter.value, _HALF_WIDTH_95 * parameter.std)} "
+        f"{parameter.unit}"
         for name, parameter in effect.parameters.items()
     )
     alternatives = _together(effect.alternatives) or "none"
@@ -225,7 +226,8 @@ def _sets(found: VerdictRecord) -> list[tuple[str, SetGap]]:
 def _gap_rows(found: VerdictRecord) -> Iterator[Row]:
     for poses, gap in _sets(found):
         yield _gap_row(poses, "all", gap)
-        for load, at_load in gap.per_load.items():
+        loads = gap.per_load.items() if len(gap.per_load) > 1 else ()
+        for load, at_load in loads:
             yield _gap_row(poses, load, at_load)
         for part, within in _parts(gap):
             yield (f"{poses}, {_PARTS[part]}", "all", *_errors(within), "")
