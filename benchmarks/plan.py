@@ -60,10 +60,6 @@ unknowns over the number of poses, whichever poses these are.
 """
 
 
-#: Heads of the columns of figures.
-FIGURES = ("grid", "plan", "ratio")
-
-
 def main() -> None:
     limit_threads()
     text = HEAD + "\n".join(_table(name, cell) for name, cell in CELLS.items()) + TAIL
@@ -73,8 +69,8 @@ def main() -> None:
 
 def _table(name: str, cell) -> str:
     """Return the heading and the table of one cell."""
-    kinds = [f"{kind} {each}" for kind in ("expected", "simulated") for each in FIGURES]
-    columns = ["plan within", "tested at", *kinds]
+    columns = ["plan within", "tested at"]
+    columns += ["expected: grid, plan", "ratio", "simulated: grid, plan", "ratio"]
     head = [f"| {' | '.join(columns)} |", f"|{' --- |' * len(columns)}"]
     return "\n".join([f"## {name}", *head, *_rows(cell)]) + "\n"
 
@@ -107,7 +103,7 @@ def _rows(cell) -> list[str]:
         )
         simulated = (errors[which][tested] for which in ("grid", within))
         figures = " | ".join(
-            f"{one:.3f} | {other:.3f} | {other / one:.2f}" for one, other in (expected, simulated)
+            f"{one:.3f}, {other:.3f} | {other / one:.2f}" for one, other in (expected, simulated)
         )
         lines.append(f"| {words} | {figures} |")
     return lines
