@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from pa10cal.figures.parameter_names import written
 from pa10cal.reports.blocks import Block, Callout, Folded, Items, Paragraph, Section, grid
 from pa10cal.reports.gathered import Gathered
 from pa10cal.reports.pictures import poses_drawing
@@ -25,6 +26,11 @@ def _missing(found: Gathered) -> Iterator[Block]:
     told = tuple(_told(found))
     if told:
         yield Items(told)
+    if found.calibration is not None and (pairs := found.calibration.health.correlated_pairs):
+        title = "Parameters that these poses can hardly separate"
+        rows = [(*map(written, each.parameters), f"{each.correlation:+.3f}") for each in pairs]
+        table = grid(title, ("parameter", "and", "correlation"), rows, (2,))
+        yield Folded(f"{title} ({count(len(pairs), 'pair')})", (table,))
     record = found.verdict
     if record is not None:
         if record.not_testable:
@@ -51,8 +57,6 @@ def _told(found: Gathered) -> Iterator[str]:
         if health.not_identifiable:
             names = parameters(health.not_identifiable)
             yield f"Not identifiable from these poses: {names}."
-        for pair in health.correlated_pairs:
-            yield f"Hardly separable from these poses: {parameters(pair.parameters)}."
         if not health.repeats:
             yield "No pose is repeated often enough to know how readings scatter."
         if not found.calibration.torques_logged:
