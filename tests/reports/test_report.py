@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
+import shlex
 import shutil
 from html.parser import HTMLParser
 from itertools import pairwise
@@ -204,6 +206,26 @@ def test_a_model_that_is_not_to_be_used_is_marked(copied, page):
     found = page(copied).text
     assert "Something in the input is probably wrong." in found
     assert "The commands refuse its model without --force: mend the input first." in found
+
+
+def test_its_commands_do_what_it_says(copied, page, monkeypatch):
+    found = page(copied)
+    commands = [text.replace("\\\n", " ") for text in found.words if text.startswith("pa10cal ")]
+    assert f"cd {copied}" in found.words
+    monkeypatch.chdir(copied)
+    header = ",".join(["id", *(f"q{joint}_deg" for joint in range(1, 7))])
+    (copied / "joints.csv").write_text(f"{header}\nA,1,-60,70,5,40,6\n")
+    assert [shlex.split(command)[1] for command in commands] == ["predict", "compensate"]
+    for command in commands:
+        _, name, *words = shlex.split(command)
+        assert run_command(name, words) == 0
+        if name == "predict":
+            (x,) = csv.DictReader((copied / "poses.csv").read_text().splitlines())
+            columns = ("id", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
+            target = ",".join(columns) + "\n" + ",".join(x[name] for name in columns) + "\n"
+            (copied / "targets.csv").write_text(target)
+    (row,) = csv.DictReader((copied / "commands.csv").read_text().splitlines())
+    assert row["status"] == "ok"
 
 
 def test_measured_data_are_not_called_synthetic(copied, page):

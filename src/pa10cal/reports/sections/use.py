@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator
-from pathlib import Path
 
 from pa10cal.reports.blocks import Block, Callout, Code, Items, Paragraph, Section, grid
 from pa10cal.reports.gathered import MODEL, Gathered
@@ -29,8 +28,7 @@ def use(found: Gathered) -> Section:
 
 
 def _blocks(found: Gathered) -> Iterator[Block]:
-    model = found.model
-    if model is None:
+    if found.model is None:
         yield Callout("missing", found.why_absent(MODEL))
     else:
         grade = None if found.calibration is None else found.calibration.health.grade
@@ -42,14 +40,14 @@ def _blocks(found: Gathered) -> Iterator[Block]:
                 "--force: mend the input first.",
             )
         yield Paragraph("Poses are in the robot's base frame. Angles are in degrees.")
-        yield Code("Where is the tool at these joint positions?", _command("predict", model))
-        yield Code(
-            "Which joint positions bring the tool to these poses?", _command("compensate", model)
-        )
+        folder = shlex.quote(str(found.folder.absolute()))
+        yield Code("From the folder of these results, where the paths below begin", f"cd {folder}")
+        yield Code("Where is the tool at these joint positions?", _command("predict"))
+        yield Code("Which joint positions bring the tool to these poses?", _command("compensate"))
         yield Code(
             "From Python",
             "import pa10cal\n\n"
-            f'model = pa10cal.load_model("{_shown(model)}")\n'
+            f'model = pa10cal.load_model("{MODEL}")\n'
             'found = model.predict(q_rad, frame="tool")  # found.T [m], found.u_mm, found.inside',
         )
         yield Items(
@@ -59,24 +57,13 @@ def _blocks(found: Gathered) -> Iterator[Block]:
                 "--frame flange gives the arm's last frame in place of the tool.",
             )
         )
-    rows = [
-        (_shown(found.folder / file), what)
-        for file, what in _FILES.items()
-        if (found.folder / file).exists()
-    ]
+    rows = [(file, what) for file, what in _FILES.items() if (found.folder / file).exists()]
     if rows:
         yield grid("Files of this campaign", ("file", "holds"), rows)
 
 
-def _command(name: str, model: Path) -> str:
+def _command(name: str) -> str:
     given, out = {"predict": ("joints", "poses"), "compensate": ("targets", "commands")}[name]
     return (
-        f"pa10cal {name} --model {shlex.quote(_shown(model))} \\\n"
-        f"  --{given} {given}.csv --out {out}.csv --frame tool"
+        f"pa10cal {name} --model {MODEL} \\\n  --{given} {given}.csv --out {out}.csv --frame tool"
     )
-
-
-def _shown(path: Path) -> str:
-    """Return a path from the working folder, where it lies below that."""
-    path, here = path.absolute(), Path.cwd()
-    return str(path.relative_to(here) if path.is_relative_to(here) else path)
