@@ -112,7 +112,7 @@ class Cell:
         """Return poses within the limits of a plan, others than its candidates, (200, n)."""
         other = options.model_copy(update={"random_seed": 77, "candidates": _TESTED})
         targets_m = 1e-3 * np.array(self.targets_mm)
-        return draw_candidates(self.arm, targets_m, other, least=_TESTED // 2).q
+        return draw_candidates(self.arm, targets_m, other, least=1).q
 
     def tested_like_grid(self) -> Array:
         """Return poses all over the box, with attitudes as the grid has them, (81, n)."""
