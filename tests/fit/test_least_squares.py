@@ -38,6 +38,30 @@ def test_bounds_hold_what_presses_on_them_and_free_the_rest():
     np.testing.assert_allclose(found.at, [0.5, 0.25], atol=1e-9)
 
 
+@given(st.integers(0, 2**32 - 1), st.integers(2, 8))
+def test_what_stops_at_the_end_of_its_range_lets_the_others_step_on(seed, count):
+    rng = np.random.default_rng(seed)
+    jacobian, values = rng.normal(size=(20, count)), rng.normal(size=20)
+    free = np.linalg.lstsq(jacobian, values, rcond=None)[0]
+    # The first may go half the way from zero to where it would go.
+    bounds = Bounds(np.full(count, -np.inf), np.full(count, np.inf))
+    (bounds.upper if free[0] > 0.0 else bounds.lower)[0] = 0.5 * free[0]
+    found = minimise(
+        np.zeros(count),
+        lambda x: Equations.of(jacobian @ x - values, jacobian),
+        lambda x, step: bounds.clip(x + step),
+        still,
+        most_steps=5,
+        held=bounds.held,
+        beyond=bounds.beyond,
+    )
+    others = np.linalg.lstsq(jacobian[:, 1:], values - 0.5 * free[0] * jacobian[:, 0], rcond=None)[
+        0
+    ]
+    np.testing.assert_allclose(found.at, [0.5 * free[0], *others], atol=1e-8)
+    assert found.iterations <= 3
+
+
 @given(st.integers(0, 2**32 - 1), st.integers(1, 8))
 def test_a_linear_problem_takes_one_step(seed, count):
     rng = np.random.default_rng(seed)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -61,6 +62,10 @@ class Bounds:
     def clip(self, x: Array) -> Array:
         """Return a point moved into the range."""
         return np.clip(x, self.lower, self.upper)
+
+    def beyond(self, x: Array, step: Array) -> Array:
+        """Return what brings back into the range what a step takes out of it, (k,)."""
+        return self.clip(x + step) - (x + step)
 
     def held(self, x: Array, gradient: Array) -> NDArray[np.bool_]:
         """Return which unknowns press on an end of their range, (k,)."""
@@ -136,6 +141,7 @@ def minimise(
     *,
     most_steps: int,
     held: Callable[[S, Array], NDArray[np.bool_]] | None = None,
+    beyond: Callable[[S, Array], Array] | None = None,
     cost: Callable[[S], float] | None = None,
     reweighted: Callable[[S, Step], Equations] | None = None,
     first_damping: float = 0.0,
@@ -150,6 +156,9 @@ def minimise(
         arrived: whether an accepted step, and where it led, was the last.
         most_steps: bound on the steps accepted.
         held: unknowns held at a point, by half the gradient there; None where nothing bounds them.
+        beyond: what brings unknowns back that a step (k,) takes beyond their range, zero where it
+            takes none: they stop at its end, and the others step as they then should. None where
+            they are cut off alone, or nothing bounds them.
         cost: the sum of squares at a point, where that is cheaper than the equations.
         reweighted: renews weights about an accepted point and returns the problem there; None where
             weights stay.
@@ -160,12 +169,9 @@ def minimise(
     for count in range(most_steps):
         pressing = np.zeros(len(here.gradient), bool) if held is None else held(at, here.gradient)
         free = ~pressing
-        normal, gradient = here.normal, here.gradient
-        if pressing.any():
-            normal, gradient = normal[np.ix_(free, free)], gradient[free]
+        back = partial(beyond, at) if beyond is not None else np.zeros_like
         while True:
-            step = np.zeros(len(free))
-            step[free] = -solve_normal(normal, gradient, damping)
+            step = _step_inside(here, free, damping, back)
             tried = moved(at, step)
             if cost is None:
                 there = equations(tried)
@@ -189,6 +195,26 @@ def minimise(
         else:
             damping *= 0.1
     return Minimum(at, here, most_steps, False, f"{most_steps} steps were not enough")
+
+
+def _step_inside(
+    here: Equations, free: NDArray[np.bool_], damping: float, beyond: Callable[[Array], Array]
+) -> Array:
+    """Return a damped step (k,) of the unknowns that are free, inside their range."""
+    step = np.zeros(len(free))
+    while free.any():
+        normal, gradient = here.normal, here.gradient
+        if not free.all():
+            normal = normal[np.ix_(free, free)]
+            gradient = gradient[free] + here.normal[np.ix_(free, ~free)] @ step[~free]
+        step[free] = -solve_normal(normal, gradient, damping)
+        back = beyond(step)
+        step += back
+        stopped = free & (back != 0.0)
+        if not stopped.any():
+            break
+        free = free & ~stopped
+    return step
 
 
 def solve_normal(normal: Array, right: Array, damping: float = 0.0) -> Array:

@@ -92,6 +92,7 @@ def _fit_from(
         lambda _, taken: taken.gained <= _PRECISION * (1.0 + taken.before.cost - taken.gained),
         most_steps=_MOST_STEPS,
         held=bounds.held,
+        beyond=bounds.beyond,
         cost=weighed.cost,
         first_damping=_FIRST_DAMPING,
     )
