@@ -73,14 +73,16 @@ class Score:
 
 @dataclass(frozen=True)
 class _Given:
-    """Products of all columns at V variances, a set of candidates taken as there.
+    """Products of w columns at V variances, a set of candidates taken as there.
 
     Attributes:
-        projection: (V, p) products with the data, after the set took its part.
+        place: (p,) where each of all columns stands among the w.
+        projection: (V, w) products with the data, after the set took its part.
         constant: (V,) minus twice the logarithm of the likelihood with the set.
-        taken: (V, m, p) what the set takes of each column.
+        taken: (V, m, w) what the set takes of each column.
     """
 
+    place: Columns
     projection: Array
     constant: Array
     taken: Array
@@ -89,12 +91,13 @@ class _Given:
         """Return the gain in evidence of candidates at each of `SIZES`, the best variance.
 
         Args:
-            own: (c, k) columns of c candidates.
+            own: (c, k) columns of c candidates, all among the w.
             grams: (V, c, k, k) their products before the set took its part.
 
         Returns:
             (sizes, c).
         """
+        own = self.place[own]
         taken = self.taken[:, :, own].transpose(0, 2, 3, 1)
         grams = grams - taken @ taken.swapaxes(2, 3)
         sizes = np.array(SIZES)[:, None, None, None]
@@ -159,15 +162,15 @@ class Evidence:
         g0, h0 = self.score(members, sizes).nearest
         columns, scale = self._of(members, sizes)
         at_g0, at_h0, every = slice(g0, g0 + 1), slice(h0, h0 + 1), slice(None)
-        poses = self._given(columns, scale, every, at_h0)
-        torques = None  # only where a candidate shows in them
+        poses = self._given(columns, scale, every, at_h0, candidates)
+        showing = [k for k in candidates if self._shows_in_torque[k]]
+        torques = self._given(columns, scale, at_g0, every, showing) if showing else None
         gains = np.empty((len(SIZES), len(candidates)))
         for own, at in self._by_width(candidates):
             of_pose, of_torque = self._grams(own)
             gains[:, at] = poses.gains(own, of_pose + of_torque[at_h0])
             shows = self._shows_in_torque[np.array(candidates)[at]]
-            if shows.any():  # their shared error is then chosen anew as well
-                torques = torques or self._given(columns, scale, at_g0, every)
+            if torques and shows.any():  # their shared error is then chosen anew as well
                 again = torques.gains(own[shows], of_pose[at_g0, shows] + of_torque[:, shows])
                 gains[:, at[shows]] = np.maximum(gains[:, at[shows]], again)
         best = np.argmax(gains, axis=0)
@@ -185,24 +188,31 @@ class Evidence:
         inner = (slice(None), own[:, :, None], own[:, None, :])
         return self._pose.gram[inner], self._torque.gram[inner]
 
-    def _given(self, columns: Columns, scale: Array, g: slice, h: slice) -> _Given:
-        """Reduce the products of all columns by a set that is taken as there."""
+    def _given(
+        self, columns: Columns, scale: Array, g: slice, h: slice, candidates: list[int]
+    ) -> _Given:
+        """Reduce the products of the columns of candidates by a set that is taken as there."""
+        wanted = np.concatenate([self._columns[k] for k in candidates])
+        place = np.zeros(self._pose.projection.shape[1], dtype=np.intp)
+        place[wanted] = np.arange(len(wanted))
         projection = self._pose.projection[g] + self._torque.projection[h]
         constant = self._pose.constant[g] + self._torque.constant[h]
-        taken = np.empty((len(constant), len(columns), projection.shape[1] + 1))
+        taken = np.empty((len(constant), len(columns), len(wanted) + 1))
         np.add(
-            self._pose.gram[g].take(columns, axis=1),
-            self._torque.gram[h].take(columns, axis=1),
+            self._pose.between(g, columns, wanted),
+            self._torque.between(h, columns, wanted),
             out=taken[..., :-1],
         )
         taken[..., -1] = projection[:, columns]
         taken *= scale[:, None]
-        factor = np.linalg.cholesky(np.eye(len(columns)) + taken[:, :, columns] * scale)
+        of_set = self._pose.between(g, columns, columns) + self._torque.between(h, columns, columns)
+        factor = np.linalg.cholesky(np.eye(len(columns)) + of_set * np.outer(scale, scale))
         for lower, rows in zip(factor, taken, strict=True):  # triangular: a third of a solution
             dtrsm(1.0, lower.T, rows.T, side=1, overwrite_b=1)
         log_determinant = 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
         return _Given(
-            projection - np.einsum("gmp,gm->gp", taken[:, :, :-1], taken[:, :, -1]),
+            place,
+            projection[:, wanted] - np.einsum("gmp,gm->gp", taken[:, :, :-1], taken[:, :, -1]),
             constant - np.sum(taken[:, :, -1] ** 2, axis=1) + log_determinant,
             taken[:, :, :-1],
         )

@@ -39,13 +39,15 @@ class Reduced:
 
     def of(self, columns: Columns) -> Reduced:
         """Return the products of some columns (p',)."""
-        variances, width, _ = self.gram.shape
-        places = width * columns[:, None] + columns
         return Reduced(
-            self.gram.reshape(variances, -1).take(places, axis=1),
-            self.projection[:, columns],
-            self.constant,
+            self.between(slice(None), columns, columns), self.projection[:, columns], self.constant
         )
+
+    def between(self, variances: slice, rows: Columns, columns: Columns) -> Array:
+        """Return the products of some columns with some others, at some variances, (V, r, c)."""
+        places = self.gram.shape[1] * rows[:, None] + columns
+        chosen = self.gram[variances]
+        return np.asarray(chosen.reshape(len(chosen), -1).take(places, axis=1))
 
     def scaled(self, scale: Array) -> Reduced:
         """Return the products of the columns, each scaled (p,)."""
