@@ -131,6 +131,18 @@ def test_what_was_commanded_is_not_taken_for_what_was_measured(tmp_path, propose
     assert len(read_campaign(folder).observations) == 40
 
 
+def test_a_date_and_a_time_of_day_are_one_time(tmp_path, proposed):
+    _, table = tracked(tmp_path)
+    stamps = pd.Timestamp("2026-11-03 09:00") + pd.to_timedelta(10 * np.arange(len(table)), "s")
+    table.insert(0, "Datum", stamps.strftime("%d.%m.%Y"))
+    table.insert(1, "Uhrzeit", stamps.strftime("%H:%M:%S"))
+    content, text, folder = proposed(table, "--robot", "ur10", sep=";", decimal=",")
+    how = {"names": ["Datum", "Uhrzeit"], "format": "%d.%m.%Y %H:%M:%S"}
+    assert content["columns"]["poses"]["time"] == how
+    assert "# check time" not in text
+    assert np.ptp(read_campaign(folder).observations.states.time_s) == 10.0 * (len(table) - 1)
+
+
 def test_several_targets_are_points_and_a_distance_is_one(tmp_path, proposed):
     _, table = tracked(tmp_path, "points")
     content, _, _ = proposed(table, "--robot", "ur10")

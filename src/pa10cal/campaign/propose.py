@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,6 +38,9 @@ TIMES = (
     *("%Y%m%d%H%M%S", "%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%m/%d/%Y %H:%M:%S"),
     *("%d/%m/%Y %H:%M:%S", "%m/%d/%Y %I:%M:%S %p", "%H:%M:%S", "%H:%M:%S.%f"),
 )
+#: A date alone, and a time of day alone, which together are a time.
+_DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}")
+_CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.I)
 #: Rows that conventions are judged by.
 JUDGED = 200
 #: What is stated where the file says nothing.
@@ -183,6 +187,10 @@ class _Proposing:
         if name is None:
             return {}
         words, numbers = self.sniffed.words(name), self.sniffed.column(name)
+        names: str | list[str] = name
+        if (pair := self._day_and_clock()) is not None:
+            names, words = list(pair), self._joined(pair)
+            numbers = np.full(len(words), np.nan)
         if len(set(words)) <= 1 or len(set(words)) < 0.01 * len(words):
             self.checks.append(
                 f"time: {name} is the same in all rows, so rows are numbered instead"
@@ -202,7 +210,18 @@ class _Proposing:
         if read[best] < 0.9:
             self.checks.append(f"time: the format of {name} was not recognised ({words[0]!r})")
             return {}
-        return {"time": {"names": name, "format": best}}
+        return {"time": {"names": names, "format": best}}
+
+    def _day_and_clock(self) -> tuple[str, str] | None:
+        """Return a column of dates and one of times of day, where the file has them apart."""
+        first = {name: self.sniffed.words(name)[0] for name in self.roles.times}
+        days = [name for name, word in first.items() if _DAY.fullmatch(word)]
+        clocks = [name for name, word in first.items() if _CLOCK.fullmatch(word)]
+        return (days[0], clocks[0]) if days and clocks else None
+
+    def _joined(self, names: Sequence[str]) -> list[str]:
+        """Return rows of several columns as they are read: with a blank between."""
+        return [" ".join(row) for row in zip(*map(self.sniffed.words, names), strict=True)]
 
     def _joints(self) -> tuple[dict[str, str], Array]:
         """Return the unit of joint positions, and these in radians (metres) of an arm."""

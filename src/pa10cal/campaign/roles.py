@@ -55,6 +55,7 @@ class Roles:
         attitude: columns, and the convention that the names suggest; None where there is none.
         uncertain: uncertainties by the column that they are of.
         single: further columns, by the key of `columns`.
+        times: every column that may hold a date or a time of day.
     """
 
     joints: tuple[str, ...]
@@ -63,6 +64,7 @@ class Roles:
     attitude: tuple[tuple[str, ...], str] | None
     uncertain: dict[str, str]
     single: dict[str, str]
+    times: tuple[str, ...] = ()
 
 
 def roles_of(names: Sequence[str], joints: int | None) -> Roles:
@@ -86,7 +88,12 @@ def roles_of(names: Sequence[str], joints: int | None) -> Roles:
         if found is not None:
             single[key] = found
             taken.add(found)
-    return Roles(turns, torques, positions, attitude, _uncertain(names), single)
+    times = tuple(
+        name
+        for name in rest
+        if _SINGLE["time"].search(name) and name not in taken - {single.get("time")}
+    )
+    return Roles(turns, torques, positions, attitude, _uncertain(names), single, times)
 
 
 def unit_of(name: str) -> str | None:
