@@ -143,6 +143,7 @@ class Evidence:
             places = np.concatenate([np.zeros(0, np.intp), *(self._columns[k] for k in showing)])
             self._torque = spread(reduced(torque, columns, torque_data, none), places, width)
         self._scores: dict[tuple[tuple[int, ...], tuple[int, ...]], Score] = {}
+        self._additions: dict[tuple[tuple[int, ...], ...], list[tuple[float, int]]] = {}
         self._last: tuple[tuple[int, ...], Reduced, Reduced] | None = None
 
     def score(self, members: tuple[int, ...], sizes: tuple[int, ...]) -> Score:
@@ -159,6 +160,14 @@ class Evidence:
 
         To within the step between the variances tried; `score` is exact.
         """
+        key = (members, sizes, tuple(candidates))
+        if key not in self._additions:
+            self._additions[key] = self._additions_to(members, sizes, candidates)
+        return self._additions[key]
+
+    def _additions_to(
+        self, members: tuple[int, ...], sizes: tuple[int, ...], candidates: list[int]
+    ) -> list[tuple[float, int]]:
         g0, h0 = self.score(members, sizes).nearest
         columns, scale = self._of(members, sizes)
         at_g0, at_h0, every = slice(g0, g0 + 1), slice(h0, h0 + 1), slice(None)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.blas import dtrsm
 
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 
@@ -57,7 +57,7 @@ class Reduced:
 def reduced(channel: NoiseModel, columns: Array, data: Array, own: Array) -> Reduced:
     """Integrate the model's own parameters and the common errors out, at every shared variance."""
     k, c = own.shape[1], channel.common.shape[1]
-    rows = np.concatenate([own, columns, data[:, None], channel.common], axis=1)
+    rows = np.concatenate([channel.common, own, columns, data[:, None]], axis=1)
     # Most rows have no part in the shared error: their products are the same for all variances.
     shared = channel.shared_size > _NO_PART
     always = rows[~shared].T @ rows[~shared]
@@ -67,26 +67,19 @@ def reduced(channel: NoiseModel, columns: Array, data: Array, own: Array) -> Red
         total = 1.0 + variance * size
         weighed = rows / np.sqrt(total)[:, None]
         products = always + weighed.T @ weighed
-        products, common_determinant = _integrated_out(products, slice(-c, None) if c else slice(0))
-        products, own_determinant = _integrated_out(products, slice(0, k))
+        products, determinant = _integrated_out(products, c + k)
         grams.append(products[:-1, :-1])
         projections.append(products[:-1, -1])
-        constants.append(
-            products[-1, -1] + np.log(total).sum() + common_determinant + own_determinant
-        )
+        constants.append(products[-1, -1] + np.log(total).sum() + determinant)
     return Reduced(np.array(grams), np.array(projections), np.array(constants))
 
 
-def _integrated_out(products: Array, columns: slice) -> tuple[Array, float]:
-    """Return the products of the other columns, those given being Gaussian of unit variance."""
-    out = np.arange(len(products))[columns]
-    if not len(out):
-        return products, 0.0
-    kept = np.setdiff1d(np.arange(len(products)), out)
-    factor = cho_factor(products[np.ix_(out, out)] + np.eye(len(out)), lower=True)
-    across = products[np.ix_(out, kept)]
-    left = products[np.ix_(kept, kept)] - across.T @ cho_solve(factor, across)
-    return left, 2.0 * float(np.log(np.diag(factor[0])).sum())
+def _integrated_out(products: Array, first: int) -> tuple[Array, float]:
+    """Return the products of the other columns, the first being Gaussian of unit variance."""
+    factor = np.linalg.cholesky(products[:first, :first] + np.eye(first))
+    taken = dtrsm(1.0, factor.T, products[first:, :first], side=1)
+    left = products[first:, first:] - taken @ taken.T
+    return left, 2.0 * float(np.log(np.diag(factor)).sum())
 
 
 def spread(reduced: Reduced, places: Columns, width: int) -> Reduced:
