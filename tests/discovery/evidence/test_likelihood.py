@@ -151,6 +151,7 @@ def test_a_candidate_may_be_what_the_shared_error_of_torques_was(made):
     evidence = made.evidence(made.data(4, members=(2,), scale=8.0))
     nothing, there = evidence.score((), ()), evidence.score((2,), (2,))
     assert nothing.torque_variance > 1.0 > there.torque_variance
+    assert evidence.additions((), (), []) == []
     ((gain, size),) = evidence.additions((), (), [2])
     best = evidence.score((2,), (size,)).log_evidence - nothing.log_evidence
     assert gain == pytest.approx(best, abs=0.5)

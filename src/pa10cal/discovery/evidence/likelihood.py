@@ -201,7 +201,7 @@ class Evidence:
         self, columns: Columns, scale: Array, g: slice, h: slice, candidates: list[int]
     ) -> _Given:
         """Reduce the products of the columns of candidates by a set that is taken as there."""
-        wanted = np.concatenate([self._columns[k] for k in candidates])
+        wanted = np.concatenate([np.zeros(0, np.intp), *(self._columns[k] for k in candidates)])
         place = np.zeros(self._pose.projection.shape[1], dtype=np.intp)
         place[wanted] = np.arange(len(wanted))
         projection = self._pose.projection[g] + self._torque.projection[h]
