@@ -85,7 +85,7 @@ BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
         # good
         ({"at_bound": ("windup_2",)}, {}, "good", "rank 6"),
         ({"at_bound": ("cubic_share_2",)}, {}, "good", "K_cub_2 at the end"),
-        ({}, {"suspected_outliers": 1}, "good", "1 suspected outlier is excluded"),
+        ({}, {"suspected_outliers": 1}, "good", "1 suspected outlier has less weight in the fit"),
         ({"told": 5, "hidden": frozenset({"delta_a_6"})}, {}, "good", "rank 5"),
         ({}, {"held_out": None}, "good", "as the noise of 0.017 mm explains"),
         ({}, {"repeats": repeats(1.3e-5)}, "good", "as the noise of 0.022 mm"),

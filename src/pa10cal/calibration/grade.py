@@ -27,6 +27,8 @@ OVER_EXPECTED = 1.3
 #: Stated over found uncertainty, either way, above which one of them is wrong; of attitudes, whose
 #: uncertainty is mostly not stated but taken from that of positions, above which a unit is.
 STATED_OFF = 3.0
+#: So many times the noise is more than the noise alone explains; the grade says so.
+NOTICED = 1.1
 ATTITUDE_OFF = 30.0
 #: The same of a stated uncertainty of touched balls that is larger: it holds what all touches of a
 #: ball share (form of ball and stylus), which repeats do not show.
@@ -194,7 +196,10 @@ def graded(evidence: Evidence) -> tuple[Grade, str, tuple[InputFinding, ...]]:
     if few := _few(evidence):
         return "few_poses", f"{errors}; {few}{beside}", ()
     noise_mm = evidence.own_noise_mm
+    over = evidence.over_noise
     agrees = "" if noise_mm is None else f", as the noise of {noise_mm:.3f} mm explains"
+    if noise_mm is not None and over is not None and over > NOTICED:
+        agrees = f", {over:.2g} times the noise of {noise_mm:.3f} mm"
     return (
         "good",
         f"{errors}{agrees}; everything that such an instrument can determine is determined"
@@ -278,6 +283,7 @@ def _lacking(evidence: Evidence) -> str:
             f"{over:.2g} times the {known}noise of {evidence.own_noise_mm:.3f} mm: the model is "
             "missing an effect"
             + (", or the stated uncertainty is too small" if known and over < STATED_OFF else "")
+            + (", or the instrument moved between readings" if over >= STATED_OFF else "")
         )
     if (ratio := evidence.over_expected) is not None:
         parts.append(
@@ -317,10 +323,10 @@ def _remarks(evidence: Evidence) -> Iterator[str]:
     if evidence.condition > ILL_CONDITIONED:
         yield f"condition number {evidence.condition:.1e}"
     if evidence.suspected_outliers:
-        many = "s are" if evidence.suspected_outliers > 1 else " is"
+        many = "s have" if evidence.suspected_outliers > 1 else " has"
         yield (
-            f"{evidence.suspected_outliers} suspected outlier{many} excluded; "
-            "see tables/suspected_outliers"
+            f"{evidence.suspected_outliers} suspected outlier{many} less weight in the fit and no "
+            "part in the remaining error; see tables/suspected_outliers"
         )
 
 

@@ -14,6 +14,8 @@ from pa10cal.results.accuracy import Parameter
 from pa10cal.results.health import PosesNeeded
 
 _ROW_PX, _ROOM_PX = 44, 110
+#: Marks of a logarithmic axis, each written out: digits without their decade are not read.
+_TICKS = [digit * 10.0**decade for decade in range(-4, 5) for digit in (1, 2, 5)]
 
 
 def errors_drawing(every: Sequence[Errors], noise_mm: Mapping[str, float]) -> Drawing:
@@ -133,10 +135,12 @@ def poses_drawing(poses: PosesNeeded) -> Drawing | None:
     if len(poses.expected) < 2:
         return None
     counts = [each.poses for each in poses.expected]
+    ticks = {"type": "log", "tickmode": "array"}
+    shown = {"tickvals": _TICKS, "ticktext": [f"{tick:g}" for tick in _TICKS]}
     figure = new_figure(
         340,
-        {"title": {"text": "poses"}, "type": "log"},
-        {"title": {"text": "expected uncertainty [mm]"}, "type": "log"},
+        {"title": {"text": "poses"}, **ticks, **shown},
+        {"title": {"text": "expected uncertainty [mm]"}, **ticks, **shown},
     )
     series = (
         ("best poses first", [e.u_optimal_mm for e in poses.expected], BLUE, "circle", "solid"),

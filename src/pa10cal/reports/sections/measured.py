@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pandas as pd
 
+from pa10cal.campaign.description import CampaignDescription
 from pa10cal.reports.blocks import Block, Callout, Facts, Section, grid
 from pa10cal.reports.gathered import POSES, Gathered
 from pa10cal.reports.written import count, listed, mm
@@ -57,15 +58,22 @@ def _facts(found: Gathered) -> Iterator[tuple[str, str]]:
     yield "Arm", _arm(found)
     yield "Instrument", _instrument(found)
     if found.poses is not None:
-        times = found.poses["time_s"].dropna()
-        hours = (times.max() - times.min()) / 3600.0 if len(times) else 0.0
-        yield "Duration", f"{hours:.1f} h from the first reading to the last" if hours else ""
+        yield "Duration", _duration(found.poses["time_s"].dropna(), found.description)
         warm = found.poses["temperature_C"].dropna()
         if len(warm):
             yield "Temperature", f"{warm.min():.1f} to {warm.max():.1f} °C"
     if (frame := found.base_frame) is not None:
         scatter = f"positions scatter by {frame.origin_scatter_mm:.3f} mm about it"
         yield "Base frame found from", f"{_FRAMES.get(frame.method, frame.method)}; {scatter}"
+
+
+def _duration(times_s: pd.Series, description: CampaignDescription | None) -> str:
+    own = None if description is None else description.columns
+    if own is not None and own.poses is not None and own.poses.time is None:
+        return "not known: no column of times was read, so rows are numbered"
+    seconds = float(times_s.max() - times_s.min()) if len(times_s) else 0.0
+    long = f"{seconds / 3600.0:.1f} h" if seconds >= 3600.0 else f"{seconds / 60.0:.0f} min"
+    return f"{long} from the first reading to the last" if seconds else ""
 
 
 def _arm(found: Gathered) -> str:

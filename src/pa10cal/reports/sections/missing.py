@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 from pa10cal.figures.parameter_names import written
@@ -13,6 +14,8 @@ from pa10cal.results.discovery import NotTestable, VerdictRecord
 
 #: Of more suggested poses only the first are shown; all are in the file.
 _MOST_POSES = 10
+#: An aim that several joints of one pose may share.
+_UNSEEN = re.compile(r"angle of joint (\d+) not seen")
 
 
 def missing(found: Gathered) -> Section:
@@ -133,4 +136,8 @@ def _angles(q_deg: object, arrive_from: object) -> Iterator[str]:
 
 
 def _aims(names: tuple[str, ...]) -> str:
-    return "; ".join(name.replace("_", " ") for name in names)
+    unseen = [found[1] for name in names if (found := _UNSEEN.fullmatch(name))]
+    rest = [name.replace("_", " ") for name in names if not _UNSEEN.fullmatch(name)]
+    if unseen:
+        rest.append(f"angle{'s' if unseen[1:] else ''} of joint {listed(unseen)} not seen")
+    return "; ".join(rest)

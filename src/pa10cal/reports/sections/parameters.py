@@ -11,6 +11,9 @@ from pa10cal.reports.pictures import tolerances_drawing
 from pa10cal.reports.written import NOT_KNOWN, shown_in, with_interval
 from pa10cal.results.accuracy import Parameter
 
+#: Departures of what loads the springs, and how many that poses do not identify are listed.
+_WEIGHTS, _MOST_WEIGHTS = "weight_", 4
+
 _GROUPS = (
     ("Links: departures from the arm's description", ("delta_",)),
     ("Springs of the joints", ("K_", "compliance_", "cubic_share_", "windup_")),
@@ -45,6 +48,14 @@ def _blocks(found: Gathered) -> Iterator[Block]:
     for title, begins in _GROUPS:
         names = [name for name in remaining if name.startswith(begins)]
         group = {name: remaining.pop(name) for name in names}
+        weights = [n for n, each in group.items() if _WEIGHTS in n and not each.identifiable]
+        if len(weights) > _MOST_WEIGHTS:
+            group = {name: each for name, each in group.items() if name not in weights}
+            yield Paragraph(
+                f"Weights: {len(weights)} departures of masses, of their moments and of the "
+                "base's level stay near the values described, within what a description is "
+                "usually off. The poses fitted do not identify them."
+            )
         if group:
             header = ("parameter", "value, 95 % interval", "unit", "tolerance", "remark")
             rows = [_row(name, each) for name, each in group.items()]
@@ -58,6 +69,8 @@ def _row(name: str, found: Parameter) -> tuple[str, ...]:
         return written(name), NOT_KNOWN, unit, tolerance, "not identifiable from these poses"
     std = None if found.std is None else scale * found.std
     remark = "at the end of its physical range" if getattr(found, "at_bound", False) else ""
+    if not remark and found.std == 0.0:
+        remark = "not fitted"
     if not remark and found.tolerance and abs(found.value) > 3.0 * found.tolerance:
         remark = f"{abs(found.value) / found.tolerance:.0f} tolerances"
     return written(name), with_interval(scale * found.value, std), unit, tolerance, remark
