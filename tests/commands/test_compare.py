@@ -84,3 +84,14 @@ def test_no_model_is_replaced(here, capsys):
     assert run_command("compare", ["june.yaml", "july.yaml", "--out", "july.yaml"]) == REFUSED
     assert "would replace the file of second" in capsys.readouterr().err
     assert (here / "july.yaml").read_bytes() == before
+
+
+def test_a_folder_of_results_is_enough(here, capsys):
+    for name in ("june", "july"):
+        folder = here / "results" / name / "model"
+        folder.mkdir(parents=True)
+        save_model(campaign(1, name), folder / "model.yaml")
+    assert run_command("compare", ["results/june", "results/july/model"]) == 0
+    assert "expected to remain" in capsys.readouterr().out
+    assert run_command("compare", ["results", "results/july"]) == REFUSED
+    assert "results/model.yaml: the model cannot be read" in capsys.readouterr().err

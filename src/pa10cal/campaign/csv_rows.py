@@ -36,7 +36,7 @@ ROWS_A_PART = 20_000
 #: Share of rows that must write their last field in one format for a shorter one to count as cut.
 SAME_FORMAT = 0.99
 
-OWN_NAMES = "; pa10cal columns proposes how to read a file with names of its own"
+OWN_NAMES = "; for a campaign's file pa10cal columns proposes how to read other names"
 CUT = "the last line is cut short"
 REPEATED = "repeats an earlier row"
 FIELDS = "the number of fields differs from the header"
@@ -300,8 +300,8 @@ def _check_header(
                 "commas between fields, decimal points"
                 if layout.separator == ","
                 else f"the separator {here!r}, as campaign.yaml states it",
-                "state the file's layout under columns of campaign.yaml (pa10cal columns "
-                f"{path.name} proposes it), or export it with commas and decimal points",
+                "export the file with commas and decimal points; that of a campaign may stay as it "
+                f"is: pa10cal columns {path.name} proposes how campaign.yaml describes it",
             )
     twice = [name for name, times in Counter(header).items() if times > 1]
     if twice:

@@ -20,7 +20,7 @@ def compare(first: Path, second: Path, *, out: Path | None = None) -> None:
     base and tool are taken off. docs/using-the-model.md explains the figures.
 
     Args:
-        first: model.yaml of a calibration.
+        first: model.yaml of a calibration, or the results that hold it.
         second: model.yaml of another.
         out: every parameter and figure, to write (.json).
 

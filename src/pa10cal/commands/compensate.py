@@ -21,7 +21,7 @@ def compensate(
     nearest to the row before. docs/using-the-model.md explains the columns.
 
     Args:
-        model: model.yaml of a calibration.
+        model: model.yaml of a calibration, or the results that hold it.
         targets: poses in the robot's base frame: id,x_mm,y_mm,z_mm,qw,qx,qy,qz[,load_N][,q1_deg,
             ...] (.csv).
         out: joint positions to write (.csv).

@@ -20,7 +20,7 @@ def predict(
     the fit has seen such joint angles. docs/using-the-model.md explains the columns.
 
     Args:
-        model: model.yaml of a calibration.
+        model: model.yaml of a calibration, or the results that hold it.
         joints: joint positions: id,q1_deg,...[,load_N] (.csv).
         out: poses to write (.csv).
         frame: flange, tool, or target_<name>.

@@ -85,7 +85,9 @@ def load_arm(name: str, folder: Path | None = None) -> Arm:
             where="robot",
             value=name,
             allowed=", ".join(arm_names()) + ("" if own is None else f", or a file {own}"),
-            remedy="correct the name, or describe the arm in such a file",
+            remedy="correct the name, or describe the arm in such a file"
+            if own is not None
+            else f"correct the name, or give the file of a description, such as {name}.yaml",
         )
     text = files("pa10cal.files").joinpath("arms", f"{name}.yaml").read_text(encoding="utf-8")
     return parse_arm(parse_yaml(text), where=f"{name}.yaml")

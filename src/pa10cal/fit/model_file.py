@@ -65,12 +65,15 @@ def save_model(model: FittedModel, path: Path, **about: Any) -> None:
 def load_model(path: str | Path) -> FittedModel:
     """Read a fitted model; without the file of its covariance it predicts without uncertainty.
 
+    Args:
+        path: of model.yaml, or of the folder `model`, or of the results, that it lies in.
+
     Raises:
         ModelError: when the file, or that of its covariance, cannot be read, is of another schema,
             or lacks a key.
         TermError: when it has a term that is not known.
     """
-    path = Path(path)
+    path = _file_of(Path(path))
     content = read_yaml(
         path,
         ModelError,
@@ -79,6 +82,14 @@ def load_model(path: str | Path) -> FittedModel:
         remedy="correct the path, or write the model again",
     )
     return model_from_plain(content, where=str(path), covariance=covariance_beside(path))
+
+
+def _file_of(path: Path) -> Path:
+    """Return the file of a model, of a folder that it lies in."""
+    if not path.is_dir():
+        return path
+    inside = (path / "model.yaml", path / "model" / "model.yaml")
+    return next((each for each in inside if each.is_file()), inside[0])
 
 
 def model_to_plain(model: FittedModel, **about: Any) -> dict[str, Any]:
