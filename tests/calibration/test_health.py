@@ -18,13 +18,13 @@ from pa10cal.terms.term import Parameter
 NOISE_M = 1e-5
 
 
-def ended(poses=40, unknowns=6, told=None, **changes):
+def ended(poses=40, unknowns=6, told=None, named="delta_a", **changes):
     """A linear fit of positions with so many unknowns, of which the rows tell some."""
     generator = np.random.default_rng(poses)
     told = unknowns if told is None else told
     position = generator.standard_normal((poses, 3, unknowns))
     position[:, :, told:] = 0.0
-    parameters = tuple(Parameter(f"delta_a_{k}", "m", 1e-3) for k in range(1, unknowns + 1))
+    parameters = tuple(Parameter(f"{named}_{k}", "m", 1e-3) for k in range(1, unknowns + 1))
     white = position / NOISE_M
     found = identify(white.reshape(-1, unknowns), np.full(unknowns, 1e-3))
     flat = white[:, :, :told].reshape(-1, told)
@@ -95,6 +95,7 @@ BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
         # few_poses
         ({"told": 5}, {}, "few_poses", "not identifiable with these poses: delta_a_6"),
         ({"told": 3}, {}, "few_poses", "identify 3 of 6"),
+        ({"told": 5, "named": "weight"}, {}, "few_poses", "state the mass of the tool"),
         ({"poses": 8}, {}, "few_poses", "more poses to reduce it to 0.006 mm"),
         # incomplete
         ({}, {"noise_mm": 0.004}, "incomplete", "4.3 times the stated noise of 0.004 mm"),

@@ -300,10 +300,14 @@ def _few(evidence: Evidence) -> str:
     if not np.isfinite(evidence.u_model_mm):
         return f"{told}; measure at least {-(-evidence.unknowns // 2)} poses, well spread"
     if names:
-        return (
-            f"not identifiable with these poses: {_listed(names)} ({told}); measure poses that "
-            "move every joint over its range"
+        weights = all(name.startswith("weight_") for name in names)
+        remedy = (
+            "state the mass of the tool and its centre (tool in campaign.yaml), or measure under "
+            "loads: joints as stiff as these hardly show weights"
+            if weights
+            else "measure poses that move every joint over its range"
         )
+        return f"not identifiable with these poses: {_listed(names)} ({told}); {remedy}"
     u_mm, wanted_mm = evidence.u_model_mm, SMALL_SHARE * evidence.error_mm
     if u_mm > wanted_mm:
         more = int(np.ceil(evidence.poses * ((u_mm / wanted_mm) ** 2 - 1.0)))

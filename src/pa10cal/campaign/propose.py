@@ -85,8 +85,11 @@ def propose(sniffed: Sniffed, file: str, name: str, robot: str, arm: Arm | None)
             "convention of attitudes are then found from its kinematics"
         )
     making.checks.append(
-        "provenance, tool and gravity_m_s2: state them; instrument.uncertainty_mm is "
+        "provenance and gravity_m_s2: state them; instrument.uncertainty_mm is "
         + ("that of the file" if making.stated_mm is not None else f"{ASSUMED_MM} mm, assumed")
+    )
+    making.checks.append(
+        "tool: state its mass and centre of mass; a mass of 0 is one that is not known"
     )
     content = {
         "schema": SCHEMA,
