@@ -107,11 +107,12 @@ def test_has_every_section_in_the_order_of_reading(small, page):
 
 LEADS = {
     "none": "Nothing is missing: model and measurement agree within the repeatability.",
-    "named": "The model lacks encoder eccentricity at joint 2.",
-    "ambiguous": "The model lacks encoder eccentricity at joint 2 or gear ratio error at joint 2.",
+    "named": "The calibrated model lacks encoder eccentricity at joint 2.",
+    "ambiguous": "The calibrated model lacks encoder eccentricity at joint 2 or gear ratio error "
+    "at joint 2.",
     "unexplained": "An error remains at joint 3 that no effect of the vocabulary explains.",
     "check_the_log": "Check the log first: joint sign (q3_deg). Whatever becomes of that, the "
-    "model lacks encoder eccentricity at joint 2.",
+    "calibrated model lacks encoder eccentricity at joint 2.",
     "not_sought": "Effects were not sought: 36 poses are too few.",
 }
 

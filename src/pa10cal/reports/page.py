@@ -109,7 +109,7 @@ def _glances(found: Gathered) -> Iterator[Glance]:
         health = found.calibration.health
         more = grade_sentence(health)
         if found.verdict is not None and found.verdict.effects:
-            more += " The effects found are not in it yet."
+            more += " This is before the effects found are added."
         yield Glance("Grade of the calibration", health.grade.replace("_", " "), more)
     if found.verdict is None:
         yield Glance("Verdict", "none yet", "What the model lacks was not looked for.")

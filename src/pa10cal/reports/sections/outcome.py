@@ -130,7 +130,7 @@ def _verdict(found: Gathered) -> Iterator[Block]:
 def verdict_sentence(record: VerdictRecord) -> str:
     """Return the verdict in one plain sentence."""
     effects = _together(record.effects)
-    lacks = f"The model lacks {effects}."
+    lacks = f"The calibrated model lacks {effects}."
     unexplained = record.unexplained
     if record.verdict == "none":
         return "Nothing is missing: model and measurement agree within the repeatability."
