@@ -44,6 +44,20 @@ class Pa10calError(Exception):
         )
 
 
+def last_message(printed: str) -> tuple[str, str] | None:
+    """Return the last message in what a command printed: who says it, and what; warnings are none.
+
+    Args:
+        printed: lines such as `pa10cal ingest: …`.
+    """
+    told = [line for line in printed.splitlines() if line.startswith("pa10cal")]
+    told = [line for line in told if ": warning: " not in line]
+    if not told:
+        return None
+    words, _, message = told[-1].partition(": ")
+    return words, message
+
+
 class SettingsError(Pa10calError):
     """The configuration cannot be used."""
 

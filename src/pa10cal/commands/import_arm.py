@@ -22,7 +22,6 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
         pa10cal import_arm cell.urdf --base base_link --tip tool0 --out my_arm.yaml
     """
     import numpy as np
-    import yaml
 
     from pa10cal.arm.parallel import neighbouring_axes
     from pa10cal.errors import ArmError
@@ -30,6 +29,7 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
     from pa10cal.files.arms import parse_arm
     from pa10cal.files.output import whole_files
     from pa10cal.files.urdf import arm_from_urdf
+    from pa10cal.yaml_file import parse_yaml
 
     if out.suffix != ".yaml":
         raise ArmError(
@@ -55,7 +55,7 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
     copy = out.with_suffix(".urdf")
     source = {"file": copy.name, "base": imported.base, "tip": imported.tip}
     text = arm_text(arm, [f"Imported from {urdf.name}.", *lines], source)
-    parse_arm(yaml.safe_load(text), where=str(out))  # what would not be read is not written
+    parse_arm(parse_yaml(text), where=str(out))  # what would not be read is not written
     with whole_files(out, copy) as (description, beside):
         description.write_text(text, encoding="utf-8", newline="\n")
         beside.write_bytes(urdf.read_bytes())

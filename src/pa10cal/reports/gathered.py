@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_pose_table
-from pa10cal.errors import RecordError
+from pa10cal.errors import RecordError, last_message
 from pa10cal.observe.quantities import Words
 from pa10cal.observe.registry import instruments
 from pa10cal.results.analysis import AnalysisRecord
@@ -229,12 +229,9 @@ def _read(kind: type[_R], folder: Path, file: str | None = None) -> _R | None:
 def _absent(folder: Path, file: str, command: str, log: str) -> Absent:
     """Say why a result is not there: what its stage refused, where its log tells."""
     path = folder / f"logs/{log}.log"
-    told = []
-    if path.is_file():
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-        told = [line for line in lines if line.startswith("pa10cal") and ": warning: " not in line]
-    if told:
-        _, _, message = told[-1].partition(": ")
+    printed = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+    if (told := last_message(printed)) is not None:
+        _, message = told
         return Absent(file, f"pa10cal {command} refused: {message}.", "Then run it again.")
     why = f"There is no {file}: pa10cal {command} was not run, or did not come to its end."
     return Absent(file, why, "pa10cal run makes it.")

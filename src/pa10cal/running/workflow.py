@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import pa10cal
-from pa10cal.errors import OutputError, Pa10calError
+from pa10cal.errors import OutputError, Pa10calError, last_message
 from pa10cal.extras import MissingPackageError
 from pa10cal.files.output import writing_into
 
@@ -193,12 +193,11 @@ def _failure(logs: Sequence[str], folder: Path, printed: str) -> Exception:
         with suppress(OSError):
             printed = (folder / log).read_text(encoding="utf-8", errors="replace")
             break
-    told = [line for line in printed.splitlines() if line.startswith("pa10cal")]
-    told = [line for line in told if ": warning: " not in line]
-    if not told:
+    told = last_message(printed)
+    if told is None:
         last = [line for line in printed.splitlines() if line.strip()][-8:]
         return RuntimeError("the workflow failed: " + " | ".join(last))
-    words, _, message = told[-1].partition(": ")
+    words, message = told
     stage = words.removeprefix("pa10cal").strip()
     if "internal fault" in message:
         return RuntimeError(f"{stage}: {message}")
