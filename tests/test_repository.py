@@ -32,6 +32,7 @@ PURE = {
 FLOOR = {
     "errors",
     "extras",
+    "names",
     "near_miss",
     "results",
     "settings_reading",
@@ -356,6 +357,7 @@ def test_pages_that_are_named_exist():
 PROSE = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
+    ROOT / "SECURITY.md",
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted(ROOT.glob("docs/*/*.md")),
 ]

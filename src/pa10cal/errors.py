@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Self
 
+#: A longer part of a message is shortened in its middle: a file may hold anything.
+_LONGEST = 2000
+
 
 class Pa10calError(Exception):
     """A refusal with everything the reader needs to mend its cause.
@@ -30,8 +33,8 @@ class Pa10calError(Exception):
         self.value = value
         self.allowed = allowed
         self.remedy = remedy
-        got = "" if value is None else f" (got {value!r})"
-        super().__init__(f"{where}: {what}{got}; allowed: {allowed}; {remedy}")
+        got = "" if value is None else f" (got {_short(repr(value))})"
+        super().__init__(f"{_short(where)}: {what}{got}; allowed: {_short(allowed)}; {remedy}")
 
     def within(self, place: str) -> Self:
         """Return this refusal, and where it belongs in what was being done."""
@@ -42,6 +45,12 @@ class Pa10calError(Exception):
             allowed=self.allowed,
             remedy=self.remedy,
         )
+
+
+def _short(text: str) -> str:
+    """Return a text, of one that is too long for a message both ends."""
+    half = _LONGEST // 2
+    return text if len(text) <= _LONGEST else f"{text[:half]} … {text[-half:]}"
 
 
 def last_message(printed: str) -> tuple[str, str] | None:

@@ -16,6 +16,7 @@ from pa10cal.evaluation.options import BlindTrialsOptions, CoverageOptions, Eval
 from pa10cal.figures.options import FigureOptions
 from pa10cal.frame.options import BaseFrameOptions
 from pa10cal.montecarlo.options import MonteCarloOptions
+from pa10cal.names import ALLOWED, fits_a_folder
 from pa10cal.settings_reading import parse_section
 from pa10cal.settings_section import Section
 
@@ -33,12 +34,8 @@ RESERVED = (
 
 def _campaign_name(name: str) -> str:
     """Refuse a name that is not fit for a folder of results."""
-    fits = all(letter.isalnum() or letter in "-_." for letter in name)
-    if not name or not fits or name[0] in ".-" or name in RESERVED:
-        raise ValueError(
-            "a name of letters, digits, '-', '_' and '.', not beginning with '.' or '-', and "
-            f"none of {', '.join(RESERVED)}"
-        )
+    if not fits_a_folder(name) or name in RESERVED:
+        raise ValueError(f"{ALLOWED}, and none of {', '.join(RESERVED)}")
     return name
 
 

@@ -177,6 +177,16 @@ def test_the_campaign_s_own_arm_comes_first(tmp_path):
     assert load_arm("ur10").n == 6
 
 
+@pytest.mark.parametrize("name", ["../small", "", ".small", "-small", "a b", "a" * 5000])
+def test_a_name_that_leads_elsewhere_is_refused(tmp_path, name):
+    folder = tmp_path / "campaign"
+    folder.mkdir()
+    (tmp_path / "small.yaml").write_text(SCARA, encoding="utf-8")
+    with pytest.raises(ArmError, match=r"no name of a robot.*letters, digits") as found:
+        load_arm(name, folder)
+    assert len(str(found.value)) < 3000
+
+
 def test_an_arm_that_is_nowhere_is_refused(tmp_path):
     with pytest.raises(ArmError, match=r"unknown robot.*'ur5'.*iiwa14.*or a file .*ur5\.yaml"):
         load_arm("ur5", tmp_path)

@@ -42,6 +42,14 @@ def test_leaves_refusals_to_the_command(campaign, text):
     assert arm_files(folder) == []
 
 
+@pytest.mark.parametrize("name", ["../ur10", "a" * 5000, "nul\\0", "/etc/ur10"])
+def test_no_name_leads_out_of_the_folder(campaign, name):
+    folder = campaign(f'robot: "{name}"\nfiles: {{poses: "{name}"}}\n')
+    (folder.parent / "ur10.yaml").touch()
+    assert arm_files(folder) == []
+    assert raw_files(folder) == []
+
+
 def test_a_campaign_that_is_not_there_has_nothing(tmp_path):
     assert robot_name(tmp_path / "gone") == ""
     assert campaign_name(tmp_path / "gone") == "gone"

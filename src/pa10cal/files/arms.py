@@ -17,6 +17,7 @@ from pa10cal.arm.parallel import NEARLY_PARALLEL_RAD, neighbouring_axes, with_ha
 from pa10cal.arm.urdf_patch import UrdfSource
 from pa10cal.errors import ArmError
 from pa10cal.files.arm_rows import ArmRow, Triple, check_rows, refuse_far
+from pa10cal.names import ALLOWED, fits_a_folder
 from pa10cal.settings_reading import parse_section
 from pa10cal.settings_section import Section
 from pa10cal.yaml_file import parse_yaml, read_yaml
@@ -76,6 +77,14 @@ def load_arm(name: str, folder: Path | None = None) -> Arm:
         ArmError: when there is no arm of that name, or its file cannot be used.
         SettingsError: when a key of its file is unknown, missing or of the wrong kind.
     """
+    if not fits_a_folder(name):
+        raise ArmError(
+            "no name of a robot",
+            where="robot",
+            value=name,
+            allowed=ALLOWED,
+            remedy="correct the name",
+        )
     own = None if folder is None else folder / f"{name}.yaml"
     if own is not None and own.is_file():
         return read_arm(own)

@@ -19,8 +19,7 @@ def raw_files(folder: Path) -> list[Path]:
     named = _description(folder).get("files")
     if not isinstance(named, dict):
         return []
-    paths = [folder / name for name in named.values() if isinstance(name, str)]
-    return [path for path in paths if path.is_file()]
+    return _there(folder, [name for name in named.values() if isinstance(name, str)])
 
 
 def missing_campaign(raw_dir: str, campaign: str) -> SettingsError:
@@ -43,8 +42,7 @@ def robot_name(folder: Path) -> str:
 def arm_files(folder: Path) -> list[Path]:
     """Return the campaign's own description of its robot and its URDF, where they are there."""
     robot = robot_name(folder)
-    paths = [folder / f"{robot}.{ending}" for ending in ("yaml", "urdf")]
-    return [path for path in paths if path.is_file()]
+    return _there(folder, [f"{robot}.{ending}" for ending in ("yaml", "urdf")])
 
 
 def instrument_kind(folder: Path) -> str:
@@ -70,6 +68,15 @@ def by_general_model(model: str, instrument: str) -> bool:
 def campaign_name(folder: Path) -> str:
     """Return the name that `campaign.yaml` gives, or else that of the folder."""
     return str(_description(folder).get("name", folder.name))
+
+
+def _there(folder: Path, names: list[str]) -> list[Path]:
+    """Return the files of these names that are in a folder; none whose name leads out of it."""
+    try:
+        inside = [folder / name for name in names if Path(name).name == name]
+        return [path for path in inside if path.is_file()]
+    except (OSError, ValueError):  # a name that no file can have
+        return []
 
 
 def _description(folder: Path) -> dict[str, Any]:
