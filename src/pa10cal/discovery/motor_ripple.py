@@ -1,0 +1,354 @@
+"""The motor's ripple as a witness: lines of a joint's residual at multiples of its gear ratio.
+
+A controller stops a joint where the motor's cogging lets it, so what a model leaves of the joint's
+angle has lines in the angle at which the motor stands, in poses to which the joint moved. Where the
+gear errs by e(q), the motor of a joint commanded to q stands at N q; where a sensor behind the gear
+does, the controller has turned the motor to N (q + e(q)). Phases of high lines tell the two apart:
+N n e(q) is most of a radian for usual errors and n = 20.
+
+Sums over poses at all orders are Fourier transforms of poses gridded over a few turns (Lomb and
+Scargle, by an FFT). The log-likelihood that a line gains goes as Gamma(campaigns) where nothing is
+there, which bounds the rate of false lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import factorial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+
+from pa10cal.discovery.sensor_or_gear import Witness
+
+Array = NDArray[np.float64]
+
+#: Probability allowed of one false line in a whole search.
+FALSE_RATE = 0.01
+#: Multiples of the gear ratio at which lines are sought, and ratios thought possible.
+MOST_ORDERS = 25
+RATIOS = (30.0, 260.0)
+#: Poses that a joint must have moved to.
+LEAST_POSES = 100
+#: Turns over which poses are gridded, and cells of that grid: orders go in steps of a quarter.
+_TURNS = 4
+_CELLS = 2**17
+#: Lowest and highest order sought; below it are the joint's own errors by its angle.
+_LOWEST, _HIGHEST = 40, 4096
+#: Shares of the error with which lines are sought, and between which the best one is.
+_SHARES = (0.0, 0.5, 1.0, 1.5)
+_ALPHAS = np.linspace(-0.5, 2.0, 51)
+#: Turn of the motor by a torque of one standard deviation, at most, and its steps in phase [rad].
+_MOST_TURN_RAD = 1e-3
+_PHASE_STEP_RAD = 0.25
+#: Phase by which the joint's error turns the highest line, at least, for the line to say anything.
+_LEAST_TURN_RAD = 0.25
+#: Steps of order over which the background of a spectrum is taken: many times as many as a line
+#: has where the joint turned by a small part of a turn.
+_BACKGROUND = 2048
+_MOST_LINES = 12
+#: Lines this near are one, at a multiple k of a ratio k times as near [cycles a turn].
+_SAME = 0.5
+_SAME_RATIO = 0.1
+#: Steps of ratio that are tried for the greatest common divisor.
+_RATIO_STEP = 0.25
+#: Half of what twice the log-likelihood may fall within a 95 % interval.
+_CHI2_95_HALF = 1.92
+_TINY = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class JointSeries:
+    """One joint in P configurations of a campaign.
+
+    Attributes:
+        q_rad: (P,) its angle, as commanded.
+        left_rad: (P,) by how much further it stands than the model says.
+        weight: (P,) inverse variance of that [1/rad²].
+        error_rad: (P,) error of its angle by the model, true less commanded.
+        torque_Nm: (P,) its torque; nan where not known.
+        moved: (P,) whether it moved since the configuration before.
+    """
+
+    q_rad: Array
+    left_rad: Array
+    weight: Array
+    error_rad: Array
+    torque_Nm: Array
+    moved: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.q_rad)
+
+    def where(self, rows: NDArray[np.bool_]) -> JointSeries:
+        """Return some of its configurations."""
+        return JointSeries(
+            self.q_rad[rows],
+            self.left_rad[rows],
+            self.weight[rows],
+            self.error_rad[rows],
+            self.torque_Nm[rows],
+            self.moved[rows],
+        )
+
+    def motor_rad(self, share: float) -> Array:
+        """Return the angle at which the motor stands if it followed some of the error."""
+        return self.q_rad + share * self.error_rad
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a joint's residual.
+
+    Attributes:
+        order: cycles a turn of the joint.
+        share: of the error with which it is strongest.
+        nats: minus the logarithm of the probability to find it there by chance.
+    """
+
+    order: float
+    share: float
+    nats: float
+
+
+def witnesses(
+    joints: Sequence[Sequence[JointSeries]], stated_ratio: Array
+) -> tuple[Witness | None, ...]:
+    """Return what the ripple of every joint says; None where it shows none.
+
+    Args:
+        joints: for each joint its campaigns; no campaign of a joint that is not to be looked at.
+        stated_ratio: (n,) motor turns a joint turn by the arm's description; nan where not known.
+    """
+    searched = sum(map(bool, joints))
+    moved: list[list[JointSeries]] = []
+    found: list[list[Line]] = []
+    for joint in joints:
+        there = [each.where(each.moved) for each in joint]
+        moved.append([each for each in there if len(each) >= LEAST_POSES])
+        stood = [each.where(~each.moved) for each in joint]
+        own = lines(moved[-1], None, searched) if moved[-1] else []
+        found.append([line for line in own if not _stands(line, stood, len(own))])
+    common = common_ratio([line for own in found for line in own])
+    said = []
+    for k, series in enumerate(moved):
+        ratio = _agreed(common or common_ratio(found[k]), float(stated_ratio[k]))
+        known = bool(series) and ratio is not None
+        said.append(_witness(k + 1, series, ratio or 0.0, searched) if known else None)
+    return tuple(said)
+
+
+def lines(series: Sequence[JointSeries], ratio: float | None, joints: int) -> list[Line]:
+    """Return the lines of a joint, the strongest first, each sought beside those before it.
+
+    Args:
+        series: its campaigns, each in configurations to which it moved.
+        ratio: at whose multiples alone to look; None: at all orders.
+        joints: how many are searched, for the rate of false lines.
+    """
+    if ratio is None:
+        orders = np.arange(_LOWEST, _HIGHEST, 1.0 / _TURNS)
+        tests = float(_HIGHEST - _LOWEST) * _TURNS
+    else:
+        orders = ratio * np.arange(1, MOST_ORDERS + 1)
+        orders = orders[orders < _HIGHEST - 1]
+        tests = float(len(orders))
+    at = np.round(orders * _TURNS).astype(int)
+    needed = float(np.log(tests * len(_SHARES) * joints / FALSE_RATE))
+    found: list[Line] = []
+    left = list(series)
+    while len(found) < _MOST_LINES:
+        nats = np.stack([_spectrum(left, share)[at] for share in _SHARES])
+        share, k = np.unravel_index(int(np.argmax(nats)), nats.shape)
+        line = Line(float(orders[k]), _SHARES[share], float(nats[share, k]))
+        if line.nats < needed or any(abs(line.order - each.order) < _SAME for each in found):
+            break
+        found.append(line)
+        left = [_without(each, line) for each in left]
+    return found
+
+
+def common_ratio(found: Sequence[Line]) -> float | None:
+    """Return the greatest common divisor of lines; None where chance would make one as good.
+
+    Lines at powers of two are those of a sensor's divisions, and are none of the motor.
+    """
+    orders = np.array([line.order for line in found])
+    octaves = np.log2(orders)
+    orders = orders[np.abs(orders - 2.0 ** np.round(octaves)) > 2.0 * _SAME]
+    if len(orders) < 2:
+        return None
+    ratios = np.arange(RATIOS[0], RATIOS[1], _RATIO_STEP)
+    multiple = np.maximum(np.round(orders / ratios[:, None]), 1.0)
+    reach = _SAME + _SAME_RATIO * multiple
+    near = np.abs(orders - multiple * ratios[:, None]) < reach
+    chance = np.minimum(2.0 * reach.mean(axis=1) / ratios, 1.0)
+    log_p = np.log(np.maximum(bdtrc(near.sum(axis=1) - 1.0, len(orders), chance), _TINY))
+    best = int(np.argmin(log_p))
+    if -log_p[best] < np.log(len(ratios) / FALSE_RATE):
+        return None
+    times = multiple[best, near[best]]
+    ratio = float(times @ orders[near[best]] / (times @ times))
+    whole = float(round(ratio))
+    return whole if abs(ratio - whole) * times.max() < _SAME else ratio
+
+
+def _agreed(found: float | None, stated: float) -> float | None:
+    """Return the stated ratio, unless the data have one that is no multiple or part of it."""
+    if np.isnan(stated) or found is None:
+        return found if np.isnan(stated) else stated
+    times = max(found / stated, stated / found)
+    return stated if abs(times - round(times)) < _RATIO_STEP / RATIOS[0] * times else found
+
+
+def _stands(line: Line, stood: Sequence[JointSeries], lines_: int) -> bool:
+    """Return whether a line shows where the joint did not move as well: it is not the motor's."""
+    stood = [each for each in stood if len(each) >= LEAST_POSES]
+    if not stood:
+        return False
+    near = round(line.order * _TURNS) + np.arange(-1, 2)
+    nats = float(_spectrum(stood, 0.0)[near].max())
+    return nats > float(np.log(len(near) * lines_ / FALSE_RATE))
+
+
+def _witness(
+    joint: int, series: Sequence[JointSeries], ratio: float, joints: int
+) -> Witness | None:
+    """Return what a joint's lines at multiples of a ratio say; None where it has none."""
+    orders = sorted(line.order for line in lines(series, ratio, joints))
+    error_rad = max(float(np.std(each.error_rad)) for each in series)
+    if not orders or orders[-1] * error_rad < _LEAST_TURN_RAD:
+        return None
+    spread_Nm = max(float(np.std(each.torque_Nm)) for each in series)
+    turns = np.zeros(1)
+    # A torque that hardly varies turns the motor by a constant, which is the line's own phase.
+    if spread_Nm > 1e-3 * max(float(np.abs(each.torque_Nm).max()) for each in series):
+        count = int(np.ceil(_MOST_TURN_RAD * orders[-1] / _PHASE_STEP_RAD))
+        turns = np.linspace(-_MOST_TURN_RAD, _MOST_TURN_RAD, 2 * count + 1) / spread_Nm
+    gains = sum(
+        (_gains(each, order, turns) for each in series for order in orders),
+        np.zeros((len(_ALPHAS), len(turns))),
+    )
+    nats = gains.max(axis=1)
+    best = int(np.argmax(nats))
+    return Witness(
+        joint=joint,
+        ratio=ratio,
+        orders=tuple(round(order / ratio) for order in orders),
+        alpha=_top(nats),
+        interval95=_interval(nats - nats[best]),
+        gain_nats=float(nats[best] - np.interp(0.0, _ALPHAS, nats)),
+        gain_over_one_nats=float(nats[best] - np.interp(1.0, _ALPHAS, nats)),
+        beta_rad_Nm=float(turns[np.argmax(gains[best])]) if len(turns) > 1 else None,
+        alphas=_ALPHAS,
+        profile_nats=nats - nats[best],
+    )
+
+
+def _spectrum(series: Sequence[JointSeries], share: float) -> Array:
+    """Return minus the log probability of lines at orders k/4 by chance, (K,)."""
+    gained = sum((_gained(each, share) for each in series), np.zeros(_HIGHEST * _TURNS))
+    # Of Gamma(c) with c campaigns, in closed form.
+    terms = sum((gained**k / factorial(k) for k in range(len(series))), np.zeros_like(gained))
+    return np.asarray(gained - np.log(terms))
+
+
+def _gained(series: JointSeries, share: float) -> Array:
+    """Return the log-likelihood that a line at orders k/4 gains in one campaign, (K,).
+
+    In its background: where the residual's distribution is wider than its weights say, chance
+    gains more.
+    """
+    part = np.mod(series.motor_rad(share) / (2.0 * np.pi * _TURNS), 1.0) * _CELLS
+    cell = part.astype(np.intp)
+    beyond = part - cell
+    next_ = (cell + 1) % _CELLS
+
+    def transformed(values: Array) -> Array:
+        grid = np.bincount(cell, values * (1.0 - beyond), _CELLS)
+        grid += np.bincount(next_, values * beyond, _CELLS)
+        return np.asarray(np.fft.rfft(grid))
+
+    count = _HIGHEST * _TURNS
+    weight = series.weight
+    centred = series.left_rad - float(weight @ series.left_rad) / max(float(weight.sum()), _TINY)
+    of_left = transformed(weight * centred)[:count]
+    of_weight = transformed(weight)
+    gained = _explained(of_left, of_weight[:count], of_weight[: 2 * count : 2], float(weight.sum()))
+    windows = gained[: count // _BACKGROUND * _BACKGROUND].reshape(-1, _BACKGROUND)
+    middle = (np.arange(len(windows)) + 0.5) * _BACKGROUND
+    usual = np.interp(np.arange(count), middle, np.median(windows, axis=1)) / np.log(2.0)
+    return np.asarray(gained / np.maximum(usual, 1.0))
+
+
+def _explained(of_left: Array, of_weight: Array, of_double: Array, total: float) -> Array:
+    """Return the log-likelihood that sine and cosine gain beside a constant.
+
+    Args:
+        of_left: sums of weight times what is left, times exp(-i phase).
+        of_weight, of_double: sums of weights times exp(-i phase), exp(-2 i phase).
+        total: sum of weights.
+    """
+    cc = 0.5 * (total + of_double.real) - of_weight.real**2 / total
+    ss = 0.5 * (total - of_double.real) - of_weight.imag**2 / total
+    cs = -0.5 * of_double.imag + of_weight.real * of_weight.imag / total
+    c, s = of_left.real, -of_left.imag
+    determinant = np.maximum(cc * ss - cs**2, 1e-9 * total**2)
+    return np.asarray(0.5 * (c * c * ss - 2.0 * c * s * cs + s * s * cc) / determinant)
+
+
+def _without(series: JointSeries, line: Line) -> JointSeries:
+    """Return a series with a line taken out of what is left."""
+    phase = line.order * series.motor_rad(line.share)
+    columns = np.column_stack([np.ones(len(series)), np.cos(phase), np.sin(phase)])
+    weighted = columns * series.weight[:, None]
+    amounts = np.linalg.lstsq(weighted.T @ columns, weighted.T @ series.left_rad, rcond=None)[0]
+    return replace(series, left_rad=series.left_rad - columns @ amounts)
+
+
+def _gains(series: JointSeries, order: float, turns: Array) -> Array:
+    """Return the log-likelihood that a line gains, (A, B): by share and by turn a torque."""
+    weight = series.weight
+    total = float(weight.sum())
+    centred = series.left_rad - float(weight @ series.left_rad) / max(total, _TINY)
+    if len(turns) > 1:
+        torque_Nm = series.torque_Nm - series.torque_Nm.mean()
+        by_turn = np.exp(-1j * order * turns[:, None] * torque_Nm)
+    else:
+        by_turn = np.ones((1, len(series)), dtype=complex)
+    doubled = by_turn**2
+    found = np.empty((len(_ALPHAS), len(turns)))
+    for k, share in enumerate(_ALPHAS):
+        turn = np.exp(-1j * order * series.motor_rad(float(share)))
+        found[k] = _explained(
+            by_turn @ (weight * centred * turn),
+            by_turn @ (weight * turn),
+            doubled @ (weight * turn**2),
+            total,
+        )
+    return found
+
+
+def _top(nats: Array) -> float:
+    """Return where a likelihood given at the shares tried is highest, by a parabola."""
+    k = int(np.clip(np.argmax(nats), 1, len(nats) - 2))
+    low, middle, high = nats[k - 1 : k + 2]
+    bend = low - 2.0 * middle + high
+    step = 0.5 * (low - high) / bend if bend < 0.0 else 0.0
+    return float(_ALPHAS[k] + np.clip(step, -1.0, 1.0) * (_ALPHAS[1] - _ALPHAS[0]))
+
+
+def _interval(below: Array) -> tuple[float, float]:
+    """Return the 95 % interval about the best of all shares tried (A,), by log-likelihoods."""
+    inside = np.flatnonzero(below > -_CHI2_95_HALF)
+    first, last = int(inside[0]), int(inside[-1])
+
+    def crossing(within: int, beyond: int) -> float:
+        if not 0 <= beyond < len(below):
+            return float(_ALPHAS[within])
+        part = (below[within] + _CHI2_95_HALF) / (below[within] - below[beyond])
+        return float(_ALPHAS[within] + part * (_ALPHAS[beyond] - _ALPHAS[within]))
+
+    return crossing(first, first - 1), crossing(last, last + 1)

@@ -1,0 +1,77 @@
+"""Whose error a joint's error by its angle is: its sensor's, or its gear's.
+
+Both turn the joint by the same periodic function of its angle, so poses alone cannot say. The
+motor's own ripple can (`motor_ripple`): it goes with the angle at which the motor stands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+Cause = Literal["sensor", "gear"]
+
+#: Share of the error that the motor must surely follow, or surely not, for a cause to be named: an
+#: interval that ends here still holds "all of it" or "nothing of it", within the error of the map.
+_NEARLY_ALL = 0.7
+_HARDLY_ANY = 0.3
+#: Log-likelihood by which the motor's ripple must prefer one cause over the other, in nats.
+LEAST_NATS = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Witness:
+    """What the motor's ripple of one joint says.
+
+    The residual of the joint has lines a cos(N n p) + b sin(N n p) in p = q + alpha e(q) +
+    beta tau, with e the joint's error (true less commanded angle).
+
+    Attributes:
+        joint: which, from 1.
+        ratio: N, motor turns a joint turn.
+        orders: the n of the lines that were found.
+        alpha: share of the error that the motor followed; 0 where the gear errs, 1 where the sensor
+            does.
+        interval95: its 95 % interval by profile likelihood; ends at those of the shares tried.
+        gain_nats: log-likelihood over alpha = 0.
+        gain_over_one_nats: log-likelihood over alpha = 1.
+        beta_rad_Nm: turn of the motor a torque; None where torques are not known or do not vary.
+        alphas, profile_nats: shares tried (A,), and the log-likelihood (A,) of each less that of
+            the best.
+    """
+
+    joint: int
+    ratio: float
+    orders: tuple[int, ...]
+    alpha: float
+    interval95: tuple[float, float]
+    gain_nats: float
+    gain_over_one_nats: float
+    beta_rad_Nm: float | None
+    alphas: Array
+    profile_nats: Array
+
+    @property
+    def excludes_gear(self) -> bool:
+        """Whether the motor surely followed the error."""
+        return self.interval95[0] > 0.0 and self.gain_nats > LEAST_NATS
+
+    @property
+    def excludes_sensor(self) -> bool:
+        """Whether the motor surely did not follow the whole error."""
+        return self.interval95[1] < 1.0 and self.gain_over_one_nats > LEAST_NATS
+
+    @property
+    def cause(self) -> Cause | None:
+        """Return whose error it is; None where the ripple does not decide, or where both err."""
+        low, high = self.interval95
+        if self.excludes_gear and not self.excludes_sensor and high > _NEARLY_ALL:
+            return "sensor"
+        if self.excludes_sensor and not self.excludes_gear and low < _HARDLY_ANY:
+            return "gear"
+        return None

@@ -1,0 +1,119 @@
+"""The motor's ripple says whether a joint's sensor or its gear errs."""
+
+import numpy as np
+import pytest
+
+from pa10cal.discovery.motor_ripple import JointSeries, common_ratio, lines, witnesses
+
+NOISE_RAD = 40e-6
+ERROR_RAD = 280e-6
+RIPPLE_RAD = 25e-6
+
+
+def series(
+    cause="sensor",
+    seed=0,
+    *,
+    ratio=101.0,
+    orders=(10, 20),
+    poses=2000,
+    ripple_rad=RIPPLE_RAD,
+    beta_rad_Nm=0.0,
+    still=0.3,
+):
+    """Return a joint whose sensor or gear errs, read in random poses; to some it did not move."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-np.pi, 0.8 * np.pi, poses)
+    bands = np.arange(6, 27)
+    sine, cosine = rng.normal(0.0, ERROR_RAD / np.sqrt(len(bands)), (2, len(bands)))
+    error = np.sin(np.outer(q, bands)) @ sine + np.cos(np.outer(q, bands)) @ cosine
+    share = {"sensor": 1.0, "gear": 0.0, "both": 0.5, "none": 0.0}[cause]
+    torque = rng.normal(0.0, 40.0, poses)
+    motor = q + share * error + beta_rad_Nm * torque
+    moved = rng.random(poses) > still
+    left = rng.normal(0.0, NOISE_RAD, poses)
+    for order in orders:
+        left += moved * ripple_rad * np.cos(ratio * order * motor + rng.uniform(0.0, 6.0))
+    weight = np.full(poses, NOISE_RAD**-2)
+    return JointSeries(q, left, weight, error, torque if beta_rad_Nm else 0.0 * q, moved)
+
+
+@pytest.mark.parametrize("cause", ["sensor", "gear"])
+@pytest.mark.parametrize("ratio", [50.0, 100.0, 121.333, 160.0])
+def test_the_ripple_says_who_errs(cause, ratio):
+    (found,) = witnesses([[series(cause, ratio=ratio, orders=(8, 20))]], np.array([ratio]))
+    assert found.cause == cause
+    low, high = found.interval95
+    assert low - 0.1 < (cause == "sensor") < high + 0.1
+    assert found.orders == (8, 20)
+    assert found.ratio == ratio
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    inside = 0
+    for seed in range(30):
+        (found,) = witnesses([[series("sensor", seed)]], np.array([101.0]))
+        inside += found.interval95[0] <= 1.0 <= found.interval95[1]
+    assert 25 <= inside <= 30
+
+
+def test_where_both_err_none_is_named():
+    (found,) = witnesses([[series("both", poses=4000)]], np.array([101.0]))
+    assert found.cause is None
+    assert found.excludes_gear
+    assert found.excludes_sensor
+
+
+def test_without_ripple_there_is_no_witness():
+    quiet = [[series("sensor", seed, ripple_rad=0.0)] for seed in range(20)]
+    found = [each for joint in quiet for each in witnesses([joint], np.array([101.0]))]
+    assert sum(each is not None for each in found) <= 1
+
+
+def test_what_the_torque_turns_the_motor_by_is_found_beside_it():
+    joint = series("sensor", beta_rad_Nm=-12e-6, poses=4000)
+    (found,) = witnesses([[joint]], np.array([101.0]))
+    assert found.beta_rad_Nm == pytest.approx(-12e-6, abs=3e-6)
+    assert found.interval95[0] < 1.0 < found.interval95[1]
+
+
+def test_the_ratio_is_found_by_the_lines_alone():
+    joints = [[series("sensor", 3, orders=(4, 10))], [series("sensor", 4, orders=(10, 21))]]
+    found = witnesses(joints, np.full(2, np.nan))
+    assert [each.ratio for each in found] == [101.0, 101.0]
+    assert [each.orders for each in found] == [(4, 10), (10, 21)]
+    assert [each.cause for each in found] == ["sensor", "sensor"]
+
+
+def test_the_data_overrule_a_ratio_that_is_stated():
+    joints = [[series("gear", 3, orders=(4, 10))], [series("gear", 4, orders=(10, 21))]]
+    found = witnesses(joints, np.full(2, 80.0))
+    assert [each.ratio for each in found] == [101.0, 101.0]
+
+
+def test_campaigns_of_one_joint_are_one_witness():
+    few = [series("sensor", seed, poses=500, ripple_rad=15e-6) for seed in range(4)]
+    (together,) = witnesses([few], np.array([101.0]))
+    assert together.cause == "sensor"
+    alone = [witnesses([[each]], np.array([101.0]))[0] for each in few]
+    widths = [np.diff(each.interval95)[0] for each in alone if each is not None]
+    assert all(np.diff(together.interval95)[0] < width for width in widths)
+
+
+def test_a_line_that_shows_where_the_joint_stood_still_is_none_of_the_motor():
+    joint = series("none", ripple_rad=0.0, poses=4000)
+    every = [100.0 * order for order in (3, 7, 11)]
+    left = joint.left_rad + 30e-6 * np.cos(np.outer(joint.q_rad, every)).sum(axis=1)
+    divided = JointSeries(joint.q_rad, left, joint.weight, joint.error_rad, 0 * left, joint.moved)
+    assert witnesses([[divided]], np.array([np.nan])) == (None,)
+
+
+def test_lines_of_chance_have_no_common_divisor():
+    found = lines([series("sensor", orders=(10, 20))], None, 1)
+    assert {round(line.order) for line in found} == {1010, 2020}
+    assert common_ratio(found[:1]) is None
+    assert common_ratio([]) is None
+
+
+def test_too_few_poses_say_nothing():
+    assert witnesses([[series(poses=120)], []], np.array([101.0, 101.0])) == (None, None)
