@@ -34,7 +34,7 @@ from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
 from pa10cal.terms.effects.effect import CandidateContext, Effect
-from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.effects.family import every_effect, everywhere_but
 
 Array = NDArray[np.float64]
 
@@ -159,7 +159,9 @@ def _noise_mm(poses: Observations, whitener: Array) -> float:
 
 def _effects(wanted: Sequence[Place | Effect], context: CandidateContext) -> tuple[Effect, ...]:
     """Return the effects that are wanted, in the form that the campaign gives them."""
-    known = {(effect.id, effect.of): effect for effect in candidates(context)}
+    known = {
+        (effect.id, effect.of): effect for effect in everywhere_but(every_effect(), context, ())
+    }
     found = []
     for each in wanted:
         if isinstance(each, Effect):

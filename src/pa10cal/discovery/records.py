@@ -32,13 +32,13 @@ from pa10cal.discovery.verdict import (
 from pa10cal.fit import angles_seen
 from pa10cal.fit.model_file import model_to_plain
 from pa10cal.results import discovery as parts
+from pa10cal.results import map_form
 from pa10cal.results.accuracy import EffectParameter
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.discovery import (
     ExtendedKeys,
     ExtendedRecord,
     FoundEffect,
-    MapForm,
     NamedEffect,
     VerdictKeys,
     VerdictRecord,
@@ -46,6 +46,7 @@ from pa10cal.results.discovery import (
 from pa10cal.results.record import Campaign
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.spectrum import Band
 
 Array = NDArray[np.float64]
 
@@ -338,12 +339,14 @@ def found_effect(finding: Finding[object], found: Verdict[object]) -> FoundEffec
     )
 
 
-def form_of(effect: Effect) -> MapForm | None:
-    """Return spacing and smoothness of a map that has its own; None for every other effect."""
-    if not isinstance(effect, JointErrorMap) or effect.fading is None:
+def form_of(effect: Effect) -> map_form.MapForm | None:
+    """Return spacing and spectrum of a map that has its own; None for every other effect."""
+    if not isinstance(effect, JointErrorMap) or effect.spectrum is None:
         return None
-    fading = parts.Fading(size_rad=effect.fading.size_rad, half_order=effect.fading.half_order)
-    return MapForm(knots=effect.knots, fading=fading)
+    expected = asdict(effect.spectrum)
+    if isinstance(effect.spectrum, Band):
+        return map_form.MapForm(knots=effect.knots, band=map_form.Band(**expected))
+    return map_form.MapForm(knots=effect.knots, fading=map_form.Fading(**expected))
 
 
 def not_testable(entries: Iterable[NotTestable]) -> tuple[parts.NotTestable, ...]:

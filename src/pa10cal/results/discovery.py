@@ -11,6 +11,7 @@ from pa10cal.results.accuracy import BeforeAfter, EffectParameter, Parameter
 from pa10cal.results.angles import AnglesSeen as AnglesSeen
 from pa10cal.results.angles import FallsBack as FallsBack
 from pa10cal.results.fault_kind import FaultKind
+from pa10cal.results.map_form import MapForm as MapForm
 from pa10cal.results.record import (
     Key,
     LoadKey,
@@ -35,20 +36,6 @@ class EffectName(Part):
     def words(self) -> str:
         """Return it as readers see it: `transmission error, joint 2`."""
         return f"{self.id.replace('_', ' ')}, {self.of.replace('_', ' ')}"
-
-
-class Fading(Part):
-    """How the amplitudes of a map fade with their order."""
-
-    size_rad: float = Field(description="standard deviation of an amplitude of low order [rad]")
-    half_order: float = Field(description="order at which amplitudes are half as large")
-
-
-class MapForm(Part):
-    """Spacing and smoothness of a map that has its own."""
-
-    knots: int = Field(description="knots a turn")
-    fading: Fading = Field(description="how its amplitudes fade with their order")
 
 
 class CrossValidation(Part):

@@ -17,12 +17,12 @@ from pa10cal.discovery.linear import by_joints, by_terms, residual
 from pa10cal.discovery.weights import unweighted
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.joint_error_map import (
-    Fading,
     JointErrorMap,
     b_splines_by_knots,
     harmonics_at_knots,
 )
 from pa10cal.terms.effects.joint_torque import TorqueGain
+from pa10cal.terms.effects.spectrum import Fading
 
 
 @pytest.fixture(scope="module")

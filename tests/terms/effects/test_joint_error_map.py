@@ -10,13 +10,14 @@ from hypothesis.extra.numpy import arrays
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.terms.effects.joint_error_map import (
-    Fading,
     JointErrorMap,
     b_splines,
     b_splines_by_knots,
     harmonic_orders,
     harmonics_at_knots,
 )
+from pa10cal.terms.effects.sensor_error import TYPICAL, GearError, SensorError
+from pa10cal.terms.effects.spectrum import Fading
 
 FINE = JointErrorMap("joint 2", 36, Fading(1e-4, 4.0))
 TURN = 2.0 * np.pi
@@ -113,4 +114,25 @@ def test_every_knot_is_reported_under_a_name_of_its_own():
 def test_without_a_stated_smoothness_it_is_what_twelve_knots_can_follow(context):
     (usual,) = (e for e in JointErrorMap.everywhere(context) if e.of == "joint 2")
     assert usual == JointErrorMap("joint 2")
-    assert (usual.knots, usual.fading, len(usual.parameters)) == (12, None, 12)
+    assert (usual.knots, usual.spectrum, len(usual.parameters)) == (12, None, 12)
+
+
+@pytest.mark.parametrize("kind", [SensorError, GearError])
+def test_a_sensor_and_a_gear_have_one_form(kind):
+    effect = kind("joint 2")
+    assert (effect.knots, effect.spectrum) == (360, TYPICAL)
+    x = np.random.default_rng(3).standard_normal(360)
+    q_rad = np.linspace(-4.0, 4.0, 50)
+    as_map = JointErrorMap("joint 2", 360, TYPICAL)
+    np.testing.assert_array_equal(effect.shift(at(q_rad), x), as_map.shift(at(q_rad), x))
+    np.testing.assert_array_equal(effect.prior_factor, as_map.prior_factor)
+    assert not effect.sought
+    assert effect.parameters[0].name == f"{kind.id}_2_knot_000"
+
+
+def test_a_band_has_its_levels_and_falls_above_it_to_its_floor():
+    sizes = TYPICAL.sizes_rad(np.array([0.0, 1.0, 15.0, 48.0, 180.0]))
+    np.testing.assert_allclose(sizes[:2], 3.5e-5, rtol=0.01)
+    np.testing.assert_allclose(sizes[2], 6e-5, rtol=0.05)
+    assert sizes[3] < 1e-5
+    np.testing.assert_allclose(sizes[4], TYPICAL.floor_rad, rtol=0.01)

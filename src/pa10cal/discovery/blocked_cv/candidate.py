@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import Columns, State
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap, harmonic_orders
+from pa10cal.terms.effects.joint_error_map import JointErrorMap, harmonic_orders
+from pa10cal.terms.effects.spectrum import Fading
 
 Array = NDArray[np.float64]
 
@@ -68,11 +69,11 @@ def map_candidates(rows: Rows) -> list[Candidate]:
 
 def map_candidate(effect: JointErrorMap, rows: Rows) -> Candidate:
     """Return a map in the harmonics of rows, whose knots are at least as many."""
-    assert effect.fading is not None
+    assert effect.spectrum is not None
     # Of the highest order of an even number of knots only one part is there.
     harmonics = effect.knots - (1 if effect.knots == rows.knots else 2)
     orders = harmonic_orders(rows.knots)[1 : 1 + harmonics]
-    columns = Columns(rows.of_map(effect.joint)[:harmonics], effect.fading.sizes_rad(orders))
+    columns = Columns(rows.of_map(effect.joint)[:harmonics], effect.spectrum.sizes_rad(orders))
     return Candidate(ShapedEffect(effect), columns)
 
 

@@ -11,7 +11,8 @@ from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.noise import Noise
 from pa10cal.discovery.weights import pose_weights, unweighted
-from pa10cal.terms.effects.joint_error_map import Fading, harmonic_orders
+from pa10cal.terms.effects.joint_error_map import harmonic_orders
+from pa10cal.terms.effects.spectrum import Fading
 
 Array = NDArray[np.float64]
 

@@ -80,6 +80,8 @@ class Effect(ABC):
     positive: ClassVar[bool] = False
     #: Whether it goes with time or temperature.
     goes_with_time: ClassVar[bool] = False
+    #: Whether searches try it; else it is a name for what another form finds.
+    sought: ClassVar[bool] = True
 
     @classmethod
     @abstractmethod

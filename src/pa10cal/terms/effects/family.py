@@ -40,8 +40,8 @@ def classes_in(package: ModuleType, kind: Any) -> tuple[Any, ...]:
 
 
 def candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect, ...]:
-    """Return every effect at every place of an arm where it may sit, but those that a model has."""
-    return everywhere_but(every_effect(), context, held)
+    """Return every effect sought, at every place where it may sit, but those that a model has."""
+    return everywhere_but((kind for kind in every_effect() if kind.sought), context, held)
 
 
 def everywhere_but(

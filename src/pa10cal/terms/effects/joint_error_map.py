@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.terms.effects.effect import JointEffect
+from pa10cal.terms.effects.spectrum import Spectrum
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
@@ -30,27 +31,6 @@ _DEGREE = 3
 
 
 @dataclass(frozen=True)
-class Fading:
-    """Sizes expected of a map's harmonics: the finer, the less.
-
-    Sine and cosine part of m cycles a turn have the standard deviation
-    size / (1 + (m / half_order)²), each for itself.
-
-    Attributes:
-        size_rad: of the coarsest.
-        half_order: cycles a turn of which half as much is expected.
-    """
-
-    size_rad: float
-    half_order: float
-
-    def sizes_rad(self, orders: Array) -> Array:
-        """Return the standard deviation of sine and cosine part of orders (M,)."""
-        sizes: Array = self.size_rad / (1.0 + (orders / self.half_order) ** 2)
-        return sizes
-
-
-@dataclass(frozen=True)
 class JointErrorMap(JointEffect):
     """A smooth periodic error of a revolute joint's angle: a cubic spline through knots.
 
@@ -59,13 +39,13 @@ class JointErrorMap(JointEffect):
 
     Attributes:
         knots: K, knots a turn.
-        fading: sizes expected of the harmonics. Where None, knots at a distance d are expected to
+        spectrum: sizes expected of the harmonics. Where None, knots at a distance d are expected to
             go together as exp(-2 sin²(d/2) / l²), l = 0.7 rad: what 12 knots can follow and little
             more.
     """
 
     knots: int = KNOTS
-    fading: Fading | None = None
+    spectrum: Spectrum | None = None
     id: ClassVar[str] = "joint_error_map"
 
     @property
@@ -81,7 +61,7 @@ class JointErrorMap(JointEffect):
         """Return the error at each knot."""
         width = max(2, len(str(self.knots - 1)))
         plausible = _PLAUSIBLE_RAD
-        if self.fading is not None:
+        if self.spectrum is not None:
             plausible = float(np.linalg.norm(self.prior_factor[0]))
         parameter = Parameter("", "rad", 1e-5, plausible=plausible)
         return tuple(replace(parameter, name=f"knot_{k:0{width}d}") for k in range(self.knots))
@@ -103,10 +83,10 @@ class JointErrorMap(JointEffect):
     def prior_factor(self) -> Array:
         """Return L (K, K) of smooth knots: neighbours go together.
 
-        With a `fading`, column by column: the constant, then sine and cosine of each harmonic.
+        With a `spectrum`, column by column: the constant, then sine and cosine of each harmonic.
         """
-        if self.fading is not None:
-            sizes = self.fading.sizes_rad(harmonic_orders(self.knots))
+        if self.spectrum is not None:
+            sizes = self.spectrum.sizes_rad(harmonic_orders(self.knots))
             sizes[0] *= _CONSTANT
             return harmonics_at_knots(self.knots) * sizes
         knots_rad = _knots_rad(self.knots)[:-1]

@@ -1,0 +1,68 @@
+"""How large the harmonics of a joint's error are expected to be: its spectrum, a Gaussian prior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: How steeply a band begins: the power of the order in its step.
+_STEEP = 8
+
+
+@dataclass(frozen=True)
+class Fading:
+    """Sizes expected of a map's harmonics: the finer, the less.
+
+    Sine and cosine part of m cycles a turn have the standard deviation
+    size / (1 + (m / half_order)²), each for itself.
+
+    Attributes:
+        size_rad: of the coarsest.
+        half_order: cycles a turn of which half as much is expected.
+    """
+
+    size_rad: float
+    half_order: float
+
+    def sizes_rad(self, orders: Array) -> Array:
+        """Return the standard deviation of sine and cosine part of orders (M,)."""
+        sizes: Array = self.size_rad / (1.0 + (orders / self.half_order) ** 2)
+        return sizes
+
+
+@dataclass(frozen=True)
+class Band:
+    """Sizes expected of a map's harmonics: a band of orders, less above it, down to a floor.
+
+    Sine and cosine part of m cycles a turn have the variance
+    (below² + (level² - below²) / (1 + (first / m)⁸)) / (1 + (m / last)^(2 decay)) + floor².
+
+    Attributes:
+        below_rad: level of orders below the band.
+        level_rad: level in the band.
+        first_order, last_order: where the band begins and ends, in cycles a turn.
+        decay: power of the order by which sizes fall above the band.
+        floor_rad: that no order falls below.
+    """
+
+    below_rad: float
+    level_rad: float
+    first_order: float
+    last_order: float
+    decay: float
+    floor_rad: float
+
+    def sizes_rad(self, orders: Array) -> Array:
+        """Return the standard deviation of sine and cosine part of orders (M,)."""
+        inside = orders**_STEEP / (orders**_STEEP + self.first_order**_STEEP)
+        level = self.below_rad**2 + (self.level_rad**2 - self.below_rad**2) * inside
+        above = 1.0 + (orders / self.last_order) ** (2.0 * self.decay)
+        sizes: Array = np.sqrt(level / above + self.floor_rad**2)
+        return sizes
+
+
+Spectrum = Fading | Band
