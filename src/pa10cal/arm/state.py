@@ -65,6 +65,8 @@ class PoseStates:
         seen: how the pose was read from the instrument's targets, where it was computed.
         torque_by_mass: (P, n, 4 n) torques of weights by mass and first moment of every link, of an
             arm whose masses are not known; None where they are, or where it was not computed.
+        campaign: (P,) which campaign of a group each pose is of, from 0; None where there is one,
+            or where no campaign is meant: then what belongs to a campaign is that of the first.
     """
 
     q_rad: Array
@@ -76,6 +78,7 @@ class PoseStates:
     static_loads: StaticLoads | None = None
     seen: ObservedTargets | None = None
     torque_by_mass: Array | None = None
+    campaign: NDArray[np.intp] | None = None
 
     def __len__(self) -> int:
         return len(self.q_rad)
@@ -90,7 +93,9 @@ class PoseStates:
         return PoseStates(*(_rows(getattr(self, field.name), rows) for field in fields(self)))
 
 
-def _rows(value: Array | StaticLoads | ObservedTargets | None, rows: Rows) -> Any:
+def _rows(
+    value: Array | NDArray[np.intp] | StaticLoads | ObservedTargets | None, rows: Rows
+) -> Any:
     """Return some rows of an array, or of every array of a group of them."""
     if isinstance(value, StaticLoads | ObservedTargets):
         return type(value)(*(getattr(value, field.name)[rows] for field in fields(value)))

@@ -246,7 +246,7 @@ def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
 def _stated(evidence: Evidence) -> Iterator[InputFinding]:
     """Return where stated and found uncertainty are off by more than a factor."""
     for scatter in evidence.repeats:
-        turns = scatter.kind == "attitude"
+        turns = scatter.kind.startswith("attitude")
         unit, off = ("mrad", ATTITUDE_OFF) if turns else ("mm", STATED_OFF)
         joints = JOINT_RAD * (1.0 if turns else 1e-3 * evidence.spread_mm)
         too_small = scatter.found > off * np.hypot(scatter.stated, joints)

@@ -40,7 +40,7 @@ def above_noise(arm: Arm, grid: Observations, options: CalibrationOptions) -> bo
         found = _calibrated(arm, grid, None, options)
     except CalibrationError:
         return False  # too few poses: the calibration says how many it needs
-    columns = found.problem.measured.component_kinds[0][1]
+    columns = found.problem.measured.position_columns
     variances = np.diagonal(found.problem.stated_covariance, axis1=1, axis2=2)[:, columns]
     seen = found.problem.components_seen[:, columns]
     squares = (found.fit.residual[:, columns] ** 2 / variances)[seen]
@@ -166,7 +166,7 @@ def calibrated_rms_mm(
         found = _calibrated(arm, grid, payload, options)
     except CalibrationError:
         return np.inf
-    columns = found.problem.measured.component_kinds[0][1]
+    columns = found.problem.measured.position_columns
     # Of several targets the error of one is meant; a distance is one component.
     targets = np.maximum(1, found.problem.components_seen[:, columns].sum(axis=1) // 3)
     squares = np.sum(found.fit.residual[:, columns] ** 2, axis=1) / targets

@@ -226,7 +226,7 @@ def fitted_to(
         campaign=campaign.name,
         provenance=campaign.provenance,
         calibration=load,
-        instrument=observations.measured.kind,
+        instrument=" and ".join(observations.measured.kinds),
         poses=len(observations),
         temperature_C=float(states.temperature_C.mean()),
         time_s=(float(states.time_s.min()), float(states.time_s.max())),

@@ -125,7 +125,7 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | 
         baseline: the calibrated model.
     """
     for kind, at in readings.measured.component_kinds:
-        if kind != "attitude":
+        if not kind.startswith("attitude"):
             continue
         left_rad = np.abs(residual(baseline, readings)[:, at])
         typical_rad = float(np.median(left_rad[readings.measured.components_seen[:, at]]))

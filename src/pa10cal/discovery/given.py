@@ -151,7 +151,7 @@ def calibrate_with(
 
 def _noise_mm(poses: Observations, whitener: Array) -> float:
     """Return what noise explains of the root mean square position error."""
-    columns = poses.measured.component_kinds[0][1]
+    columns = poses.measured.position_columns
     covariance = np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener)
     variances = np.diagonal(covariance, axis1=1, axis2=2)[:, columns]
     return float(1e3 * np.sqrt(variances.sum(axis=1).mean()))
@@ -189,7 +189,7 @@ def _summary(
     scale = np.array([parameter.scale for parameter in parameters])
     white = whitener @ jacobian
     rank = identify(white.reshape(-1, white.shape[2]), scale)
-    columns = poses.measured.component_kinds[0][1]
+    columns = poses.measured.position_columns
     names = {parameter.name for parameter in parameters}
     return FitSummary(
         converged=fitted.converged,

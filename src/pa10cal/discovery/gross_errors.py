@@ -279,6 +279,6 @@ def _in_time(off: Mask, time_s: Array) -> Mask:
 
 
 def _position_mm(readings: Observations, apart: Array) -> Array:
-    """Return the length (P,) [mm] of what differs in the first kind of components."""
-    _, at = readings.measured.component_kinds[0]
+    """Return the length (P,) [mm] of what differs in positions or distances."""
+    at = readings.measured.position_columns
     return np.asarray(1e3 * np.linalg.norm(apart[:, at], axis=1))

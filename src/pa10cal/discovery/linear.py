@@ -149,7 +149,8 @@ def position_m(
     seen = poses.measured.components_seen[:, rows, None]
     to_axes = (seen * ideal.by_end[:, rows, :3] / times[:, None, None]).transpose(0, 2, 1)
     position = (to_axes @ components[:, rows, None])[:, :, 0]
-    variance = np.einsum("pik,pkl,pil->pi", to_axes, cov[:, rows, rows], to_axes, optimize=True)
+    own = cov[:, rows[:, None], rows]
+    variance = np.einsum("pik,pkl,pil->pi", to_axes, own, to_axes, optimize=True)
     return position, variance
 
 
@@ -163,7 +164,7 @@ def position_noise(measured: Instrument, cov: Array) -> Array:
     at, times = _positions(measured)
     seen = measured.components_seen[:, at]
     both = seen[:, :, None] & seen[:, None, :]
-    return np.asarray(np.where(both, cov[:, at, at], 0.0) / times[:, None, None])
+    return np.asarray(np.where(both, cov[:, at[:, None], at], 0.0) / times[:, None, None])
 
 
 def mean_length(covariance: Array) -> Array:
@@ -191,7 +192,7 @@ def _along_base(by_end: Array, at: FittedModel) -> Array:
     return np.concatenate([by_end[..., :3] @ R, by_end[..., 3:] @ R], axis=2)
 
 
-def _positions(measured: Instrument) -> tuple[slice, Array]:
+def _positions(measured: Instrument) -> tuple[NDArray[np.intp], Array]:
     """Return which components are of positions, and over how many targets each pose has them."""
-    _, at = measured.component_kinds[0]
+    at = measured.position_columns
     return at, np.maximum(measured.components_seen[:, at].sum(axis=1) / 3.0, 1.0)

@@ -7,11 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
+from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
 from pa10cal.terms.offsets import base_frame
 
 Array = NDArray[np.float64]
@@ -72,11 +72,11 @@ class ModelWithEffects:
         Args:
             covariance: (k, k) of all unknowns; None where it is not wanted.
         """
-        k = len(self.at.x) - 6
+        k, terms = len(self.at.x) - 6, self.model.terms[:-1]
         return replace(
             self.at,
-            model=Model(self.model.chain, self.model.terms[:-1]),
-            x=self.at.x[:k],
+            model=Model(self.model.chain, terms),
+            x=about_moved_base(terms, self.at.x[:k], self.at.x[k:]),
             T_instr_base=moved_base(self.at.T_instr_base, self.at.x[k:]),
             covariance=None if covariance is None else covariance[: k + 6, : k + 6],
         )
@@ -101,8 +101,5 @@ def at_unknowns(at: FittedModel, x: Array) -> FittedModel:
 
 def moved_base(T_instr_base: Array, small: Array) -> Array:
     """Return a base frame moved by the six small motions (6,) that a model's base term makes."""
-    moved = np.eye(4)
-    moved[:3, 3] = small[:3]
-    moved[:3, :3] = Rotation.from_euler("XYZ", small[3:]).as_matrix()
-    T: Array = T_instr_base @ moved
+    T: Array = T_instr_base @ motion_of_base(small)
     return T

@@ -12,6 +12,7 @@ from pa10cal.errors import ModelError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import TARGET, TOOL_FRAME
 from pa10cal.observe.observations import Observations
+from pa10cal.terms.of_campaign import is_constant
 from pa10cal.terms.offsets import Offsets
 
 Array = NDArray[np.float64]
@@ -51,7 +52,7 @@ def rigid_part(model: FittedModel) -> RigidPart:
 
 def beyond_rigid(model: FittedModel, observations: Observations) -> str:
     """Say what a URDF cannot hold of a model, and how much that matters in measured poses."""
-    beyond = [term for term in model.model.terms if not isinstance(term, Offsets)]
+    beyond = [term for term in model.model.terms if not is_constant(term)]
     if not beyond:
         return "it holds all that the model has: neither springs nor effects are in it"
     listed = ", ".join(f"{term.id} of {term.of}" for term in beyond)

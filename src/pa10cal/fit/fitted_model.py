@@ -26,7 +26,7 @@ from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Comparison, Deviations
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.of_campaign import is_constant
 from pa10cal.terms.term import Report, Term
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ class FittedModel:
         """
         zeros, zero = np.zeros((1, self.arm.n)), np.zeros(1)
         unloaded = PoseStates(zeros, zeros, zeros, zero, zero, zero)
-        constant = [term for term in self.model.terms if isinstance(term, Offsets)]
+        constant = [term for term in self.model.terms if is_constant(term)]
         x = np.concatenate([np.zeros(0), *(self.values_of(term) for term in constant)])
         chain = self.model.chain
         at = Model(chain, tuple(constant)).chain_coordinates(unloaded, x)[0]

@@ -77,13 +77,15 @@ def average_groups(single: Observations[M], code: Index) -> Observations[M]:
 
 def average_states(states: PoseStates, code: Index) -> PoseStates:
     """Average the states of each group of readings; see `average_repeats` and `average_groups`."""
+    first = np.unique(code, return_index=True)[1]
     return PoseStates(
         q_rad=group_means(states.q_rad, code),
         tau_Nm=group_means(states.tau_Nm, code),
         arrival=group_means(states.arrival, code),
-        load_N=states.load_N[np.unique(code, return_index=True)[1]],
+        load_N=states.load_N[first],
         temperature_C=group_means(states.temperature_C, code),
         time_s=group_means(states.time_s, code),
+        campaign=None if states.campaign is None else states.campaign[first],
     )
 
 

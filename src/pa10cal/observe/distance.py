@@ -1,13 +1,14 @@
 """An instrument that measures the distance of one target from a fixed point.
 
 The distance is that from the origin of the instrument's frame: the place of the fixed point is the
-base frame's position, and its attitude does not matter.
+base frame's position, and its attitude does not matter. In the frame of another instrument the
+fixed point stands elsewhere.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -36,16 +37,18 @@ class Distance(Instrument):
         name: of the target.
         p_ee_stated_m: (3,) its place in the end-effector frame as the campaign's description
             states it; None where it does not.
+        p_instr_point_m: (3,) the fixed point: the frame's origin, unless it was moved.
     """
 
     d_m: Array
     u_m: Array
     name: str = _UNNAMED
     p_ee_stated_m: Array | None = None
+    p_instr_point_m: Array = field(default_factory=lambda: np.zeros(3))
 
     directional: ClassVar[bool] = False
     least_rows: ClassVar[int] = 24
-    _of_all: ClassVar[tuple[str, ...]] = ("name", "p_ee_stated_m")
+    _of_all: ClassVar[tuple[str, ...]] = ("name", "p_ee_stated_m", "p_instr_point_m")
     kind: ClassVar[str] = "distance"
     locates_by: ClassVar[LocatingMethod] = "ranging"
     words: ClassVar[Words] = Words(
@@ -68,7 +71,7 @@ class Distance(Instrument):
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
         """Return what it would measure of poses (P, 4, 4) without error."""
         p_instr_m, _ = carried_targets(T_instr_ee, targets_m)
-        d_m = np.linalg.norm(p_instr_m[:, 0], axis=1)
+        d_m = np.linalg.norm(p_instr_m[:, 0] - self.p_instr_point_m, axis=1)
         return replace(self, d_m=d_m, u_m=np.ones(len(d_m)))
 
     @classmethod
@@ -79,6 +82,11 @@ class Distance(Instrument):
         p_instr_m, _ = carried_targets(T_instr_ee, place_m)
         d_m = np.linalg.norm(p_instr_m[:, 0], axis=1)
         return Distance(d_m, np.full(len(d_m), stated.uncertainty_m), name, place_m)
+
+    @override
+    def moved(self, T: Array) -> Self:
+        """Return the distances in a frame in which the instrument's stands at T (4, 4)."""
+        return replace(self, p_instr_point_m=T[:3, :3] @ self.p_instr_point_m + T[:3, 3])
 
     @property
     @override
@@ -97,8 +105,9 @@ class Distance(Instrument):
         """Compare predicted with measured distances."""
         p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
         by_end, by_targets = by_end_and_targets(T_instr_ee, arms)
-        distance = np.linalg.norm(p_instr_m[:, 0], axis=1)
-        along = p_instr_m[:, 0] / distance[:, None]
+        away_m = p_instr_m[:, 0] - self.p_instr_point_m
+        distance = np.linalg.norm(away_m, axis=1)
+        along = away_m / distance[:, None]
         return Comparison(
             (distance - self.d_m)[:, None],
             np.einsum("pi,pij->pj", along, by_end[:, 0])[:, None],
@@ -133,12 +142,11 @@ class Distance(Instrument):
     def locate(self, T_base_ee: Array) -> Located:
         """Find fixed point and target by ranging.
 
-        Distances show no frame of the instrument: its origin is put in the fixed point, and its
-        axes are along those of the base.
+        Distances show no attitude of the instrument's frame: its axes are along those of the base.
         """
         found = range_from_distances(T_base_ee, self.d_m, self.p_ee_stated_m)
         T_instr_base = np.eye(4)
-        T_instr_base[:3, 3] = -found.p_base_point_m
+        T_instr_base[:3, 3] = self.p_instr_point_m - found.p_base_point_m
         return Located(
             T_instr_base=T_instr_base,
             scatter_m=found.rms_m,
@@ -165,8 +173,9 @@ class Distance(Instrument):
         """Compare predicted with measured distances; the vector is along the line of sight."""
         T_instr_ee = T_instr_base @ T_base_ee
         p_instr_m, _ = carried_targets(T_instr_ee, targets_m)
-        distance = np.linalg.norm(p_instr_m[:, 0], axis=1)
-        off_m, along = distance - self.d_m, p_instr_m[:, 0] / distance[:, None]
+        away_m = p_instr_m[:, 0] - self.p_instr_point_m
+        distance = np.linalg.norm(away_m, axis=1)
+        off_m, along = distance - self.d_m, away_m / distance[:, None]
         position_mm = 1e3 * (off_m[:, None] * along) @ T_instr_base[:3, :3]
         return Deviations(1e3 * np.abs(off_m), position_mm, None)
 

@@ -75,6 +75,20 @@ class Instrument(ABC):
     def __len__(self) -> int:
         """Return the number of poses."""
 
+    @property
+    def campaigns(self) -> tuple[tuple[str, Instrument], ...]:
+        """Return name and readings of every campaign of a group; none of a single campaign."""
+        return ()
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Return the words of the instruments that measured, each once."""
+        return (self.kind,)
+
+    @abstractmethod
+    def moved(self, T: Array) -> Self:
+        """Return what was measured, in a frame in which the instrument's stands at T (4, 4)."""
+
     def take(self, rows: Rows) -> Self:
         """Return what was measured in some of the poses; arrays have one entry a pose."""
         return replace(
@@ -203,6 +217,11 @@ class Instrument(ABC):
     @abstractmethod
     def component_kinds(self) -> tuple[tuple[str, slice], ...]:
         """Return the kinds of components that have a scatter of their own, and where they are."""
+
+    @property
+    def position_columns(self) -> Index:
+        """Return the components of positions or distances, (p,)."""
+        return np.arange(self.components_seen.shape[1])[self.component_kinds[0][1]]
 
     @abstractmethod
     def locate(self, T_base_ee: Array) -> Located:

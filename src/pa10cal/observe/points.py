@@ -94,6 +94,14 @@ class Points(Instrument):
         return Points(names, p_instr_m, np.broadcast_to(cov_m2, (*p_instr_m.shape, 3)), places_m)
 
     @override
+    def moved(self, T: Array) -> Self:
+        """Return the positions in a frame in which the instrument's stands at T (4, 4)."""
+        R = T[:3, :3]
+        return replace(
+            self, p_instr_m=self.p_instr_m @ R.T + T[:3, 3], cov_m2=R @ self.cov_m2 @ R.T
+        )
+
+    @override
     def in_order(self, order: Sequence[int]) -> Self:
         """Return the positions with each target under the label of another."""
         at = list(order)
@@ -116,14 +124,14 @@ class Points(Instrument):
             part[missing] = 0.0
         rows = (len(self), residual.shape[1] * 3)
         return Comparison(
-            residual.reshape(rows), by_end.reshape(*rows, 6), by_targets.reshape(*rows, -1)
+            residual.reshape(rows), by_end.reshape(*rows, 6), by_targets.reshape(*rows, rows[1])
         )
 
     @property
     @override
     def components_seen(self) -> NDArray[np.bool_]:
         """Return which coordinates were measured in each pose, (P, 3 B)."""
-        return np.isfinite(self.p_instr_m).reshape(len(self), -1)
+        return np.isfinite(self.p_instr_m).reshape(len(self), 3 * len(self.names))
 
     @property
     @override

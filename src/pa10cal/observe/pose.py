@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
@@ -208,6 +209,17 @@ class Pose(Instrument):
         turn = Rotation.from_matrix(T[:, :3, :3] @ np.swapaxes(modelled[:, :3, :3], 1, 2))
         length_m = np.linalg.norm(T[:, :3, 3] - modelled[:, :3, 3], axis=1)
         return Misfit(length_m[:, None], np.asarray(turn.magnitude()))
+
+    @override
+    def moved(self, T: Array) -> Self:
+        """Return the poses in a frame in which the instrument's stands at T (4, 4)."""
+        both = block_diag(T[:3, :3], T[:3, :3])
+        return replace(
+            self,
+            T_instr_target=T @ self.T_instr_target,
+            cov=both @ self.cov @ both.T,
+            by_apparatus=both @ self.by_apparatus,
+        )
 
     @override
     def turned(self, R_ee_target: Array) -> Self:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,12 +109,26 @@ class Start:
         R_ee_target: (3, 3) attitude of that frame; measured attitudes are turned by it, so that
             the tool's remaining attitude is small.
         targets_m: (t,) places of targets in the end-effector frame, x, y, z of each.
+        p_ee_targets_of_m: (3,) the same as `p_ee_target_m` for each campaign of a group, by name.
     """
 
     T_instr_base: Array
     p_ee_target_m: Array
     R_ee_target: Array
     targets_m: Array
+    p_ee_targets_of_m: Mapping[str, Array] = field(default_factory=dict)
+
+    @staticmethod
+    def of_group(starts: Mapping[str, Start], leading: str) -> Start:
+        """Return where a fit of several campaigns starts.
+
+        Args:
+            starts: of each campaign by name, all in one frame.
+            leading: the campaign that gives base and attitude.
+        """
+        targets_m = np.concatenate([start.targets_m for start in starts.values()])
+        tools_m = {name: start.p_ee_target_m for name, start in starts.items()}
+        return replace(starts[leading], targets_m=targets_m, p_ee_targets_of_m=tools_m)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,6 @@ def instruments() -> dict[str, type[Instrument]]:
     for entry in pkgutil.iter_modules(pa10cal.observe.__path__):
         module = import_module(f"pa10cal.observe.{entry.name}")
         for _, each in inspect.getmembers(module, inspect.isclass):
-            if issubclass(each, Instrument) and not inspect.isabstract(each):
+            if issubclass(each, Instrument) and not inspect.isabstract(each) and each.kind:
                 found[each.kind] = each
     return dict(sorted(found.items()))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from pa10cal.arm.state import ObservedTargets
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.nominal_fit import seed_from_nominal
 from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
@@ -112,11 +113,34 @@ class Touched(Pose):
             ),
         )
 
+    @override
+    def moved(self, T: Array) -> Self:
+        """Return poses and balls in a frame in which the instrument's stands at T (4, 4)."""
+        R = T[:3, :3]
+        return replace(
+            super().moved(T),
+            p_instr_balls_m=self.p_instr_balls_m @ R.T + T[:3, 3],
+            cov_balls_m2=R @ self.cov_balls_m2 @ R.T,
+        )
+
     @property
     @override
     def counts(self) -> tuple[str, ...]:
         """Return how many balls were located."""
         return (f"{self.touches.size} balls",)
+
+    @override
+    def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
+        """Return where the balls were; see `Pose.readout`.
+
+        Args:
+            T_instr_ee: not needed: the poses are measured.
+            targets_m: (t,) stated places of the balls; none to take them from the readings.
+        """
+        if not len(targets_m):
+            R, origin = self.T_instr_target[:, :3, :3], self.T_instr_target[:, None, :3, 3]
+            targets_m = np.mean((self.p_instr_balls_m - origin) @ R, axis=0).ravel()
+        return super().readout(T_instr_ee, targets_m)
 
     @override
     def locate(self, T_base_ee: Array) -> Located:

@@ -125,7 +125,7 @@ def draw_by_unknowns(
     free = draw_individual(arm, plan, rng)
     T_ee_target, targets = free.T_ee_target.copy(), free.targets
     if instruments()[plan.instrument].measures_pose:
-        sought = {parameter.name for parameter in unknowns.tool.parameters}
+        sought = set(unknowns.frame_names)
         held = [f"tool_{axis}" not in sought for axis in "xyz"]
         T_ee_target[:3, 3][held] = 0.0
     else:

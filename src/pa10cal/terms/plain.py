@@ -18,6 +18,7 @@ from pa10cal.near_miss import remedy_for
 from pa10cal.terms.effects.family import every_effect
 from pa10cal.terms.faults.family import every_fault
 from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Term
 from pa10cal.terms.weights import Weights
@@ -30,6 +31,9 @@ def term_to_plain(term: Term) -> dict[str, Any]:
         `id`, `of`, and as `form` the fields of its class that shape it; `term_from_plain` gives it
         back.
     """
+    if isinstance(term, OfCampaign):
+        own = {"campaign": term.campaign, "name": term.name, "term": term_to_plain(term.term)}
+        return {"id": term.id, "of": term.of, "form": own}
     form: dict[str, Any] = _adapter(type(term)).dump_python(term, mode="json")
     form.pop("of", None)
     return {"id": term.id, "of": term.of, "form": form}
@@ -47,6 +51,8 @@ def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
     """
     kinds = term_kinds()
     name = content.get("id")
+    if name == OfCampaign.id:
+        return _term_of_campaign(content.get("form") or {}, where)
     if name not in kinds:
         raise TermError(
             "unknown term",
@@ -72,6 +78,21 @@ def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
             remedy="write the model again",
         ) from None
     return term
+
+
+def _term_of_campaign(form: Mapping[str, Any], where: str) -> OfCampaign:
+    """Return the term of one campaign of a group that `term_to_plain` described."""
+    campaign, name, inner = (form.get(key) for key in ("campaign", "name", "term"))
+    fits = isinstance(campaign, int) and isinstance(name, str) and isinstance(inner, Mapping)
+    if not fits:
+        raise TermError(
+            "the form of a term of one campaign is incomplete",
+            where=f"{where}: {OfCampaign.id}: form",
+            value=dict(form),
+            allowed="the keys campaign (a number from 0), name, term",
+            remedy="write the model again",
+        )
+    return OfCampaign(term_from_plain(form["term"], where=where), form["campaign"], form["name"])
 
 
 @cache

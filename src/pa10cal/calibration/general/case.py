@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import BASE, Chain, end_pose
+from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.accuracy import Accuracy, summarise, summarise_by_load
@@ -31,6 +31,7 @@ from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations, Start
 from pa10cal.terms.model import Model
+from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
 
 Array = NDArray[np.float64]
 
@@ -188,10 +189,11 @@ def fitted(general: GeneralCalibration) -> FittedModel:
     model = Model(problem.model.chain, problem.model.terms[:-1])
     of_model = problem.of_model(x)
     count = len(model.parameters)
+    small = base_motion(problem.model, of_model[count:])
     return FittedModel(
         model=model,
-        x=of_model[:count],
-        T_instr_base=problem.T_instr_base @ base_motion(problem.model, of_model[count:]),
+        x=about_moved_base(model.terms, of_model[:count], small),
+        T_instr_base=problem.T_instr_base @ motion_of_base(small),
         R_ee_target=general.start.R_ee_target,
         targets_m=problem.places_at(x),
         target_names=problem.measured.target_names,
@@ -213,16 +215,9 @@ def _covariance(general: GeneralCalibration, count: int) -> Array:
 
 
 def base_motion(model: Model, x_base: Array) -> Array:
-    """Return the pose (4, 4) that the base's small motions come to."""
+    """Return the six small motions (6,) of the base, zero for those that are no unknowns."""
     values = dict(zip(model.terms[-1].coordinates, x_base, strict=True))
-    bare = np.zeros((1, len(BASE)))
-    bare[0] = [values.get(name, 0.0) for name in BASE]
-    chain = Chain.of(model.chain.arm)
-    at = np.tile(chain.nominal, (2, 1))
-    at[1, chain.columns(BASE)] += bare[0]
-    still, moved = end_pose(chain, at)
-    motion: Array = moved @ np.linalg.inv(still)
-    return motion
+    return np.array([values.get(name, 0.0) for name in BASE])
 
 
 def _fit_summary(general: GeneralCalibration, openly: frozenset[str]) -> FitSummary:
@@ -247,7 +242,7 @@ def _fit_summary(general: GeneralCalibration, openly: frozenset[str]) -> FitSumm
 
 def _position(problem: Problem, jacobian: Array) -> Array:
     """Return the derivative of the predicted position, of one target where there are several."""
-    columns = problem.measured.component_kinds[0][1]
+    columns = problem.measured.position_columns
     share: Array = jacobian[:, columns] / np.sqrt(_targets_seen(problem))[:, None, None]
     return share
 
@@ -255,7 +250,7 @@ def _position(problem: Problem, jacobian: Array) -> Array:
 def _noise_mm(general: GeneralCalibration) -> float:
     """Return what the stated noise explains of the root mean square error."""
     problem = general.problem
-    columns = problem.measured.component_kinds[0][1]
+    columns = problem.measured.position_columns
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns]
     seen = problem.components_seen[:, columns]
     per_pose = np.where(seen, variances, 0.0).sum(axis=1) / _targets_seen(problem)
@@ -264,6 +259,6 @@ def _noise_mm(general: GeneralCalibration) -> float:
 
 def _targets_seen(problem: Problem) -> Array:
     """Return how many targets were seen in each pose, (P,)."""
-    columns = problem.measured.component_kinds[0][1]
+    columns = problem.measured.position_columns
     targets: Array = np.maximum(1.0, problem.components_seen[:, columns].sum(axis=1) // 3)
     return targets

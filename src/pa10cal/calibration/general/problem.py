@@ -22,6 +22,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
+from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.weights import Weights
 
@@ -93,7 +94,7 @@ def general_problem(
         unknowns = replace(unknowns, links=Offsets((), ()))
     terms = tuple(JointSpring(joint, float(tau_Nm[joint - 1]), cubic=False) for joint in springs)
     weights = unknown if terms else ()
-    model = Model(chain, (unknowns.links, *terms, *weights, unknowns.tool, unknowns.base))
+    model = Model(chain, (unknowns.links, *terms, *weights, *unknowns.frames, unknowns.base))
     problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, observations)
     x_start = problem.start(_model_start(problem.model, start))
     return GeneralProblem(problem, x_start, unknowns, springs, source)
@@ -172,10 +173,21 @@ def _model_start(model: Model, start: Start) -> Array:
         else:
             values = np.zeros(len(term.parameters))
             for k, parameter in enumerate(term.parameters):
-                if parameter.name in ("tool_x", "tool_y", "tool_z"):
-                    values[k] = start.p_ee_target_m["xyz".index(parameter.name[-1])]
+                values[k] = start_of_tool(parameter.name, start)
             parts.append(values)
     return np.concatenate(parts)
+
+
+def start_of_tool(parameter: str, start: Start) -> float:
+    """Return where a coordinate of a tool is thought to be [m], of a campaign's own by its name.
+
+    Zero for any other parameter.
+    """
+    name, _, campaign = parameter.partition(OF)
+    if name not in ("tool_x", "tool_y", "tool_z"):
+        return 0.0
+    p_ee_target_m = start.p_ee_targets_of_m.get(campaign, start.p_ee_target_m)
+    return float(p_ee_target_m["xyz".index(name[-1])])
 
 
 def check_enough(problem: Problem) -> None:

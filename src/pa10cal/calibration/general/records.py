@@ -111,7 +111,7 @@ def _fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str, Any]:
                 for term in problem.model.terms
                 if isinstance(term, JointSpring)
             ),
-            tool=tuple(parameter.name for parameter in general.unknowns.tool.parameters),
+            tool=general.unknowns.frame_names,
             x=model.x,
             places_m=model.targets_m,
             R_ee_target=model.R_ee_target,

@@ -46,7 +46,9 @@ def _why(problem: Problem, fit: Fit, sizes: dict[str, Array], row: int) -> str:
     found = []
     for kind, columns in problem.measured.component_kinds:
         off = float(np.linalg.norm(fit.residual[row, columns]))
-        text = f"{np.degrees(off):.3f} deg" if kind == "attitude" else f"{1e3 * off:.3f} mm"
+        text = (
+            f"{np.degrees(off):.3f} deg" if kind.startswith("attitude") else f"{1e3 * off:.3f} mm"
+        )
         times = off / float(sizes[kind][row])
         found.append((times, f"{kind} off by {text}, {times:.0f} times the scatter of one axis"))
     return max(found)[1]

@@ -9,6 +9,7 @@ import numpy as np
 from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.general.case import base_motion
 from pa10cal.calibration.general.fit import fit
+from pa10cal.calibration.general.problem import start_of_tool
 from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.errors import CalibrationError
@@ -17,6 +18,7 @@ from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.fixed import Fixed
 from pa10cal.terms.model import Model
+from pa10cal.terms.of_campaign import OF, about_moved_base, motion_of_base
 
 
 def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
@@ -37,11 +39,11 @@ def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
     fixed, first = [], 0
     for term in model.model.terms:
         width = len(term.parameters)
-        if not _is_tool(term.coordinates):
+        if not (_is_tool(term.coordinates) or OF in term.of):
             fixed.append(Fixed(term, model.x[first : first + width]))
         first += width
     chain = model.model.chain
-    with_frames = Model(chain, (*fixed, unknowns.tool, unknowns.base))
+    with_frames = Model(chain, (*fixed, *unknowns.frames, unknowns.base))
     problem = Problem(
         with_frames,
         unknowns.places,
@@ -49,10 +51,7 @@ def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
         start.T_instr_base,
         observations.turned(start.R_ee_target),
     )
-    x_model = np.zeros(len(with_frames.parameters))
-    for k, parameter in enumerate(with_frames.parameters):
-        if parameter.name in ("tool_x", "tool_y", "tool_z"):
-            x_model[k] = start.p_ee_target_m["xyz".index(parameter.name[-1])]
+    x_model = np.array([start_of_tool(each.name, start) for each in with_frames.parameters])
     found = fit(problem, problem.start(x_model))
     if not found.converged:
         raise CalibrationError(
@@ -64,12 +63,13 @@ def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
         )
     of_model = problem.of_model(found.x)
     away = model.falls_back
-    tool = len(unknowns.tool.parameters)
+    terms, own = (*fixed, *unknowns.frames), len(unknowns.frame_names)
+    small = base_motion(with_frames, of_model[own:])
     return replace(
         model,
-        model=Model(chain, (*fixed, unknowns.tool)),
-        x=of_model[:tool],
-        T_instr_base=start.T_instr_base @ base_motion(with_frames, of_model[tool:]),
+        model=Model(chain, terms),
+        x=about_moved_base(terms, of_model[:own], small),
+        T_instr_base=start.T_instr_base @ motion_of_base(small),
         R_ee_target=start.R_ee_target,
         targets_m=problem.places_at(found.x),
         falls_back=None

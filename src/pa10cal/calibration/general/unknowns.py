@@ -11,7 +11,8 @@ measured poses then identify is a separate question, answered by the rank.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.arm.tolerances import Tolerances
 from pa10cal.observe.instrument import Instrument
 from pa10cal.terms.model import Model
+from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.offsets import Offsets, base_frame, link_departures
 from pa10cal.terms.term import Parameter
 
@@ -60,17 +62,23 @@ class Unknowns:
 
     Attributes:
         links: departures kept.
-        tool: motions of the tool kept; none where the instrument has targets of its own.
+        frames: motions kept of the tool, none where the instrument has targets of its own; of a
+            group, of every campaign's tool and of the bases of all campaigns but the first.
         base: motions of the base kept.
         places: coordinates of targets kept, as indices into `target_parameters`.
         redundant: parameters omitted, with those that replace them.
     """
 
     links: Offsets
-    tool: Offsets
+    frames: tuple[Offsets | OfCampaign, ...]
     base: Offsets
     places: NDArray[np.intp]
     redundant: tuple[Redundant, ...]
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Return the names of the parameters of `frames`."""
+        return tuple(parameter.name for frame in self.frames for parameter in frame.parameters)
 
 
 def tool_frame() -> Offsets:
@@ -93,12 +101,16 @@ def choose_unknowns(
         T_instr_base: (4, 4) approximate base frame.
         targets_m: (t,) about where the targets sit.
     """
-    links, base, tool = link_departures(arm, tolerances), base_frame(), tool_frame()
-    # The tool is part of the chain where the targets are not unknowns of their own.
-    has_tool = not measured.target_parameters
-    frames = (base, tool) if has_tool else (base,)
+    links, base = link_departures(arm, tolerances), base_frame()
+    own = _own_frames(measured)
+    frames = (base, *own)
     model = Model(Chain.of(arm), (*frames, links))
     states = _random_states(arm)
+    if measured.campaigns:
+        number = np.repeat(np.arange(len(measured.campaigns)), len(states))
+        states = states.take(np.tile(np.arange(len(states)), len(measured.campaigns)))
+        states = replace(states, campaign=number)
+        measured = measured.take(_some_rows(measured, len(number)))
     predicted = model.predict_with_jacobian(states, np.zeros(len(model.parameters)))
     T_instr_ee = T_instr_base @ predicted.T_base_ee
     found = measured.ideal(T_instr_ee, targets_m).compare(T_instr_ee, targets_m)
@@ -117,11 +129,49 @@ def choose_unknowns(
     places = [k - first_place for k in kept if first_place <= k < first_place + len(targets_m)]
     return Unknowns(
         links=links.only(names),
-        tool=tool.only(names) if has_tool else Offsets((), ()),
+        frames=tuple(kept for kept in (_only(frame, names) for frame in own) if kept.parameters),
         base=base.only(names),
         places=np.array(places, dtype=np.intp),
         redundant=redundant,
     )
+
+
+def _own_frames(measured: Instrument) -> tuple[Offsets | OfCampaign, ...]:
+    """Return the tool, or the tools and further bases of the campaigns of a group.
+
+    A tool is part of the chain where the targets are not unknowns of their own.
+    """
+    if not measured.campaigns:
+        return () if measured.target_parameters else (tool_frame(),)
+    campaigns = tuple(enumerate(measured.campaigns))
+    return (
+        *(OfCampaign(base_frame(), k, name) for k, (name, _) in campaigns[1:]),
+        *(
+            OfCampaign(tool_frame(), k, name)
+            for k, (name, part) in campaigns
+            if not part.target_parameters
+        ),
+    )
+
+
+def _only(frame: Offsets | OfCampaign, names: Collection[str]) -> Offsets | OfCampaign:
+    """Return the parameters of a frame that are named."""
+    if isinstance(frame, Offsets):
+        return frame.only(names)
+    assert isinstance(frame.term, Offsets)
+    kept = {
+        own.name
+        for own, named in zip(frame.term.parameters, frame.parameters, strict=True)
+        if named.name in names
+    }
+    return replace(frame, term=frame.term.only(kept))
+
+
+def _some_rows(measured: Instrument, count: int) -> NDArray[np.intp]:
+    """Return rows of a group, as many of each campaign, in their order; their readings are idle."""
+    sizes = np.array([len(part) for _, part in measured.campaigns])
+    first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    return np.repeat(first, count // len(sizes))
 
 
 def _along_instrument(jacobian: Array, T_instr_base: Array) -> Array:

@@ -208,7 +208,6 @@ class Rows:
     def _kinds(self, count: int) -> tuple[Index, Index]:
         """Return which of so many rows are of positions, and which of attitudes."""
         measured = self.survey.poses.measured
-        _, positions = measured.component_kinds[0]
         components = measured.components_seen.shape[1]
-        of_positions = np.isin(np.arange(count) % components, np.arange(components)[positions])
+        of_positions = np.isin(np.arange(count) % components, measured.position_columns)
         return np.flatnonzero(of_positions), np.flatnonzero(~of_positions)

@@ -86,7 +86,7 @@ def _said(case: CalibrationRecord) -> dict[str, str]:
     }
     if isinstance(case, GeneralCalibrationRecord):
         for of, scatter in case.scatter.items():
-            unit = "mrad" if of == "attitude" else "mm"
+            unit = "mrad" if of.startswith("attitude") else "mm"
             found[f"scatter beyond the stated uncertainty, {of} [{unit}]"] = _number(1e3 * scatter)
     return found
 

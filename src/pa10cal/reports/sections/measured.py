@@ -91,7 +91,11 @@ def _instrument(found: Gathered) -> str:
         uncertainty = found.description.instrument.uncertainty_mm
         stated = f"; stated standard uncertainty {uncertainty:g} mm along each axis"
     elif found.calibration is not None:
-        told = [each for each in found.calibration.health.repeats if each.kind != "attitude"]
+        told = [
+            each
+            for each in found.calibration.health.repeats
+            if not each.kind.startswith("attitude")
+        ]
         if told:
             stated = f"; stated standard uncertainty of a reading {mm(1e3 * told[0].stated)} mm"
     return f"{'not known' if found.words is None else found.words.instrument}{stated}"

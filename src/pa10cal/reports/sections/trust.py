@@ -66,7 +66,7 @@ def _checks(found: Gathered) -> Iterator[tuple[str, str, str]]:
     )
     yield "held-out poses agree with what the fit promises", *_held_out(health)
     for each in health.repeats:
-        unit, scale = ("mrad", 1e3) if each.kind == "attitude" else ("mm", 1e3)
+        unit, scale = ("mrad", 1e3) if each.kind.startswith("attitude") else ("mm", 1e3)
         agree = 1.0 / 3.0 <= each.found / each.stated <= 3.0 if each.stated else False
         yield (
             f"scatter of repeats agrees with the stated uncertainty, {each.kind}",

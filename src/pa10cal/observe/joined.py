@@ -1,0 +1,389 @@
+"""Campaigns of one robot, measured each in its own way, as what one instrument measured.
+
+Components are those of every campaign, one after the other; in each pose those of its own campaign
+are seen. All campaigns stand in one frame, that of the first (see `observe.group`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import override
+
+from pa10cal.arm.state import ObservedTargets
+from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.one_by_one import OneByOne
+from pa10cal.observe.quantities import (
+    Array,
+    Comparison,
+    Deviations,
+    Index,
+    Located,
+    Rows,
+    Start,
+    Words,
+)
+from pa10cal.observe.raw import Misfit
+from pa10cal.terms.of_campaign import of_campaign
+from pa10cal.terms.term import Parameter
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a campaign stands among poses, components and targets.
+
+    Attributes:
+        name: of the campaign.
+        part: what was measured in it.
+        rows: (p,) its poses.
+        columns: its components.
+        targets: the coordinates of its targets.
+        stated: the coordinates of its apparatus.
+    """
+
+    name: str
+    part: Instrument
+    rows: Index
+    columns: slice
+    targets: slice
+    stated: slice
+
+
+@dataclass(frozen=True)
+class Joined(OneByOne):
+    """What was measured in P poses of several campaigns.
+
+    Attributes:
+        names: (C,) names of the campaigns.
+        parts: (C,) what was measured in the poses of each, in the order in which they stand here.
+        campaign: (P,) campaign of each pose.
+    """
+
+    names: tuple[str, ...]
+    parts: tuple[Instrument, ...]
+    campaign: Index
+
+    kind: ClassVar[str] = ""
+    words: ClassVar[Words] = Words(
+        "several instruments, each in a campaign of its own",
+        "position error",
+        "The error of a pose is that of its own instrument.",
+        "Arrows: of the target of the pose's own instrument.",
+    )
+    least_rows: ClassVar[int] = 24
+
+    def __len__(self) -> int:
+        return len(self.campaign)
+
+    @cached_property
+    def _places(self) -> tuple[_Place, ...]:
+        places, column, target, stated = [], 0, 0, 0
+        for number, (name, part) in enumerate(zip(self.names, self.parts, strict=True)):
+            columns = slice(column, column + part.components_seen.shape[1])
+            targets = slice(target, target + len(part.target_parameters))
+            apparatus = slice(stated, stated + part.by_stated_targets.shape[2])
+            column, target, stated = columns.stop, targets.stop, apparatus.stop
+            rows = np.flatnonzero(self.campaign == number)
+            places.append(_Place(name, part, rows, columns, targets, apparatus))
+        return tuple(places)
+
+    @cached_property
+    def _within(self) -> Index:
+        """Return where each pose stands in its own campaign, (P,)."""
+        within = np.zeros(len(self), dtype=np.intp)
+        for place in self._places:
+            within[place.rows] = np.arange(len(place.rows))
+        return within
+
+    @property
+    def _shown(self) -> Iterator[_Place]:
+        """Yield the campaigns that have poses here."""
+        return (place for place in self._places if len(place.rows))
+
+    def _with(self, parts: Sequence[Instrument]) -> Self:
+        return replace(self, parts=tuple(parts))
+
+    @property
+    @override
+    def campaigns(self) -> tuple[tuple[str, Instrument], ...]:
+        """Return name and readings of every campaign."""
+        return tuple(zip(self.names, self.parts, strict=True))
+
+    @property
+    @override
+    def kinds(self) -> tuple[str, ...]:
+        """Return the words of the instruments that measured, each once."""
+        return tuple(dict.fromkeys(part.kind for part in self.parts))
+
+    @override
+    def take(self, rows: Rows) -> Self:
+        """Return some of the poses."""
+        campaign, within = self.campaign[rows], self._within[rows]
+        parts = tuple(part.take(within[campaign == k]) for k, part in enumerate(self.parts))
+        return replace(self, parts=parts, campaign=campaign)
+
+    @override
+    def averaged(self, code: Index) -> Self:
+        """Average the readings of each group; all of one are of one campaign."""
+        campaign = self.campaign[np.unique(code, return_index=True)[1]]
+        parts = []
+        for place in self._places:
+            own = np.unique(code[place.rows], return_inverse=True)[1]
+            parts.append(place.part.averaged(own) if len(own) else place.part)
+        return replace(self, parts=tuple(parts), campaign=campaign)
+
+    @override
+    def moved(self, T: Array) -> Self:
+        """Return the readings in a frame in which that of the first stands at T (4, 4)."""
+        return self._with([part.moved(T) for part in self.parts])
+
+    @override
+    def turned(self, R_ee_target: Array) -> Self:
+        """Return the readings with attitudes of the end-effector in place of the target's."""
+        return self._with([part.turned(R_ee_target) for part in self.parts])
+
+    @override
+    def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
+        """Return what would be measured of these poses (P, 4, 4) without error."""
+        return self._with(
+            [p.part.ideal(T_instr_ee[p.rows], targets_m[p.targets]) for p in self._places]
+        )
+
+    @property
+    @override
+    def places_m(self) -> Array:
+        """Return where targets were measured (P, B, 3), nan where not; a distance stands first."""
+        most = max(part.places_m.shape[1] for part in self.parts)
+        places = np.full((len(self), most, 3), np.nan)
+        for p in self._shown:
+            own = p.part.places_m
+            places[p.rows, : own.shape[1], : own.shape[2]] = own
+        return places
+
+    @property
+    @override
+    def counts(self) -> tuple[str, ...]:
+        """Return what was counted of the targets of each campaign."""
+        return tuple(f"{p.name}: {each}" for p in self._places for each in p.part.counts)
+
+    @property
+    @override
+    def target_names(self) -> tuple[str, ...]:
+        """Return the targets, each with the name of its campaign."""
+        return tuple(
+            of_campaign(target, name) for name, part in self.campaigns for target in _targets(part)
+        )
+
+    @property
+    @override
+    def target_parameters(self) -> tuple[Parameter, ...]:
+        """Return the coordinates of targets, each with the name of its campaign."""
+        return tuple(
+            replace(each, name=of_campaign(each.name, name))
+            for name, part in self.campaigns
+            for each in part.target_parameters
+        )
+
+    @override
+    def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
+        """Compare predicted poses with what was measured of each in its own campaign."""
+        count, components = self.components_seen.shape
+        residual, by_end = np.zeros((count, components)), np.zeros((count, components, 6))
+        by_targets = np.zeros((count, components, self._places[-1].targets.stop))
+        for p in self._shown:
+            found = p.part.compare(T_instr_ee[p.rows], targets_m[p.targets])
+            residual[p.rows, p.columns] = found.residual
+            by_end[p.rows, p.columns] = found.by_end
+            by_targets[p.rows, p.columns, p.targets] = found.by_targets
+        return Comparison(residual, by_end, by_targets)
+
+    @override
+    def end_poses(self, T_instr_ee: Array) -> Array:
+        """Return poses of the end of the chain, as measured where they are."""
+        T = T_instr_ee.copy()
+        for p in self._shown:
+            T[p.rows] = p.part.end_poses(T_instr_ee[p.rows])
+        return T
+
+    @override
+    def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
+        """Return where the targets were; a pose of fewer than others has its first once more."""
+        found = [p.part.readout(T_instr_ee[p.rows], targets_m[p.targets]) for p in self._shown]
+        most = max(each.p_instr_targets_m.shape[1] for each in found)
+        p_instr_m = np.zeros((len(self), most, 3))
+        by_targets = np.zeros((len(self), 6, 3 * most))
+        for p, each in zip(self._shown, found, strict=True):
+            own = each.p_instr_targets_m.shape[1]
+            p_instr_m[p.rows] = each.p_instr_targets_m[:, :1]
+            p_instr_m[p.rows, :own] = each.p_instr_targets_m
+            by_targets[p.rows, :, : 3 * own] = each.pose_by_targets
+        return ObservedTargets(p_instr_m, by_targets)
+
+    @override
+    def axes_of_end(self, T_instr_ee: Array) -> Array:
+        """Return what turns components from the end's own axes to those measured, (P, b, b)."""
+        return self._blocks(lambda p: p.part.axes_of_end(T_instr_ee[p.rows]))
+
+    @property
+    @override
+    def by_stated_targets(self) -> Array:
+        """Return the derivative (P, b, a) by coordinates of every campaign's apparatus."""
+        by_stated = np.zeros((*self.components_seen.shape, self._places[-1].stated.stop))
+        for p in self._shown:
+            by_stated[p.rows, p.columns, p.stated] = p.part.by_stated_targets
+        return by_stated
+
+    @cached_property
+    def components_seen(self) -> NDArray[np.bool_]:
+        """Return which components were measured in each pose, (P, b)."""
+        seen = np.zeros((len(self), self._places[-1].columns.stop), dtype=bool)
+        for p in self._shown:
+            seen[p.rows, p.columns] = p.part.components_seen
+        return seen
+
+    @property
+    @override
+    def stated_covariance(self) -> Array:
+        """Return the stated covariance (P, b, b); unit where nothing was seen."""
+        return self._blocks(lambda p: p.part.stated_covariance)
+
+    def _blocks(self, of: Callable[[_Place], Array]) -> Array:
+        """Return matrices (P, b, b) with those of each campaign, unit where nothing was seen."""
+        count, components = self.components_seen.shape
+        blocks = np.zeros((count, components, components))
+        blocks[:, range(components), range(components)] = 1.0
+        for p in self._shown:
+            blocks[p.rows, p.columns, p.columns] = of(p)
+        return blocks
+
+    @property
+    @override
+    def component_kinds(self) -> tuple[tuple[str, slice], ...]:
+        """Return the kinds of every campaign that has poses here, each with its name."""
+        return tuple(
+            (
+                of_campaign(kind, p.name),
+                slice(p.columns.start + at.start, p.columns.start + at.stop),
+            )
+            for p in self._shown
+            for kind, at in p.part.component_kinds
+        )
+
+    @property
+    @override
+    def position_columns(self) -> Index:
+        """Return the components of positions or distances of every campaign."""
+        return np.concatenate(
+            [p.columns.start + p.part.position_columns for p in self._places]
+        ).astype(np.intp)
+
+    @override
+    def locate(self, T_base_ee: Array) -> Located:
+        """Find base and targets of each campaign; the base is that of the first with directions."""
+        found = {p.name: p.part.locate(T_base_ee[p.rows]) for p in self._shown}
+        first = self._leading.name
+        squares = sum(each.poses * each.scatter_m**2 for each in found.values())
+        poses = sum(each.poses for each in found.values())
+        return replace(
+            found[first],
+            scatter_m=float(np.sqrt(squares / poses)),
+            poses=poses,
+            p_ee_targets_m=np.concatenate(
+                [np.zeros((0, 3))]
+                + [
+                    each.p_ee_targets_m
+                    for each in found.values()
+                    if each.p_ee_targets_m is not None
+                ]
+            ),
+        )
+
+    @property
+    def _leading(self) -> _Place:
+        """Return the first campaign whose instrument shows the attitude of the base."""
+        shown = tuple(self._shown)
+        return next((p for p in shown if p.part.directional), shown[0])
+
+    @override
+    def find_start(self, T_base_ee: Array) -> Start:
+        """Find where a fit starts: the base of one campaign, tools and targets of each."""
+        starts = {p.name: p.part.find_start(T_base_ee[p.rows]) for p in self._shown}
+        return Start.of_group(starts, self._leading.name)
+
+    @override
+    def scale(self, T_base_ee: Array) -> float | None:
+        """Return how far the nominal model moves for one measured metre, by the middle campaign."""
+        found = [p.part.scale(T_base_ee[p.rows]) for p in self._shown]
+        known = [each for each in found if each is not None]
+        return float(np.median(known)) if known else None
+
+    @override
+    def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
+        """Return how far poses are from the nominal model, fitted to each campaign apart."""
+        most = max(part.places_m.shape[1] for part in self.parts)
+        length_m, turn_rad = np.full((len(self), most), np.nan), np.zeros(len(self))
+        for p in self._shown:
+            here = self.campaign[used] == self.names.index(p.name)
+            found = p.part.misfit(T_base_ee[p.rows], self._within[used][here], weights[here])
+            length_m[p.rows, : found.length_m.shape[1]] = found.length_m
+            turn_rad[p.rows] = found.turn_rad
+        return Misfit(length_m, turn_rad)
+
+    @property
+    @override
+    def attitudes(self) -> Array | None:
+        """Return the measured attitudes (P, 3, 3); None where some campaign measures none."""
+        attitudes = np.zeros((len(self), 3, 3))
+        for p in self._places:
+            own = p.part.attitudes
+            if own is None:
+                return None
+            attitudes[p.rows] = own
+        return attitudes
+
+    @override
+    def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:
+        """Return predicted poses as read through targets that are off their stated places."""
+        T = T_base_ee.copy()
+        for p in self._shown:
+            T[p.rows] = p.part.as_read(T[p.rows], T_instr_base, targets_off_m[p.stated])
+        return T
+
+    @override
+    def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
+        """Compare predictions with measurements; no rotations unless every campaign has them."""
+        distance, position = np.zeros(len(self)), np.zeros((len(self), 3))
+        rotation = None if self.attitudes is None else np.zeros((len(self), 3))
+        for p in self._shown:
+            found = p.part.deviations(T_base_ee[p.rows], T_instr_base, targets_m[p.targets])
+            distance[p.rows], position[p.rows] = found.distance_mm, found.position_mm
+            if rotation is not None and found.rotation_deg is not None:
+                rotation[p.rows] = found.rotation_deg
+        return Deviations(distance, position, rotation)
+
+    @property
+    @override
+    def spread_mm(self) -> float:
+        """Return how far measured places spread about the middle of their campaign, rms."""
+        squares = sum(len(p.rows) * p.part.spread_mm**2 for p in self._shown)
+        return float(np.sqrt(squares / len(self)))
+
+    @override
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        """Return the columns of every campaign (P,), nan in the poses of others."""
+        columns: dict[str, NDArray[Any]] = {}
+        for p in self._shown:
+            for name, values in p.part.to_columns().items():
+                whole = columns.setdefault(name, np.full(len(self), np.nan))
+                whole[p.rows] = values
+        return columns
+
+
+def _targets(part: Instrument) -> tuple[str, ...]:
+    """Return the names of targets that are unknowns of a fit."""
+    return part.target_names if part.target_parameters else ()

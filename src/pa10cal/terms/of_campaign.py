@@ -1,0 +1,138 @@
+"""A term that holds in the poses of one campaign of a group: its base, its tool, its arrivals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pa10cal.arm.chain import BASE
+from pa10cal.arm.state import PoseStates
+from pa10cal.errors import TermError
+from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.term import Parameter, Report, Term, shows_torque, yields
+
+Array = NDArray[np.float64]
+
+#: Between the name of a parameter or target and that of its campaign, in no name of either.
+OF = "@"
+
+
+@dataclass(frozen=True)
+class OfCampaign:
+    """Adds what another term does, in the poses of one campaign alone.
+
+    Attributes:
+        term: the term; it neither yields to torques nor shows in them.
+        campaign: number of the campaign in the group, from 0.
+        name: its name, which the parameters bear.
+    """
+
+    term: Term
+    campaign: int
+    name: str
+    id: ClassVar[str] = "of_campaign"
+
+    def __post_init__(self) -> None:
+        if yields(self.term) or shows_torque(self.term):
+            raise TermError(
+                "a term of torques cannot belong to one campaign",
+                where=f"{self.term.id} of {self.term.of}",
+                allowed="terms that move the chain alone",
+                remedy="give the term to all campaigns of the group",
+            )
+
+    @property
+    def of(self) -> str:
+        """Return the place of the term, and the campaign."""
+        return f"{self.term.of}{OF}{self.name}"
+
+    @property
+    def formula(self) -> str:
+        """Return the form of the term."""
+        return f"in the poses of {self.name}: {self.term.formula}"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the parameters of the term, each with the name of the campaign."""
+        return self._named(self.term.parameters)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the chain coordinates it adds to."""
+        return self.term.coordinates
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        """Return what the term adds, nothing in the poses of others, (P, m) or (1, m)."""
+        return np.asarray(self._here(states)[:, None] * self.term.shift(states, x))
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the derivative of `shift` by x, (P, m, k) or (1, m, k)."""
+        return np.asarray(self._here(states)[:, None, None] * self.term.derivative(states, x))
+
+    def report(self, x: Array) -> Report:
+        """Return the parameters as the term does, each with the name of the campaign."""
+        found = self.term.report(x)
+        return replace(found, parameters=self._named(found.parameters))
+
+    def _named(self, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+        return tuple(replace(each, name=of_campaign(each.name, self.name)) for each in parameters)
+
+    def _here(self, states: PoseStates) -> NDArray[np.bool_]:
+        """Return which poses are of the campaign, (P,); (1,) where no campaign is meant."""
+        campaign = np.zeros(1) if states.campaign is None else states.campaign
+        return np.asarray(campaign == self.campaign)
+
+
+def of_campaign(name: str, campaign: str) -> str:
+    """Return the name of what belongs to a campaign."""
+    return f"{name}{OF}{campaign}"
+
+
+def is_constant(term: Term) -> bool:
+    """Return whether a term is the same in every pose, or in every pose of a campaign."""
+    return isinstance(term.term if isinstance(term, OfCampaign) else term, Offsets)
+
+
+def about_moved_base(terms: Sequence[Term], x: Array, small: Array) -> Array:
+    """Return the parameters of terms (k,) once the motion of the base has become its frame.
+
+    How the base of another campaign departs is added to that motion; about the frame moved by it
+    the departure is a little different.
+
+    Args:
+        terms: without the motion of the base itself.
+        x: (k,) their parameters.
+        small: (6,) the motion of the base.
+    """
+    x, first = x.copy(), 0
+    back = np.linalg.inv(motion_of_base(small))
+    for term in terms:
+        columns = slice(first, first + len(term.parameters))
+        first = columns.stop
+        if not (isinstance(term, OfCampaign) and set(term.coordinates) <= set(BASE)):
+            continue
+        at = [BASE.index(name) for name in term.coordinates]
+        whole = small.copy()
+        whole[at] += x[columns]
+        away = back @ motion_of_base(whole)
+        x[columns] = small_motion(away)[at]
+    return x
+
+
+def motion_of_base(small: Array) -> Array:
+    """Return the pose (4, 4) that six small motions of the base come to."""
+    T = np.eye(4)
+    T[:3, 3] = small[:3]
+    T[:3, :3] = Rotation.from_euler("XYZ", small[3:]).as_matrix()
+    return T
+
+
+def small_motion(T: Array) -> Array:
+    """Return the six small motions (6,) that come to a pose; see `motion_of_base`."""
+    turn = Rotation.from_matrix(T[:3, :3]).as_euler("XYZ")
+    return np.concatenate([T[:3, 3], turn])
