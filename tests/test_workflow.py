@@ -227,6 +227,10 @@ def test_the_default_target_runs_a_few_blind_trials_and_their_own_target_all(pla
     code, text = plan("blind_trials_tracked")
     assert code == 0, text
     assert planned(text)["judge_trials"] == jobs(tracked)
+    code, text = plan("blind_trials_reflectors")
+    assert code == 0, text
+    assert planned(text)["judge_trials"] == 3 * jobs(trial_counts(SETTINGS.reflectors))
+    assert planned(text)["score_trials"] == planned(text)["trial_pictures"] == 3
     assert full["null"] >= 200
     assert tracked["null"] >= 150
     assert all(few <= full[kind] for kind, few in reduced.items())

@@ -7,7 +7,13 @@ import pytest
 
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.effects.vocabulary import all_effects, nameless, outside, vocabulary
-from pa10cal.cell.tracker_trials import BENCHES, TRACKED_POSES, Bench, draw_tracker_trials
+from pa10cal.cell.tracker_trials import (
+    BENCHES,
+    REFLECTORS,
+    TRACKED_POSES,
+    Bench,
+    draw_tracker_trials,
+)
 from pa10cal.cell.trials import KINDS
 from pa10cal.errors import SettingsError
 from pa10cal.files.arms import load_arm
@@ -125,3 +131,17 @@ def test_refuses_benches_at_which_an_effect_does_nothing():
     with pytest.raises(SettingsError, match="unknown kind of trial"):
         draw_tracker_trials("double", 1, 1)
     assert set(nameless()) | set(vocabulary()) == set(all_effects())
+
+
+@pytest.mark.parametrize("study", REFLECTORS)
+def test_studies_without_attitudes_have_their_own_instrument_and_draws(study):
+    benches = REFLECTORS[study]
+    trials = draw_tracker_trials("single", 6, 7, benches, study=study)
+    plans = [trial.settings.without_touches for trial in trials]
+    kind, targets = {"points_one": ("points", 1), "points_three": ("points", 3)}.get(
+        study, ("distance", 1)
+    )
+    assert {(plan.instrument, plan.target_count) for plan in plans} == {(kind, targets)}
+    assert {trial.bench for trial in trials} <= {bench.name for bench in benches}
+    others = [draw_tracker_trials("single", 6, 7, benches, study=other) for other in REFLECTORS]
+    assert len({trial.name for drawn in others for trial in drawn}) == 6 * len(REFLECTORS)

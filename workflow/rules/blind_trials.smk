@@ -13,6 +13,12 @@ rule blind_trials_tracked:
         expand(trial_result("pictures.json"), study="blind_trials_tracked"),
 
 
+rule blind_trials_reflectors:
+    """Those of instruments that measure no attitude: one target, three targets, a distance."""
+    input:
+        expand(trial_result("pictures.json"), study=REFLECTOR_STUDIES),
+
+
 rule blind_trials_reduced:
     """A few of them, as a check that verdicts are still what they were."""
     input:

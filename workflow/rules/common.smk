@@ -55,6 +55,12 @@ TRIAL_STUDIES = {
     "blind_trials_tracked": ("tracked", trial_counts(SETTINGS.blind_trials.tracked)),
     "wild_trials": ("wild", trial_counts(SETTINGS.blind_trials.wild)),
 }
+# The same of instruments that measure no attitude.
+REFLECTOR_STUDIES = {
+    f"blind_trials_{measured}": (measured, trial_counts(SETTINGS.blind_trials.reflectors))
+    for measured in ("points_one", "points_three", "distance")
+}
+TRIAL_STUDIES |= REFLECTOR_STUDIES
 
 
 # What campaigns are not called: the folders of studies stand beside theirs.

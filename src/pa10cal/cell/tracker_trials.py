@@ -39,6 +39,10 @@ from pa10cal.settings_reading import parse_section
 
 Array = NDArray[np.float64]
 
+#: Configurations of a tracker's trial, and the share held out.
+TRACKED_POSES = 300
+DISTANCE_POSES = 430
+TRACKED_HOLDOUT = 0.3
 #: Coulomb friction of these arms, of the rated torque.
 COULOMB_PER_RATED = 0.1
 
@@ -52,31 +56,42 @@ class Bench:
         instrument: kind of the tracker.
         flexible_joints: joints with a linear spring, of an arm with masses.
         logs_torques: whether some of its trials log torques.
+        targets: how many an instrument of several sees; None draws that.
+        poses: configurations of a trial.
     """
 
     robot: str
     instrument: str
     flexible_joints: tuple[int, ...] = ()
     logs_torques: bool = False
+    targets: int | None = None
+    poses: int = TRACKED_POSES
 
     @property
     def name(self) -> str:
-        """Return arm and instrument."""
-        return f"{self.robot}-{self.instrument}"
+        """Return arm and instrument, and how many targets it sees where that is not drawn."""
+        return "-".join(map(str, filter(None, (self.robot, self.instrument, self.targets))))
 
 
-BENCHES = tuple(
-    Bench(robot, instrument, flexible_joints, logs_torques)
-    for instrument in ("pose", "points")
-    for robot, flexible_joints, logs_torques in (
-        ("ur10", (2, 3), False),
-        ("irb120", (), False),
-        ("iiwa14", (2, 4), True),
+def _benches(
+    instrument: str, targets: int | None = None, poses: int = TRACKED_POSES
+) -> tuple[Bench, ...]:
+    """Return the arms of the trials under an instrument."""
+    return (
+        Bench("ur10", instrument, (2, 3), targets=targets, poses=poses),
+        Bench("irb120", instrument, targets=targets, poses=poses),
+        Bench("iiwa14", instrument, (2, 4), logs_torques=True, targets=targets, poses=poses),
     )
-)
-#: Configurations of a tracker's trial, and the share held out.
-TRACKED_POSES = 300
-TRACKED_HOLDOUT = 0.3
+
+
+BENCHES = (*_benches("pose"), *_benches("points"))
+#: Studies of what most laboratories have: no attitude is measured. A distance is one number a pose,
+#: which needs more of them.
+REFLECTORS: dict[str, tuple[Bench, ...]] = {
+    "points_one": _benches("points", targets=1),
+    "points_three": _benches("points", targets=3),
+    "distance": _benches("distance", poses=DISTANCE_POSES),
+}
 #: Bounds between which a tracker's trials are drawn, evenly in the logarithm: noise of a coordinate
 #: [mm], noise of an attitude [rad], time a configuration takes [s], mass of the tool [kg].
 POSITION_MM = (0.015, 0.05)
@@ -93,6 +108,8 @@ TARGETS = (1, 3)
 #: A joint whose torque varies by less than this part of the rated torque is not loaded.
 _LEAST_LOADED = 0.02
 _TYPICAL_POSES = 200
+#: Between the streams of two studies.
+_APART = 100
 
 
 def draw_tracker_trials(
@@ -101,6 +118,7 @@ def draw_tracker_trials(
     random_seed: int,
     benches: Sequence[Bench] = BENCHES,
     size: float | None = None,
+    study: str = "",
 ) -> tuple[Trial, ...]:
     """Draw trials of a tracker in which no pose is repeated; see `draw_trials`.
 
@@ -115,15 +133,18 @@ def draw_tracker_trials(
         benches: arms under trackers.
         size: factor of the usual size of all effects; None for the plausible size of singles, and
             sizes drawn of the others.
+        study: one of `REFLECTORS`, whose trials are drawn apart; empty for trackers in general.
 
     Raises:
         SettingsError: for a kind that does not exist.
     """
     refuse_unknown(kind)
+    stream = len(KINDS) + KINDS.index(kind)
+    stream += _APART * (1 + list(REFLECTORS).index(study)) if study else 0
     known = [KnownBench.of(bench) for bench in benches]
     trials = []
     for number in range(count):
-        rng = np.random.default_rng([random_seed, len(KINDS) + KINDS.index(kind), number])
+        rng = np.random.default_rng([random_seed, stream, number])
         bench, effects = _bench_in_turn(kind, number, known)
         trials.append(_tracked(kind, number, bench, effects, size, rng))
     return tuple(trials)
@@ -145,7 +166,7 @@ def _tracked(
     position_mm = log_uniform(POSITION_MM, rng)
     plan = {
         "instrument": asked.instrument,
-        "poses": TRACKED_POSES,
+        "poses": asked.poses,
         "holdout_share": TRACKED_HOLDOUT,
         "loads_N": loads_N,
         "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
@@ -156,6 +177,8 @@ def _tracked(
         "position_mm": position_mm,
         "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
     }
+    if asked.targets is not None:
+        plan["targets"] = asked.targets
     raw = {"random_seed": seed, "robot": asked.robot, "without_touches": plan}
     own = robot_of(robot.arm, parse_section(SimulateOptions, raw, where=f"trial {number}"))
     hidden: list[dict[str, Any]] = []

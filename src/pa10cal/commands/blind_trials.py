@@ -21,7 +21,9 @@ def blind_trials(
     verdicts: Path,
     truths: Path,
     first: int = 0,
-    measured: Literal["touched", "tracked", "wild"] = "touched",
+    measured: Literal[
+        "touched", "tracked", "points_one", "points_three", "distance", "wild"
+    ] = "touched",
     layouts: str = "",
     size: float | None = None,
     settings: JudgingOptions = JudgingOptions(),
@@ -37,7 +39,8 @@ def blind_trials(
         truths: what the trials hide, to write apart, one a trial (JSON lines).
         first: number of the first of them.
         measured: touched: balls of the PA10, poses repeated; tracked: other arms, no pose repeated;
-            wild: either, with stressors and faults in the raw files.
+            points_one, points_three, distance: of these one target, three, or one distance; wild:
+            either, with stressors and faults in the raw files.
         layouts: layouts of touched balls, or arms under instruments, with commas between them; all
             of them where none are given.
         size: factor of all effects; without it, drawn for each.

@@ -78,6 +78,10 @@ class BlindTrialsOptions(Section):
         ),
         description="what it runs of trackers, with many different poses and none repeated",
     )
+    reflectors: TrialCounts = Field(
+        TrialCounts(null=12, single=2, pair=0, triple=0, outside=1, wrong_noise=0, wrong_mass=0),
+        description="of trackers without attitudes: of one target, of three, of a distance each",
+    )
     wild: WildCounts = Field(
         WildCounts(),
         description="what `snakemake --cores 2 wild_trials` runs: any instrument, stressors and "

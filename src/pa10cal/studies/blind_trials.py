@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
-from pa10cal.cell.tracker_trials import BENCHES, draw_tracker_trials
+from pa10cal.cell.tracker_trials import BENCHES, REFLECTORS, draw_tracker_trials
 from pa10cal.cell.trials import LAYOUTS, Trial, TrialKind, draw_trials
 from pa10cal.cell.wild_trials import WILD_KINDS, WildKind, draw_wild_trials
 from pa10cal.cell.write import write_campaign
@@ -33,7 +33,7 @@ from pa10cal.studies.trial_records import truth_record
 from pa10cal.studies.wild_trials import try_wild_trial
 
 Array = NDArray[np.float64]
-Measured = Literal["touched", "tracked", "wild"]
+Measured = Literal["touched", "tracked", "points_one", "points_three", "distance", "wild"]
 
 
 def draw(
@@ -45,6 +45,9 @@ def draw(
     size: float | None = None,
 ) -> tuple[Trial, ...]:
     """Draw trials of touched balls with repeats, of trackers without, or wild ones of either.
+
+    `points_one`, `points_three` and `distance` are of trackers, too: of so many targets, or of one
+    distance.
 
     Args:
         measured: which of these.
@@ -69,8 +72,9 @@ def draw(
     names = layouts.split(",") if layouts else []
     if measured == "wild":
         return draw_wild_trials(cast(WildKind, kind), count, random_seed, names)
-    benches = {bench.name: bench for bench in BENCHES}
-    known = benches if measured == "tracked" else LAYOUTS
+    study = measured if measured in REFLECTORS else ""
+    benches = {bench.name: bench for bench in REFLECTORS.get(study, BENCHES)}
+    known = LAYOUTS if measured == "touched" else benches
     if unknown := sorted(set(names) - set(known)):
         raise SettingsError(
             "no such layout of poses",
@@ -79,9 +83,9 @@ def draw(
             allowed=", ".join(known),
             remedy="correct the name",
         )
-    if measured == "tracked":
+    if measured != "touched":
         chosen = [benches[name] for name in names or benches]
-        return draw_tracker_trials(cast(TrialKind, kind), count, random_seed, chosen, size)
+        return draw_tracker_trials(cast(TrialKind, kind), count, random_seed, chosen, size, study)
     order = [layout for name in names or LAYOUTS for layout in LAYOUTS if layout == name]
     return draw_trials(cast(TrialKind, kind), count, random_seed, order, size)
 

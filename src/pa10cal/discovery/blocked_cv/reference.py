@@ -20,13 +20,18 @@ _REWEIGHTED = 2
 #: Maps of all joints by which poses are weighed: of middle spacing and smoothness.
 _KNOTS = 72
 _FADING = Fading(1e-4, 10.0)
+#: Part of the readings that what is fitted may take up; what is left of more says little of noise.
+_MOST_TAKEN = 0.6
+#: Size of a parameter that is not to be fitted.
+_NONE = 1e-9
 
 
 def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -> Rows:
     """Return rows of effects and maps, weighed.
 
     By the scatter that all named effects and maps of all joints leave together: then no pose weighs
-    less because of an effect that is still to be found.
+    less because of an effect that is still to be found. Where poses are few for that, as of an
+    instrument that gives one number a pose, maps are not fitted, or no effects either.
 
     Args:
         survey: the campaign.
@@ -55,15 +60,23 @@ def noise_squares(rows: Rows, noise: Noise) -> float:
 
 
 def _left_by_everything(rows: Rows) -> tuple[Array, float]:
-    """Return what all columns together leave, (P, b), and how many parameters that takes."""
+    """Return what all columns together leave, (P, b), and how many parameters that takes.
+
+    The richest set of columns that leaves enough of the readings is taken.
+    """
     total = rows.products().summed()
-    harmonics = _FADING.sizes_rad(harmonic_orders(rows.knots)[1:])
-    dense = len(total.projection) - len(rows.joints) * len(harmonics)
-    sizes = np.concatenate([np.ones(dense), *[harmonics] * len(rows.joints)])
-    prior = np.diag(sizes**-2.0)
+    harmonics = np.tile(_FADING.sizes_rad(harmonic_orders(rows.knots)[1:]), len(rows.joints))
+    own, every = len(rows.own), len(total.projection)
+    seen = rows.survey.poses.measured.components_seen
+    for fitted in (every, every - len(harmonics), own):
+        sizes = np.concatenate([np.ones(every - len(harmonics)), harmonics])
+        sizes[fitted:] *= _NONE
+        prior = np.diag(sizes**-2.0)
+        taken = float(np.trace(solve(total.gram, total.gram, prior)))
+        if taken <= _MOST_TAKEN * seen.sum():
+            break
     x = solve(total.gram, total.projection, prior)
-    remaining = np.empty(rows.survey.poses.measured.components_seen.shape)
+    remaining = np.empty(seen.shape)
     for b in range(BLOCKS):
         remaining[rows.survey.block == b] = rows.left_of(b, x[:, None])[:, :, 0]
-    used = solve(total.gram, total.gram, prior)
-    return remaining, float(np.trace(used))
+    return remaining, taken
