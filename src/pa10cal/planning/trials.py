@@ -46,7 +46,7 @@ def _rounds() -> dict[str, int]:
 
 @cache
 def _declared(folder: str) -> tuple[dict[str, bool], ...]:
-    """Return what the classes of a folder with an id state of themselves, from the source alone.
+    """Return what the classes of a folder that trials draw state of themselves, by the source.
 
     Importing them would take half a second of every start of the workflow.
     """
@@ -62,6 +62,6 @@ def _declared(folder: str) -> tuple[dict[str, bool], ...]:
                     for name in ast.walk(entry)
                     if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store)
                 }
-                if isinstance(stated.get("id"), str):
+                if isinstance(stated.get("id"), str) and stated.get("drawn") is not False:
                     found.append({name: value is True for name, value in stated.items()})
     return tuple(found)

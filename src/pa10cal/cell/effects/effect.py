@@ -147,6 +147,8 @@ class Effect(Section):
     named: ClassVar[bool] = True
     #: Whether wild trials alone draw it.
     wild: ClassVar[bool] = False
+    #: Whether blind or wild trials draw it; else a study of its own does.
+    drawn: ClassVar[bool] = True
     #: Where trials put it so that it does something; none: at any of `places`.
     trial_places: ClassVar[tuple[str, ...]] = ()
     #: Whether it does nothing without weights.

@@ -27,18 +27,22 @@ def all_effects() -> dict[str, type[Effect]]:
 
 
 def vocabulary() -> dict[str, type[Effect]]:
-    """Return the effects of the vocabulary."""
-    return {name: each for name, each in all_effects().items() if each.named}
+    """Return the effects of the vocabulary that trials draw."""
+    return {name: each for name, each in _drawn().items() if each.named}
 
 
 def outside() -> dict[str, type[Effect]]:
     """Return the effects without a name in the vocabulary that every kind of trial may hide."""
-    return {n: each for n, each in all_effects().items() if not each.named and not each.wild}
+    return {name: each for name, each in nameless().items() if not each.wild}
 
 
 def nameless() -> dict[str, type[Effect]]:
-    """Return all effects that can be hidden and have no name in the vocabulary."""
-    return {name: each for name, each in all_effects().items() if not each.named}
+    """Return all effects that trials draw and that have no name in the vocabulary."""
+    return {name: each for name, each in _drawn().items() if not each.named}
+
+
+def _drawn() -> dict[str, type[Effect]]:
+    return {name: each for name, each in all_effects().items() if each.drawn}
 
 
 def make_effects(entries: Sequence[HiddenEffectOptions], robot: Robot) -> tuple[Effect, ...]:

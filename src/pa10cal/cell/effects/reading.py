@@ -1,0 +1,154 @@
+"""Who errs in a drive: the sensor behind the gear, or the gear; and where its motor then stops.
+
+A controller turns the motor until the sensor at the output reads what was commanded, so a sensor's
+error is one of the true angle, and the motor stands where the gear takes it for that: at its ratio
+times the true angle. Where the gear errs, the motor stands at its ratio times the angle commanded.
+Cogging keeps the motor a little off where it should stop, by its own angle, in joints that moved.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+
+from pa10cal.cell.effects.effect import (
+    ARC_SECOND,
+    Array,
+    Finite,
+    FinitePositive,
+    JointDriveEffect,
+    Motion,
+    Site,
+)
+
+#: Orders of the band in which such errors lie, and their root mean square over a turn.
+_BAND = (6, 30)
+_USUAL_ARC_SECONDS = 55.0
+#: Multiples of the ratio at which motors cog, how many of them one motor shows, how far they move
+#: the joint, and the motor turns a joint turn of a gear.
+_COGS = (4, 8, 10, 12, 16, 20, 24)
+_LINES = (3, 5)
+_COG_ARC_SECONDS = 5.0
+RATIOS = (50.0, 160.0)
+
+Amplitudes = tuple[Finite, ...]
+
+
+class MotorRipple(JointDriveEffect):
+    """A joint stops where the cogging of its motor lets it."""
+
+    id = "motor_ripple"
+    named = False
+    drawn = False
+
+    ratio: FinitePositive = Field(description="motor turns a joint turn")
+    cogs: tuple[Annotated[int, Field(ge=1)], ...] = Field(description="cycles a motor turn")
+    ripple: Amplitudes = Field(description="how far each moves the joint [rad]")
+    ripple_phi: Amplitudes = Field(description="their phases [rad]")
+
+    @classmethod
+    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return cogging as of servo motors at a gear, at `size` times its usual amplitude."""
+        del site
+        count = int(rng.integers(*_LINES, endpoint=True))
+        cogs = sorted(rng.choice(_COGS, count, replace=False).tolist())
+        return {
+            "ratio": float(rng.integers(int(RATIOS[0]), int(RATIOS[1]), endpoint=True)),
+            "cogs": cogs,
+            "ripple": (
+                size * _COG_ARC_SECONDS * ARC_SECOND * rng.uniform(0.7, 1.4, count)
+            ).tolist(),
+            "ripple_phi": rng.uniform(-np.pi, np.pi, count).tolist(),
+        }
+
+    @field_validator("ripple", "ripple_phi")
+    @classmethod
+    def _one_a_cog(cls, values: Amplitudes, info: ValidationInfo) -> Amplitudes:
+        if len(values) != len(info.data.get("cogs", values)):
+            raise ValueError("as many as cogs")
+        return values
+
+    def error_rad(self, motion: Motion) -> Array:
+        """Return sum a sin(cogs ratio angle + phi) where the joint moved, at the motor's angle."""
+        return self.stops_off_rad(motion, motion.q_rad)
+
+    def stops_off_rad(self, motion: Motion, stands_rad: Array) -> Array:
+        """Return how far the joint stops off, (P,).
+
+        Args:
+            motion: how it came to stand.
+            stands_rad: (P,) turns of the motor over the ratio.
+        """
+        phase = np.outer(stands_rad, self.ratio * np.array(self.cogs, dtype=float))
+        off: Array = np.sin(phase + np.array(self.ripple_phi)) @ np.array(self.ripple)
+        return np.where(motion.arrival == 0.0, 0.0, off)
+
+
+class _ErrsByAngle(MotorRipple):
+    """A drive with an error of many cycles a turn, besides its ripple."""
+
+    drawn = False
+
+    orders: tuple[Annotated[int, Field(ge=1)], ...] = Field(description="cycles a joint turn")
+    A: Amplitudes = Field(description="amplitude of each [rad]")
+    phi: Amplitudes = Field(description="phase of each [rad]")
+
+    @classmethod
+    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return a broad band of cycles, at `size` times its usual size, and ripple."""
+        orders = list(range(_BAND[0], _BAND[1] + 1))
+        amplitudes = rng.rayleigh(1.0, len(orders))
+        usual = np.sqrt(2.0) * _USUAL_ARC_SECONDS * ARC_SECOND
+        return {
+            **super().at_size(site, 1.0, rng),
+            "orders": orders,
+            "A": (size * usual * amplitudes / np.linalg.norm(amplitudes)).tolist(),
+            "phi": rng.uniform(-np.pi, np.pi, len(orders)).tolist(),
+        }
+
+    @field_validator("A", "phi")
+    @classmethod
+    def _one_an_order(cls, values: Amplitudes, info: ValidationInfo) -> Amplitudes:
+        if len(values) != len(info.data.get("orders", values)):
+            raise ValueError("as many as orders")
+        return values
+
+    def by_angle_rad(self, q_rad: Array) -> Array:
+        """Return sum A sin(order q + phi), (P,)."""
+        error: Array = np.sin(np.outer(q_rad, self.orders) + np.array(self.phi)) @ np.array(self.A)
+        return error
+
+    def error_rad(self, motion: Motion) -> Array:
+        """Return the error by the angle, and what cogging adds at the motor's angle."""
+        error = self.by_angle_rad(motion.q_rad)
+        return error + self.stops_off_rad(motion, self.motor_rad(motion.q_rad, error))
+
+    @abstractmethod
+    def motor_rad(self, q_rad: Array, error_rad: Array) -> Array:
+        """Return the turns of the motor over the ratio, (P,)."""
+
+
+class SensorError(_ErrsByAngle):
+    """The sensor at the joint's output errs, and the controller follows it."""
+
+    id = "sensor_error"
+    drawn = False
+
+    def motor_rad(self, q_rad: Array, error_rad: Array) -> Array:
+        """Return the true angle."""
+        return q_rad + error_rad
+
+
+class GearError(_ErrsByAngle):
+    """The gear errs, behind a motor that stands where it was commanded to."""
+
+    id = "gear_error"
+    drawn = False
+
+    def motor_rad(self, q_rad: Array, error_rad: Array) -> Array:
+        """Return the angle commanded."""
+        del error_rad
+        return q_rad
