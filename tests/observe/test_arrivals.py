@@ -38,6 +38,13 @@ def test_one_that_stays_keeps_its_last_direction():
     assert found.states.arrival.T.tolist() == [[0, 1, 1, 1, -1], [0] * 5]
 
 
+def test_which_joints_moved_is_told_apart():
+    found, _ = with_arrivals(observed([0.0, 0.5, 0.5005, 0.3, 0.2], [0.0] * 5))
+    assert found.states.arrival[:, 0].tolist() == [0, 1, 1, -1, -1]
+    assert found.states.moved.T.tolist() == [[0, 1, 0, -1, -1], [0] * 5]
+    assert found.states.since_before is found.states.moved
+
+
 def test_time_decides_whatever_the_order_of_rows():
     rows = observed([0.0, 0.5, 0.3, 0.7], [0.0] * 4).take(np.array([2, 0, 3, 1]))
     found, _ = with_arrivals(rows)

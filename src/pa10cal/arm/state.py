@@ -67,6 +67,8 @@ class PoseStates:
             arm whose masses are not known; None where they are, or where it was not computed.
         campaign: (P,) which campaign of a group each pose is of, from 0; None where there is one,
             or where no campaign is meant: then what belongs to a campaign is that of the first.
+        moved: (P, n) direction in which each joint moved from the pose before: -1, 0 (it stayed) or
+            +1; None where `arrival` says so.
     """
 
     q_rad: Array
@@ -79,6 +81,7 @@ class PoseStates:
     seen: ObservedTargets | None = None
     torque_by_mass: Array | None = None
     campaign: NDArray[np.intp] | None = None
+    moved: Array | None = None
 
     def __len__(self) -> int:
         return len(self.q_rad)
@@ -87,6 +90,11 @@ class PoseStates:
     def n(self) -> int:
         """Number of joints."""
         return int(self.q_rad.shape[1])
+
+    @property
+    def since_before(self) -> Array:
+        """Direction in which each joint moved from the pose before, 0 where it stayed, (P, n)."""
+        return self.arrival if self.moved is None else self.moved
 
     def take(self, rows: Rows) -> PoseStates:
         """Return the states of some poses."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,6 +84,10 @@ class Holdout(Section):
     every: Annotated[int, Field(ge=2)] | None = None
 
 
+#: Where joint positions come from: read back from the joints, or those that they were sent to.
+JointPositions = Literal["logged", "commanded"]
+
+
 class CampaignDescription(Section):
     """One measurement campaign.
 
@@ -102,6 +106,7 @@ class CampaignDescription(Section):
     holdout: Holdout | None = None
     configurations: Annotated[int, Field(ge=1)] | None = None
     columns: OwnColumns | None = None
+    joints: JointPositions = "logged"
 
     @property
     def ball_names(self) -> tuple[str, ...]:

@@ -80,6 +80,7 @@ def description(campaign: ImportedCampaign) -> dict[str, Any]:
         "reference_temperature_C": campaign.reference_temperature_C,
         "files": {"poses": _file(campaign)},
         "holdout": {"last_fraction": campaign.held_out_fraction},
+        **({} if campaign.joints == "logged" else {"joints": campaign.joints}),
         **(
             {"columns": {"poses": dict(campaign.readings.columns)}}
             if isinstance(campaign.readings, AsItIs)

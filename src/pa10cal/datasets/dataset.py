@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from pa10cal.campaign.description import JointPositions
 from pa10cal.campaign.quarantine import Quarantined
 
 
@@ -56,6 +57,7 @@ class ImportedCampaign:
         files: paths of the files read, inside the data set's folder.
         left_out: rows omitted.
         notes: what the reader should know, one clause each.
+        joints: whether joint positions are `logged`, or those `commanded`.
     """
 
     name: str
@@ -69,6 +71,7 @@ class ImportedCampaign:
     files: tuple[str, ...]
     left_out: tuple[Quarantined, ...] = ()
     notes: tuple[str, ...] = ()
+    joints: JointPositions = "logged"
 
     @property
     def poses(self) -> pd.DataFrame:

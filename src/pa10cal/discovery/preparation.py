@@ -41,6 +41,7 @@ class MeasurementSetup:
         apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
         gravity_m_s2: gravity along the base's axes, where no payload says so; None: not known.
         options: standard uncertainties of what else repeats cannot show, and how to search.
+        commanded: whether joint positions are those commanded, and not read back.
     """
 
     payload: Payload | None
@@ -49,6 +50,7 @@ class MeasurementSetup:
     apparatus_m: float = 5e-6
     options: DiscoveryOptions = field(default_factory=DiscoveryOptions)
     gravity_m_s2: Array | None = None
+    commanded: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,6 +233,7 @@ def context_of(
         tool_kg=0.0 if setup.payload is None else setup.payload.mass_kg,
         torques=_source(states, baseline),
         gravity_m_s2=setup.gravity_m_s2,
+        commanded=setup.commanded,
     )
 
 

@@ -27,4 +27,5 @@ def setup_of(
         apparatus_m=MM * calibration.apparatus_uncertainty_mm,
         options=discovery,
         gravity_m_s2=np.array(campaign.gravity_m_s2, dtype=float),
+        commanded=campaign.joints == "commanded",
     )

@@ -13,9 +13,12 @@ from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 
 M = TypeVar("M", bound=Instrument)
+Array = NDArray[np.float64]
 
 #: A joint that turned less [rad, or m of a prismatic joint] has not moved.
 _STOOD_STILL = 1e-4
+#: One that turned less [rad, m] has not left the place where its controller had stopped it.
+_STAYED = 2e-3
 #: Part of the configurations that must have a time of their own for times to give an order.
 _OWN_TIMES = 0.95
 #: Directions that must be known to say that all of a joint are reversed, and how many must be.
@@ -28,8 +31,9 @@ def with_arrivals(every: Observations[M]) -> tuple[Observations[M], bool]:
 
     Where no joint of any configuration has one, each joint is taken to come straight from where it
     stood in the configuration measured before, of whatever kind; one that stays keeps the direction
-    of its last movement, and the first configuration has none. Times that many configurations share
-    give no order: then no direction is known. Logged directions of joints that are reversed
+    of its last movement, and the first configuration has none; which joints moved at all is told
+    apart (`moved`). Times that many configurations share give no order: then no direction is known.
+    Logged directions of joints that are reversed
     (`reversed_joints`) are put right.
 
     Args:
@@ -47,7 +51,8 @@ def with_arrivals(every: Observations[M]) -> tuple[Observations[M], bool]:
     ordered = _by_order(every)
     if ordered is None:
         return every, False
-    return every.with_states(replace(states, arrival=ordered)), True
+    arrival, moved = ordered
+    return every.with_states(replace(states, arrival=arrival, moved=moved)), True
 
 
 def reversed_joints(every: Observations) -> NDArray[np.bool_]:
@@ -59,10 +64,11 @@ def reversed_joints(every: Observations) -> NDArray[np.bool_]:
     Args:
         every: single readings of all kinds.
     """
-    logged, ordered = every.states.arrival, _by_order(every)
+    logged, by_order = every.states.arrival, _by_order(every)
     none = np.zeros(logged.shape[1], dtype=bool)
-    if ordered is None or not logged.any():
+    if by_order is None or not logged.any():
         return none
+    ordered, _ = by_order
     known = (logged != 0.0) & (ordered != 0.0)
     times = known.sum(axis=0)
     agree = np.sum(known & (logged == ordered), axis=0) / np.maximum(times, 1)
@@ -72,14 +78,18 @@ def reversed_joints(every: Observations) -> NDArray[np.bool_]:
     return wrong if right.sum() > wrong.sum() else none
 
 
-def _by_order(every: Observations) -> NDArray[np.float64] | None:
-    """Return directions (P, n) from where joints stood before; None where no order is known."""
+def _by_order(every: Observations) -> tuple[Array, Array] | None:
+    """Return directions (P, n) from where joints stood before, and those of joints that moved.
+
+    None where no order is known.
+    """
     states = every.states
     if len(np.unique(states.time_s)) < _OWN_TIMES * len(every):
         return None
     in_time = np.argsort(states.time_s, kind="stable")
     moved = np.diff(states.q_rad[in_time], axis=0, prepend=np.nan)
     direction = pd.DataFrame(np.sign(moved)).mask(np.abs(moved) < _STOOD_STILL).ffill().fillna(0.0)
-    arrival = np.empty_like(states.arrival)
+    arrival, since_before = np.zeros((2, *states.arrival.shape))
     arrival[in_time] = direction.to_numpy()
-    return arrival
+    since_before[in_time] = np.where(np.abs(moved) < _STAYED, 0.0, np.sign(moved))
+    return arrival, np.nan_to_num(since_before)

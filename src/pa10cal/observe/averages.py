@@ -86,6 +86,7 @@ def average_states(states: PoseStates, code: Index) -> PoseStates:
         temperature_C=group_means(states.temperature_C, code),
         time_s=group_means(states.time_s, code),
         campaign=None if states.campaign is None else states.campaign[first],
+        moved=None if states.moved is None else group_means(states.moved, code),
     )
 
 

@@ -52,6 +52,7 @@ def some_surroundings() -> CandidateContext:
         p_instr_middle_m=np.array([0.4, 0.5, 0.6]),
         q_span_rad=np.stack([states.q_rad.min(0), states.q_rad.max(0)], axis=-1),
         time_span_s=(100.0, 4e4),
+        commanded=True,
     )
 
 

@@ -25,6 +25,7 @@ def context_of(arm, tau_span_Nm):
         p_instr_middle_m=np.array([0.4, 0.5, 0.6]),
         q_span_rad=np.tile([-1.5, 1.5], (arm.n, 1)),
         time_span_s=(100.0, 4e4),
+        commanded=True,
     )
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain
+from pa10cal.terms.effects.family import candidates
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 
@@ -25,6 +26,7 @@ def solved(effect, **reported):
     [
         ("gear_ratio_error", "joint 4", "theta_4", lambda s: 0.7 * s.q_rad[:, 3]),
         ("backlash", "joint 3", "theta_3", lambda s: 0.7 * s.arrival[:, 2]),
+        ("arrival_error", "joint 3", "theta_3", lambda s: 0.7 * s.arrival[:, 2]),
         ("wrist_coupling", "wrist", "theta_6", lambda s: 0.7 * s.q_rad[:, 4]),
         ("joint_compliance", "joint 4", "theta_4", lambda s: -0.7 * s.tau_Nm[:, 3]),
     ],
@@ -33,6 +35,20 @@ def test_turns_the_joint_as_the_vocabulary_says(name, of, coordinate, form, at, 
     effect = at(name, of)
     assert effect.coordinates == (coordinate,)
     np.testing.assert_allclose(effect.shift(states, np.array([0.7]))[:, 0], form(states))
+
+
+def test_a_controller_errs_where_the_joint_moved_and_backlash_where_it_came_from(at, states):
+    moved = np.where(np.arange(len(states))[:, None] % 2 == 0, 0.0, states.arrival)
+    stayed = replace(states, moved=moved)
+    error, backlash = at("arrival_error", "joint 3"), at("backlash", "joint 3")
+    one = np.ones(1)
+    np.testing.assert_array_equal(error.shift(stayed, one)[:, 0], moved[:, 2])
+    np.testing.assert_array_equal(backlash.shift(stayed, one)[:, 0], states.arrival[:, 2])
+
+
+def test_a_controller_cannot_err_where_angles_were_read_back(context):
+    logged = candidates(replace(context, commanded=False))
+    assert {e.id for e in candidates(context)} - {e.id for e in logged} == {"arrival_error"}
 
 
 @pytest.mark.parametrize("order", [1, 2])

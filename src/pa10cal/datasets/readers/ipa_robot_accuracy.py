@@ -102,6 +102,7 @@ def _campaign(
         held_out_fraction=HELD_OUT,
         readings=AsItIs(folder / SERIES[name], columns),
         files=(SERIES[name],),
+        joints="commanded",
     )
 
 

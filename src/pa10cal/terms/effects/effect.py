@@ -35,6 +35,7 @@ class CandidateContext:
         tool_kg: mass stated of the tool; 0 where it is not known.
         torques: where torques come from: `logged`, `masses`, or `none`.
         gravity_m_s2: (3,) gravity along the base's axes, or None.
+        commanded: whether joint positions are those commanded, and not read back.
     """
 
     arm: Arm
@@ -49,6 +50,7 @@ class CandidateContext:
     tool_kg: float = 0.0
     torques: Literal["logged", "masses", "none"] = "none"
     gravity_m_s2: Array | None = None
+    commanded: bool = False
 
     @property
     def rated_Nm(self) -> Array:

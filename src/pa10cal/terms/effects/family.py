@@ -68,6 +68,7 @@ def vocabulary_of(arm: Arm) -> tuple[tuple[Effect, ...], ...]:
         p_instr_middle_m=np.zeros(3),
         q_span_rad=arm.limits_rad,
         time_span_s=(0.0, 3600.0),
+        commanded=True,
     )
     return tuple(
         places

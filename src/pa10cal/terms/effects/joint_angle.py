@@ -60,6 +60,40 @@ class Backlash(JointEffect):
 
 
 @dataclass(frozen=True)
+class ArrivalError(JointEffect):
+    """A controller that stops short of its command: c in the direction moved, 0 where it stayed.
+
+    Lost motion acts behind the motor, whatever its controller does, and is a joint's own. A
+    controller stops where friction lets it, by another amount in each campaign, and only angles
+    that were commanded and not read back hide where it stopped.
+    """
+
+    id: ClassVar[str] = "arrival_error"
+
+    @classmethod
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
+        """Return it at every joint that turns, where positions are those commanded."""
+        return super().everywhere(context) if context.commanded else ()
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return (
+            f"theta_{self.joint} += c, the sign that of the move to here, 0 of a joint that stayed"
+        )
+
+    @property
+    def reported(self) -> tuple[Parameter, ...]:
+        """Return how far beyond its command the joint stops."""
+        return (Parameter("c", "rad", 1e-5, plausible=1e-4),)
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the direction moved, (P, 1, 1)."""
+        del x
+        return states.since_before[:, self.joint - 1, None, None]
+
+
+@dataclass(frozen=True)
 class WristCoupling(NamedEffect):
     """The last joint turns with the one before it: c q_(n-1) [rad], c without unit.
 
