@@ -44,7 +44,7 @@ reproduce: setup
 	@$(BIN)/pa10cal reproduce --cores $(CORES)
 
 figures: setup
-	$(SNAKEMAKE) figures
+	@$(BIN)/pa10cal reproduce --figures --cores $(CORES)
 
 report: setup
 	$(SNAKEMAKE) --report results/report.html

@@ -46,6 +46,13 @@ def test_a_line_a_stage_then_one_table_and_the_path_of_the_report(started, capsy
     assert report[report.index("--report") + 1] == "results/report.html"
 
 
+def test_figures_alone(started, capsys):
+    assert main(["reproduce", "--figures"]) == 0
+    assert "results/cell-a/figures, results/cell-a/tables" in capsys.readouterr().out
+    (work,) = started
+    assert work.command[-1] == "figures"
+
+
 def test_other_campaigns_stand_in_a_file_of_settings(started, tmp_path, capsys):
     path = tmp_path / "mine.yaml"
     path.write_text(

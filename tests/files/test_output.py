@@ -1,5 +1,10 @@
 """Outputs are whole or not there."""
 
+import errno
+import resource
+import subprocess
+import sys
+
 import pytest
 from hypothesis import strategies as st
 
@@ -70,6 +75,41 @@ def test_one_place_that_is_unfit_keeps_all_outputs_back(tmp_path):
         ):
             pytest.fail("the block must not be entered")
         assert {path.name for path in tmp_path.iterdir()} == {"taken", "file"}
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_a_full_disk_is_told_with_the_path(tmp_path, number):
+    path = tmp_path / "a/result.json"
+    with pytest.raises(OutputError, match=r"a/result\.json: .*make room"), whole_file(path):
+        raise OSError(number, "any text")
+    assert list((tmp_path / "a").iterdir()) == []
+
+
+def test_a_disk_that_fills_at_the_very_end_leaves_the_former_output(tmp_path, monkeypatch):
+    path = tmp_path / "result.txt"
+    write_text(path, "former")
+
+    def full(file):
+        raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr("pa10cal.files.output.os.fsync", full)
+    with pytest.raises(OutputError, match=r"result\.txt: .*No space left"):
+        write_text(path, "new")
+    assert path.read_text() == "former"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_limit_on_sizes_is_one_message(tmp_path):
+    code = "import sys; from pathlib import Path; from pa10cal.files.output import write_text\n"
+    code += "write_text(Path(sys.argv[1]), 'x' * 100_000)"
+    done = subprocess.run(
+        [sys.executable, "-c", code, tmp_path / "big.txt"],
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)),
+        capture_output=True,
+        text=True,
+    )
+    assert "big.txt: the output cannot be written (got 'File too large')" in done.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)

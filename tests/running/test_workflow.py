@@ -5,6 +5,10 @@ from __future__ import annotations
 import fcntl
 import io
 import os
+import signal
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -35,7 +39,9 @@ def run(tmp_path, monkeypatch):
         (rules / "Snakefile").write_text(text.replace("CODE", code))
         out = io.StringIO()
         more = ("--quiet", "all", "--logger", "pa10cal")
-        work = Workflow("Snakefile", {}, tmp_path / "out", 1, ("mine/poses.txt",), None, more)
+        work = Workflow(
+            "Snakefile", {}, tmp_path / "out", tmp_path / "out", 1, ("mine/poses.txt",), None, more
+        )
         run_workflow(work, shown or RunDisplay(lines=lines, out=out))
         return out.getvalue()
 
@@ -96,6 +102,40 @@ def test_an_interrupt_ends_the_workflow_and_its_jobs(run, tmp_path):
         with pytest.raises(ProcessLookupError):
             os.kill(int(pid.read_text()), 0)
     assert not (tmp_path / "out/mine/poses.txt").exists()
+
+
+class Killing(RunDisplay):
+    """Kills Snakemake as soon as a job is at work."""
+
+    def tick(self):
+        for place in Path("/proc").glob("[0-9]*/cmdline"):
+            with suppress(OSError):
+                if self.mark in place.read_bytes() and b"snakemake" in place.read_bytes():
+                    os.kill(int(place.parent.name), signal.SIGKILL)
+
+
+def test_a_workflow_that_is_killed_takes_its_jobs_along_and_goes_on(run, tmp_path):
+    shown = Killing(lines=False, out=io.StringIO())
+    shown.mark = str(tmp_path).encode()
+    with pytest.raises(StageError, match=r"ended by signal 9.*the same command again"):
+        run("echo $$ > pid; sleep 100; touch {output}", shown=shown)
+    if (tmp_path / "out/pid").exists():
+        pid = int((tmp_path / "out/pid").read_text())
+        stat = Path(f"/proc/{pid}/stat")
+        assert not stat.exists() or ") Z " in stat.read_text()
+    assert "read the raw files" in run("touch {output}")
+
+
+@pytest.mark.parametrize("code", ["kill -9 $$", "bash -c 'kill -9 $$' | tee {log}"])
+def test_a_job_that_is_killed_is_told(run, code):
+    with pytest.raises(StageError, match="without a message, as one that is killed"):
+        run(code)
+
+
+def test_a_full_disk_is_told_where_no_command_can(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(running.shutil, "disk_usage", lambda place: SimpleNamespace(free=0))
+    with pytest.raises(OutputError, match=r"out: the results cannot be written \(got 'No space"):
+        run("exit 1")
 
 
 def test_one_run_at_a_time_works_in_a_folder(run, tmp_path):

@@ -6,7 +6,7 @@ import shlex
 import sys
 from pathlib import Path
 
-from pa10cal.errors import SettingsError
+from pa10cal.errors import Pa10calError, SettingsError
 from pa10cal.planning.campaign import (
     arm_files,
     campaign_name,
@@ -18,6 +18,8 @@ from pa10cal.planning.campaign import (
 )
 from pa10cal.planning.code import code_digest
 from pa10cal.planning.trials import trial_counts
+from pa10cal.running.alone import SHARED, WORK_FOLDER, hold
+from pa10cal.running.parents import PARENTS, end_with_parents
 from pa10cal.settings import parse_settings
 
 
@@ -36,10 +38,24 @@ for campaign in SETTINGS.campaigns:
         refuse(missing_campaign(SETTINGS.raw_dir, campaign))
 
 # Setting a prefix drops Snakemake's own, so the first part repeats it. The second lets the rules say
-# `python` whether or not the environment of Snakemake is activated.
+# `python` whether or not the environment of Snakemake is activated. With the others a job ends when
+# Snakemake or its shell does, and is waited for by the next run as long as it lives.
+WORK = Path(SETTINGS.results_dir).resolve() / WORK_FOLDER
 shell.prefix(
     f'set -euo pipefail; export PATH={shlex.quote(str(Path(sys.executable).parent))}:"$PATH"; '
+    f'export {PARENTS}="{os.getpid()} $$" {SHARED}={shlex.quote(str(WORK))}; '
 )
+
+if workflow.is_main_process:
+    end_with_parents()
+
+
+# Snakemake's own lock, of the working folder, stays when it is killed; profiles and commands do without.
+onstart:
+    try:
+        hold(Path(SETTINGS.results_dir))
+    except Pa10calError as error:
+        refuse(error)
 
 
 wildcard_constraints:

@@ -84,6 +84,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: arguments without the program's name; None for the process's own.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    if "PA10CAL_PARENTS" in os.environ:  # a job of a workflow
+        from pa10cal.running.alone import share
+        from pa10cal.running.parents import end_with_parents
+
+        end_with_parents()
+        share()
     try:
         try:
             return _run(words)

@@ -5,22 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 
 
-def reproduce(*, cores: int = 0, settings: Path | None = None, report: bool = True) -> None:
+def reproduce(*, cores: int = 0, settings: Path | None = None, figures: bool = False) -> None:
     """Run the whole workflow in this folder, a line a stage, and end with one table.
 
-    The campaigns are those of config.yaml. `make reproduce` calls it.
+    The campaigns are those of config.yaml. `make reproduce` and `make figures` call it. What is up
+    to date is not made again, so the same command goes on where a run was interrupted or killed.
 
     Args:
         cores: how many to use; 0 for all.
         settings: settings over those of config.yaml (.yaml).
-        report: write the workflow's own report too, with every picture of every campaign, as
-            `report.html` among the results.
+        figures: make figures and tables alone, and what they are drawn from; otherwise everything,
+            and the workflow's own report with every picture, as `report.html` among the results.
 
     Examples:
         pa10cal reproduce
         pa10cal reproduce --cores 1 --settings my_campaigns.yaml
     """
     import sys
+    from dataclasses import replace
 
     from pa10cal.running.display import RunDisplay
     from pa10cal.running.settings_files import settings_of
@@ -38,15 +40,20 @@ def reproduce(*, cores: int = 0, settings: Path | None = None, report: bool = Tr
     )
     try:
         quiet = ("--quiet", "all", "--logger", "pa10cal")
-        run_workflow(Workflow("Snakefile", {}, here, cores, (), settings, quiet), display)
-        if report:
+        targets = ("figures",) if figures else ()
+        whole = Workflow("Snakefile", {}, here, here / results, cores, targets, settings, quiet)
+        run_workflow(whole, display)
+        if not figures:
             more = ("--quiet", "all", "--report", str(results / "report.html"))
-            run_workflow(Workflow("Snakefile", {}, here, cores, (), settings, more), display)
+            run_workflow(replace(whole, more=more), display)
     finally:
         display.close()
+    if figures:
+        for name in used.campaigns:
+            print(f"{results / name / 'figures'}, {results / name / 'tables'}")
+        return
     calibration = used.evaluation.calibration
     print(f"\n{table([summarise(results / name, calibration) for name in used.campaigns])}\n")
     print(f"in all {display.seconds:.0f} s")
     print(reports([results / name for name in used.campaigns]))
-    whole = results / "report.html"
-    print(f"every picture  {whole}" if report else f"results  {results}")
+    print(f"every picture  {results / 'report.html'}")

@@ -28,10 +28,11 @@ def run(
     from pa10cal.commands.report import write_what_there_is
     from pa10cal.errors import OutputError
     from pa10cal.files.output import writing_into
+    from pa10cal.running.alone import WORK_FOLDER, alone
     from pa10cal.running.display import RunDisplay
     from pa10cal.running.settings_files import settings_of
     from pa10cal.running.summary import paths, summarise, table
-    from pa10cal.running.workflow import WORK_FOLDER, StageError, Workflow, run_workflow
+    from pa10cal.running.workflow import StageError, Workflow, run_workflow
 
     folder, out = folder.absolute(), out.absolute()
     name = read_description(folder).name
@@ -47,22 +48,25 @@ def run(
             allowed="a folder that neither is nor lies in the folder of raw files",
             remedy="give another one",
         )
-    with writing_into(out, "the results", "give another one with --out"):
-        raw.mkdir(parents=True, exist_ok=True)
-        if link.is_symlink():
-            link.unlink()
-        link.symlink_to(folder, target_is_directory=True)
     display = RunDisplay(lines=False)
     config = {"campaigns": f'["{name}"]', "raw_dir": str(raw), "results_dir": str(out)}
     quiet = ("--quiet", "all", "--logger", "pa10cal")
-    workflow = Workflow("workflow/run.smk", config, out, cores, ("campaigns",), settings, quiet)
-    try:
-        run_workflow(workflow, display)
-    except StageError as error:
-        told = str(error).replace(str(link), str(folder))
-        ended = write_what_there_is(out / name, folder, used.evaluation.calibration)
-        raise StageError(told if ended is None else f"{told}; report so far: {ended}") from None
-    finally:
-        display.close()
+    targets = ("campaigns",)
+    workflow = Workflow("workflow/run.smk", config, out, out, cores, targets, settings, quiet)
+    with alone(out):
+        with writing_into(out, "the results", "give another one with --out"):
+            raw.mkdir(parents=True, exist_ok=True)
+            if link.is_symlink():
+                link.unlink()
+            link.symlink_to(folder, target_is_directory=True)
+        try:
+            run_workflow(workflow, display)
+        except StageError as error:
+            told = str(error).replace(str(link), str(folder))
+            ended = write_what_there_is(out / name, folder, used.evaluation.calibration)
+            told = told if ended is None else f"{told}; report so far: {ended}"
+            raise StageError(told) from None
+        finally:
+            display.close()
     print(table([summarise(out / name, used.evaluation.calibration)]))
     print(f"\n{paths(out / name)}\nin {display.seconds:.0f} s")

@@ -1,14 +1,23 @@
-"""Outputs appear whole or not at all: written beside their place, then renamed."""
+"""Outputs appear whole or not at all: written beside their place, brought to the disk, renamed.
+
+A file that is being written is locked by its process, so that what a killed one left can be told
+from what another one writes now, on this machine or on another one.
+"""
 
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from pa10cal.errors import OutputError
+
+_PARTIAL = ".partial."
+#: What a full disk, or a limit on sizes, answers.
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
@@ -29,7 +38,7 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
     """Yield temporary paths beside several outputs; move all into place, or none.
 
     Raises:
-        OutputError: when one of them cannot be written at its place.
+        OutputError: when one of them cannot be written at its place, or there is no room for it.
     """
     twice = [
         path for k, path in enumerate(paths) if path.resolve() in {p.resolve() for p in paths[:k]}
@@ -41,27 +50,49 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
             allowed="a different path for each output",
             remedy="give different paths",
         )
-    besides = tuple(path.with_name(f".{os.getpid()}.partial.{path.name}") for path in paths)
-    try:
-        for path, beside in zip(paths, besides, strict=True):
-            _claim(path, beside)
-        yield besides
+    besides = tuple(path.with_name(f".{os.getpid()}{_PARTIAL}{path.name}") for path in paths)
+    with ExitStack() as stack:
+        for beside in besides:
+            stack.callback(_remove, beside)
+        files = [
+            stack.enter_context(_claimed(path, beside))
+            for path, beside in zip(paths, besides, strict=True)
+        ]
+        try:
+            yield besides
+        except OSError as error:
+            if error.errno in _NO_ROOM:
+                raise _unwritable(paths[0], error) from None
+            raise
+        # All are on the disk before the first has its name: no crash leaves a name of nothing.
+        for path, file in zip(paths, files, strict=True):
+            try:
+                os.fsync(file)
+            except OSError as error:
+                raise _unwritable(path, error) from None
         for path, beside in zip(paths, besides, strict=True):
             _move(beside, path)
-    finally:
-        for beside in besides:
-            _remove(beside)
 
 
-def _claim(path: Path, beside: Path) -> None:
-    """Make the folder and the temporary file, so that an unfit place is known before any work."""
+@contextmanager
+def _claimed(path: Path, beside: Path) -> Iterator[int]:
+    """Make the folder and the locked file, so that an unfit place is known before any work."""
     try:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         path.parent.mkdir(parents=True, exist_ok=True)
-        beside.touch()
+        for former in path.parent.iterdir():
+            if former.name.endswith(_PARTIAL + path.name):
+                _remove_of_dead(former)
+        file = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
     except OSError as error:
         raise _unwritable(path, error) from None
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(file, fcntl.LOCK_SH)
+        yield file
+    finally:
+        os.close(file)
 
 
 def _move(beside: Path, path: Path) -> None:
@@ -74,6 +105,21 @@ def _move(beside: Path, path: Path) -> None:
 def _remove(beside: Path) -> None:
     with suppress(OSError):  # where nothing could be written there is nothing to remove
         beside.unlink()
+
+
+def remove_partials(folder: Path) -> None:
+    """Remove what killed processes left of outputs below a folder, and nothing of living ones."""
+    for place, _, names in os.walk(folder):
+        for name in names:
+            if name.startswith(".") and _PARTIAL in name:
+                _remove_of_dead(Path(place, name))
+
+
+def _remove_of_dead(partial: Path) -> None:
+    """Remove a file beside its place unless the process that writes it lives."""
+    with suppress(OSError), partial.open("r+b") as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by its writer
+        partial.unlink()
 
 
 @contextmanager
@@ -95,18 +141,19 @@ def writing_into(folder: Path, what: str, remedy: str) -> Iterator[None]:
             f"{what} cannot be written",
             where=str(folder),
             value=error.strerror,
-            allowed="a folder that may be written to",
-            remedy=remedy,
+            allowed="a folder that may be written to, with room in it",
+            remedy="make room on the disk" if error.errno in _NO_ROOM else remedy,
         ) from None
 
 
 def _unwritable(path: Path, error: OSError) -> OutputError:
+    remedy = "give another path, or remove what is in the way"
     return OutputError(
         "the output cannot be written",
-        where=str(path),
-        value=error.strerror,
-        allowed="a file in a folder that may be written to",
-        remedy="give another path, or remove what is in the way",
+        where=str(path.with_name(path.name.rpartition(_PARTIAL)[2])),
+        value=os.strerror(error.errno) if error.errno else str(error),
+        allowed="a file in a folder that may be written to, with room for it",
+        remedy="make room on the disk" if error.errno in _NO_ROOM else remedy,
     )
 
 

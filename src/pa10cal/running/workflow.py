@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import fcntl
+import errno
 import json
 import os
+import re
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,13 +21,15 @@ from typing import Any, Protocol
 import pa10cal
 from pa10cal.errors import OutputError, Pa10calError, last_message
 from pa10cal.extras import MissingPackageError
-from pa10cal.files.output import writing_into
+from pa10cal.running.alone import alone
+from pa10cal.running.parents import PARENTS
 
-#: Beside a results folder: Snakemake's own files, and what it and the commands print.
-WORK_FOLDER = ".pa10cal"
+#: In the work folder: what Snakemake and the commands print.
 PRINTED = "printed.log"
 #: So often a display is told that time has passed [s].
 _TICK_S = 0.5
+#: With less room than this on the disk nothing can be written [bytes].
+_LEAST_FREE = 1 << 16
 
 
 class Display(Protocol):
@@ -52,7 +56,8 @@ class Workflow:
         file: Snakefile, inside the folder of the workflow.
         targets: rules or files; none for the default.
         config: settings, each as YAML on one line.
-        folder: working folder; gets `WORK_FOLDER`.
+        folder: working folder; gets Snakemake's own files.
+        results: folder of results; gets the work folder.
         cores: how many to use; 0 for all.
         settings: file of settings, over the shipped ones.
         more: further options of Snakemake.
@@ -61,6 +66,7 @@ class Workflow:
     file: str
     config: Mapping[str, str]
     folder: Path
+    results: Path
     cores: int = 0
     targets: Sequence[str] = ()
     settings: Path | None = None
@@ -120,17 +126,17 @@ def refuse_without_snakemake() -> None:
 def run_workflow(workflow: Workflow, display: Display) -> None:
     """Run the workflow to its end, and tell a display what happens.
 
-    What Snakemake and the commands print goes to `WORK_FOLDER/PRINTED`.
+    What Snakemake and the commands print goes to `PRINTED` in the work folder.
 
     Raises:
         StageError: when a command, or the workflow itself, refuses.
-        OutputError: when another run is at work in the folder, or it cannot be written to.
+        OutputError: when another run is at work on the results, or they cannot be written.
         RuntimeError: when a command, or the workflow, fails.
     """
     refuse_without_snakemake()
     with (
-        _alone(workflow.folder) as work,
-        (work / PRINTED).open("w+", encoding="utf-8") as printed,
+        alone(workflow.results) as work,
+        (work / PRINTED).open("w+", encoding="utf-8", errors="replace") as printed,
         _ended_as_interrupted(),
     ):
         reading, writing = os.pipe()
@@ -139,7 +145,7 @@ def run_workflow(workflow: Workflow, display: Display) -> None:
             stdin=subprocess.DEVNULL,
             stdout=printed,
             stderr=subprocess.STDOUT,
-            env={**os.environ, "PA10CAL_EVENTS": str(writing)},
+            env={**os.environ, "PA10CAL_EVENTS": str(writing), PARENTS: str(os.getpid())},
             pass_fds=(writing,),
             start_new_session=True,  # an interrupt is passed on once, below
         )
@@ -153,9 +159,11 @@ def run_workflow(workflow: Workflow, display: Display) -> None:
         except BaseException:
             _stop(child)
             raise
+        finally:
+            _kill(child.pid, signal.SIGKILL)  # jobs of a workflow that was killed itself
         if code != 0:
             printed.seek(0)
-            raise _failure(failed, workflow.folder, printed.read())
+            raise _failure(code, failed, workflow, printed.read())
 
 
 def _events(pipe: int, display: Display) -> Iterator[dict[str, Any]]:
@@ -187,16 +195,18 @@ def _tell(display: Display, event: dict[str, Any], failed: list[str]) -> None:
         failed += event["log"] or []
 
 
-def _failure(logs: Sequence[str], folder: Path, printed: str) -> Exception:
+def _failure(code: int, logs: Sequence[str], workflow: Workflow, printed: str) -> Exception:
     """Return why a run failed: the message of the command, or else of the workflow itself."""
+    told = None
     for log in logs:
         with suppress(OSError):
-            printed = (folder / log).read_text(encoding="utf-8", errors="replace")
+            told = last_message(
+                (workflow.folder / log).read_text(encoding="utf-8", errors="replace")
+            )
             break
-    told = last_message(printed)
+    told = told or last_message(printed)
     if told is None:
-        last = [line for line in printed.splitlines() if line.strip()][-8:]
-        return RuntimeError("the workflow failed: " + " | ".join(last))
+        return _failure_untold(code, workflow, printed)
     words, message = told
     stage = words.removeprefix("pa10cal").strip()
     if "internal fault" in message:
@@ -204,14 +214,41 @@ def _failure(logs: Sequence[str], folder: Path, printed: str) -> Exception:
     return StageError(f"{stage}: {message}" if stage else message)
 
 
+def _failure_untold(code: int, workflow: Workflow, printed: str) -> Exception:
+    """Return why a run failed of which no command says why."""
+    full = os.strerror(errno.ENOSPC)
+    if full in printed or shutil.disk_usage(workflow.results).free < _LEAST_FREE:
+        return OutputError(
+            "the results cannot be written",
+            where=str(workflow.results),
+            value=full,
+            allowed="a folder with room in it",
+            remedy="make room on the disk, then run the same command again",
+        )
+    last = [line for line in printed.splitlines() if line.strip()][-8:]
+    if code >= 0 and last and not re.search(r"\bKilled\b", printed):
+        return RuntimeError("the workflow failed: " + " | ".join(last))
+    what = "a stage ended without a message, as one that is killed where memory runs out"
+    if code < 0:
+        what = f"the workflow was ended by signal {-code}"
+    return StageError(f"{what}; run the same command again: it goes on from there")
+
+
 def _stop(child: subprocess.Popen[bytes]) -> None:
-    """Let the workflow and its jobs end, as they do when interrupted at a keyboard."""
+    """Let the workflow and its jobs end, as they do when interrupted at a keyboard.
+
+    Another interrupt while they do so makes it quicker.
+    """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-        with suppress(ProcessLookupError):
-            os.killpg(child.pid, number)
-        with suppress(subprocess.TimeoutExpired):
+        _kill(child.pid, number)
+        with suppress(subprocess.TimeoutExpired, KeyboardInterrupt):
             child.wait(timeout=10)
             return
+
+
+def _kill(group: int, number: signal.Signals) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(group, number)
 
 
 @contextmanager
@@ -229,27 +266,3 @@ def _ended_as_interrupted() -> Iterator[None]:
     finally:
         for number, handler in former.items():
             signal.signal(number, handler)
-
-
-@contextmanager
-def _alone(folder: Path) -> Iterator[Path]:
-    """Hold a working folder for this run; the system lets go of it however the run ends.
-
-    Raises:
-        OutputError: when it cannot be written to, or another run holds it.
-    """
-    work = folder / WORK_FOLDER
-    with writing_into(folder, "the results", "give another one with --out"):
-        work.mkdir(parents=True, exist_ok=True)
-        lock = (work / "lock").open("w")
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise OutputError(
-                "another run is at work in this folder",
-                where=str(folder),
-                allowed="one run at a time",
-                remedy="wait for it to end, or give another folder with --out",
-            ) from None
-        yield work
