@@ -33,6 +33,7 @@ include: "workflow/rules/coverage.smk"
 include: "workflow/rules/blind_trials.smk"
 include: "workflow/rules/ur10.smk"
 include: "workflow/rules/curve.smk"
+include: "workflow/rules/fleet.smk"
 include: "workflow/rules/campaigns.smk"
 
 

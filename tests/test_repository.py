@@ -137,6 +137,16 @@ MAY_IMPORT = {
         "settings",
     },
     "running": {"files.output", "results", "settings"},
+    "fleet": {
+        "calibration.options",
+        "campaign.options",
+        "discovery.options",
+        "evaluation",
+        "files.cells",
+        "fit",
+        "frame.options",
+        "running.summary",
+    },
     "reports": {
         "observe.quantities",
         "observe.registry",

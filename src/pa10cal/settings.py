@@ -27,6 +27,7 @@ RESERVED = (
     "blind_trials_tracked",
     "curve",
     "datasets",
+    "fleet",
     "simulated",
     "wild_trials",
 )
@@ -46,7 +47,8 @@ class Settings(Section):
     """The whole of config.yaml."""
 
     campaigns: Annotated[tuple[CampaignName, ...], Field(min_length=1)] = Field(
-        description="folders of raw_dir to work on"
+        description="folders of raw_dir; Snakemake also takes a table (.csv) or a pattern: '*'",
+        json_schema_extra={"type": ["array", "string"]},
     )
     raw_dir: str = Field("data/raw", description="campaigns, only read")
     results_dir: str = Field("results", description="one folder a campaign is written here")

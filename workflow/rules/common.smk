@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from pa10cal.errors import Pa10calError, SettingsError
+from pa10cal.fleet.campaigns import campaigns_of
 from pa10cal.planning.campaign import (
     arm_files,
     campaign_name,
@@ -29,11 +30,17 @@ def refuse(error):
     sys.exit(2)
 
 
+# What stands in a table or fits a pattern is looked for when it is worked on: one campaign of many
+# that is not there stops no other.
+FLEET = config.get("campaigns")
 try:
+    if isinstance(FLEET, str):
+        listed = campaigns_of(FLEET, Path(config.get("raw_dir", "data/raw")))
+        config["campaigns"] = [each.campaign for each in listed]
     SETTINGS = parse_settings(config, where="config.yaml or --config")
 except SettingsError as error:
     refuse(error)
-for campaign in SETTINGS.campaigns:
+for campaign in () if isinstance(FLEET, str) else SETTINGS.campaigns:
     if not Path(SETTINGS.raw_dir, campaign, "campaign.yaml").is_file():
         refuse(missing_campaign(SETTINGS.raw_dir, campaign))
 

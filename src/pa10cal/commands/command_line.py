@@ -37,9 +37,10 @@ CLOSED = 141
 
 #: Commands by whom they serve, as `--help` lists them. Each is a function in a module of its name.
 GROUPS = {
-    "a campaign from raw files to a model": ("plan", "run", "report", "columns", "doctor"),
+    "a campaign from raw files to a model": ("plan", "run", "report", "fleet", "columns", "doctor"),
     "a calibrated robot in use": ("predict", "compensate", "compare"),
     "one step of a run": (
+        "chain",
         "ingest",
         "seed",
         "calibrate",
@@ -49,6 +50,7 @@ GROUPS = {
         "transfer",
         "export",
         "figures",
+        "fleet_summary",
     ),
     "arms, effects and public data": ("effects", "import_arm", "fetch", "import"),
     "for maintainers: simulations and studies": (

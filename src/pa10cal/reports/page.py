@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -79,8 +79,32 @@ def write_page(
 
 
 def page_text(found: Gathered) -> str:
-    """Return the page as HTML, everything in it that it needs."""
-    sections = [section(found) for section in _SECTIONS]
+    """Return the page of a campaign as HTML, everything in it that it needs."""
+    return rendered(
+        found.campaign,
+        list(_glances(found)),
+        [section(found) for section in _SECTIONS],
+        synthetic=found.synthetic,
+    )
+
+
+def rendered(
+    title: str,
+    glances: Sequence[Glance],
+    sections: Sequence[Section],
+    *,
+    synthetic: bool,
+    over: str = "Calibration report",
+) -> str:
+    """Return a page as HTML, everything in it that it needs.
+
+    Args:
+        title: what it is of.
+        glances: the answers at its top.
+        sections: in the order of reading.
+        synthetic: whether what it shows was simulated.
+        over: what kind of page it is, above the title.
+    """
     environment = Environment(
         loader=PackageLoader("pa10cal.reports"),
         autoescape=True,
@@ -90,9 +114,10 @@ def page_text(found: Gathered) -> str:
     )
     style = files("pa10cal.reports").joinpath("templates/page.css").read_text(encoding="utf-8")
     text: str = environment.get_template("page.html.j2").render(
-        campaign=found.campaign,
-        synthetic=SYNTHETIC if found.synthetic else None,
-        glances=list(_glances(found)),
+        campaign=title,
+        over=over,
+        synthetic=SYNTHETIC if synthetic else None,
+        glances=glances,
         sections=sections,
         style=Markup(style),
         library=library() if _any_drawing(sections) else None,
@@ -125,7 +150,7 @@ def _glances(found: Gathered) -> Iterator[Glance]:
         yield Glance("Position error", said, f"{over}; {peaks}.")
 
 
-def _any_drawing(sections: list[Section]) -> bool:
+def _any_drawing(sections: Sequence[Section]) -> bool:
     return any(
         isinstance(block, Drawing | Beside) for section in sections for block in _inside(section)
     )

@@ -27,6 +27,7 @@ from pa10cal.results.comparison import ComparisonRecord
 from pa10cal.results.curve import CurveRecord
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, TransferRecord
+from pa10cal.results.fleet import ChainRecord, FleetRecord
 from pa10cal.results.iso9283 import Iso9283Record
 from pa10cal.results.montecarlo import PlaneRecord
 from pa10cal.results.pictures import PicturesRecord
@@ -55,6 +56,8 @@ RECORDS: tuple[type[Record], ...] = (
     ComparisonRecord,
     PlanRecord,
     PicturesRecord,
+    ChainRecord,
+    FleetRecord,
     CurveRecord,
     CurveCalibrationRecord,
     CoverageRecord,

@@ -19,6 +19,8 @@ _WORDS = {
     "export": "write the model",
     "pictures": "draw figures and tables",
     "page": "write the report",
+    "chain": "raw files to model",
+    "fleet": "summarise the fleet",
     "judge_trials": "blind trials",
     "score_trials": "score blind trials",
     "trial_pictures": "draw blind trials",

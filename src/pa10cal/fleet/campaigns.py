@@ -1,0 +1,130 @@
+"""Which campaigns a fleet consists of: a table of them, or every folder that fits a pattern."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pa10cal.errors import SettingsError
+from pa10cal.names import ALLOWED, fits_a_folder
+
+#: A table of campaigns larger than this is none [bytes].
+_MOST_BYTES = 64 * 1024**2
+_COLUMNS = ("campaign", "arm", "measured")
+
+
+@dataclass(frozen=True)
+class Listed:
+    """One campaign of a fleet.
+
+    Attributes:
+        campaign: name of its folder.
+        arm: which arm was measured; without a statement every campaign is of an arm of its own.
+        measured: when, in letters that sort by time, such as 2026-03-31; empty where not stated.
+    """
+
+    campaign: str
+    arm: str
+    measured: str = ""
+
+
+def campaigns_of(asked: str, raw_dir: Path) -> tuple[Listed, ...]:
+    """Return the campaigns of a fleet.
+
+    Args:
+        asked: a table (.csv) with the column `campaign` and, where known, `arm` and `measured`; or
+            a pattern of folders in `raw_dir`, such as `*` or `2026-*`; or names with commas.
+        raw_dir: folder of the campaigns.
+
+    Raises:
+        SettingsError: when there are none, the table cannot be read, or a name is not fit for a
+            folder or stands twice.
+    """
+    if asked.endswith(".csv"):
+        return _checked(_of_table(Path(asked)), asked)
+    if "," in asked:
+        return _checked([(asked, Listed(name, name)) for name in asked.split(",")], asked)
+    pattern = asked.removeprefix(f"{raw_dir}/")
+    if "/" in pattern or ".." in pattern:
+        raise SettingsError(
+            "no pattern of campaigns",
+            where="campaigns",
+            value=asked,
+            allowed=f"a table (.csv), or names of folders of {raw_dir} with *, such as 2026-*",
+            remedy="correct it, or set raw_dir",
+        )
+    names = sorted(path.parent.name for path in raw_dir.glob(f"{pattern}/campaign.yaml"))
+    return _checked([(f"{raw_dir}/{name}", Listed(name, name)) for name in names], asked)
+
+
+def in_order(listed: Iterable[Listed]) -> dict[str, list[Listed]]:
+    """Return the campaigns of each arm in the order in which they were measured."""
+    arms: dict[str, list[Listed]] = {}
+    for each in listed:
+        arms.setdefault(each.arm, []).append(each)
+    return {arm: sorted(found, key=lambda each: each.measured) for arm, found in arms.items()}
+
+
+def _of_table(path: Path) -> list[tuple[str, Listed]]:
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise ValueError(f"more than {_MOST_BYTES} bytes")
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = [row for row in csv.reader(file, strict=True) if any(map(str.strip, row))]
+    except (OSError, ValueError, csv.Error) as error:
+        raise SettingsError(
+            "the table of campaigns cannot be read",
+            where=str(path),
+            value=getattr(error, "strerror", None) or str(error),
+            allowed="UTF-8 text, columns divided by commas",
+            remedy="check the path and the file",
+        ) from None
+    header = [word.strip() for word in rows[0]] if rows else []
+    if "campaign" not in header or len(set(header)) < len(header):
+        raise SettingsError(
+            "the table of campaigns has no column campaign, or a column twice",
+            where=f"{path}, line 1",
+            value=",".join(header),
+            allowed=f"the column {_COLUMNS[0]} and, where known, {' and '.join(_COLUMNS[1:])}",
+            remedy="name the columns in its first line",
+        )
+    found = []
+    for number, row in enumerate(rows[1:], start=2):
+        of = dict(zip(header, (word.strip() for word in row), strict=False))
+        name = of.get("campaign", "")
+        listed = Listed(name, of.get("arm") or name, of.get("measured", ""))
+        found.append((f"{path}, row {number}", listed))
+    return found
+
+
+def _checked(found: list[tuple[str, Listed]], asked: str) -> tuple[Listed, ...]:
+    if not found:
+        raise SettingsError(
+            "there are no campaigns",
+            where="campaigns",
+            value=asked,
+            allowed="at least one campaign",
+            remedy="list some in the table, or correct the pattern or raw_dir",
+        )
+    seen: dict[str, str] = {}
+    for where, listed in found:
+        if not fits_a_folder(listed.campaign):
+            raise SettingsError(
+                "no name of a campaign",
+                where=where,
+                value=listed.campaign,
+                allowed=ALLOWED,
+                remedy="rename its folder, or correct the table",
+            )
+        if listed.campaign in seen:
+            raise SettingsError(
+                "a campaign stands twice",
+                where=where,
+                value=listed.campaign,
+                allowed=f"each campaign once; it stands in {seen[listed.campaign]} too",
+                remedy="remove one of the two",
+            )
+        seen[listed.campaign] = where
+    return tuple(listed for _, listed in found)

@@ -1,0 +1,78 @@
+"""Many campaigns of many arms: what became of each, and of the fleet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from pa10cal.results.record import CampaignRecord, Key, Part, Record, optional
+
+#: What became of a campaign.
+ChainStatus = Literal["done", "refused", "fault"]
+#: Why an arm needs attention, the most urgent first.
+Attention = Literal["no_result", "input", "moved", "incomplete", "none"]
+
+
+class ChainRecord(CampaignRecord):
+    """What became of one campaign of many: done, or where it ended and why."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-chain/1"
+    FILE: ClassVar[str] = "chain.json"
+    COMMAND: ClassVar[str] = "chain"
+
+    status: ChainStatus = Field(
+        description="`done`; `refused` where a stage refused its input; `fault` where one failed"
+    )
+    stage: str | None = optional("the stage that refused or failed")
+    message: str | None = optional("what it said")
+    robot: str | None = optional("the arm's description")
+    provenance: str | None = optional("where its data come from, in its own words")
+    grade: str | None = optional("of the calibration")
+    line: str | None = optional("the sentence of the grade")
+    verdict: str | None = optional("of the search for missing effects")
+    notes: tuple[str, ...] | None = optional("effects, faults and what is unexplained, a line each")
+    before_mm: float | None = optional("mean position error of the uncalibrated arm [mm]")
+    after_mm: float | None = optional("mean position error of the final model [mm]")
+    over: str | None = optional("poses that both are of: `held-out poses` or `fitted poses`")
+
+
+class FleetCampaign(Part):
+    """One campaign of the fleet."""
+
+    arm: str = Field(description="which arm it measured")
+    campaign: str = Field(description="name of its folder")
+    measured: str | None = optional("when it was measured, as the table of campaigns says")
+    became: ChainRecord = Field(description="its `chain.json`")
+    agrees: bool | None = optional("whether its model agrees with the arm's campaign before it")
+    moved: str | None = optional("the sentence of the comparison with the arm's campaign before it")
+
+
+class FleetArm(Part):
+    """One arm: how it stands after its last campaign."""
+
+    arm: str = Field(description="which arm")
+    campaigns: int = Field(description="campaigns of it")
+    last: str = Field(description="the last of them")
+    attention: Attention = Field(
+        description="`no_result`: the last campaign gave none; `input`: its grade or verdict says "
+        "that something in the data is wrong, or the fit did not converge; `moved`: its model "
+        "differs from the one before by more than chance; `incomplete`: an effect is missing "
+        "that has no single name; or `none`"
+    )
+    why: str = Field(description="the reason, in a sentence")
+
+
+class FleetRecord(Record):
+    """A fleet: every campaign, and every arm with those first that need attention."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-fleet/1"
+    FILE: ClassVar[str] = "fleet/fleet.json"
+    COMMAND: ClassVar[str] = "fleet_summary"
+
+    counts: Mapping[Annotated[str, Key("word")], int] = Field(
+        description="campaigns by what became of them: their grade, `refused` or `fault`"
+    )
+    arms: tuple[FleetArm, ...] = Field(description="every arm, those first that need attention")
+    campaigns: tuple[FleetCampaign, ...] = Field(description="every campaign, in the table's order")

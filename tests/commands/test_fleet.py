@@ -1,0 +1,102 @@
+import csv
+import shutil
+from pathlib import Path
+
+import pytest
+
+from pa10cal.commands import chain as chain_module
+from pa10cal.commands.command_line import main
+from pa10cal.results.codec import read
+from pa10cal.results.fleet import ChainRecord, FleetRecord
+
+EXAMPLE = Path(__file__).parents[2] / "examples/irb120-points"
+
+
+def take(raw, results):
+    return main(["chain", "--campaign-dir", str(raw), "--results", str(results)])
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """Results of two campaigns of one arm, the second of them the same as the first."""
+    place = tmp_path_factory.mktemp("fleet")
+    for name in ("first", "second"):
+        shutil.copytree(EXAMPLE, place / "raw" / name)
+        assert take(place / "raw" / name, place / "results" / name) == 0
+    return place
+
+
+def test_one_process_makes_what_the_single_stages_make(done, tmp_path):
+    results = done / "results/first"
+    found = read(ChainRecord, results / "chain.json", "first")
+    assert (found.status, found.grade, found.verdict) == ("done", "good", "not_sought")
+    assert found.after_mm < found.before_mm
+    raw, poses = str(done / "raw/first"), str(tmp_path / "poses.parquet")
+    quarantine = str(tmp_path / "quarantine.csv")
+    words = ["ingest", "--campaign-dir", raw, "--out", poses, "--quarantine", quarantine]
+    assert main(words) == 0
+    assert Path(poses).read_bytes() == (results / "ingest/poses.parquet").read_bytes()
+    parts = {path.name for path in results.iterdir()}
+    assert parts == {
+        *("chain.json", "ingest", "seed", "calibration", "discovery", "evaluation", "model")
+    }
+
+
+def test_a_campaign_that_is_refused_leaves_nothing_that_looks_like_a_result(done, tmp_path, capsys):
+    raw, results = tmp_path / "bad", tmp_path / "results"
+    shutil.copytree(EXAMPLE, raw)
+    assert take(raw, results) == 0
+    assert (results / "model/model.yaml").is_file()
+    text = (raw / "poses.csv").read_text("utf-8").replace("q3_deg", "q9_deg")
+    (raw / "poses.csv").write_text(text, "utf-8")
+    assert take(raw, results) == 0
+    found = read(ChainRecord, results / "chain.json")
+    assert (found.status, found.stage) == ("refused", "ingest")
+    assert "q3" in found.message
+    assert [path.name for path in results.iterdir()] == ["chain.json"]
+    assert "pa10cal chain: bad: ingest: " in capsys.readouterr().err
+
+
+def test_a_fault_of_the_program_ends_one_campaign_alone(tmp_path, monkeypatch):
+    def broken(*_):
+        def fail():
+            raise ZeroDivisionError("oh")
+
+        yield "ingest", fail
+
+    monkeypatch.setattr(chain_module, "_stages", broken)
+    assert take(EXAMPLE, tmp_path) == 0
+    found = read(ChainRecord, tmp_path / "chain.json")
+    assert (found.status, found.message) == ("fault", "internal fault: ZeroDivisionError: oh")
+
+
+def test_a_fleet_is_summarised_and_its_campaigns_are_compared(done, capsys):
+    table = done / "arms.csv"
+    table.write_text("campaign,arm,measured\nsecond,left,2026-02\nfirst,left,2026-01\n", "utf-8")
+    words = ["fleet_summary", "--campaigns", str(table), "--raw-dir", str(done / "raw")]
+    assert main([*words, "--results", str(done / "results"), "--out", str(done / "fleet")]) == 0
+    found = read(FleetRecord, done / "fleet/fleet.json")
+    assert [each.campaign for each in found.campaigns] == ["second", "first"]
+    assert found.campaigns[0].agrees is True
+    assert found.campaigns[1].agrees is None
+    assert (found.arms[0].campaigns, found.arms[0].last) == (2, "second")
+    with (done / "fleet/fleet.csv").open(encoding="utf-8") as file:
+        assert [row["agrees_with_previous"] for row in csv.DictReader(file)] == ["yes", ""]
+    assert "2 campaigns of 1 arms: 2 good" in capsys.readouterr().out
+
+
+def test_the_whole_way_is_one_command(tmp_path, capsys):
+    shutil.copytree(EXAMPLE, tmp_path / "raw/good-one")
+    (tmp_path / "raw/bad-one").mkdir()
+    (tmp_path / "raw/bad-one/campaign.yaml").write_text("nothing", "utf-8")
+    out = tmp_path / "results"
+    assert main(["fleet", "*", "--raw-dir", str(tmp_path / "raw"), "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "bad-one: no_result: bad-one: ingest: " in printed
+    assert "2 campaigns of 2 arms: 1 good, 1 refused" in printed
+    assert (out / "fleet/fleet.html").is_file()
+
+
+def test_a_fleet_of_nothing_is_refused(tmp_path, capsys):
+    assert main(["fleet", "gone.csv", "--raw-dir", str(tmp_path)]) == 2
+    assert "the table of campaigns cannot be read" in capsys.readouterr().err
