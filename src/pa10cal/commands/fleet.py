@@ -36,6 +36,7 @@ def fleet(
     from pa10cal.fleet.campaigns import campaigns_of
     from pa10cal.results.codec import read
     from pa10cal.results.fleet import FleetRecord
+    from pa10cal.running.alone import alone
     from pa10cal.running.display import RunDisplay
     from pa10cal.running.settings_files import settings_of
     from pa10cal.running.workflow import Workflow, run_workflow
@@ -49,11 +50,12 @@ def fleet(
     config = {name: json.dumps(text) for name, text in texts.items()}
     display = RunDisplay(lines=False)
     quiet = ("--quiet", "all", "--logger", "pa10cal")
-    workflow = Workflow("workflow/run.smk", config, out, cores, ("fleet",), settings, quiet)
-    try:
-        run_workflow(workflow, display)
-    finally:
-        display.close()
+    workflow = Workflow("workflow/run.smk", config, out, out, cores, ("fleet",), settings, quiet)
+    with alone(out):
+        try:
+            run_workflow(workflow, display)
+        finally:
+            display.close()
     found = read(FleetRecord, out / FleetRecord.FILE)
     for each in found.arms:
         if each.attention != "none":
