@@ -9,6 +9,7 @@ import numpy as np
 
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
+from pa10cal.discovery.formulas.propose import with_proposals
 from pa10cal.discovery.gates import gated
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.noise import LEAST_DIFFERENCES, LEAST_REPEATED, repeated
@@ -71,9 +72,9 @@ def discover(
         without = _judged(campaign, model, error_rate)
         if without.unexplained:
             # The rest does not fit either: nothing says that this pose is worse than the others.
-            return gated(without_names(found, carried))
+            return with_proposals(gated(without_names(found, carried)))
         found = without
-    return gated(found)
+    return with_proposals(gated(found))
 
 
 def without_names(found: Verdict[object], carried: Sequence[Finding[object]]) -> Verdict[object]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from pa10cal.discovery.evidence.discover import VerdictByRepeats
 from pa10cal.discovery.evidence.judge import FLIP_RATE, shared_error_mm
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.faults import Fault
+from pa10cal.discovery.formulas.record import proposed_formula
 from pa10cal.discovery.gap import trusted
 from pa10cal.discovery.gap_record import set_gap
 from pa10cal.discovery.next_poses.room import NextPose
@@ -116,6 +117,7 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
         effects=tuple(found_effect(finding, found) for finding in found.effects),
         faults=tuple(map(_fault, found.faults)),
         unexplained=all_unexplained(found.effects, found.unexplained),
+        proposed=tuple(map(proposed_formula, found.proposed)) or None,
         not_testable=not_testable(found.not_testable),
         below_detection_limit=None
         if found.below_detection_limit is None
@@ -288,14 +290,7 @@ def summary(verdict: VerdictKeys) -> list[str]:
         return [f"effects were not sought: {verdict.why}; {verdict.remedy}", *told]
     lines: list[str] = [verdict.verdict, *told]
     for effect in verdict.effects:
-        values = (
-            ", ".join(
-                f"{key} = {entry.value:.4g} ± {2.0 * entry.std:.1g} {entry.unit}"
-                for key, entry in effect.parameters.items()
-                if not key.startswith("knot")
-            )
-            or f"{len(effect.parameters)} knots a turn"
-        )
+        values = sized(effect.parameters) or f"{len(effect.parameters)} knots a turn"
         rivals = " or ".join(f"{rival.id} of {rival.of}" for rival in effect.alternatives)
         lines.append(
             f"  {effect.id} of {effect.of}: {values}"
@@ -305,9 +300,22 @@ def summary(verdict: VerdictKeys) -> list[str]:
         f"  without a name, of {place.of or 'unknown place'}: {place.why}"
         for place in (verdict.unexplained.all if verdict.unexplained else ())
     ]
+    lines += [
+        f"  proposed for {each.of}, no name: {each.formula}, {sized(each.parameters)}"
+        for each in verdict.proposed or ()
+    ]
     for kind, gap in (("train", verdict.gap.train), ("holdout", verdict.gap.holdout)):
         lines += [] if gap is None else _gap_lines(kind, gap)
     return lines
+
+
+def sized(parameters: Mapping[str, EffectParameter]) -> str:
+    """Return parameters with their 95 % intervals in a line; knots of maps are left out."""
+    return ", ".join(
+        f"{key} = {entry.value:.4g} ± {2.0 * entry.std:.1g} {entry.unit}"
+        for key, entry in parameters.items()
+        if not key.startswith("knot")
+    )
 
 
 def _gap_lines(kind: str, gap: parts.SetGap) -> list[str]:

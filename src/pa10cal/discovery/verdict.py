@@ -12,7 +12,13 @@ from typing import ClassVar, Generic, Literal, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.state import PoseStates
 from pa10cal.discovery.faults import Fault, fault_of, to_check
+from pa10cal.discovery.finding import Finding as Finding
+from pa10cal.discovery.finding import NotTestable as NotTestable
+from pa10cal.discovery.finding import Unexplained as Unexplained
+from pa10cal.discovery.formulas.choose import Proposal
+from pa10cal.discovery.formulas.rows import Arena
 from pa10cal.discovery.gap import Gap, Named
 from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
 from pa10cal.discovery.next_poses.room import NextPose
@@ -28,97 +34,6 @@ Word = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "no
 P_co = TypeVar("P_co", covariant=True)
 
 MAP = "joint_error_map"
-
-
-@dataclass(frozen=True)
-class ReportedValue:
-    """A reported parameter: value and standard uncertainty."""
-
-    value: float
-    std: float
-    unit: str
-
-
-@dataclass(frozen=True, eq=False)
-class Finding(Generic[P_co]):
-    """One effect that was found.
-
-    Attributes:
-        effect: which, and where.
-        x, covariance: its reported parameters, and their covariance.
-        alternatives: effects that explain the data as well in its place.
-        proof: the statistics that decided.
-    """
-
-    effect: Effect
-    x: Array
-    covariance: Array
-    alternatives: tuple[Effect, ...]
-    proof: P_co
-
-    @property
-    def id(self) -> str:
-        """Return the id of the effect."""
-        return self.effect.id
-
-    @property
-    def of(self) -> str:
-        """Return where it sits."""
-        return self.effect.of
-
-    @property
-    def gain(self) -> float | None:
-        """Return the part of the squared error of poses left out that it explains, if known."""
-        gain = getattr(self.proof, "gain", None)
-        return None if gain is None else float(gain)
-
-    @property
-    def carrier(self) -> str | None:
-        """Return the one pose that carries it, without which nothing speaks for it; else None."""
-        carrier = getattr(self.proof, "carrier", None)
-        return None if carrier is None else str(carrier)
-
-    @property
-    def parameters(self) -> Mapping[str, ReportedValue]:
-        """Return its reported parameters by name."""
-        known = self.effect.report(np.zeros(len(self.effect.parameters))).parameters
-        std = np.sqrt(np.diag(self.covariance))
-        return {
-            parameter.name: ReportedValue(float(value), float(sigma), parameter.unit)
-            for parameter, value, sigma in zip(known, self.x, std, strict=True)
-        }
-
-
-@dataclass(frozen=True)
-class Unexplained:
-    """Something that is missing from the model and has no name.
-
-    Attributes:
-        of: where it sits, as a place of the vocabulary; None where the data do not say.
-        form: id of the smooth unknown function that predicts it best; None where none does.
-        error_mm: its position error; None where a map has taken it up.
-        why: why it has no name, one clause.
-    """
-
-    of: str | None
-    form: str | None
-    error_mm: float | None
-    why: str
-
-
-@dataclass(frozen=True)
-class NotTestable:
-    """An effect that these data cannot show.
-
-    Attributes:
-        effect: which, and where.
-        why: the reason.
-        by_these_poses: whether other poses might show it; not where what it needs was not logged.
-    """
-
-    effect: Effect
-    why: str
-    by_these_poses: bool = True
 
 
 @dataclass(frozen=True)
@@ -214,6 +129,7 @@ class Verdict(ABC, Generic[P_co]):
         steps: of the search.
         faults_of_rows: faults of single rows or poses that were found after the search.
         falls_back: where the effects do not hold; None where nothing speaks against them.
+        proposed: formulas for what has no name; they name nothing.
     """
 
     prepared: Prepared
@@ -232,6 +148,7 @@ class Verdict(ABC, Generic[P_co]):
     steps: tuple[Step, ...]
     faults_of_rows: tuple[Fault, ...] = ()
     falls_back: FallsBack | None = None
+    proposed: tuple[Proposal, ...] = ()
 
     #: How effects are judged; None where they are not sought.
     method: ClassVar[str | None]
@@ -272,6 +189,36 @@ class Verdict(ABC, Generic[P_co]):
     def baseline(self) -> FittedModel:
         """Return the calibrated model from which the search set out."""
         return self.prepared.baseline
+
+    @property
+    def states(self) -> PoseStates:
+        """Return the states of the poses that were judged."""
+        return self.train.poses.states
+
+    @property
+    def without_name(self) -> tuple[Effect, ...]:
+        """Return the maps found and the rivals that the search held."""
+        return tuple(each.effect for each in self.effects if each.id == MAP)
+
+    @property
+    def everything(self) -> tuple[Effect, ...]:
+        """Return what has no name, and the names found beside it."""
+        names = (each.effect for each in self.effects)
+        return (*self.without_name, *(each for each in names if each not in self.without_name))
+
+    @property
+    def over_noise(self) -> bool:
+        """Return whether the search left more than noise, wherever it sits."""
+        return False
+
+    def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
+        """Return what short forms are held against in place of some effects without a name.
+
+        Args:
+            held: which of `everything`.
+            most_poses: so many poses are enough, where there are many; None for all.
+        """
+        raise NotImplementedError
 
     @property
     @abstractmethod

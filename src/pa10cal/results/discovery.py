@@ -10,8 +10,10 @@ from pydantic import Field, JsonValue
 from pa10cal.results.accuracy import BeforeAfter, EffectParameter, Parameter
 from pa10cal.results.angles import AnglesSeen as AnglesSeen
 from pa10cal.results.angles import FallsBack as FallsBack
+from pa10cal.results.effect_name import EffectName as EffectName
 from pa10cal.results.fault_kind import FaultKind
 from pa10cal.results.map_form import MapForm as MapForm
+from pa10cal.results.proposed import ProposedFormula
 from pa10cal.results.record import (
     Key,
     LoadKey,
@@ -24,18 +26,6 @@ from pa10cal.results.record import (
 )
 
 Verdict = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "not_sought"]
-
-
-class EffectName(Part):
-    """An effect and where it sits."""
-
-    id: str = Field(description="id of the effect")
-    of: str = Field(description="where it sits: `joint 2`, `forearm`, `base`, ...")
-
-    @property
-    def words(self) -> str:
-        """Return it as readers see it: `transmission error, joint 2`."""
-        return f"{self.id.replace('_', ' ')}, {self.of.replace('_', ' ')}"
 
 
 class CrossValidation(Part):
@@ -301,6 +291,10 @@ class VerdictKeys(Part):
     )
     unexplained: AllUnexplained | None = Field(
         description="what has no name; null if nothing remains"
+    )
+    proposed: tuple[ProposedFormula, ...] | None = optional(
+        "short formulas that do as well as a map or as what has no name; they name nothing, and "
+        "are not in the extended model"
     )
     not_testable: tuple[NotTestable, ...] = Field(
         description="effects that these data cannot show, found before residuals are looked at"

@@ -16,6 +16,7 @@ from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate
 from pa10cal.discovery.blocked_cv.compare import compare, errors_by_name
 from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable, family
 from pa10cal.discovery.blocked_cv.finest import Level, finest
+from pa10cal.discovery.blocked_cv.formulas import arena_by_blocks
 from pa10cal.discovery.blocked_cv.judge import (
     Prediction,
     Remaining,
@@ -33,6 +34,7 @@ from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.search import Search, Step
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.family import sought
+from pa10cal.discovery.formulas.rows import Arena
 from pa10cal.discovery.gap import Gap, Named
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, wandering
 from pa10cal.discovery.in_time.wander import InTime
@@ -93,6 +95,23 @@ class VerdictByBlocks(Verdict[Prediction]):
     def noise_floor_from(self) -> str:
         """Return what the noise floor was found from."""
         return self.noise.origin
+
+    @property
+    @override
+    def without_name(self) -> tuple[Effect, ...]:
+        """Return the maps found and the rivals that the search held."""
+        return (*super().without_name, *(self.nameless if self.over_noise else ()))
+
+    @property
+    @override
+    def over_noise(self) -> bool:
+        """Return whether the remaining error exceeds noise."""
+        return self.remaining.over_floor
+
+    @override
+    def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
+        """Return what short forms are held against."""
+        return arena_by_blocks(self, held, most_poses)
 
     @override
     def with_findings(self, findings: Sequence[Finding[Prediction]]) -> VerdictByBlocks:

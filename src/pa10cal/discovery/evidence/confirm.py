@@ -21,6 +21,7 @@ from pa10cal.discovery.evidence.likelihood import SIZES, Block
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.evidence.search import EndOfSearch
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.weights import Weights
 
 Array = NDArray[np.float64]
@@ -71,7 +72,7 @@ class Confirmation:
 
 
 @dataclass(frozen=True)
-class _Rows:
+class WeighedRows:
     """Weighed rows of both channels.
 
     Attributes:
@@ -99,8 +100,8 @@ def confirm(problem: Problem, found: EndOfSearch, needed: float = 0.0) -> tuple[
     """
     if not found.fit.effects:
         return ()
-    rows = _weighed(problem, found, turned=True)
-    unturned = _weighed(problem, found, turned=False)
+    rows = weighed_rows(problem, found, found.family)
+    unturned = weighed_rows(problem, found, found.fit.effects, turned=False)
     labels, pose = np.unique(problem.cells.pose, return_inverse=True)
     load_N = problem.cells.states.load_N
     loads, load = np.unique(load_N, return_inverse=True)
@@ -120,9 +121,20 @@ def confirm(problem: Problem, found: EndOfSearch, needed: float = 0.0) -> tuple[
     return tuple(confirmed)
 
 
-def _weighed(problem: Problem, found: EndOfSearch, *, turned: bool) -> _Rows:
-    """Return all rows by independent errors of unit variance; by cell where not turned."""
-    lin = linearise(problem, found.fit, found.family)
+def weighed_rows(
+    problem: Problem, found: EndOfSearch, family: tuple[Effect, ...], *, turned: bool = True
+) -> WeighedRows:
+    """Return all rows by independent errors of unit variance.
+
+    Args:
+        problem: the campaign.
+        found: where the search ended.
+        family: candidates; effects that the search holds are members besides.
+        turned: by what the cells of a pose share, else by cell.
+    """
+    others = tuple(effect for effect in found.fit.effects if effect not in family)
+    lin = linearise(problem, found.fit, (*family, *others))
+    blocks = dict(zip((*family, *others), lin.blocks, strict=True))
     score = found.score
     size = dict(zip(found.fit.effects, found.fit.sizes, strict=True))
 
@@ -150,19 +162,16 @@ def _weighed(problem: Problem, found: EndOfSearch, *, turned: bool) -> _Rows:
     uncertain = _of_weights(found)
     known = _known_weights(own[:, uncertain])
     own = known(own[:, ~uncertain])
-    of_members = [
-        known(block(lin.blocks[found.family.index(effect)], SIZES[size[effect]]))
-        for effect in found.fit.effects
-    ]
+    of_members = [known(block(blocks[effect], SIZES[size[effect]])) for effect in found.fit.effects]
     stops = np.cumsum([own.shape[1], *(part.shape[1] for part in of_members)]).tolist()
     cells = [np.repeat(np.arange(len(problem.cells)), problem.pose.whitener.shape[1])]
     if problem.torque is not None:
         cells.append(np.repeat(np.arange(len(problem.cells)), problem.torque.whitener.shape[1]))
-    return _Rows(
+    return WeighedRows(
         own=np.concatenate([own, *of_members], axis=1),
         members=tuple(slice(a, b) for a, b in pairwise(stops)),
         data=known(both(lin.pose_data[:, None], lin.torque_data[:, None]))[:, 0],
-        family=tuple(known(block(candidate, 1.0)) for candidate in lin.blocks) if turned else (),
+        family=tuple(known(block(blocks[effect], 1.0)) for effect in family) if turned else (),
         cell=np.concatenate(cells),
     )
 
@@ -192,7 +201,7 @@ def _known_weights(columns: Array) -> Callable[[Array], Array]:
     return weighed
 
 
-def _flipped(rows: _Rows, k: int, pose: Index, signs: Array) -> float:
+def _flipped(rows: WeighedRows, k: int, pose: Index, signs: Array) -> float:
     """Return the share of sign flips in which some candidate gains as much as member k."""
     others = np.delete(rows.own, rows.members[k], axis=1)
     factor = cho_factor(others.T @ others + np.eye(others.shape[1]))
@@ -210,7 +219,7 @@ def _flipped(rows: _Rows, k: int, pose: Index, signs: Array) -> float:
 
 
 def _carrier(
-    rows: _Rows, k: int, pose: Index, labels: NDArray[np.str_], needed: float
+    rows: WeighedRows, k: int, pose: Index, labels: NDArray[np.str_], needed: float
 ) -> str | None:
     """Return the pose without which nearly nothing speaks for member k; None for none.
 
@@ -260,7 +269,7 @@ def _gain(scores: Array, gram: Array, signs: Array | None) -> Array:
     return found
 
 
-def _left_out(rows: _Rows, k: int, fold_of_cell: Index, pose_of_cell: Index) -> HeldOutGain:
+def _left_out(rows: WeighedRows, k: int, fold_of_cell: Index, pose_of_cell: Index) -> HeldOutGain:
     """Return how member k does on each fold, all being fitted on the others."""
     fold, pose = fold_of_cell[rows.cell], pose_of_cell[rows.cell]
     without = np.delete(rows.own, rows.members[k], axis=1)

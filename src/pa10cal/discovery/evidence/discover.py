@@ -11,16 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from pa10cal.arm.state import PoseStates
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.evidence.candidates import testable
 from pa10cal.discovery.evidence.confirm import Confirmation
 from pa10cal.discovery.evidence.fit import Fit, apparatus_m, covariance_of, fit
+from pa10cal.discovery.evidence.formulas import arena_by_repeats
 from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge
 from pa10cal.discovery.evidence.lack_of_fit import channel_tests, evidence_lack_of_fit
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, search, threshold
 from pa10cal.discovery.family import effects_in, is_fault, sought
 from pa10cal.discovery.faults import Fault
+from pa10cal.discovery.formulas.rows import Arena
 from pa10cal.discovery.gap import Gap, Named, gap
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, wandering
 from pa10cal.discovery.in_time.running import moved_between_repeats
@@ -110,6 +113,35 @@ class VerdictByRepeats(Verdict[Confirmation]):
         """Return the lack of fit of the logged torques; None where none were logged."""
         torque = channel_tests(self.problem, self.extended)[1]
         return torque.shared if torque is not None and self.problem.torques_logged else None
+
+    @property
+    @override
+    def states(self) -> PoseStates:
+        """Return the states of the cells that were judged."""
+        return self.judgement.found.problem.cells.states
+
+    @property
+    @override
+    def without_name(self) -> tuple[Effect, ...]:
+        """Return the maps found and the rivals that the search held, in the order found."""
+        maps = super().without_name
+        places = {(each.form, each.of) for each in self.judgement.unexplained}
+        return tuple(
+            effect
+            for effect in self.judgement.found.fit.effects
+            if effect in maps or (effect.generic and (effect.id, effect.of) in places)
+        )
+
+    @property
+    @override
+    def over_noise(self) -> bool:
+        """Return whether the readings of a pose share more error than repeatability explains."""
+        return any(each.form is None for each in self.judgement.unexplained)
+
+    @override
+    def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
+        """Return what short forms are held against; cells are few, and all are taken."""
+        return arena_by_repeats(self, held)
 
     @override
     def with_findings(self, findings: Sequence[Finding[Confirmation]]) -> VerdictByRepeats:

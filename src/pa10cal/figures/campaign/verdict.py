@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.table import Row, Shown, Table, frame_of, shown, with_half_width
-from pa10cal.results.accuracy import BeforeAfter
+from pa10cal.results.accuracy import BeforeAfter, EffectParameter
 from pa10cal.results.discovery import (
     EffectName,
     EvidenceByBlocks,
@@ -21,6 +21,7 @@ from pa10cal.results.discovery import (
     SetGap,
     VerdictRecord,
 )
+from pa10cal.results.proposed import ProposedFormula
 
 PICTURE = Picture(
     title="Verdict: effects missing from the model",
@@ -54,6 +55,13 @@ _GAP_HEADER = (
     "peak before",
     "after",
     "reduction of the mean, 95 % interval",
+)
+_PROPOSED = (
+    "of",
+    "formula",
+    "parameters, with 95 % intervals",
+    "does as well as",
+    "part of the squared error of blocks left out that it takes away",
 )
 _ERROR_HEADER = ("poses", "load", "mean", "rms", "peak")
 _PARTS = {"inside": "angles seen in the fit", "extrapolated": "extrapolated"}
@@ -109,6 +117,11 @@ def _shown(found: VerdictRecord) -> Iterator[Shown]:
     if found.unexplained is not None:
         places = [(place.of or "not known", place.why) for place in found.unexplained.all]
         yield shown(("of", "why"), places, "Unexplained: a gap without a name")
+    if found.proposed:
+        formulas = map(_proposed_row, found.proposed)
+        yield shown(
+            _PROPOSED, formulas, "Formulas proposed for what has no name; they name nothing"
+        )
     yield shown(
         _GAP_HEADER,
         _gap_rows(found),
@@ -165,13 +178,22 @@ def _of_fault(fault: Fault) -> tuple[str, str, str]:
 
 
 def _effect_row(effect: FoundEffect) -> Row:
-    parameters = _knots(effect) or "; ".join(
-        f"{name} = {with_half_width(parameter.value, _HALF_WIDTH_95 * parameter.std)} "
-        f"{parameter.unit}"
-        for name, parameter in effect.parameters.items()
-    )
+    parameters = _knots(effect) or _in_words(effect.parameters)
     alternatives = _together(effect.alternatives) or "none"
     return (effect.id, effect.of, parameters, alternatives, _evidence(effect.evidence))
+
+
+def _proposed_row(each: ProposedFormula) -> Row:
+    alike = _together(each.does_as_well_as) or "noise alone"
+    return (each.of, each.formula, _in_words(each.parameters), alike, f"{100 * each.gain:.0f} %")
+
+
+def _in_words(parameters: Mapping[str, EffectParameter]) -> str:
+    return "; ".join(
+        f"{name} = {with_half_width(parameter.value, _HALF_WIDTH_95 * parameter.std)} "
+        f"{parameter.unit}"
+        for name, parameter in parameters.items()
+    )
 
 
 def _evidence(found: EvidenceByRepeats | EvidenceByBlocks) -> str:

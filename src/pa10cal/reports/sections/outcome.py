@@ -18,6 +18,7 @@ from pa10cal.reports.written import (
 )
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.health import UNRESERVED, Health
+from pa10cal.results.proposed import ProposedFormula
 
 _GRADES = {
     "good": "The calibration is good.",
@@ -119,6 +120,20 @@ def _verdict(found: Gathered) -> Iterator[Block]:
                 for place in record.unexplained.all
             )
         )
+    if record.proposed:
+        yield grid(
+            "Formulas proposed for it: they do as well, and name nothing",
+            ("at", "formula", "size", "does as well as"),
+            [
+                (
+                    unbroken(each.of.replace("_", " ")),
+                    each.formula,
+                    _size(each),
+                    listed(map(named, each.does_as_well_as), "noise alone"),
+                )
+                for each in record.proposed
+            ],
+        )
     if record.falls_back is not None:
         yield Callout(
             "note",
@@ -163,7 +178,7 @@ def _together(effects: tuple[FoundEffect, ...]) -> str:
     return ", and ".join(told) if len(told) == 2 and "and" in told[0] else listed(told)
 
 
-def _size(effect: NamedEffect) -> str:
+def _size(effect: NamedEffect | ProposedFormula) -> str:
     if len(effect.parameters) > _MOST_PARAMETERS:
         values = [each.value for each in effect.parameters.values()]
         unit, scale = shown_in(next(iter(effect.parameters.values())).unit)

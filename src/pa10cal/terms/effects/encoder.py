@@ -68,14 +68,19 @@ class JointHarmonic(Effect):
 
     def report(self, x: Array) -> Report:
         """Return amplitude and phase."""
-        amplitude = float(np.hypot(*x))
-        phase = float(np.arctan2(x[1], x[0]))
-        size = max(amplitude, np.finfo(float).tiny)
-        jacobian = np.array(
-            [[np.cos(phase), np.sin(phase)], [-np.sin(phase) / size, np.cos(phase) / size]]
-        )
-        names = (Parameter("A", "rad", 1e-5), Parameter("phi", "rad", 1.0))
-        return Report(names, np.array([amplitude, phase]), jacobian)
+        return amplitude_and_phase(x, "rad")
+
+
+def amplitude_and_phase(x: Array, unit: str) -> Report:
+    """Report a sine and a cosine part (2,) as A and phi of A sin(... + phi)."""
+    amplitude = float(np.hypot(*x))
+    phase = float(np.arctan2(x[1], x[0]))
+    size = max(amplitude, np.finfo(float).tiny)
+    jacobian = np.array(
+        [[np.cos(phase), np.sin(phase)], [-np.sin(phase) / size, np.cos(phase) / size]]
+    )
+    names = (Parameter("A", unit, 1e-5), Parameter("phi", "rad", 1.0))
+    return Report(names, np.array([amplitude, phase]), jacobian)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,106 @@
+"""What a verdict consists of: effects found, what has no name, what the data cannot show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.terms.effects.effect import Effect
+
+Array = NDArray[np.float64]
+P_co = TypeVar("P_co", covariant=True)
+
+
+@dataclass(frozen=True)
+class ReportedValue:
+    """A reported parameter: value and standard uncertainty."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Finding(Generic[P_co]):
+    """One effect that was found.
+
+    Attributes:
+        effect: which, and where.
+        x, covariance: its reported parameters, and their covariance.
+        alternatives: effects that explain the data as well in its place.
+        proof: the statistics that decided.
+    """
+
+    effect: Effect
+    x: Array
+    covariance: Array
+    alternatives: tuple[Effect, ...]
+    proof: P_co
+
+    @property
+    def id(self) -> str:
+        """Return the id of the effect."""
+        return self.effect.id
+
+    @property
+    def of(self) -> str:
+        """Return where it sits."""
+        return self.effect.of
+
+    @property
+    def gain(self) -> float | None:
+        """Return the part of the squared error of poses left out that it explains, if known."""
+        gain = getattr(self.proof, "gain", None)
+        return None if gain is None else float(gain)
+
+    @property
+    def carrier(self) -> str | None:
+        """Return the one pose that carries it, without which nothing speaks for it; else None."""
+        carrier = getattr(self.proof, "carrier", None)
+        return None if carrier is None else str(carrier)
+
+    @property
+    def parameters(self) -> Mapping[str, ReportedValue]:
+        """Return its reported parameters by name."""
+        known = self.effect.report(np.zeros(len(self.effect.parameters))).parameters
+        std = np.sqrt(np.diag(self.covariance))
+        return {
+            parameter.name: ReportedValue(float(value), float(sigma), parameter.unit)
+            for parameter, value, sigma in zip(known, self.x, std, strict=True)
+        }
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Something that is missing from the model and has no name.
+
+    Attributes:
+        of: where it sits, as a place of the vocabulary; None where the data do not say.
+        form: id of the smooth unknown function that predicts it best; None where none does.
+        error_mm: its position error; None where a map has taken it up.
+        why: why it has no name, one clause.
+    """
+
+    of: str | None
+    form: str | None
+    error_mm: float | None
+    why: str
+
+
+@dataclass(frozen=True)
+class NotTestable:
+    """An effect that these data cannot show.
+
+    Attributes:
+        effect: which, and where.
+        why: the reason.
+        by_these_poses: whether other poses might show it; not where what it needs was not logged.
+    """
+
+    effect: Effect
+    why: str
+    by_these_poses: bool = True

@@ -1,0 +1,148 @@
+"""What a short form is: a few parameters, a shape that numbers fix, and the formula in words."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.effects.effect import CandidateContext, NamedEffect
+from pa10cal.terms.effects.encoder import amplitude_and_phase
+from pa10cal.terms.term import Parameter, Report, report_as_solved
+
+Array = NDArray[np.float64]
+Numbers = tuple[float, ...]
+Columns = Callable[[PoseStates, int, Numbers], tuple[Array, ...]]
+
+
+#: Size in which forms are fitted, in the plausible one.
+_ANY_SIZE = 10.0
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One kind of form.
+
+    Attributes:
+        words: the formula, with `{j}` for the joint and `{0}`, `{1}`, … for the numbers.
+        columns: what each parameter is multiplied with, (P,) each, of states, joint and numbers.
+        solved: the parameters it is solved in.
+        numbers: names of the numbers that fix it and a reader has to be given.
+        reported: `as solved`; `turning` where a sine and a cosine part are an amplitude A and a
+            phase phi; `offset` where a slope and a constant are a slope and the place of its zero.
+        between: which number, from 0, may have any value; None where all are whole.
+    """
+
+    words: str
+    columns: Columns
+    solved: tuple[Parameter, ...]
+    numbers: tuple[str, ...] = ()
+    reported: Literal["as solved", "turning", "offset"] = "as solved"
+    between: int | None = None
+
+
+@dataclass(frozen=True)
+class Form(NamedEffect):
+    """A short form at a place, proportional to its parameters.
+
+    Attributes:
+        form: which of `shapes`.
+        numbers: what fixes it: orders, thresholds, other joints.
+    """
+
+    form: str
+    numbers: Numbers = ()
+    id: ClassVar[str] = "short_form"
+    shapes: ClassVar[Mapping[str, Shape]]
+
+    @classmethod
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
+        """Return none: forms are tried where something without a name was found."""
+        del context
+        return ()
+
+    @property
+    def shape(self) -> Shape:
+        """Return the kind of form it is."""
+        return self.shapes[self.form]
+
+    @property
+    def length(self) -> int:
+        """Return how many numbers a reader has to be given: parameters, orders, thresholds."""
+        return len(self.shape.solved) + len(self.shape.numbers)
+
+    @property
+    def order(self) -> int | None:
+        """Return how often it comes again in a turn; None where it does not."""
+        for name, number in zip(self.shape.numbers, self.numbers, strict=False):
+            if name in ("order", "teeth"):
+                return int(number)
+        return None
+
+    @property
+    def between(self) -> float:
+        """Return the number that may have any value."""
+        assert self.shape.between is not None
+        return self.numbers[self.shape.between]
+
+    def at(self, value: float) -> Self:
+        """Return the form with another such number."""
+        place = self.shape.between
+        assert place is not None
+        return replace(self, numbers=(*self.numbers[:place], value, *self.numbers[place + 1 :]))
+
+    @property
+    def reported(self) -> tuple[Parameter, ...]:
+        """Return the parameters it is solved in."""
+        return self.shape.solved
+
+    @property
+    @abstractmethod
+    def joint(self) -> int:
+        """Return the joint, from 1; 0 where it sits at none."""
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return self.shape.words.format(*self.numbers, j=self.joint)
+
+    @property
+    def prior_factor(self) -> Array:
+        """Return L (k, k) with L L^T the covariance expected of the parameters: hardly a bound."""
+        found: Array = _ANY_SIZE * super().prior_factor
+        return found
+
+    def values(self, states: PoseStates) -> Array:
+        """Return what each parameter is multiplied with, (P, k)."""
+        return np.stack(self.shape.columns(states, self.joint, self.numbers), axis=1)
+
+    def report(self, x: Array) -> Report:
+        """Return the parameters in the form of the formula."""
+        if self.shape.reported == "turning":
+            return amplitude_and_phase(x, self.shape.solved[0].unit)
+        if self.shape.reported == "offset":
+            return _slope_and_zero(x, self.shape.solved)
+        return report_as_solved(self.reported, x)
+
+
+def _slope_and_zero(x: Array, solved: tuple[Parameter, ...]) -> Report:
+    """Report x_0 v + x_1 as x_0 (v - v_0)."""
+    slope = x[0] if x[0] != 0.0 else np.finfo(float).tiny
+    zero = -x[1] / slope
+    jacobian = np.array([[1.0, 0.0], [-zero / slope, -1.0 / slope]])
+    return Report(solved, np.array([x[0], zero]), jacobian)
+
+
+def sines(angle: Array) -> tuple[Array, Array]:
+    """Return sine and cosine of angles."""
+    return np.sin(angle), np.cos(angle)
+
+
+def size(name: str, unit: str, plausible: float) -> Parameter:
+    """Return a parameter by its plausible size."""
+    return Parameter(name, unit, 0.03 * plausible, plausible=plausible)

@@ -1,0 +1,156 @@
+"""The short forms that are tried at a place: what a physicist would write down first, by order.
+
+An error that goes with the angle of a joint that turns comes back every turn, so no powers of the
+angle are among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations_with_replacement, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.terms.effects.effect import CandidateContext, joint_of, turning_joints
+from pa10cal.terms.effects.joint_windup import loaded_joints
+from pa10cal.terms.forms.elsewhere import ReadingForm, ShiftForm, TiltForm
+from pa10cal.terms.forms.form import Form
+from pa10cal.terms.forms.of_joints import AngleForm, PullForm
+
+Array = NDArray[np.float64]
+
+#: Cycles a turn that are tried: as many as there are positions, within these.
+_FEWEST_CYCLES, _MOST_CYCLES = 12, 360
+_MOST_TEETH = 48
+_STARTS = 12
+#: Cycles a turn of what goes with something else as well.
+_FEW_CYCLES = (1, 2, 3, 4)
+_THRESHOLDS, _BOTH_SIDES = 10, (0.17, 0.83)
+#: Time constants and periods, of the length of the campaign.
+_TIMES = (0.03, 0.1, 0.2, 0.4, 0.8)
+_PERIODS = (0.5, 0.7, 1.0, 1.5, 2.0)
+#: Periods of what goes with place, of the span measured.
+_WAVES = (0.25, 0.35, 0.5, 0.7, 1.0)
+
+
+def forms_at(place: str, context: CandidateContext, states: PoseStates) -> tuple[Form, ...]:
+    """Return the short forms that are tried at a place.
+
+    Args:
+        place: `joint 2`, `base`, `instrument`; elsewhere there is none.
+        context: where effects may sit.
+        states: of the poses.
+    """
+    if place.startswith("joint "):
+        joint = joint_of(place)
+        if joint in turning_joints(context):
+            return tuple(_of_joint(place, context, states))
+    if place == "base":
+        return tuple(_of_base(context, states))
+    if place == "instrument" and states.seen is not None:
+        return tuple(_of_readings(context, states))
+    return ()
+
+
+def _of_joint(place: str, context: CandidateContext, states: PoseStates) -> Iterator[Form]:
+    joint = joint_of(place)
+    q_rad, tau_Nm = states.q_rad[:, joint - 1], np.abs(states.tau_Nm[:, joint - 1])
+    poses = len(np.unique(np.round(q_rad, 4)))
+    orders = range(1, int(np.clip(poses, _FEWEST_CYCLES, _MOST_CYCLES)) + 1)
+    starts = np.arange(_STARTS + 1) / _STARTS
+    thresholds = _levels(q_rad)
+    loaded = loaded_joints(context)
+    yield from (AngleForm(place, "harmonic", (float(order),)) for order in orders)
+    for teeth, start in product(range(1, min(len(orders), _MOST_TEETH) + 1), starts.tolist()):
+        yield AngleForm(place, "sawtooth", (float(teeth), start))
+        if start <= 0.5:
+            yield AngleForm(place, "square", (float(teeth), start))
+    yield from (AngleForm(place, "step", (at,)) for at in thresholds)
+    if joint in loaded:
+        for form in ("torque_squared", "torque_abs_torque", "torque_cubed", "sign_of_torque"):
+            yield AngleForm(place, form)
+        yield from (AngleForm(place, "torque_beyond", (at,)) for at in _levels(tau_Nm))
+        for order in _FEW_CYCLES:
+            yield AngleForm(place, "torque_by_angle", (float(order),))
+    if np.any(states.arrival[:, joint - 1]):
+        if joint in loaded:
+            yield AngleForm(place, "arrival_by_torque")
+            yield AngleForm(place, "arrival_by_torque_squared")
+        for order in _FEW_CYCLES:
+            yield AngleForm(place, "arrival_by_angle", (float(order),))
+    for other in turning_joints(context):
+        if other == joint:
+            continue
+        for order in _FEW_CYCLES:
+            yield AngleForm(place, "other_angle", (float(other), float(order)))
+        yield AngleForm(place, "product_of_angles", (float(other),))
+        yield AngleForm(place, "product_of_sines", (float(other),))
+        if other in loaded:
+            yield AngleForm(place, "other_torque", (float(other),))
+    yield from (AngleForm(place, "settling", each) for each in _times(context))
+    yield PullForm(place, "pull")
+    for order in _FEW_CYCLES:
+        yield PullForm(place, "pull_harmonic", (float(order),))
+    for at in thresholds:
+        yield PullForm(place, "pull_beyond", (at,))
+        yield PullForm(place, "pull_below", (at,))
+
+
+def second_orders(forms: Sequence[Form]) -> list[Form]:
+    """Return the best single order with each of the others of its joint.
+
+    Args:
+        forms: what was tried, the best first.
+    """
+    single = [form for form in forms if form.form == "harmonic"]
+    return [
+        AngleForm(form.of, "two_harmonics", (*single[0].numbers, *form.numbers))
+        for form in single[1:]
+        if form.of == single[0].of
+    ]
+
+
+def _of_base(context: CandidateContext, states: PoseStates) -> Iterator[Form]:
+    if states.static_loads is not None:
+        for form in ("moment_abs_moment", "moment_cubed", "sign_of_moment"):
+            yield TiltForm("base", form)
+        moment_Nm = np.abs(states.static_loads.base_Nm[:, :2]).max(axis=1)
+        yield from (TiltForm("base", "moment_beyond", (at,)) for at in _levels(moment_Nm))
+    yield from (ShiftForm("base", "settling", each) for each in _times(context))
+    first, last = context.time_span_s
+    if last > first:
+        for share in _PERIODS:
+            yield ShiftForm("base", "wave_in_time", (share * (last - first),))
+
+
+def _of_readings(context: CandidateContext, states: PoseStates) -> Iterator[Form]:
+    assert states.seen is not None
+    x, y, z = (float(value) for value in context.p_instr_middle_m)
+    p_m = states.seen.p_instr_targets_m.reshape(-1, 3)
+    spans_m = np.ptp(p_m[np.isfinite(p_m).all(axis=1)], axis=0).tolist()
+    for axis in range(3):
+        for along in range(3):
+            for form in ("quadratic", "cubic"):
+                yield ReadingForm("instrument", form, (axis, along), (x, y, z))
+            for share in _WAVES:
+                numbers = (axis, along, share * spans_m[along])
+                yield ReadingForm("instrument", "wave", numbers, (x, y, z))
+        for first, second in combinations_with_replacement(range(3), 2):
+            if first != second:
+                yield ReadingForm("instrument", "product", (axis, first, second), (x, y, z))
+
+
+def _levels(values: Array) -> list[float]:
+    """Return thresholds that values are on either side of, a sixth of them at least."""
+    found: list[float] = np.unique(
+        np.quantile(values, np.linspace(*_BOTH_SIDES, _THRESHOLDS))
+    ).tolist()
+    return found
+
+
+def _times(context: CandidateContext) -> list[tuple[float, float]]:
+    """Return time constants to try, each with the time of the first reading [s]."""
+    first, last = context.time_span_s
+    return [(share * (last - first), first) for share in _TIMES] if last > first else []

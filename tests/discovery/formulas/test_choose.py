@@ -1,0 +1,130 @@
+"""The shortest formula that does as well: contests by hand, and campaigns that hide one."""
+
+import numpy as np
+import pytest
+
+import made_up_survey
+from made_up_arm import Missing, at_joint, measure
+from pa10cal.discovery.formulas.choose import choose
+from pa10cal.discovery.formulas.propose import with_proposals
+from pa10cal.discovery.formulas.record import proposed_formula
+from pa10cal.discovery.formulas.rows import Arena, Contest
+from pa10cal.terms.forms.of_joints import AngleForm
+
+
+def test_blocks_are_predicted_from_the_others():
+    rng = np.random.default_rng(1)
+    block = np.repeat(np.arange(4), 25)
+    own, columns = rng.normal(size=(100, 3)), rng.normal(size=(100, 2))
+    data = own @ [1.0, 2.0, 3.0] + columns @ [1.0, -1.0] + 0.1 * rng.normal(size=100)
+    contest = Contest(data, own, block)
+    bare, full = contest.squares([columns[:, :0], columns])
+    for k, kept in ((0, own), (2, np.column_stack([own, columns]))):
+        for b in range(4):
+            there = block != b
+            normal = kept[there].T @ kept[there] + np.eye(kept.shape[1])
+            x = np.linalg.solve(normal, kept[there].T @ data[there])
+            left = data[~there] - kept[~there] @ x
+            assert (full if k else bare)[b] == pytest.approx(left @ left)
+    amounts, covariance = contest.fitted(columns)
+    np.testing.assert_allclose(amounts, [1.0, -1.0], atol=0.05)
+    assert covariance.shape == (2, 2)
+
+
+def made_up_arena(values, poses=200, seed=5, held=None):
+    """Return an arena in which joint 1 stands at angles over a turn, and errs by some values."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-np.pi, np.pi, poses)
+    data = values(q) + rng.normal(size=poses)
+
+    def columns_of(forms):
+        return [
+            np.stack([np.sin(form.numbers[0] * q), np.cos(form.numbers[0] * q)], 1) * 100.0
+            if form.form == "harmonic"
+            else np.sign(q - form.numbers[0])[:, None] * 100.0
+            for form in forms
+        ]
+
+    of_map = 30.0 * np.concatenate(columns_of([harmonic(k) for k in range(1, 7)]), 1) / 100.0
+    contest = Contest(data, np.ones((poses, 1)), np.arange(poses) % 10)
+    return Arena(contest, of_map if held is None else held, columns_of, None)
+
+
+def harmonic(order):
+    return AngleForm("joint 1", "harmonic", (float(order),))
+
+
+FORMS = tuple(harmonic(order) for order in range(1, 13))
+
+
+def test_one_order_is_found_among_others():
+    arena = made_up_arena(lambda q: 5.0 * np.sin(3.0 * q + 0.4))
+    found = choose(arena, FORMS, (), 0.01)
+    assert found.form.numbers == (3.0,)
+    assert found.orders == (3, 3)
+    assert found.gain > 0.9
+
+
+def test_many_orders_have_no_short_form():
+    def rough(q):
+        return sum(3.0 * np.sin(order * q + order) for order in (1, 2, 4, 6))
+
+    assert choose(made_up_arena(rough), FORMS, (), 0.01) is None
+
+
+def test_nothing_is_made_of_noise():
+    for seed in range(20):
+        arena = made_up_arena(lambda q: 0.0 * q, seed=seed)
+        assert choose(arena, FORMS, (), 0.01) is None
+
+
+def proposed(found):
+    return with_proposals(found).proposed
+
+
+def test_a_bow_of_the_instrument_comes_back_as_its_formula(bowed):
+    found = bowed.discovery
+    (formula,) = proposed(found)
+    assert formula.form.form in ("quadratic", "cubic")
+    assert formula.form.numbers == (0, 1)  # x reads wrong along y
+    assert [each.id for each in formula.instead] == ["place_map"]
+    record = proposed_formula(formula)
+    assert record.of == "instrument"
+    assert record.formula.startswith("reading of x += c")
+    assert record.evidence.squared_error_with < 0.5 * record.evidence.squared_error_without
+
+
+def test_a_lag_that_goes_with_the_torque_comes_back_as_its_formula():
+    lag = Missing(
+        turn=lambda states: at_joint(2, 4e-6 * states.arrival[:, 1] * np.abs(states.tau_Nm[:, 1]))
+    )
+    found = measure(lag).discovery
+    assert found.verdict == "unexplained"
+    (formula,) = proposed(found)
+    assert formula.form.formula == "theta_2 += h s_2 |tau_2|"
+    (value,), (std,) = formula.x, np.sqrt(np.diag(formula.covariance))
+    assert abs(value - 4e-6) < 4.0 * std
+    assert found.proposed == ()  # the verdict it was made of stays as it was
+
+
+def test_nothing_is_proposed_where_nothing_is_missing_or_all_has_a_name(null, wave, eccentric):
+    for campaign in (null, wave, eccentric):
+        assert proposed(campaign.discovery) == ()
+
+
+def test_a_rough_map_has_no_short_form(mapped):
+    found = mapped.discovery
+    assert [each.id for each in found.effects] == ["joint_error_map"]
+    assert proposed(found) == ()
+
+
+def test_a_sawtooth_seen_by_a_tracker_comes_back_as_its_formula():
+    def saw(motion):
+        turns = 10.0 * motion.q_rad[:, 2] / (2.0 * np.pi) - 0.3
+        return made_up_survey.at_joint(3, 2e-4 * (2.0 * (turns - np.floor(turns)) - 1.0))
+
+    found = made_up_survey.observe(made_up_survey.Hidden(turn=saw)).discovery
+    (formula,) = proposed(found)
+    assert (formula.form.form, formula.of) == ("sawtooth", "joint 3")
+    assert formula.form.order == 10
+    assert formula.x[0] == pytest.approx(2e-4, rel=0.05)

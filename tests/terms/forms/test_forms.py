@@ -1,0 +1,133 @@
+"""Short forms: what they add, how they are reported, and which are tried where."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pa10cal.arm.state import ObservedTargets, PoseStates, StaticLoads
+from pa10cal.files.arms import load_arm
+from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.forms.library import forms_at, second_orders
+from pa10cal.terms.forms.of_joints import AngleForm
+
+POSES = 40
+
+
+@pytest.fixture(scope="module")
+def states():
+    rng = np.random.default_rng(3)
+    return PoseStates(
+        q_rad=rng.uniform(-2.0, 2.0, (POSES, 6)),
+        tau_Nm=rng.uniform(-50.0, 50.0, (POSES, 6)),
+        arrival=rng.choice([-1.0, 1.0], (POSES, 6)),
+        load_N=np.zeros(POSES),
+        temperature_C=np.full(POSES, 20.0),
+        time_s=np.sort(rng.uniform(1e9, 1e9 + 4e4, POSES)),
+        static_loads=StaticLoads(
+            link_Nm=np.zeros((POSES, 6, 3)),
+            base_Nm=rng.uniform(-100.0, 100.0, (POSES, 3)),
+            joint_Nm=np.zeros((POSES, 6)),
+            down_ee=np.zeros((POSES, 3)),
+            by_weights=np.zeros((POSES, 6, 27)),
+            by_load=np.zeros((POSES, 6)),
+        ),
+        seen=ObservedTargets(
+            p_instr_targets_m=rng.uniform(0.0, 0.9, (POSES, 3, 3)),
+            pose_by_targets=rng.normal(size=(POSES, 6, 9)),
+        ),
+    )
+
+
+@pytest.fixture(scope="module")
+def context(states):
+    return CandidateContext(
+        arm=load_arm("pa10_6ce"),
+        flexible_joints=(2, 3, 5),
+        reference_temperature_C=21.0,
+        tau_span_Nm=np.abs(states.tau_Nm).max(0),
+        T_instr_base=np.eye(4),
+        p_instr_middle_m=np.array([0.4, 0.5, 0.6]),
+        q_span_rad=np.stack([states.q_rad.min(0), states.q_rad.max(0)], axis=-1),
+        time_span_s=(float(states.time_s[0]), float(states.time_s[-1])),
+    )
+
+
+@pytest.fixture(scope="module")
+def kinds(states, context):
+    """Return one form of every kind that is tried anywhere."""
+    forms = [
+        form
+        for place in ("joint 2", "base", "instrument")
+        for form in forms_at(place, context, states)
+    ]
+    forms += second_orders(forms)
+    return list({(type(form), form.form): form for form in forms}.values())
+
+
+def test_each_is_a_formula_with_its_parameters(kinds):
+    assert len(kinds) > 30
+    for form in kinds:
+        text = form.formula
+        assert "{" not in text
+        assert "=" in text
+        assert form.length >= len(form.parameters) >= 1
+        for parameter in form.report(np.ones(len(form.parameters))).parameters:
+            assert parameter.name in text, (text, parameter.name)
+
+
+def test_each_moves_the_pose_or_the_torques_by_finite_amounts(kinds, states):
+    for form in kinds:
+        zero = np.zeros(len(form.parameters))
+        if form.coordinates:
+            found = form.derivative(states, zero)
+            assert found.shape == (POSES, len(form.coordinates), len(zero))
+        else:
+            found = form.torque_derivative(states, zero)
+            assert found.shape == (POSES, 6, len(zero))
+            assert not np.delete(found, form.joint - 1, axis=1).any()
+        assert np.isfinite(found).all(), form.formula
+        assert found.any(), form.formula
+
+
+def test_reported_parameters_have_exact_derivatives(kinds):
+    for form in kinds:
+        sizes = np.array([parameter.plausible for parameter in form.parameters])
+        x = sizes * np.linspace(0.7, 1.3, len(sizes))
+        report = form.report(x)
+        for k, size in enumerate(sizes):
+            step = 1e-6 * size * np.eye(len(sizes))[k]
+            by_difference = (form.report(x + step).values - form.report(x - step).values) / (
+                2e-6 * size
+            )
+            np.testing.assert_allclose(
+                report.jacobian[:, k] * size, by_difference * size, rtol=1e-6, atol=1e-12
+            )
+
+
+def test_the_formula_is_what_the_form_adds(states):
+    q, tau, s = states.q_rad[:, 1], states.tau_Nm[:, 1], states.arrival[:, 1]
+
+    def added(form, numbers, x):
+        return AngleForm("joint 2", form, numbers).shift(states, np.array(x))[:, 0]
+
+    np.testing.assert_allclose(
+        added("harmonic", (3.0,), [np.cos(0.4), np.sin(0.4)]), np.sin(3.0 * q + 0.4)
+    )
+    np.testing.assert_allclose(added("arrival_by_torque", (), [2.0]), 2.0 * s * np.abs(tau))
+    np.testing.assert_allclose(added("torque_cubed", (), [2.0]), -2.0 * tau**3)
+    turns = 15.0 * q / (2.0 * np.pi) - 0.3
+    np.testing.assert_allclose(added("sawtooth", (15.0, 0.3), [1.0]), 2.0 * (turns % 1.0) - 1.0)
+    (other,) = second_orders([AngleForm("joint 2", "harmonic", (k,)) for k in (3.0, 5.0)])
+    np.testing.assert_allclose(
+        other.shift(states, np.array([1.0, 0.0, 0.0, 2.0]))[:, 0],
+        np.sin(3.0 * q) + 2.0 * np.cos(5.0 * q),
+    )
+
+
+def test_nothing_is_tried_that_was_not_logged_or_has_no_place(states, context):
+    blind = replace(states, arrival=np.zeros_like(states.arrival), seen=None, static_loads=None)
+    assert not any(form.form.startswith("arrival") for form in forms_at("joint 2", context, blind))
+    assert forms_at("instrument", context, blind) == ()
+    assert not any(form.form.startswith("moment") for form in forms_at("base", context, blind))
+    assert forms_at("forearm", context, states) == ()
