@@ -20,7 +20,6 @@ from pa10cal.commands.command_line import (
     INTERRUPTED,
     REFUSED,
     command_named,
-    limit_threads,
     main,
     run_command,
 )
@@ -195,12 +194,18 @@ def test_debug_shows_the_traceback_and_keeps_the_exit_code(error, code, capsys):
     assert "in command" in message
 
 
-def test_one_thread_a_process_unless_the_user_says_otherwise(monkeypatch):
-    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    monkeypatch.setenv("OMP_NUM_THREADS", "2")
-    limit_threads()
-    assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
-    assert os.environ["OMP_NUM_THREADS"] == "2"
+def test_one_thread_a_process_whatever_the_environment_says():
+    code = (
+        "from pa10cal.commands.command_line import limit_threads; limit_threads()\n"
+        "import os, numpy as np, scipy.linalg\n"
+        "a = np.ones((500, 500)); scipy.linalg.lu_factor(a @ a + 9e9 * np.eye(500))\n"
+        "print(len(os.listdir('/proc/self/task')))"
+    )
+    asked = {f"{name}_NUM_THREADS": "3" for name in ("OPENBLAS", "OMP", "MKL")}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, **asked}, capture_output=True, text=True
+    )
+    assert done.stdout == "1\n", done.stderr
 
 
 def test_lists_the_commands(capsys):

@@ -35,12 +35,6 @@ def test_what_only_some_commands_need_is_a_note_that_names_its_extra(monkeypatch
     assert "→ pip install '.[workflow]'" in shown
 
 
-def test_threads_of_blas_and_other_versions_are_notes(monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "8")
-    threads = next(check for check in machine.examine() if check.name == "threads")
-    assert (threads.state, threads.found) == ("note", "OMP_NUM_THREADS=8")
-
-
 def test_it_needs_no_library_to_say_that_one_is_missing():
     script = (
         "import sys\n"

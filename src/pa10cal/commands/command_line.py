@@ -124,12 +124,14 @@ def _run(words: list[str]) -> int:
 
 
 def limit_threads() -> None:
-    """Keep BLAS on one thread a process, unless the user has said otherwise.
+    """Keep BLAS on one thread a process, whatever the environment says.
 
+    More of them add in another order, and the last digits of results would depend on the machine.
     Works only before numpy is first imported, so commands import it late.
     """
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
+    for library in ("OPENBLAS", "OMP", "MKL", "BLIS", "NUMEXPR"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"
+    os.environ["VECLIB_MAXIMUM_THREADS"] = "1"
 
 
 def command_named(name: str) -> Command:

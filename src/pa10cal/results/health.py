@@ -118,6 +118,8 @@ class Health(Part):
 
     @property
     def ending(self) -> str:
-        """Return how the fit ended, in one sentence without a full stop."""
-        how = "converged" if self.converged else "not converged"
-        return f"{how} after {self.iterations} steps: {self.reason}"
+        """Return how the fit ended, in one sentence without a full stop.
+
+        Not in how many steps: their number depends on the processor, see decision 42.
+        """
+        return f"{'converged' if self.converged else 'not converged'}: {self.reason}"

@@ -120,7 +120,7 @@ def _order(health: Health, model: str) -> Shown:
 def _data_rows(case: CalibrationRecord) -> Iterator[Row]:
     health, model = case.health, case.model
     poses = health.poses
-    for quantity in ("grade", "line", "reason", "iterations", "rank", "unknowns", "condition"):
+    for quantity in ("grade", "line", "reason", "rank", "unknowns", "condition"):
         yield (model, quantity, "", str(getattr(health, quantity)), "")
     for quantity in ("at_bounds", "not_identifiable"):
         yield (model, quantity, "", " ".join(getattr(health, quantity)), "")

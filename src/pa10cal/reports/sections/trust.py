@@ -49,7 +49,7 @@ def _blocks(found: Gathered) -> Iterator[Block]:
 def _checks(found: Gathered) -> Iterator[tuple[str, str, str]]:
     assert found.calibration is not None
     health = found.calibration.health
-    yield "the fit converged", f"{health.iterations} steps", _passes(health.converged)
+    yield "the fit converged", health.reason, _passes(health.converged)
     bounds = len(health.at_bounds)
     yield "no parameter at the end of its range", str(bounds), _passes(not bounds)
     full = health.rank == health.unknowns

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator
 
 from pa10cal.reports.blocks import Block, Callout, Code, Items, Paragraph, Section, grid
@@ -39,9 +38,10 @@ def _blocks(found: Gathered) -> Iterator[Block]:
                 f"The calibration is graded {grade}. The commands refuse its model without "
                 "--force: mend the input first.",
             )
-        yield Paragraph("Poses are in the robot's base frame. Angles are in degrees.")
-        folder = shlex.quote(str(found.folder.absolute()))
-        yield Code("From the folder of these results, where the paths below begin", f"cd {folder}")
+        yield Paragraph(
+            f"Run the commands in the folder of these results, {found.folder.absolute().name}: the "
+            "paths below begin there. Poses are in the robot's base frame. Angles are in degrees."
+        )
         yield Code("Where is the tool at these joint positions?", _command("predict"))
         yield Code("Which joint positions bring the tool to these poses?", _command("compensate"))
         yield Code(
