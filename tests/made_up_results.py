@@ -82,7 +82,7 @@ def with_verdict(folder: Path, word: str) -> Path:
         campaign=NAME,
         provenance="synthetic: made up",
         arrival_from_order=False,
-        seconds=1.0,
+        seconds=None,
     )
     write(made, folder / "discovery/verdict.json")
     return folder

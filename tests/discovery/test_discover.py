@@ -124,7 +124,7 @@ def test_where_poses_are_repeated_repeats_are_the_judge(campaign, instrument):
         for entry in verdict.not_testable
         if entry.effect.id == "friction_torque"
     )
-    records = discovery_records(verdict, verdict.next_poses(3), read.description, "combined", 1.0)
+    records = discovery_records(verdict, verdict.next_poses(3), read.description, "combined")
     assert isinstance(records.verdict, VerdictKeys)
     assert len(records.analysis.gap.train) == 60
 

@@ -181,7 +181,7 @@ def learnt(sighted, tmp_path_factory) -> Results:
         angles_seen=tuple(seen),
     )
     verdict = VerdictRecord(
-        **dict(keys), campaign="pose", provenance="made up", arrival_from_order=False, seconds=1.0
+        **dict(keys), campaign="pose", provenance="made up", arrival_from_order=False, seconds=None
     )
     write(verdict, place / "discovery/verdict.json")
     return replace(source, folder=place)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,7 +84,6 @@ class LoadCase:
         l_curve: what the weight of the tolerance terms would do, for the combined case.
         health: whether the cubic model's calibration is good.
         seed_angle_deg, seed_distance_mm: how far the base frame ended from its seed.
-        seconds: time taken.
     """
 
     load: str
@@ -102,7 +100,6 @@ class LoadCase:
     health: Health
     seed_angle_deg: float
     seed_distance_mm: float
-    seconds: float
 
 
 def work_out(
@@ -132,7 +129,6 @@ def work_out(
     Raises:
         CalibrationError: when no grid pose has that load, or there are too few of them.
     """
-    began = time.perf_counter()
     chosen = readings.take(rows_of_load(readings.states.load_N, load))
     grid, used = average_repeats(readings), average_repeats(chosen)
     errors = ErrorSources(chosen, 1e-3 * options.apparatus_uncertainty_mm)
@@ -183,7 +179,6 @@ def work_out(
             np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1)))
         ),
         seed_distance_mm=float(1e3 * np.linalg.norm(away[:3, 3])),
-        seconds=time.perf_counter() - began,
     )
 
 

@@ -116,7 +116,7 @@ def paper_record(
         residuals=_residuals(case),
         health=health_part(case.health, cubic.level.observations.pose),
         warnings=_warnings(case),
-        seconds=case.seconds,
+        seconds=None,
         settings=settings.model_dump(mode="json"),
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,7 +69,7 @@ def calibrate(
     findings = check_input(campaign, arm, every, settings)
     records = {}
     for case in cases:
-        by_general = general or case == GENERAL
+        by_general, began = general or case == GENERAL, time.perf_counter()
         try:
             record = calibration_record(
                 campaign,
@@ -84,7 +85,7 @@ def calibrate(
         except (CalibrationError, DiscoveryError) as error:
             place = error if load else error.within(f"load case {case}")
             raise explained(place, findings) from None
-        _say(f"{campaign.name} {case}", records[case])
+        _say(f"{campaign.name} {case}", records[case], time.perf_counter() - began)
     for case, record in records.items():
         write(record, out if load else out / f"{case}.json")
 
@@ -140,14 +141,14 @@ def _with_effects(
     return with_effects(record, found, campaign)
 
 
-def _say(title: str, record: CalibrationRecord) -> None:
+def _say(title: str, record: CalibrationRecord, seconds: float) -> None:
     after = ", ".join(
         f"{load} {errors.after.mean_mm:.3f}/{errors.after.peak_mm:.3f} mm"
         for load, errors in record.errors.items()
     )
     print(
         f"{title}: {record.status}, rank {record.rank} of {record.unknowns}, "
-        f"mean/peak after: {after}"
+        f"mean/peak after: {after}; {record.iterations} iterations, {seconds:.1f} s"
     )
     print(f"{title}: {record.health.grade}: {record.health.line}")
     for warning in (text for text in record.warnings if text != record.health.line):

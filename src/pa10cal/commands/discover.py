@@ -63,7 +63,7 @@ def discover(
         read_findings(poses),
     )
     ahead = found.next_poses(settings.suggestions, settings.random_seed)
-    records = discovery_records(found, ahead, campaign, record.load, time.perf_counter() - began)
+    records = discovery_records(found, ahead, campaign, record.load)
     table_text = suggestion_table(
         records.verdict.suggested_poses, arm.n, with_sides=ahead.separations is not None
     )
@@ -79,3 +79,4 @@ def discover(
         print(f"{campaign.name}: {line}")
     for warning in records.extended.warnings:
         print(f"{campaign.name}: note: {warning}", file=sys.stderr)
+    print(f"{campaign.name}: {time.perf_counter() - began:.1f} s")

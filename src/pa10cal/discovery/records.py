@@ -62,7 +62,7 @@ class DiscoveryRecords:
 
 
 def discovery_records(
-    found: Verdict[object], ahead: Plan, campaign: Campaign, calibration: str, seconds: float
+    found: Verdict[object], ahead: Plan, campaign: Campaign, calibration: str
 ) -> DiscoveryRecords:
     """Return the records of a campaign.
 
@@ -71,7 +71,6 @@ def discovery_records(
         ahead: what to measure next.
         campaign: the campaign.
         calibration: load case of the calibration it began with.
-        seconds: time taken.
     """
     name, provenance = campaign.name, campaign.provenance
     keys, from_order = verdict_keys(found, ahead), found.prepared.arrivals_from_order
@@ -81,7 +80,7 @@ def discovery_records(
             campaign=name,
             provenance=provenance,
             arrival_from_order=from_order,
-            seconds=seconds,
+            seconds=None,
         ),
         ExtendedRecord(
             **dict(_extended(found)),

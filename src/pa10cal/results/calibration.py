@@ -160,7 +160,9 @@ class CalibrationRecord(Fit, MeasuredRecord):
     residuals: ResidualRows = Field(description="residual of every calibration pose")
     health: Health = Field(description="whether the calibration is good")
     warnings: tuple[str, ...] = Field(description="what to know before the fit is trusted")
-    seconds: float = Field(description="time taken [s]")
+    seconds: float | None = Field(
+        description="null: the time taken stands in the log, so that equal runs have equal results"
+    )
     settings: Mapping[Annotated[str, Key("option")], JsonValue] = Field(
         description="section `calibration` of the settings it was run with"
     )

@@ -337,7 +337,9 @@ class VerdictRecord(VerdictKeys, MeasuredRecord):
     arrival_from_order: bool = Field(
         description="whether directions of arrival come from the order of the poses"
     )
-    seconds: float = Field(description="time taken [s]")
+    seconds: float | None = Field(
+        description="null: the time taken stands in the log, so that equal runs have equal results"
+    )
 
 
 class ExtendedKeys(Part):

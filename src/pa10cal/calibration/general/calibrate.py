@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,7 +48,6 @@ class GeneralCalibration:
         payload: what the arm carried; None where that is not known.
         problem: what was solved.
         fit: where it ended.
-        seconds: time taken.
     """
 
     arm: Arm
@@ -61,7 +59,6 @@ class GeneralCalibration:
     payload: Payload | None
     problem: Problem
     fit: Fit
-    seconds: float
 
 
 def calibrate_general(
@@ -88,7 +85,6 @@ def calibrate_general(
         CalibrationError: when there are too few poses, or springs are requested whose torques are
             not known.
     """
-    began = time.perf_counter()
     options = options or CalibrationOptions()
     robust, max_iterations = options.general.robust, options.max_iterations
     posed = general_problem(arm, observations, start, payload, options, links=links)
@@ -133,9 +129,8 @@ def calibrate_general(
         )
         anew = replace(anew, iterations=found.iterations + anew.iterations)
         found = replace(anew, covariance=found.covariance) if settled else anew
-    seconds = time.perf_counter() - began
     return GeneralCalibration(
-        arm, start, unknowns, settled, springs, source, payload, problem, found, seconds
+        arm, start, unknowns, settled, springs, source, payload, problem, found
     )
 
 

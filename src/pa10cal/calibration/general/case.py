@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,7 +54,6 @@ class GeneralCase:
         unidentified_directions, not_identifiable: what the poses do not identify.
         suspected_outliers: poses far outside the scatter of the others.
         health: whether it is good.
-        seconds: time taken.
     """
 
     load: str
@@ -71,7 +69,6 @@ class GeneralCase:
     not_identifiable: frozenset[str]
     suspected_outliers: tuple[SuspectedOutlier, ...]
     health: Health
-    seconds: float
 
 
 def work_out_general(
@@ -108,7 +105,6 @@ def work_out_general(
         CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
             described does not fit the readings at all.
     """
-    began = time.perf_counter()
     used = grid.take(rows)
     full = calibrate_general(arm, used, start, payload, options)
     geometry = full
@@ -165,7 +161,6 @@ def work_out_general(
         not_identifiable=openly,
         suspected_outliers=doubts,
         health=health(_fit_summary(full, openly), errors),
-        seconds=time.perf_counter() - began,
     )
 
 

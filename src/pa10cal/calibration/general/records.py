@@ -82,7 +82,7 @@ def general_record(
         suspected_outliers=case.suspected_outliers,
         health=health_part(case.health, full.problem.observations.pose),
         warnings=_warnings(case),
-        seconds=case.seconds,
+        seconds=None,
         settings=settings.model_dump(mode="json"),
     )
 

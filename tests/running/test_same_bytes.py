@@ -1,0 +1,44 @@
+"""Equal campaigns and settings give equal bytes: over runs, cores, folders and environments."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+EXAMPLE = Path(__file__).parents[2] / "examples/irb120-points"
+#: What must not matter: language, time zone, order of sets and dictionaries, threads.
+OTHER = {
+    "LC_ALL": "tr_TR.UTF-8",
+    "LANG": "de_DE.UTF-8",
+    "TZ": "Asia/Kathmandu",
+    "PYTHONHASHSEED": "77",
+    "OPENBLAS_NUM_THREADS": "2",
+    "OMP_NUM_THREADS": "2",
+}
+
+
+def run(folder, cores, umask, **env):
+    """Run the smallest campaign in a folder, and return its results by their paths."""
+    shutil.copytree(EXAMPLE, folder / "raw")
+    words = [sys.executable, "-m", "pa10cal", "run", "raw", "--out", "out", "--cores", str(cores)]
+    done = subprocess.run(
+        words, cwd=folder, env={**os.environ, **env}, umask=umask, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    results = folder / "out/irb120-points"
+    paths = (path for path in results.rglob("*") if path.is_file())
+    # Logs name the folder and say how long it took.
+    found = {path.relative_to(results): path.read_bytes() for path in paths}
+    return {path: content for path, content in found.items() if path.parts[0] != "logs"}
+
+
+def test_results_depend_on_nothing_but_campaign_and_settings(tmp_path):
+    (tmp_path / "one").mkdir()
+    (tmp_path / "an öther folder").mkdir()
+    one = run(tmp_path / "one", 1, 0o022, PYTHONHASHSEED="1", TZ="UTC", LC_ALL="C")
+    other = run(tmp_path / "an öther folder", 2, 0o077, **OTHER)
+    assert set(one) == set(other)
+    assert not [str(path) for path, content in one.items() if other[path] != content]
