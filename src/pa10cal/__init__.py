@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pa10cal.campaign.read import Campaign as Campaign
     from pa10cal.campaign.read import read_campaign as read_campaign
+    from pa10cal.campaign.read_group import read_group as read_group
     from pa10cal.discovery.verdict import Verdict as Verdict
     from pa10cal.errors import Pa10calError as Pa10calError
     from pa10cal.files.arms import load_arm as load_arm
@@ -39,6 +40,7 @@ __version__ = "0.2.0"
 _HOMES = {
     "plan": "pa10cal.interface",
     "read_campaign": "pa10cal.campaign.read",
+    "read_group": "pa10cal.campaign.read_group",
     "load_arm": "pa10cal.files.arms",
     "calibrate": "pa10cal.interface",
     "discover": "pa10cal.interface",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import Campaign, read_campaign
+from pa10cal.campaign.read_group import read_group
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
@@ -31,6 +32,7 @@ __all__ = [
     "load_model",
     "plan",
     "read_campaign",
+    "read_group",
     "report",
 ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -50,6 +51,10 @@ class Settings(Section):
         description="folders of raw_dir; Snakemake also takes a table (.csv) or a pattern: '*'",
         json_schema_extra={"type": ["array", "string"]},
     )
+    groups: dict[CampaignName, tuple[CampaignName, ...]] = Field(
+        default_factory=dict,
+        description="one robot in several campaigns of raw_dir, e.g. {ur10: [ur10-a, ur10-c]}",
+    )
     raw_dir: str = Field("data/raw", description="campaigns, only read")
     results_dir: str = Field("results", description="one folder a campaign is written here")
     kcub_reading: Literal["text_e7", "table_e8"] = Field(
@@ -95,6 +100,18 @@ class Settings(Section):
         default_factory=dict,
         description="campaigns that `snakemake --cores 1 simulate` writes with the virtual cell",
     )
+
+    @field_validator("groups")
+    @classmethod
+    def _campaigns_and_names_apart(
+        cls, groups: dict[str, tuple[str, ...]], info: ValidationInfo
+    ) -> dict[str, tuple[str, ...]]:
+        for name, members in groups.items():
+            if name in (*info.data.get("campaigns", ()), *chain.from_iterable(groups.values())):
+                raise ValueError(f"group {name} is called like a campaign")
+            if len(members) < 2 or len(set(members)) < len(members):
+                raise ValueError(f"group {name} has not two or more campaigns, each once")
+        return groups
 
     @field_validator("results_dir")
     @classmethod

@@ -1,7 +1,7 @@
 rule base_frame:
     """Base frame in the instrument's frame, from the straight-line moves."""
     input:
-        campaign=raw("campaign.yaml"),
+        campaign=description_of,
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
     output:

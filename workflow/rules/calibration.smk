@@ -1,7 +1,7 @@
 rule calibrate:
     """Every load of a campaign, all loads together, and the general model beside the paper's."""
     input:
-        campaign=raw("campaign.yaml"),
+        campaign=description_of,
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         base_frame=result("seed/base_frame.json"),
@@ -38,7 +38,7 @@ use rule calibrate as calibrate_one with:
 # Where effects are those of the verdict, the search starts from a calibration without them.
 use rule calibrate as calibrate_baseline with:
     input:
-        campaign=raw("campaign.yaml"),
+        campaign=description_of,
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         base_frame=result("seed/base_frame.json"),

@@ -1,10 +1,10 @@
 rule campaigns:
     """Every result of every campaign of the configuration."""
     input:
-        expand(rules.calibrate.output, campaign=SETTINGS.campaigns),
+        expand(rules.calibrate.output, campaign=EVERY),
         every(planes_of),
-        expand(rules.discover.output.verdict, campaign=SETTINGS.campaigns),
-        expand(rules.export.output.model, campaign=SETTINGS.campaigns),
-        expand(rules.evaluate.output, campaign=SETTINGS.campaigns),
+        expand(rules.discover.output.verdict, campaign=EVERY),
+        expand(rules.export.output.model, campaign=EVERY),
+        expand(rules.evaluate.output, campaign=EVERY),
         rules.figures.input,
-        expand(rules.page.output, campaign=SETTINGS.campaigns),
+        expand(rules.page.output, campaign=EVERY),

@@ -11,6 +11,7 @@ from pa10cal.fleet.campaigns import campaigns_of
 from pa10cal.planning.campaign import (
     arm_files,
     campaign_name,
+    group_like_campaign,
     instrument_kind,
     missing_campaign,
     raw_files,
@@ -40,7 +41,10 @@ try:
     SETTINGS = parse_settings(config, where="config.yaml or --config")
 except SettingsError as error:
     refuse(error)
-for campaign in () if isinstance(FLEET, str) else SETTINGS.campaigns:
+IN_GROUPS = tuple(name for each in SETTINGS.groups.values() for name in each)
+for campaign in (*(() if isinstance(FLEET, str) else SETTINGS.campaigns), *IN_GROUPS):
+    if campaign in IMPORTED:
+        continue
     if not Path(SETTINGS.raw_dir, campaign, "campaign.yaml").is_file():
         refuse(missing_campaign(SETTINGS.raw_dir, campaign))
 
@@ -52,6 +56,12 @@ shell.prefix(
     f'set -euo pipefail; export PATH={shlex.quote(str(Path(sys.executable).parent))}:"$PATH"; '
     f'export {PARENTS}="{os.getpid()} $$" {SHARED}={shlex.quote(str(WORK))}; '
 )
+
+for group in SETTINGS.groups:
+    if Path(SETTINGS.raw_dir, group, "campaign.yaml").is_file():
+        refuse(group_like_campaign(SETTINGS.raw_dir, group))
+# Campaigns and groups, whose results have the same names.
+EVERY = (*SETTINGS.campaigns, *SETTINGS.groups)
 
 if workflow.is_main_process:
     end_with_parents()
@@ -86,6 +96,15 @@ REFLECTOR_STUDIES = {
 TRIAL_STUDIES |= REFLECTOR_STUDIES
 
 
+def one_of(names):
+    """Pattern of a wildcard that stands for one of the names; of none where there are none."""
+    return "|".join(map(re.escape, names)) or "(?!)"
+
+
+# Those whose raw files are read, and not joined of others.
+NO_GROUP = rf"(?!(?:{one_of(SETTINGS.groups)})(?:/|$))[^/]+"
+
+
 # What campaigns are not called: the folders of studies stand beside theirs.
 NO_STUDY = rf"(?!(?:curve|{'|'.join(TRIAL_STUDIES)})(?:/|$))[^/]+"
 
@@ -98,6 +117,20 @@ def raw(name):
 def result(name):
     """The path pattern of a result of a campaign."""
     return os.path.join(_literal(SETTINGS.results_dir), "{campaign}", name)
+
+
+def description_of(wildcards):
+    """The description of a campaign; of a group the one that is joined of those of its campaigns."""
+    if wildcards.campaign in SETTINGS.groups:
+        return result("ingest/campaign.yaml").format(campaign=wildcards.campaign)
+    return raw("campaign.yaml").format(campaign=wildcards.campaign)
+
+
+def members_of(pattern):
+    """The function that gives a file of every campaign of a group."""
+    return lambda wildcards: [
+        pattern.format(campaign=campaign) for campaign in SETTINGS.groups[wildcards.campaign]
+    ]
 
 
 def _literal(path):
@@ -125,6 +158,8 @@ def sections_of(*sections):
 
 
 def campaign_folder(wildcards):
+    if wildcards.campaign in SETTINGS.groups:
+        return os.path.dirname(description_of(wildcards))
     return os.path.join(os.path.normpath(SETTINGS.raw_dir), wildcards.campaign)
 
 
@@ -140,6 +175,9 @@ def logs_of_campaign(wildcards):
 
 def arm_of_campaign(wildcards):
     """The campaign's own description of its robot; a shipped one is part of the code."""
+    if wildcards.campaign in SETTINGS.groups:
+        folders = [Path(SETTINGS.raw_dir, name) for name in SETTINGS.groups[wildcards.campaign]]
+        return [path for folder in folders for path in arm_files(folder)]
     return arm_files(Path(campaign_folder(wildcards)))
 
 
@@ -180,7 +218,7 @@ def evaluated_calibration(wildcards, input):
 
 def by_general_model(campaign):
     """Whether the load cases of a campaign are worked out with the general model."""
-    if campaign in IMPORTED:
+    if campaign in IMPORTED or campaign in SETTINGS.groups:
         return True
     return planned_by_general_model(
         SETTINGS.calibration.model, instrument_kind(Path(SETTINGS.raw_dir, campaign))
@@ -190,7 +228,7 @@ def by_general_model(campaign):
 def every(results_of):
     """The results that a function of the campaign names, for every campaign."""
     return lambda wildcards: [
-        path for campaign in SETTINGS.campaigns for path in results_of(campaign)
+        path for campaign in EVERY for path in results_of(campaign)
     ]
 
 
@@ -218,11 +256,6 @@ def trial_chunks(kind_of_file):
 def curve_result(name):
     """The path pattern of a result of curves and of the chain posed along them."""
     return os.path.join(_literal(SETTINGS.results_dir), "curve", name)
-
-
-def one_of(names):
-    """Pattern of a wildcard that stands for one of the names; of none where there are none."""
-    return "|".join(map(re.escape, names)) or "(?!)"
 
 
 def coverage_result(name):

@@ -1,7 +1,7 @@
 rule discover:
     """Where model and data disagree, which effect is missing, and the gap with it closed."""
     input:
-        campaign=raw("campaign.yaml"),
+        campaign=description_of,
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         calibration=searched_calibration,

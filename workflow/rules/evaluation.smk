@@ -1,7 +1,7 @@
 rule evaluate:
     """Uncalibrated, linear and cubic models on the held-out points and loads."""
     input:
-        campaign=raw("campaign.yaml"),
+        campaign=description_of,
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         calibration=result("calibration"),

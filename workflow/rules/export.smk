@@ -1,7 +1,7 @@
 rule export:
     """The calibrated model for other programs: all parameters, and the geometry as URDF."""
     input:
-        campaign=raw("campaign.yaml"),
+        campaign=description_of,
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         calibration=result("calibration"),

@@ -1,7 +1,7 @@
 rule page:
     """The report of a campaign: one page, read from top to bottom."""
     input:
-        campaign=raw("campaign.yaml"),
+        campaign=description_of,
         poses=result("ingest/poses.parquet"),
         base_frame=result("seed/base_frame.json"),
         calibration=result("calibration"),

@@ -6,13 +6,13 @@ DRAWN_WITH = sections_of("figures", "kcub_reading", "montecarlo", "evaluation")
 rule figures:
     """Every figure and table of every campaign."""
     input:
-        expand(result("pictures.json"), campaign=SETTINGS.campaigns),
+        expand(result("pictures.json"), campaign=EVERY),
 
 
 rule pictures:
     """The figures and tables of a campaign that have something to show."""
     input:
-        campaign=raw("campaign.yaml"),
+        campaign=description_of,
         arm=arm_of_campaign,
         results=results_of_campaign,
     output:
@@ -40,7 +40,7 @@ for kind, endings in {"figures": ["svg", "pdf", "png"], "tables": ["csv", "md", 
         name:
             f"one_of_the_{kind}"
         input:
-            campaign=raw("campaign.yaml"),
+            campaign=description_of,
             arm=arm_of_campaign,
             results=results_needed,
         output:

@@ -29,6 +29,8 @@ class Payload:
         load_point_m: (3,) where the external load hangs, in the end-effector frame.
         gravity_m_s2: (3,) gravity along the axes of the robot base.
         known: whether the mass is that of the apparatus, and not merely left at zero.
+        of_campaigns: what the arm carried in each campaign of a group, in their order; empty where
+            that was the same.
     """
 
     mass_kg: float
@@ -36,6 +38,7 @@ class Payload:
     load_point_m: Array
     gravity_m_s2: Array
     known: bool = True
+    of_campaigns: tuple[Payload, ...] = ()
 
 
 @dataclass(frozen=True)

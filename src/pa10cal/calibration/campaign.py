@@ -56,8 +56,7 @@ def calibrated(
     """
     options = options or CalibrationOptions(inner_subsets=0)
     payload = campaign.payload(arm)
-    touches = campaign.instrument.type.from_touches
-    if takes_general_model(options.model, from_touches=touches):
+    if takes_general_model(options.model, from_touches=campaign.from_touches):
         start = find_start(arm, average_repeats(every.of_kind("grid")))
         case = general_case(campaign, arm, every, start, load, options, findings)
         model, used, health = fitted(case.full), case.full.problem.observations, case.health
@@ -96,7 +95,7 @@ def calibration_record(
         CalibrationError: see `paper_case` and `general_case`.
     """
     if general:
-        start = start_of(seed, every.measured.target_names)
+        start = start_of(seed, every.measured)
         case = general_case(campaign, arm, every, start, load, options, findings)
         return general_record(case, campaign, options)
     papers = paper_case(campaign, arm, every, seed.T_instr_base, load, options, findings)
@@ -128,10 +127,10 @@ def paper_case(
     """
     if not every.measured.measures_pose:
         raise CalibrationError(
-            "the paper's model needs positions and attitudes of the end-effector",
+            "the paper's model needs positions and attitudes of one campaign",
             where="calibration.model",
             value=options.model,
-            allowed=f"auto or general for an instrument of kind {campaign.instrument.kind}",
+            allowed=f"auto or general for {campaign.instrument_kinds}",
             remedy="set calibration.model to auto",
         )
     held_out = poses_of(every, "holdout")

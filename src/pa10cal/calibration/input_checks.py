@@ -66,6 +66,13 @@ def check_input(
         every: single readings of all kinds.
         options: how to calibrate.
     """
+    members = dict(zip(every.by_campaign(), campaign.campaigns, strict=True))
+    if members:
+        return tuple(
+            replace(finding, where=f"{name}: {finding.where}")
+            for name, own in every.by_campaign().items()
+            for finding in check_input(members[name], arm, own, options)
+        )
     grid = average_repeats(every.of_kind("grid"))
     some = _some(grid)
     found = (*_temperature(campaign, every), *_shape(campaign, arm, grid, options))

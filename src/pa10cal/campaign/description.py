@@ -28,6 +28,7 @@ from pa10cal.yaml_file import read_yaml
 Array = NDArray[np.float64]
 
 SCHEMA = "pa10cal-campaign/1"
+GROUP_SCHEMA = "pa10cal-group/1"
 DESCRIPTION_FILE = "campaign.yaml"
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
@@ -109,6 +110,21 @@ class CampaignDescription(Section):
     joints: JointPositions = "logged"
 
     @property
+    def campaigns(self) -> tuple[CampaignDescription, ...]:
+        """Return the campaigns of a group; none of a campaign."""
+        return ()
+
+    @property
+    def from_touches(self) -> bool:
+        """Whether balls are touched, as in the paper, whose model is for one campaign."""
+        return self.instrument.type.from_touches
+
+    @property
+    def instrument_kinds(self) -> str:
+        """Return the word of its instrument; of a group, all of them."""
+        return self.instrument.kind
+
+    @property
     def ball_names(self) -> tuple[str, ...]:
         """Names of the tooling balls, sorted."""
         return tuple(sorted(self.tool.balls_mm))
@@ -153,6 +169,10 @@ def read_description(folder: Path) -> CampaignDescription:
     path = folder / DESCRIPTION_FILE
     content = _read_mapping(path)
     schema = content.pop("schema", None)
+    if schema == GROUP_SCHEMA:
+        from pa10cal.campaign.group import group_of_content  # late: it imports this module
+
+        return group_of_content(content, str(path))
     if schema != SCHEMA:
         raise RawDataError(
             "the campaign follows another schema",

@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,25 @@ def quarantine_csv(rows: Iterable[Quarantined]) -> str:
     writer.writerow(("file", "line", "reason", "value"))
     writer.writerows((row.file, row.line, row.reason, csv_cell(row.value)) for row in rows)
     return text.getvalue()
+
+
+def joined_listings(listings: Mapping[str, Path]) -> str:
+    """Return the quarantine tables of a group's campaigns as one, files by `campaign/file`.
+
+    Args:
+        listings: of each campaign by its name; one that is not there has no rows.
+    """
+    rows = []
+    for name, path in listings.items():
+        if path.is_file():
+            with path.open(encoding="utf-8", newline="") as file:
+                rows += [
+                    Quarantined(
+                        f"{name}/{row['file']}", int(row["line"]), row["reason"], row["value"]
+                    )
+                    for row in csv.DictReader(file)
+                ]
+    return quarantine_csv(rows)
 
 
 def refuse_too_many(

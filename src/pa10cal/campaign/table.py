@@ -18,11 +18,16 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.errors import RawDataError
+from pa10cal.observe.group import joined
 from pa10cal.observe.observations import JointLog, Observations
 
 Array = NDArray[np.float64]
 
 SCHEMA = "pa10cal-poses/1"
+
+#: The column that says which campaign of a group a row is of, and beginnings of those that hold
+#: what an instrument measured.
+_CAMPAIGN, _MEASURED = "campaign", ("ball", "ee_", "d_")
 
 
 def write_pose_table(
@@ -60,7 +65,28 @@ def read_observations(path: Path, description: CampaignDescription) -> Observati
         RawDataError: when the file is missing, is no such table, or is of another campaign.
     """
     table = read_pose_table(path, description.name)
-    return _observations({str(name): table[name].to_numpy() for name in table}, description)
+    columns = {str(name): table[name].to_numpy() for name in table}
+    if not description.campaigns:
+        return _observations(columns, description)
+    each, rows = [], []
+    for campaign in description.campaigns:
+        here = np.flatnonzero(columns[_CAMPAIGN] == campaign.name)
+        each.append(_observations(_own_columns(columns, here), campaign))
+        rows.append(here)
+    whole = joined(each, tuple(campaign.name for campaign in description.campaigns))
+    return whole.take(np.argsort(np.concatenate(rows), kind="stable"))
+
+
+def _own_columns(
+    columns: Mapping[str, NDArray[Any]], rows: NDArray[np.intp]
+) -> dict[str, NDArray[Any]]:
+    """Return the columns of one campaign of a group, without those of other instruments."""
+    own = {name: values[rows] for name, values in columns.items()}
+    return {
+        name: values
+        for name, values in own.items()
+        if not (name.startswith(_MEASURED) and np.isnan(values.astype(float)).all())
+    }
 
 
 def read_findings(path: Path) -> tuple[InputFinding, ...]:
@@ -153,6 +179,9 @@ def _columns(every: Observations, prismatic: NDArray[np.bool_]) -> dict[str, obj
         (_joint_columns("s", n, ""), states.arrival.astype(np.int8)),
     ):
         columns |= dict(zip(names, values.T, strict=True))
+    if states.campaign is not None:
+        campaigns = np.array([name for name, _ in every.measured.campaigns], dtype=object)
+        columns[_CAMPAIGN] = campaigns[states.campaign]
     columns["temperature_C"] = states.temperature_C
     columns["dwell_samples"] = log.samples
     return columns | every.measured.to_columns()

@@ -62,8 +62,7 @@ def calibrate(
     arm = load_arm(campaign.robot, campaign_dir)
     every = read_observations(poses, campaign)
     seed = read(BaseFrameRecord, base_frame, campaign.name)
-    touches = campaign.instrument.type.from_touches
-    general = takes_general_model(settings.model, from_touches=touches)
+    general = takes_general_model(settings.model, from_touches=campaign.from_touches)
     beside = () if general else (GENERAL,)
     cases = (load,) if load else load_cases(every.of_kind("grid").states.load_N) + beside
     findings = check_input(campaign, arm, every, settings)

@@ -42,6 +42,7 @@ GROUPS = {
     "one step of a run": (
         "chain",
         "ingest",
+        "join",
         "seed",
         "calibrate",
         "montecarlo",

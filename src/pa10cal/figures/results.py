@@ -20,8 +20,9 @@ from pa10cal.figures import published
 from pa10cal.figures.joint_positions import JointPositions
 from pa10cal.figures.options import PictureOptions
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Words
-from pa10cal.observe.registry import instruments
+from pa10cal.observe.registry import instrument_of
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import (
     CalibrationRecord,
@@ -112,7 +113,7 @@ class Results:
             campaign=campaign.name,
             provenance=campaign.provenance,
             robot=campaign.robot,
-            instrument=campaign.instrument.kind,
+            instrument=campaign.instrument_kinds,
             instrument_uncertainty_mm=campaign.instrument.uncertainty_mm,
             settings=settings,
             force=force,
@@ -125,7 +126,7 @@ class Results:
             need: a name of a result, or a property of the campaign.
         """
         if need == "positions":
-            seen = instruments()[self.instrument].directional
+            seen = self._measured.directional
             return None if seen else "a distance alone does not show where the arm is"
         if need == "gap":  # of the calibrated model where there is no other
             need = "analysis" if self.has_gap else "calibration"
@@ -166,7 +167,13 @@ class Results:
     @property
     def words(self) -> Words:
         """How captions speak of the instrument's errors."""
-        return instruments()[self.instrument].words
+        return self._measured.words
+
+    @property
+    def _measured(self) -> type[Instrument]:
+        found = instrument_of(self.instrument)
+        assert found is not None
+        return found
 
     @property
     def is_paper_arm(self) -> bool:

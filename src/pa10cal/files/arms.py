@@ -17,6 +17,7 @@ from pa10cal.arm.parallel import NEARLY_PARALLEL_RAD, neighbouring_axes, with_ha
 from pa10cal.arm.urdf_patch import UrdfSource
 from pa10cal.errors import ArmError
 from pa10cal.files.arm_rows import ArmRow, Triple, check_rows, refuse_far
+from pa10cal.files.output import write_text
 from pa10cal.names import ALLOWED, fits_a_folder
 from pa10cal.settings_reading import parse_section
 from pa10cal.settings_section import Section
@@ -119,6 +120,22 @@ def read_arm(path: Path) -> Arm:
             remedy=f"set name: {path.stem}, or rename the file",
         )
     return arm
+
+
+def copy_description(name: str, folder: Path, to: Path) -> None:
+    """Copy a campaign's own description of its arm, and the URDF it names, to another folder.
+
+    Nothing is copied where the arm is a shipped one.
+
+    Raises:
+        ArmError: when the description names a file that cannot be read.
+        OutputError: when nothing can be written there.
+    """
+    own, source = folder / f"{name}.yaml", urdf_of_arm(name, folder)
+    if own.is_file():
+        write_text(to / own.name, own.read_text(encoding="utf-8-sig"))
+    if source is not None:
+        write_text(to / Path(source.where).name, source.text)
 
 
 def urdf_of_arm(name: str, folder: Path) -> UrdfSource | None:

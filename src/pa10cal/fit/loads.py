@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,4 +65,27 @@ def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> 
     """
     coordinates = model.chain_coordinates(states, x)
     coordinates[:, model.chain.columns(BASE + TOOL)] = 0.0
-    return statics(model.chain, coordinates, states.load_N, payload)
+    if not payload.of_campaigns or states.campaign is None:
+        return statics(model.chain, coordinates, states.load_N, payload)
+    rows = [np.flatnonzero(states.campaign == k) for k in range(len(payload.of_campaigns))]
+    each = [
+        statics(model.chain, coordinates[at], states.load_N[at], own)
+        for at, own in zip(rows, payload.of_campaigns, strict=True)
+        if len(at)
+    ]
+    back = np.argsort(np.concatenate(rows))
+    together: Statics = _joined(each, back)
+    return together
+
+
+def _joined(each: Sequence[Any], back: NDArray[np.intp]) -> Any:
+    """Return groups of arrays as one, their rows in the order of the poses."""
+    values = zip(*([getattr(one, f.name) for f in fields(one)] for one in each), strict=True)
+    return type(each[0])(
+        *(
+            np.concatenate(found)[back]
+            if isinstance(found[0], np.ndarray)
+            else _joined(found, back)
+            for found in values
+        )
+    )

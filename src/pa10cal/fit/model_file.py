@@ -106,9 +106,7 @@ def model_to_plain(model: FittedModel, **about: Any) -> dict[str, Any]:
         **about,
         "arm": _arm_to_plain(model),
         "terms": [_term_to_plain(model, term) for term in model.model.terms],
-        "payload": None
-        if model.payload is None
-        else {f.name: _plain(getattr(model.payload, f.name)) for f in fields(Payload)},
+        "payload": None if model.payload is None else _payload_to_plain(model.payload),
         "T_instr_base": model.T_instr_base.tolist(),
         "tool": {"R_ee_target": model.R_ee_target.tolist()},
         "targets_m": {
@@ -176,15 +174,7 @@ def model_from_plain(
             target_names=tuple(targets),
             targets_off_m=np.array(content["targets_off_m"], dtype=float),
             covariance=covariance,
-            payload=None
-            if payload is None
-            else Payload(
-                mass_kg=float(payload["mass_kg"]),
-                com_m=np.array(payload["com_m"], dtype=float),
-                load_point_m=np.array(payload["load_point_m"], dtype=float),
-                gravity_m_s2=np.array(payload["gravity_m_s2"], dtype=float),
-                known=bool(payload.get("known", True)),
-            ),
+            payload=None if payload is None else _payload_from_plain(payload),
             fitted_to=None if fitted is None else _fitted_to(fitted),
             seen=None if seen is None else _seen_from_plain(seen),
             falls_back=None
@@ -348,6 +338,25 @@ def _frame(value: Any, name: str) -> Array:
     if T.shape != (4, 4):
         raise ValueError(f"{name} is not a 4 by 4 matrix")
     return T
+
+
+def _payload_to_plain(payload: Payload) -> dict[str, Any]:
+    plain = {f.name: _plain(getattr(payload, f.name)) for f in fields(Payload)}
+    plain.pop("of_campaigns")
+    if payload.of_campaigns:
+        plain["of_campaigns"] = [_payload_to_plain(each) for each in payload.of_campaigns]
+    return plain
+
+
+def _payload_from_plain(plain: Mapping[str, Any]) -> Payload:
+    return Payload(
+        mass_kg=float(plain["mass_kg"]),
+        com_m=np.array(plain["com_m"], dtype=float),
+        load_point_m=np.array(plain["load_point_m"], dtype=float),
+        gravity_m_s2=np.array(plain["gravity_m_s2"], dtype=float),
+        known=bool(plain.get("known", True)),
+        of_campaigns=tuple(_payload_from_plain(each) for each in plain.get("of_campaigns", ())),
+    )
 
 
 def _plain(value: Any) -> Any:

@@ -131,7 +131,7 @@ def measured_as_poses(observations: Observations) -> Observations[Pose]:
     if not observations.measured.measures_pose:
         raise RawDataError(
             "the instrument does not measure the pose of the end-effector",
-            where=f"instrument.kind of the campaign: {observations.measured.kind}",
+            where=f"instrument.kind of the campaign: {', '.join(observations.measured.kinds)}",
             allowed="an instrument that measures position and attitude",
             remedy="calibrate this campaign with its general model",
         )

@@ -25,6 +25,8 @@ from pa10cal.terms.term import Parameter
 
 _RAW = "d_mm"
 _UNNAMED = "target"
+#: Columns of the table of poses that hold a fixed point that is not the frame's origin.
+_POINT = ("d_from_x_m", "d_from_y_m", "d_from_z_m")
 
 
 @dataclass(frozen=True)
@@ -189,12 +191,19 @@ class Distance(Instrument):
     @override
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
         """Read P poses from columns (P,) of the table of poses."""
-        return cls(MM * columns["d_mm"], MM * columns["d_u_mm"], *_stated_target(stated))
+        found = cls(MM * columns["d_mm"], MM * columns["d_u_mm"], *_stated_target(stated))
+        if _POINT[0] not in columns:
+            return found
+        return replace(found, p_instr_point_m=np.array([columns[name][0] for name in _POINT]))
 
     @override
     def to_columns(self) -> dict[str, NDArray[Any]]:
         """Return distances and uncertainties as columns (P,) of the table of poses."""
-        return {"d_mm": self.d_m / MM, "d_u_mm": self.u_m / MM}
+        columns = {"d_mm": self.d_m / MM, "d_u_mm": self.u_m / MM}
+        if self.p_instr_point_m.any():
+            point = zip(_POINT, self.p_instr_point_m, strict=True)
+            columns |= {name: np.full(len(self), place) for name, place in point}
+        return columns
 
     @classmethod
     @override

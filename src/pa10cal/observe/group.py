@@ -12,7 +12,7 @@ from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.joined import Joined
 from pa10cal.observe.observations import JointLog, Observations
-from pa10cal.observe.quantities import Array, Start
+from pa10cal.observe.quantities import Array, Index, Start
 
 #: Between the name of a campaign and the label of a pose.
 _OF_CAMPAIGN = "/"
@@ -49,23 +49,35 @@ def join(members: Sequence[Member]) -> Observations[Joined]:
         Single readings of all, labels with the name of their campaign.
     """
     frames = members[0].start
-    every = [_placed(member.observations, member.start, frames) for member in members]
-    every = [with_arrivals(each)[0] for each in every]
-    names = tuple(member.name for member in members)
-    campaign = np.repeat(np.arange(len(every)), [len(each) for each in every])
+    each = []
+    for member in members:
+        placed = with_arrivals(_placed(member.observations, member.start, frames))[0]
+        labels = np.char.add(member.name + _OF_CAMPAIGN, placed.pose)
+        each.append(replace(placed, pose=labels))
+    times_s = _one_after_the_other([every.states.time_s for every in each])
+    each = [
+        every.with_states(replace(every.states, time_s=time_s))
+        for every, time_s in zip(each, times_s, strict=True)
+    ]
+    return joined(each, tuple(member.name for member in members))
+
+
+def joined(each: Sequence[Observations], names: tuple[str, ...]) -> Observations[Joined]:
+    """Join campaigns that stand in one frame, and whose labels and times are apart.
+
+    Args:
+        each: single readings of every campaign.
+        names: of the campaigns.
+    """
+    campaign = np.repeat(np.arange(len(each)), [len(every) for every in each])
     return Observations(
-        pose=np.concatenate(
-            [
-                np.char.add(name + _OF_CAMPAIGN, each.pose)
-                for name, each in zip(names, every, strict=True)
-            ]
-        ),
-        states=_states([each.states for each in every], campaign),
-        measured=Joined(names, tuple(each.measured for each in every), campaign),
-        kind=np.concatenate([each.kind for each in every]),
-        repeat=np.concatenate([each.repeat for each in every]),
-        readings=np.concatenate([each.readings for each in every]),
-        log=_log([each.log for each in every]),
+        pose=np.concatenate([every.pose for every in each]),
+        states=_states([every.states for every in each], campaign),
+        measured=Joined(names, tuple(every.measured for every in each), campaign),
+        kind=np.concatenate([every.kind for every in each]),
+        repeat=np.concatenate([every.repeat for every in each]),
+        readings=np.concatenate([every.readings for every in each]),
+        log=_log([every.log for every in each]),
     )
 
 
@@ -83,22 +95,25 @@ def _placed(every: Observations, own: Start, first: Start) -> Observations[Instr
     return replace(every, measured=measured.turned(first.R_ee_target.T @ own.R_ee_target))
 
 
-def _states(each: Sequence[PoseStates], campaign: np.ndarray) -> PoseStates:
-    """Return the states of all campaigns, each on its clock, one after the other."""
-    times, end_s = [], None
-    for states in each:
-        time_s = states.time_s
-        if end_s is not None and len(time_s):
-            time_s = time_s - time_s.min() + end_s + _APART_S
-        end_s = time_s.max(initial=-np.inf) if len(time_s) else end_s
-        times.append(time_s)
+def _one_after_the_other(times_s: Sequence[Array]) -> list[Array]:
+    """Return the times of all campaigns, each on its own clock, one after the other."""
+    shifted, end_s = [times_s[0]], times_s[0].max(initial=0.0)
+    for time_s in times_s[1:]:
+        begins_s = time_s.min(initial=np.inf)
+        shifted.append(time_s - begins_s + end_s + _APART_S if len(time_s) else time_s)
+        end_s = shifted[-1].max(initial=end_s)
+    return shifted
+
+
+def _states(each: Sequence[PoseStates], campaign: Index) -> PoseStates:
+    """Return the states of all campaigns."""
     return PoseStates(
         q_rad=np.concatenate([states.q_rad for states in each]),
         tau_Nm=np.concatenate([states.tau_Nm for states in each]),
         arrival=np.concatenate([states.arrival for states in each]),
         load_N=np.concatenate([states.load_N for states in each]),
         temperature_C=np.concatenate([states.temperature_C for states in each]),
-        time_s=np.concatenate(times),
+        time_s=np.concatenate([states.time_s for states in each]),
         campaign=campaign,
     )
 

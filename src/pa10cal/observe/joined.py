@@ -289,18 +289,17 @@ class Joined(OneByOne):
         first = self._leading.name
         squares = sum(each.poses * each.scatter_m**2 for each in found.values())
         poses = sum(each.poses for each in found.values())
+        targets_m = [e.p_ee_targets_m for e in found.values() if e.p_ee_targets_m is not None]
         return replace(
             found[first],
             scatter_m=float(np.sqrt(squares / poses)),
             poses=poses,
-            p_ee_targets_m=np.concatenate(
-                [np.zeros((0, 3))]
-                + [
-                    each.p_ee_targets_m
-                    for each in found.values()
-                    if each.p_ee_targets_m is not None
-                ]
-            ),
+            p_ee_targets_m=np.concatenate([np.zeros((0, 3)), *targets_m]),
+            T_ee_target_of={
+                name: each.T_ee_target
+                for name, each in found.items()
+                if each.T_ee_target is not None
+            },
         )
 
     @property

@@ -84,6 +84,20 @@ class Observations(Generic[M_co]):
             None if self.log is None else self.log.take(rows),
         )
 
+    def by_campaign(self) -> dict[str, Observations]:
+        """Return the poses of every campaign of a group by its name, each as if it were alone."""
+        campaign = self.states.campaign
+        if campaign is None:
+            return {}
+        found = {}
+        for number, (name, part) in enumerate(self.measured.campaigns):
+            rows = campaign == number
+            states = replace(self.states.take(rows), campaign=None)
+            log = None if self.log is None else self.log.take(rows)
+            rest = (self.kind[rows], self.repeat[rows], self.readings[rows], log)
+            found[name] = Observations(self.pose[rows], states, part, *rest)
+        return found
+
     def of_kind(self, kind: str) -> Observations[M_co]:
         """Return the poses of one kind, ordered by pose, load and time."""
         rows = np.flatnonzero(self.kind == kind)

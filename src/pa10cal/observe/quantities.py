@@ -83,6 +83,7 @@ class Located:
         T_ee_target: (4, 4) the one target whose attitude is measured; None where it is the
             end-effector itself, or there is none.
         p_ee_targets_m: (B, 3) places of targets, in the order of `Instrument.target_names`.
+        T_ee_target_of: (4, 4) `T_ee_target` of each campaign of a group, by its name.
         held: directions of the targets that the poses do not determine, held as stated.
         stated: whether the places of the targets are stated; None where it does not matter.
     """
@@ -94,6 +95,7 @@ class Located:
     scatter_rad: float | None = None
     T_ee_target: Array | None = None
     p_ee_targets_m: Array | None = None
+    T_ee_target_of: Mapping[str, Array] = field(default_factory=dict)
     held: tuple[str, ...] | None = None
     stated: bool | None = None
 

@@ -9,6 +9,7 @@ from importlib import import_module
 
 import pa10cal.observe
 from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.joined import Joined
 
 
 @cache
@@ -21,3 +22,15 @@ def instruments() -> dict[str, type[Instrument]]:
             if issubclass(each, Instrument) and not inspect.isabstract(each) and each.kind:
                 found[each.kind] = each
     return dict(sorted(found.items()))
+
+
+def instrument_of(words: str) -> type[Instrument] | None:
+    """Return the class of a kind, or of the several of a group; None where a word is not known.
+
+    Args:
+        words: as `instrument_kinds` of a campaign's description gives them.
+    """
+    kinds = words.split(" and ")
+    if not set(kinds) <= set(instruments()):
+        return None
+    return instruments()[words] if len(kinds) == 1 else Joined

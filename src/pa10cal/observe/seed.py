@@ -18,6 +18,7 @@ from pa10cal.errors import CalibrationError
 from pa10cal.frame.options import BaseFrameOptions
 from pa10cal.frame.straight_lines import LineSeed, StraightLine, seed_from_lines
 from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Located
 from pa10cal.results import seed as records
@@ -52,7 +53,7 @@ def locate_base(
     """
     chain = Chain.of(arm)
     grid = average_repeats(every.of_kind("grid"))
-    unloaded = grid.take(grid.states.load_N == grid.states.load_N.min())
+    unloaded = grid.take(_least_loaded(grid))
     line_x, line_y = (average_repeats(every.of_kind(kind)) for kind in ("line_x", "line_y"))
     if every.measured.uses_lines:
         _refuse_one_move(len(line_x), len(line_y), where)
@@ -71,6 +72,16 @@ def locate_base(
     )
     T_ee_target = unloaded.measured.target_on(seed.T_instr_base, T_base_ee)
     return _line_record(seed, T_ee_target, campaign, provenance)
+
+
+def _least_loaded(grid: Observations) -> NDArray[np.bool_]:
+    """Return which poses bear the lowest load, (P,), of their own campaign."""
+    load_N, campaign = grid.states.load_N, grid.states.campaign
+    if campaign is None:
+        return np.asarray(load_N == load_N.min())
+    lowest_N = np.full(campaign.max() + 1, np.inf)
+    np.minimum.at(lowest_N, campaign, load_N)
+    return np.asarray(load_N == lowest_N[campaign])
 
 
 def summary(record: BaseFrameRecord) -> str:
@@ -120,12 +131,13 @@ def _located_record(
     return BaseFrameRecord(
         campaign=campaign,
         provenance=provenance,
-        method=measured.locates_by,
+        method=measured.locates_by if not measured.campaigns else _leading(measured).locates_by,
         **_frame(found.T_instr_base),
         x_direction_u_rad=None if u_rad is None else float(u_rad[0]),
         y_direction_u_rad=None if u_rad is None else float(u_rad[1]),
         attitude_scatter_rad=found.scatter_rad,
         T_ee_target=found.T_ee_target,
+        T_ee_target_of=dict(found.T_ee_target_of) or None,
         p_ee_targets_m=(
             None if places_m is None else dict(zip(measured.target_names, places_m, strict=True))
         ),
@@ -136,6 +148,12 @@ def _located_record(
         origin_poses=found.poses,
         origin_from=UNLOADED,
     )
+
+
+def _leading(measured: Instrument) -> Instrument:
+    """Return what was measured in the first campaign of a group whose instrument has directions."""
+    parts = [part for _, part in measured.campaigns]
+    return next((part for part in parts if part.directional), parts[0])
 
 
 def _line(found: StraightLine) -> records.StraightLine:

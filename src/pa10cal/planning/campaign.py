@@ -34,6 +34,17 @@ def missing_campaign(raw_dir: str, campaign: str) -> SettingsError:
     )
 
 
+def group_like_campaign(raw_dir: str, group: str) -> SettingsError:
+    """Return the refusal of a group that is called like a campaign."""
+    return SettingsError(
+        "a group is called like a campaign",
+        where="groups",
+        value=str(Path(raw_dir) / group / "campaign.yaml"),
+        allowed="a name that no folder of raw_dir has",
+        remedy="rename the group",
+    )
+
+
 def robot_name(folder: Path) -> str:
     """Return the robot that `campaign.yaml` names, or an empty text."""
     return str(_description(folder).get("robot", ""))

@@ -14,7 +14,7 @@ from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError, last_message
 from pa10cal.observe.quantities import Words
-from pa10cal.observe.registry import instruments
+from pa10cal.observe.registry import instrument_of
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
@@ -117,11 +117,11 @@ class Gathered:
     @property
     def words(self) -> Words | None:
         """Return how to speak of the instrument's errors, None where it is not known."""
-        kind: object = None if self.description is None else self.description.instrument.kind
+        kind: object = None if self.description is None else self.description.instrument_kinds
         if kind is None and self.calibration is not None:
             fitted_to = self.calibration.fitted_model.get("fitted_to")
             kind = fitted_to.get("instrument") if isinstance(fitted_to, dict) else None
-        known = instruments().get(str(kind))
+        known = instrument_of(str(kind))
         return None if known is None else known.words
 
     @property

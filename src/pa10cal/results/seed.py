@@ -53,6 +53,9 @@ class BaseFrameRecord(MeasuredRecord):
     angle_between_lines_deg: float | None = optional("angle between the straight moves [deg]")
     attitude_scatter_rad: float | None = optional("root mean square attitude residual [rad]")
     T_ee_target: PoseMatrix | None = optional("the target in the end-effector frame [m]")
+    T_ee_target_of: Mapping[Annotated[str, Key("campaign")], PoseMatrix] | None = optional(
+        "of a group, the target of each campaign in the end-effector frame [m]"
+    )
     p_ee_targets_m: Mapping[Annotated[str, Key("target")], Vector3] | None = optional(
         "places of the targets in the end-effector frame [m]"
     )

@@ -7,6 +7,7 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.errors import RecordError
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.results.seed import BaseFrameRecord
@@ -22,17 +23,17 @@ def find_start(arm: Arm, observations: Observations) -> Start:
     return observations.measured.find_start(T_base_ee)
 
 
-def start_of(seed: BaseFrameRecord, target_names: tuple[str, ...]) -> Start:
+def start_of(seed: BaseFrameRecord, measured: Instrument) -> Start:
     """Return where frames and targets are, from `seed/base_frame.json`.
 
     Args:
         seed: what it holds.
-        target_names: targets that the instrument measures one by one.
+        measured: by which instrument.
 
     Raises:
         RecordError: when it lacks a target.
     """
-    stated = seed.p_ee_targets_m or {}
+    stated, target_names = seed.p_ee_targets_m or {}, measured.target_names
     missing = [name for name in target_names if name not in stated]
     if missing:
         raise RecordError(
@@ -44,4 +45,5 @@ def start_of(seed: BaseFrameRecord, target_names: tuple[str, ...]) -> Start:
         )
     T_ee_target = np.eye(4) if seed.T_ee_target is None else seed.T_ee_target
     targets_m = np.concatenate([np.zeros(0), *(stated[name] for name in target_names)])
-    return Start(seed.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m)
+    tools_m = {name: T[:3, 3] for name, T in (seed.T_ee_target_of or {}).items()}
+    return Start(seed.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m, tools_m)

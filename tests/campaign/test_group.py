@@ -1,0 +1,155 @@
+"""Groups of campaigns: read as one robot, each campaign in its own way; what is no group."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import numpy as np
+import pytest
+import yaml
+
+import pa10cal
+from made_up_sightings import sighted
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.campaign.description import read_description
+from pa10cal.campaign.table import read_observations
+from pa10cal.commands.command_line import main
+from pa10cal.errors import RawDataError, SettingsError
+from pa10cal.settings import parse_settings
+
+MIXED = ("pose", "points", "distance")
+
+
+def campaign(folder, kind, name, **asked):
+    """Write a campaign of a robot as it is described, and return its folder."""
+    made = sighted(folder, kind, **{"poses": 50, "noise_mm": 0.01, **asked})
+    made.folder = folder / name
+    made.description["name"] = name
+    return made.write()
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("group")
+    return [campaign(folder, kind, f"of-{kind}", seed=k) for k, kind in enumerate(MIXED)]
+
+
+def test_a_group_is_read_calibrated_and_predicts(folders):
+    group = pa10cal.read_group(folders, "ur10")
+    assert group.name == "ur10"
+    assert len(group.observations) == 150
+    assert group.observations.pose[0].startswith("of-pose/")
+    model = pa10cal.calibrate(group)
+    assert model.fitted_to.instrument == "pose and points and distance"
+    names = set(model.parameters.parameter)
+    assert {"tool_x@of-pose", "base_rx@of-points", "delta_a_2"} <= names
+    assert "base_rx@of-distance" not in names  # a distance shows no attitude of the base
+    assert set(model.frames) >= {"target_T1@of-points", "target_target@of-distance"}
+    errors = model.deviations(model.as_modelled(group.observations)).distance_mm
+    assert np.sqrt(np.mean(errors**2)) < 0.03
+    assert model.predict(np.zeros(6), frame="tool").T.shape == (1, 4, 4)
+
+
+def test_each_campaign_is_checked_alone(folders):
+    group = pa10cal.read_group(folders, "ur10")
+    each = group.observations.by_campaign()
+    assert list(each) == [f"of-{kind}" for kind in MIXED]
+    assert [own.measured.kind for own in each.values()] == list(MIXED)
+    assert all(own.states.campaign is None for own in each.values())
+    assert np.all(np.diff(group.observations.states.time_s) > 0.0)
+
+
+def joined(folders, out, name="ur10"):
+    tables, frames = [], []
+    for folder in folders:
+        table, frame = folder / "poses.parquet", folder / "base_frame.json"
+        given = ["--campaign-dir", str(folder)]
+        out_of = ["--out", str(table), "--quarantine", str(folder / "quarantine.csv")]
+        assert main(["ingest", *given, *out_of]) == 0
+        assert main(["seed", *given, "--poses", str(table), "--out", str(frame)]) == 0
+        tables.append(str(table))
+        frames.append(str(frame))
+    given = ["--name", name, "--out-dir", str(out)]
+    given += ["--campaign-dir", *map(str, folders), "--poses", *tables, "--base-frame", *frames]
+    return main(["join", *given])
+
+
+def test_commands_take_a_joined_group_like_a_campaign(folders, tmp_path, capsys):
+    assert joined(folders, tmp_path / "ur10") == 0
+    described = read_description(tmp_path / "ur10")
+    assert [each.name for each in described.campaigns] == [f"of-{kind}" for kind in MIXED]
+    assert described.instrument_kinds == "pose and points and distance"
+    given = ["--campaign-dir", str(tmp_path / "ur10")]
+    given += ["--poses", str(tmp_path / "ur10/poses.parquet")]
+    frame = str(tmp_path / "base_frame.json")
+    assert main(["seed", *given, "--out", frame]) == 0
+    options = '{"general": {"springs": []}}'
+    calibrated = ["--base-frame", frame, "--load", "combined", "--settings", options]
+    out = str(tmp_path / "combined.json")
+    assert main(["calibrate", *given, *calibrated, "--out", out]) == 0
+    assert "ur10 combined: converged" in capsys.readouterr().out
+    read = pa10cal.read_group(folders, "ur10")
+    table = read_observations(tmp_path / "ur10/poses.parquet", described)
+    assert table.pose.tolist() == read.observations.pose.tolist()
+    np.testing.assert_allclose(
+        table.measured.parts[2].d_m, read.observations.measured.parts[2].d_m, atol=1e-12
+    )
+
+
+def test_robots_of_two_kinds_are_no_group(folders, tmp_path):
+    other = campaign(tmp_path, "pose", "another", robot="irb120")
+    with pytest.raises(RawDataError, match=r"not of one robot.*ur10 and irb120"):
+        pa10cal.read_group([folders[0], other])
+
+
+def test_two_nominal_tables_of_one_robot_are_no_group(folders, tmp_path):
+    other = campaign(tmp_path, "pose", "another")
+    arms = files("pa10cal.files").joinpath("arms", "ur10.yaml")
+    described = yaml.safe_load(arms.read_text())
+    described["rows"][1]["a_m"] -= 0.001
+    (other / "ur10.yaml").write_text(yaml.safe_dump(described))
+    with pytest.raises(RawDataError, match="a_m, row 2"):
+        pa10cal.read_group([folders[0], other])
+
+
+@pytest.mark.parametrize(
+    ("chosen", "name", "words"),
+    [
+        ([0], "ur10", "fewer than two"),
+        ([], "ur10", "fewer than two"),
+        ([0, 1, 0], "ur10", "stands in a group twice"),
+        ([0, 1], "of-pose", "called like one of its campaigns"),
+    ],
+)
+def test_what_is_no_group_is_refused(folders, chosen, name, words):
+    with pytest.raises(RawDataError, match=words):
+        pa10cal.read_group([folders[k] for k in chosen], name)
+
+
+def test_the_papers_model_is_for_one_campaign(folders):
+    group = pa10cal.read_group(folders[:2], "ur10")
+    options = CalibrationOptions(model="paper")
+    with pytest.raises(RawDataError, match="calibrate this campaign with its general model"):
+        pa10cal.calibrate(group, options)
+
+
+@pytest.mark.parametrize(
+    ("groups", "words"),
+    [
+        ({"ur10": ["a"]}, "two or more"),
+        ({"ur10": []}, "two or more"),
+        ({"ur10": ["a", "a"]}, "each once"),
+        ({"a": ["a", "b"]}, "called like a campaign"),
+        ({"b": ["a", "c"], "d": ["b", "a"]}, "called like a campaign"),
+        ({"wild_trials": ["a", "b"]}, "none of"),
+        ({".x": ["a", "b"]}, "not beginning"),
+    ],
+)
+def test_settings_refuse_what_is_no_group(groups, words):
+    with pytest.raises(SettingsError, match=words):
+        parse_settings({"campaigns": ["a"], "groups": groups}, where="config.yaml")
+
+
+def test_settings_take_groups():
+    found = parse_settings({"campaigns": ["c"], "groups": {"ur10": ["a", "b"]}}, where="")
+    assert found.groups == {"ur10": ("a", "b")}
