@@ -182,8 +182,12 @@ def mean_error_of_noise_mm(measured: Instrument, cov: Array) -> float:
         measured: what was measured.
         cov: (P, b, b) covariance of the components.
     """
-    mean = position_noise(measured, cov).mean(axis=0, keepdims=True)
-    return float(1e3 * mean_length(mean)[0])
+    each = position_noise(measured, cov)
+    if not measured.campaigns:
+        return float(1e3 * mean_length(each.mean(axis=0, keepdims=True))[0])
+    _, way = np.unique(measured.components_seen, axis=0, return_inverse=True)
+    means = np.stack([each[way.ravel() == k].mean(axis=0) for k in range(way.max() + 1)])
+    return float(1e3 * np.average(mean_length(means), weights=np.bincount(way.ravel())))
 
 
 def _along_base(by_end: Array, at: FittedModel) -> Array:

@@ -173,11 +173,16 @@ def noise_of_near_poses(poses: Observations, residual: Array) -> Noise:
     if both.any(axis=1).sum() < LEAST_DIFFERENCES:
         return Noise(measured.stated_covariance, 0)
     difference = np.abs(residual[first] - residual[second]) / np.sqrt(2.0)
-    variance = np.zeros(residual.shape[1])
+    variance, stated = np.zeros(residual.shape[1]), measured.stated_covariance
     for _, at in measured.component_kinds:
-        variance[at] = np.square(MEDIAN_TO_SIGMA * np.median(difference[:, at][both[:, at]]))
+        here = both[:, at]
+        if not here.any():  # a campaign of a group without poses that are nearly the same
+            own = np.diagonal(stated[:, at, at], axis1=1, axis2=2)[measured.components_seen[:, at]]
+            variance[at] = np.median(own)
+            continue
+        variance[at] = np.square(MEDIAN_TO_SIGMA * np.median(difference[:, at][here]))
     if not variance.all():  # readings that were copied
-        return Noise(measured.stated_covariance, 0)
+        return Noise(stated, 0)
     return Noise(np.tile(np.diag(variance), (len(poses), 1, 1)), len(first))
 
 
