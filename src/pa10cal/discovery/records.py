@@ -30,6 +30,7 @@ from pa10cal.discovery.verdict import (
     Verdict,
     without_a_cause,
 )
+from pa10cal.discovery.witness_record import ripple_words, witness_of
 from pa10cal.fit import angles_seen
 from pa10cal.fit.model_file import model_to_plain
 from pa10cal.results import discovery as parts
@@ -294,6 +295,7 @@ def summary(verdict: VerdictKeys) -> list[str]:
         lines.append(
             f"  {effect.id} of {effect.of}: {values}"
             + (f"; indistinguishable from {rivals}" if rivals else "")
+            + ("" if effect.witness is None else ripple_words(effect.witness))
         )
     lines += [
         f"  without a name, of {place.of or 'unknown place'}: {place.why}"
@@ -343,6 +345,7 @@ def found_effect(finding: Finding[object], found: Verdict[object]) -> FoundEffec
         },
         alternatives=tuple(name_of(other) for other in finding.alternatives),
         evidence=_evidence(finding.proof, found),
+        witness=witness_of(finding.effect, found),
     )
 
 

@@ -22,6 +22,9 @@ _NEARLY_ALL = 0.7
 _HARDLY_ANY = 0.3
 #: Log-likelihood by which the motor's ripple must prefer one cause over the other, in nats.
 LEAST_NATS = 5.0
+#: Correlation of campaigns or turns from which they agree, and how many arcs it takes.
+LEAST_CORRELATION = 0.8
+LEAST_ARCS = 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,3 +78,45 @@ class Witness:
         if self.excludes_sensor and not self.excludes_gear and low < _HARDLY_ANY:
             return "gear"
         return None
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well campaigns, or turns of a joint, agree on its error where both were.
+
+    Attributes:
+        correlation: of their means in arcs of 3°, less what noise makes of it.
+        slope: of one by the other, likewise.
+        arcs: pairs of means that were compared.
+    """
+
+    correlation: float
+    slope: float
+    arcs: int
+
+    @property
+    def holds(self) -> bool:
+        """Whether the error is the joint's own, and not that of a campaign or of a turn."""
+        return self.arcs >= LEAST_ARCS and self.correlation >= LEAST_CORRELATION
+
+
+@dataclass(frozen=True)
+class JointCause:
+    """Whose error a joint's error by its angle is, and what says so.
+
+    Attributes:
+        joint: which, from 1.
+        witness: the motor's ripple; None where it shows none.
+        agreement: of campaigns or turns; None where no angle was seen in two of them.
+    """
+
+    joint: int
+    witness: Witness | None
+    agreement: Agreement | None
+
+    @property
+    def cause(self) -> Cause | None:
+        """Return whose error it is; None where it cannot be said."""
+        if self.witness is None or self.agreement is None or not self.agreement.holds:
+            return None
+        return self.witness.cause

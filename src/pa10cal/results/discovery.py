@@ -24,6 +24,7 @@ from pa10cal.results.record import (
     PoseMatrix,
     optional,
 )
+from pa10cal.results.witness import JointWitness as JointWitness
 
 Verdict = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "not_sought"]
 
@@ -85,6 +86,10 @@ class FoundEffect(NamedEffect):
     )
     evidence: EvidenceByRepeats | EvidenceByBlocks = Field(
         description="the statistics that decided"
+    )
+    witness: JointWitness | None = optional(
+        "whether the joint's sensor or its gear errs; of errors by its angle, where anything is "
+        "known of it"
     )
 
 

@@ -13,6 +13,7 @@ from typing_extensions import override
 
 from pa10cal.discovery import verdict
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate
+from pa10cal.discovery.blocked_cv.causes import with_causes
 from pa10cal.discovery.blocked_cv.compare import compare, errors_by_name
 from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable, family
 from pa10cal.discovery.blocked_cv.finest import Level, finest
@@ -43,11 +44,13 @@ from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.next_poses.fill import fill
 from pa10cal.discovery.noise import Noise, noise_of_near_poses
 from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.sensor_or_gear import JointCause
 from pa10cal.discovery.torque_noise import with_torque_noise
-from pa10cal.discovery.verdict import MAP, Finding, NotTestable, Plan, Verdict, reported
+from pa10cal.discovery.verdict import Finding, NotTestable, Plan, Verdict, reported
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 Array = NDArray[np.float64]
 
@@ -65,6 +68,7 @@ class VerdictByBlocks(Verdict[Prediction]):
         extended: the model with the effects found.
         noise: of single readings.
         finest: the effects, by linear least squares.
+        causes: what is known of the cause of each map, joint by joint.
     """
 
     survey: Survey
@@ -75,6 +79,7 @@ class VerdictByBlocks(Verdict[Prediction]):
     extended: Refit
     noise: Noise
     finest: Level
+    causes: tuple[JointCause, ...] = ()
 
     method: ClassVar[str] = "cross-validation over blocks"
 
@@ -203,7 +208,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
     )
     seen, held_out = _seen(judged, effects), campaign.held_out
     components = poses.measured.components_seen.size
-    return VerdictByBlocks(
+    found_by_blocks = VerdictByBlocks(
         prepared=campaign,
         context=judged.context,
         error_rate=error_rate,
@@ -237,6 +242,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         noise=noise,
         finest=fine,
     )
+    return with_causes(found_by_blocks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,7 +350,8 @@ def _reported(extended: Refit, effect: Effect) -> tuple[Array, Array]:
 
 def _seen(judged: Survey, effects: tuple[Effect, ...]) -> AnglesSeen | None:
     """Return the joint positions seen where the model has learnt an error by them: in a map."""
-    return _every_seen(judged) if any(effect.id == MAP for effect in effects) else None
+    maps = any(isinstance(effect, JointErrorMap) for effect in effects)
+    return _every_seen(judged) if maps else None
 
 
 def _every_seen(judged: Survey) -> AnglesSeen:

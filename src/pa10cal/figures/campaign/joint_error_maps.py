@@ -44,7 +44,7 @@ without a map showed no need of one.
 Array = NDArray[np.float64]
 
 _TITLE = "Errors that depend on a joint angle, as found"
-_MAP = "joint_error_map"
+_MAPS = ("joint_error_map", "sensor_error", "gear_error")
 _HALF_WIDTH_95 = 1.96
 _ROW_MM, _BETWEEN_MM, _BELOW_MM, _ABOVE_MM = 24.0, 7.0, 28.0, 14.0
 _ARC_SECONDS_A_MRAD = 206.265
@@ -86,7 +86,7 @@ class _Map:
 def draw(results: Results) -> Figure:
     """Draw every map with its band, a row a joint; what is extrapolated is shaded and dotted."""
     found = results.verdict()
-    maps = [_map(effect) for effect in found.effects if effect.id == _MAP]
+    maps = [_map(effect) for effect in found.effects if effect.id in _MAPS]
     if not maps:
         raise NothingToShowError("no error that depends on a joint's angle was named")
     maps.sort(key=lambda each: each.joint)

@@ -1,0 +1,93 @@
+"""A simulated drive whose sensor errs: the map of its joint bears the name of the cause."""
+
+import numpy as np
+import pytest
+
+from pa10cal.cell.campaign import simulate_campaign
+from pa10cal.cell.effects.effect import Site
+from pa10cal.cell.effects.reading import SensorError as CellSensorError
+from pa10cal.cell.options import SimulateOptions
+from pa10cal.cell.write import write_campaign
+from pa10cal.discovery.blocked_cv import causes
+from pa10cal.discovery.discover import discover
+from pa10cal.discovery.records import discovery_records, summary, verdict_keys
+from pa10cal.discovery.setup import setup_of
+from pa10cal.discovery.verdict import Plan
+from pa10cal.evaluation.options import JudgingOptions
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.model_file import model_from_plain, model_to_plain
+from pa10cal.settings_reading import parse_section
+from pa10cal.studies.judging import calibrated_campaign
+
+POSES, JOINT = 900, 3
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    rng = np.random.default_rng(5)
+    wide = np.where(np.arange(6) == JOINT - 1, 350.0, 160.0)
+    commanded = rng.uniform(-wide, wide, (POSES, 6)).round(4).tolist()
+    drawn = CellSensorError.at_size(Site(f"joint {JOINT}"), 1.0, rng)
+    drawn |= {"ratio": 101.0, "cogs": [4, 10, 20], "ripple": [5e-5] * 3, "ripple_phi": [0.1] * 3}
+    raw = {
+        "random_seed": 5,
+        "robot": "ur10",
+        "hidden_effects": [{"id": "sensor_error", "of": f"joint {JOINT}", "parameters": drawn}],
+        "without_touches": {"poses": POSES, "commanded": commanded, "position_mm": 0.02},
+    }
+    settings = parse_section(SimulateOptions, raw, where="trial")
+    folder = tmp_path_factory.mktemp("raw") / "drive"
+    write_campaign(simulate_campaign("drive", load_arm("ur10"), settings), folder)
+    return calibrated_campaign(folder, JudgingOptions())
+
+
+@pytest.fixture(scope="module")
+def found(campaign):
+    read, options = campaign.campaign, campaign.options
+    setup = setup_of(read.description, read.arm, options.calibration, options.discovery)
+    return discover(read.observations, campaign.model, setup)
+
+
+def test_a_sensor_that_errs_is_named(found):
+    (finding,) = found.effects
+    assert (finding.id, finding.of, finding.alternatives) == ("sensor_error", "joint 3", ())
+    (cause,) = found.causes
+    assert cause.cause == "sensor"
+    assert cause.witness.interval95[0] > 0.3
+    assert cause.agreement.correlation > 0.9
+    assert cause.agreement.slope == pytest.approx(1.0, abs=0.2)
+    held_out = found.with_findings(found.findings)
+    assert held_out.model.x == pytest.approx(found.model.x, abs=2e-5)
+
+
+def test_it_is_told_and_written(found, campaign):
+    keys = verdict_keys(found)
+    witness = keys.effects[0].witness
+    assert witness.ripple.orders == (4, 10, 20)
+    assert witness.ripple.profile_nats.max() == 0.0
+    assert "its motor followed" in " ".join(summary(keys))
+    written = discovery_records(found, Plan(()), campaign.campaign.description, "combined", 1.0)
+    assert written.verdict.effects[0].witness == witness
+    back = model_from_plain(model_to_plain(found.model), where="model.yaml")
+    assert back.model.terms == found.model.model.terms
+
+
+def test_without_agreement_it_is_the_sensor_or_the_gear(found, monkeypatch):
+    monkeypatch.setattr(causes, "agreement", lambda _: None)
+    (finding,) = causes.with_causes(found).effects
+    assert (finding.id, [each.id for each in finding.alternatives]) == (
+        "sensor_error",
+        ["gear_error"],
+    )
+
+
+def test_without_ripple_a_map_stays_a_map(found, monkeypatch):
+    said = causes.JointErrorMap("joint 3", *_form(found.effects[0].effect))
+    as_map = causes._renamed(found, {found.effects[0].effect: said}, {})
+    monkeypatch.setattr(causes, "witnesses", lambda *_: (None,) * 6)
+    (finding,) = causes.with_causes(as_map).effects
+    assert (finding.id, finding.alternatives) == ("joint_error_map", ())
+
+
+def _form(effect):
+    return effect.knots, effect.spectrum
