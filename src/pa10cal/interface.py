@@ -38,7 +38,12 @@ __all__ = [
 
 
 def calibrate(
-    campaign: Campaign, options: CalibrationOptions | None = None, *, load: str = "combined"
+    campaign: Campaign,
+    options: CalibrationOptions | None = None,
+    *,
+    load: str = "combined",
+    prior: FittedModel | None = None,
+    force: bool = False,
 ) -> FittedModel:
     """Calibrate the arm of a campaign.
 
@@ -49,23 +54,32 @@ def calibrate(
         campaign: from `read_campaign`.
         options: how to calibrate; None for the defaults.
         load: `combined` for all loads together, or a load such as `44N`.
+        prior: a fitted model of the same arm to start from, as after a crash or with a new tool:
+            base, tool and targets are found anew, the rest is expected where the model has it; None
+            for none.
+        force: whether a prior is taken whatever its grade.
 
     Returns:
         The calibrated model; `grade` says in a word how good it is, `fitted_to.health` why and what
         to do, in one sentence.
 
     Raises:
-        CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
-            described does not fit the readings at all.
+        CalibrationError: when there are too few poses, a spring lacks torques, the arm as described
+            does not fit the readings at all, or the prior is of another arm, without covariance or
+            of an unsound calibration.
     """
     from pa10cal.calibration.campaign import calibrated
     from pa10cal.calibration.input_checks import check_input, explained
     from pa10cal.errors import CalibrationError
 
+    if prior is not None:
+        from pa10cal.calibration.general.prior import refuse_unsound
+
+        refuse_unsound(prior, force=force)
     about = campaign.description, campaign.arm, campaign.observations
     findings = check_input(*about, options or CalibrationOptions())
     try:
-        return calibrated(*about, load, options, findings)
+        return calibrated(*about, load, options, findings, prior)
     except CalibrationError as error:
         raise explained(error, findings) from None
 

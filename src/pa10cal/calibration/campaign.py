@@ -39,6 +39,7 @@ def calibrated(
     load: str = COMBINED,
     options: CalibrationOptions | None = None,
     findings: tuple[InputFinding, ...] = (),
+    prior: FittedModel | None = None,
 ) -> FittedModel:
     """Calibrate the arm of a campaign, its base, tool and targets found from the nominal arm.
 
@@ -49,6 +50,7 @@ def calibrated(
         load: `combined`, or a load such as `44N`.
         options: how to calibrate; None for the defaults, without trying random inner poses.
         findings: what checks of the input found.
+        prior: fitted model of the arm to start from; None for none.
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
@@ -58,9 +60,10 @@ def calibrated(
     payload = campaign.payload(arm)
     if takes_general_model(options.model, from_touches=campaign.from_touches):
         start = find_start(arm, average_repeats(every.of_kind("grid")))
-        case = general_case(campaign, arm, every, start, load, options, findings)
+        case = general_case(campaign, arm, every, start, load, options, findings, prior)
         model, used, health = fitted(case.full), case.full.problem.observations, case.health
     else:
+        refuse_prior(prior)
         seed = align_nominal(nominal(arm), poses_of(every, "grid"))
         papers = paper_case(campaign, arm, every, seed, load, options, findings)
         model, health = fitted_model(papers.cubic, payload), papers.health
@@ -78,6 +81,7 @@ def calibration_record(
     *,
     general: bool,
     findings: tuple[InputFinding, ...] = (),
+    prior: FittedModel | None = None,
 ) -> CalibrationRecord:
     """Calibrate a load case, and return its record.
 
@@ -90,16 +94,34 @@ def calibration_record(
         options: how to calibrate.
         general: whether with all that can be identified, or with the paper's unknowns.
         findings: what checks of the input found.
+        prior: fitted model of the arm to start from; None for none.
 
     Raises:
         CalibrationError: see `paper_case` and `general_case`.
     """
     if general:
         start = start_of(seed, every.measured)
-        case = general_case(campaign, arm, every, start, load, options, findings)
+        case = general_case(campaign, arm, every, start, load, options, findings, prior)
         return general_record(case, campaign, options)
+    refuse_prior(prior)
     papers = paper_case(campaign, arm, every, seed.T_instr_base, load, options, findings)
     return paper_record(papers, campaign, campaign.payload(arm), options)
+
+
+def refuse_prior(prior: FittedModel | None) -> None:
+    """Refuse a prior where the paper's model is fitted, which starts from none.
+
+    Raises:
+        CalibrationError: where one is given.
+    """
+    if prior is not None:
+        raise CalibrationError(
+            "the paper's model does not start from a prior",
+            where="calibration.prior",
+            value=prior.arm.name,
+            allowed="a prior with the general model",
+            remedy="set calibration.model to general, or omit the prior",
+        )
 
 
 def paper_case(
@@ -155,6 +177,7 @@ def general_case(
     load: str,
     options: CalibrationOptions,
     findings: tuple[InputFinding, ...] = (),
+    prior: FittedModel | None = None,
 ) -> GeneralCase:
     """Compute a load case with every parameter that arm and instrument can identify.
 
@@ -166,6 +189,7 @@ def general_case(
         load: `combined` or `general` for all loads together, or a load such as `44N`.
         options: how to calibrate.
         findings: what checks of the input found.
+        prior: fitted model of the arm to start from; None for none.
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
@@ -186,4 +210,5 @@ def general_case(
         readings=single.take(rows_of_load(single.states.load_N, case)),
         findings=findings,
         suspects=partial(suspected_held_out, every),
+        prior=prior,
     )

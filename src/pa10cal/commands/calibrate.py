@@ -28,6 +28,8 @@ def calibrate(
     out: Path,
     load: str | None = None,
     named: Path | None = None,
+    prior: Path | None = None,
+    force: bool = False,
     settings: CalibrationOptions = CalibrationOptions(),
 ) -> None:
     """Calibrate the arm, at every load and at all together, by the paper's model or the general.
@@ -39,6 +41,8 @@ def calibrate(
         out: folder for the calibrations, or with --load the calibration to write (.json).
         load: one load case alone: a load such as 44N; combined; or general.
         named: extended model that discovery wrote, for `effects: named` (.json).
+        prior: model.yaml of the same arm to start from, in place of calibration.prior.
+        force: take a prior whatever its grade.
         settings: section calibration.
 
     Examples:
@@ -47,7 +51,8 @@ def calibrate(
         pa10cal calibrate --campaign-dir data/raw/mine --poses poses.parquet --base-frame \\
           base_frame.json --load 44N --out 44N.json
     """
-    from pa10cal.calibration.campaign import calibration_record
+    from pa10cal.calibration.campaign import calibration_record, refuse_prior
+    from pa10cal.calibration.general.prior import refuse_unsound
     from pa10cal.calibration.input_checks import check_input, explained
     from pa10cal.calibration.load_case import load_cases
     from pa10cal.calibration.options import takes_general_model
@@ -55,6 +60,7 @@ def calibrate(
     from pa10cal.campaign.table import read_observations
     from pa10cal.errors import CalibrationError, DiscoveryError
     from pa10cal.files.arms import load_arm
+    from pa10cal.fit.model_file import load_model
     from pa10cal.results.codec import read, write
     from pa10cal.results.seed import BaseFrameRecord
 
@@ -66,6 +72,11 @@ def calibrate(
     beside = () if general else (GENERAL,)
     cases = (load,) if load else load_cases(every.of_kind("grid").states.load_N) + beside
     findings = check_input(campaign, arm, every, settings)
+    known = None
+    if given := prior or (Path(settings.prior) if settings.prior else None):
+        known = load_model(given)
+        refuse_unsound(known, force=force)
+        refuse_prior(None if general else known)
     records = {}
     for case in cases:
         by_general, began = general or case == GENERAL, time.perf_counter()
@@ -79,6 +90,7 @@ def calibrate(
                 settings,
                 general=by_general,
                 findings=findings,
+                prior=known,
             )
             records[case] = _with_effects(record, campaign, arm, every, case, settings, named)
         except (CalibrationError, DiscoveryError) as error:
@@ -141,6 +153,8 @@ def _with_effects(
 
 
 def _say(title: str, record: CalibrationRecord, seconds: float) -> None:
+    from pa10cal.results.calibration import GeneralCalibrationRecord
+
     after = ", ".join(
         f"{load} {errors.after.mean_mm:.3f}/{errors.after.peak_mm:.3f} mm"
         for load, errors in record.errors.items()
@@ -149,6 +163,8 @@ def _say(title: str, record: CalibrationRecord, seconds: float) -> None:
         f"{title}: {record.status}, rank {record.rank} of {record.unknowns}, "
         f"mean/peak after: {after}; {record.iterations} iterations, {seconds:.1f} s"
     )
+    if isinstance(record, GeneralCalibrationRecord) and record.prior is not None:
+        print(f"{title}: {record.prior.line}")
     print(f"{title}: {record.health.grade}: {record.health.line}")
     for warning in (text for text in record.warnings if text != record.health.line):
         print(f"{title}: note: {warning}", file=sys.stderr)

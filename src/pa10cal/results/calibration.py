@@ -308,6 +308,34 @@ class SuspectedOutlier(Part):
     why: str = Field(description="what is odd about it")
 
 
+class Moved(Part):
+    """Something that moved since a prior was fitted."""
+
+    kind: str = Field(
+        description="`joint_zero`, `stiffness`, `link` (another departure), or `effect`"
+    )
+    of: str = Field(description="where: a joint, a departure, an effect of a place")
+    by: float | None = Field(
+        description="by how much, of a stiffness the part of the windup; null where that is no one "
+        "number"
+    )
+    std: float | None = Field(description="its standard uncertainty; likewise")
+    unit: str = Field(description="unit of both")
+    gain: float = Field(description="by how much it raised the evidence [nats]")
+
+
+class PriorPart(Part):
+    """The model that a calibration started from, and how far it still held."""
+
+    campaign: str | None = Field(description="to which it was fitted; null where not known")
+    moved: tuple[Moved, ...] = Field(description="what was found anew, the clearest first")
+    factor: float = Field(
+        description="factor of the variances of links and springs: 1 where they depart by no more "
+        "than noise"
+    )
+    line: str = Field(description="the same in one sentence")
+
+
 class GeneralCalibrationRecord(GeneralFit, CalibrationRecord):
     """`calibration/<load>.json` of the general model."""
 
@@ -319,9 +347,13 @@ class GeneralCalibrationRecord(GeneralFit, CalibrationRecord):
         description="where joint torques come from: `logged`, `masses` or `none`"
     )
     before_is: str = Field(description="what `before` is in the errors")
-    geometry: GeneralFit = Field(description="the fit without springs")
+    geometry: GeneralFit = Field(
+        description="the fit without springs; of a calibration from a prior that of base and tool "
+        "alone"
+    )
     nominal: GeneralFit = Field(description="the fit of base and tool alone, the arm nominal")
     suspected_outliers: tuple[SuspectedOutlier, ...] = Field(description="suspected outliers")
+    prior: PriorPart | None = optional("the model it started from; not given where none was")
 
     @property
     def fits(self) -> Mapping[str, Fit]:
@@ -331,7 +363,8 @@ class GeneralCalibrationRecord(GeneralFit, CalibrationRecord):
     @property
     def fits_by_model(self) -> Mapping[str, Fit]:
         """Return the fit of the frames alone, that without springs, and the whole one."""
-        geometry = {"geometry": self.geometry} if self.springs else {}
+        own = bool(self.springs) and self.prior is None
+        geometry = {"geometry": self.geometry} if own else {}
         return {"uncalibrated": self.nominal, **geometry, "linear": self}
 
     @property

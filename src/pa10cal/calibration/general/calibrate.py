@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.fit import Fit, fit
+from pa10cal.calibration.general.prior import Moved
 from pa10cal.calibration.general.problem import check_enough, general_problem, loaded_joints
 from pa10cal.calibration.general.tilts import Settled, tilts_not_shown
 from pa10cal.calibration.general.unknowns import Unknowns
@@ -48,6 +50,7 @@ class GeneralCalibration:
         payload: what the arm carried; None where that is not known.
         problem: what was solved.
         fit: where it ended.
+        moved: what a prior was no longer right about; None without a prior.
     """
 
     arm: Arm
@@ -59,6 +62,7 @@ class GeneralCalibration:
     payload: Payload | None
     problem: Problem
     fit: Fit
+    moved: Moved | None = None
 
 
 def calibrate_general(
@@ -115,23 +119,49 @@ def calibrate_general(
         fewer = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
         # That they are zero is not known: what the others are known to is what it was with them.
         found = replace(fewer, covariance=found.covariance[np.ix_(kept, kept)])
-    for _ in range(_MOST_REFITS if by_masses else 0):
-        weighed = _weighed(problem, found.x, unweighed, payload)
-        if weighed is problem:
-            break
-        problem = weighed
-        anew = fit(
-            problem,
-            found.x,
-            robust=robust,
-            max_iterations=max_iterations,
-            scatter_start=found.scatter,
-        )
-        anew = replace(anew, iterations=found.iterations + anew.iterations)
-        found = replace(anew, covariance=found.covariance) if settled else anew
+    if by_masses:
+        covariance = found.covariance
+
+        def again(problem: Problem, before: Fit) -> Fit:
+            return fit(
+                problem,
+                before.x,
+                robust=robust,
+                max_iterations=max_iterations,
+                scatter_start=before.scatter,
+            )
+
+        problem, found = at_rest(problem, found, unweighed, payload, again)
+        found = replace(found, covariance=covariance) if settled else found
     return GeneralCalibration(
         arm, start, unknowns, settled, springs, source, payload, problem, found
     )
+
+
+def at_rest(
+    problem: Problem,
+    found: Fit,
+    unweighed: PoseStates,
+    payload: Payload | None,
+    again: Callable[[Problem, Fit], Fit],
+) -> tuple[Problem, Fit]:
+    """Fit again, from where a fit ended, until the torques of weights move nothing any more.
+
+    Args:
+        problem: what was solved.
+        found: where that ended.
+        unweighed: states without those torques.
+        payload: what the arm carries.
+        again: fits a problem from where another fit ended.
+    """
+    for _ in range(_MOST_REFITS):
+        weighed = _weighed(problem, found.x, unweighed, payload)
+        if weighed is problem:
+            break
+        problem, before = weighed, found
+        found = again(problem, before)
+        found = replace(found, iterations=before.iterations + found.iterations)
+    return problem, found
 
 
 def _weighed(problem: Problem, x: Array, unweighed: PoseStates, payload: Payload | None) -> Problem:

@@ -15,6 +15,8 @@ from pa10cal.calibration.general.calibrate import (
     GeneralCalibration,
     calibrate_general,
 )
+from pa10cal.calibration.general.from_prior import calibrate_from
+from pa10cal.calibration.general.prior import prior_of
 from pa10cal.calibration.general.suspected_outliers import SuspectedOutlier, suspected_outliers
 from pa10cal.calibration.health import Errors, FitSummary, Health, health, held_out_errors
 from pa10cal.calibration.options import CalibrationOptions
@@ -45,7 +47,8 @@ class GeneralCase:
     Attributes:
         load: `combined`, `general`, or a load such as `44N`.
         full: links, springs, frames.
-        geometry: the same without springs; `full` itself where it has none.
+        geometry: the same without springs; `full` itself where it has none, and `nominal` where it
+            started from a prior.
         nominal: frames and targets alone.
         grid: poses of every load, with torques.
         residuals: of the full model on `grid`.
@@ -84,6 +87,7 @@ def work_out_general(
     readings: Observations | None = None,
     findings: tuple[InputFinding, ...] = (),
     suspects: Suspects | None = None,
+    prior: FittedModel | None = None,
 ) -> GeneralCase:
     """Compute one load case.
 
@@ -100,17 +104,22 @@ def work_out_general(
             none.
         findings: what checks of the input found.
         suspects: says which of the held-out poses have a suspected reading; None for none.
+        prior: fitted model of the arm to start from; None for none.
 
     Raises:
-        CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
-            described does not fit the readings at all.
+        CalibrationError: when there are too few poses, a spring lacks torques, the arm as described
+            does not fit the readings at all, or the prior is of another arm.
     """
     used = grid.take(rows)
-    full = calibrate_general(arm, used, start, payload, options)
-    geometry = full
-    if full.springs:
-        geometry = calibrate_general(arm, used, start, payload, options.with_springs(()))
+    if prior is None:
+        full = calibrate_general(arm, used, start, payload, options)
+    else:
+        known = prior_of(prior, arm, payload)
+        full = calibrate_from(known, arm, used, start, payload, options)
     nominal = calibrate_general(arm, used, start, payload, options.with_springs(()), links=False)
+    geometry = full if prior is None else nominal
+    if full.springs and prior is None:
+        geometry = calibrate_general(arm, used, start, payload, options.with_springs(()))
     calibrated, load_N = fitted(full), grid.states.load_N
 
     def weighed(poses: Observations) -> Observations:

@@ -3,16 +3,20 @@
 Unknowns are expected within a reach of their start. It is far wider than the uncertainty from the
 readings, so it matters only along directions that readings hardly determine (a joint that hardly
 moved, nearly parallel axes): these stay about where they were instead of moving by metres, and
-count as not identifiable.
+count as not identifiable. What an earlier fit says of some of them takes the place of their reach.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dtrtri
 
+from pa10cal.fit.expected import Expected
 from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, identify
 from pa10cal.fit.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.fit.problem import Problem, Rows
@@ -49,12 +53,14 @@ class Fit:
             of 95 %: wider than that of the normal distribution where the scatter was found from few
             poses (Student's t). Along directions that the data do not identify it is the reach.
         identifiability: rank and singular values of the weighted rows, in scales; directions
-            identified no better than the reach of the unknowns do not count.
+            identified no better than the reach of the unknowns do not count; those of which
+            something was known before do.
         cost: weighted sum of squares.
         dof: components seen less the rank.
         iterations: steps taken.
         converged: whether the last step was a small part of the uncertainty.
         reason: why it stopped.
+        widening: by which factor standard uncertainties are wider for the readings being few.
     """
 
     x: Array
@@ -72,6 +78,7 @@ class Fit:
     iterations: int
     converged: bool
     reason: str
+    widening: float = 1.0
 
 
 def fit(
@@ -81,6 +88,7 @@ def fit(
     robust: bool = True,
     max_iterations: int = 50,
     scatter_start: dict[str, float] | None = None,
+    expected: Expected | None = None,
 ) -> Fit:
     """Fit the general model.
 
@@ -90,8 +98,9 @@ def fit(
         robust: whether poses far outside the scatter weigh less.
         max_iterations: bound on the steps.
         scatter_start: scatter of each kind to set out with [m, rad]; None for that at the start.
+        expected: what is known of the first unknowns before any reading; None for nothing.
     """
-    span = _Span.about(problem, x_start)
+    span = _Span.about(problem, x_start, expected)
     weighting = _WeightedProblem(problem, span, robust, scatter_start)
     found = minimise(
         span.start,
@@ -107,12 +116,18 @@ def fit(
     x, rows, scatter = found.at, weighting.rows(found.at), weighting.scatter
     weighted = weighting.weighted
     held = span.bounds.held(x, found.equations.gradient)
-    triangle = np.asarray(np.linalg.qr(weighted.rows.reshape(-1, len(x)), mode="r"))
-    directions = _directions(triangle, span.reach)
-    identifiability = _identified(triangle, directions, problem.scale, span.reach)
-    if held.any():
-        directions = _directions(triangle[:, ~held], span.reach[~held])
-    covariance = scatter.widening**2 * _covariance(directions, span.reach, ~held)
+    if span.expected is None:
+        triangle = np.asarray(np.linalg.qr(weighted.rows.reshape(-1, len(x)), mode="r"))
+        directions = _directions(triangle, span.reach)
+        identifiability = _identified(triangle, directions, problem.scale, span.reach)
+        if held.any():
+            directions = _directions(triangle[:, ~held], span.reach[~held])
+        covariance = _covariance(directions, span.reach, ~held)
+    else:
+        identifiability = _identified_beside(span.expected, weighted.normal, problem, span.reach)
+        root = _inverse_factor((weighted.normal + span.precision)[np.ix_(~held, ~held)])
+        covariance = np.zeros((len(x), len(x)))
+        covariance[np.ix_(~held, ~held)] = root @ root.T
     return Fit(
         x=x,
         at_bound=held,
@@ -122,13 +137,14 @@ def fit(
         residual=rows.residual,
         jacobian=rows.jacobian,
         whitener=weighted.whitener,
-        covariance=covariance,
+        covariance=scatter.widening**2 * covariance,
         identifiability=identifiability,
         cost=float(np.sum(weighted.residual**2)),
-        dof=problem.readings - identifiability.rank,
+        dof=problem.readings + span.known - identifiability.rank,
         iterations=found.iterations,
         converged=found.converged and _length(found.equations, held) < _NEARLY,
         reason=found.reason,
+        widening=scatter.widening,
     )
 
 
@@ -140,27 +156,52 @@ class _Span:
         start: where they are thought to be.
         bounds: ends of their physical range.
         reach: how far from the start they may well be.
+        expected: what is known of the first of them, in place of start and reach; or None.
     """
 
     start: Array
     bounds: Bounds
     reach: Array
+    expected: Expected | None
 
     @classmethod
-    def about(cls, problem: Problem, x_start: Array) -> _Span:
+    def about(cls, problem: Problem, x_start: Array, expected: Expected | None) -> _Span:
         bounds = Bounds.of(problem.parameters)
         width = bounds.upper - bounds.lower
         reach = np.where(np.isfinite(width), width, _REACH * problem.scale)
-        expected = [p.plausible for p in problem.parameters]
+        sizes = [p.plausible for p in problem.parameters]
         reach = np.array(
-            [far if size is None else size for far, size in zip(reach, expected, strict=True)]
+            [far if size is None else size for far, size in zip(reach, sizes, strict=True)]
         )
-        return cls(bounds.clip(x_start), bounds, reach)
+        return cls(bounds.clip(x_start), bounds, reach, expected)
+
+    @property
+    def known(self) -> int:
+        """Return of how many unknowns something is known before any reading."""
+        return 0 if self.expected is None else len(self.expected.mean)
+
+    @cached_property
+    def precision(self) -> Array:
+        """Return how precisely the unknowns are known before any reading, (k, k)."""
+        precision = np.diag(self.reach**-2.0)
+        if self.expected is not None:
+            precision[: self.known, : self.known] = self.expected.precision
+        return precision
 
     def off(self, x: Array) -> Array:
         """Return how far the unknowns have gone, in reaches."""
         off: Array = (x - self.start) / self.reach
         return off
+
+    def pull(self, x: Array) -> tuple[float, Array]:
+        """Return the squares of what takes unknowns back, and half their gradient (k,)."""
+        off = self.off(x)
+        if self.expected is None:
+            return float(np.sum(off**2)), off / self.reach
+        k, away = self.known, x[: self.known] - self.expected.mean
+        back = self.expected.precision @ away
+        own = off[k:]
+        return float(away @ back + own @ own), np.concatenate([back, own / self.reach[k:]])
 
 
 class _WeightedProblem:
@@ -192,13 +233,16 @@ class _WeightedProblem:
         """Return the sum of squares at a point, with the weights as they are."""
         root, whitener = np.sqrt(self.weighted.weights)[:, None], self.weighted.whitener
         white = root * np.einsum("pij,pj->pi", whitener, self.rows(x).residual)
-        return float(np.sum(white**2) + np.sum(self._span.off(x) ** 2))
+        return float(np.sum(white**2) + self._span.pull(x)[0])
 
     def renewed(self, x: Array, taken: Step) -> Equations:
         """Renew scatter and weights about a point."""
         problem, span, rows = self._problem, self._span, self.rows(x)
         weighted = weighted_rows(problem, rows, self.scatter, self._robust)
-        parts = span.reach[:, None] * _inverse_root(weighted.normal, span.reach)
+        if span.expected is None:
+            parts = span.reach[:, None] * _inverse_root(weighted.normal, span.reach)
+        else:
+            parts = _inverse_factor(weighted.normal + span.precision)
         found = refreshed(problem, rows, weighted, parts, self.scatter)
         self._settled = found.is_about(self.scatter)
         # A scatter that leaves a fit from which the one before is found would go on for ever.
@@ -225,11 +269,11 @@ def _length(at: Equations, held: NDArray[np.bool_]) -> float:
 
 def _equations(x: Array, weighted: WeightedRows, span: _Span) -> Equations:
     """Return the weighted problem at a point, each unknown within a reach of its start."""
-    off = span.off(x)
+    squares, pull = span.pull(x)
     return Equations(
-        cost=float(np.sum(weighted.residual**2) + np.sum(off**2)),
-        gradient=weighted.rows.reshape(-1, len(x)).T @ weighted.residual.ravel() + off / span.reach,
-        normal=weighted.normal + np.diag(span.reach**-2.0),
+        cost=float(np.sum(weighted.residual**2) + squares),
+        gradient=weighted.rows.reshape(-1, len(x)).T @ weighted.residual.ravel() + pull,
+        normal=weighted.normal + span.precision,
     )
 
 
@@ -241,6 +285,42 @@ def _inverse_root(normal: Array, reach: Array) -> Array:
     known = values > _ROUNDING * values[-1]
     root: Array = vectors[:, known] / np.sqrt(values[known]) / size[:, None]
     return root
+
+
+def _inverse_factor(information: Array) -> Array:
+    """Return A (k, k) with A A^T the inverse of an information matrix that is definite."""
+    size = np.sqrt(np.diag(information))
+    upper = np.linalg.cholesky(information / np.outer(size, size), upper=True)
+    inverse, _ = dtrtri(upper)
+    root: Array = inverse / size[:, None]
+    return root
+
+
+def _identified_beside(
+    expected: Expected, normal: Array, problem: Problem, reach: Array
+) -> Identifiability:
+    """Return what is identified of all unknowns: the others by what readings say beyond the known.
+
+    Args:
+        expected: what is known of the first unknowns.
+        normal: (k, k) normal equations of the readings alone.
+        problem: gives the scales.
+        reach: (k,) of the unknowns.
+    """
+    known, scale = len(expected.mean), problem.scale
+    whole = normal.copy()
+    whole[:known, :known] += expected.precision
+    across = whole[:known, known:]
+    own = whole[known:, known:] - across.T @ cho_solve(cho_factor(whole[:known, :known]), across)
+    values, vectors = np.linalg.eigh(own * np.outer(reach[known:], reach[known:]))
+    openly = vectors[:, np.sqrt(np.maximum(values, 0.0)) <= 1.0]
+    null_space = np.zeros((len(scale), openly.shape[1]))
+    null_space[known:] = np.linalg.qr(reach[known:, None] * openly / scale[known:, None])[0]
+    sizes = np.linalg.eigvalsh(whole * np.outer(scale, scale))[::-1]
+    singular_values: Array = np.sqrt(np.maximum(sizes, 0.0))
+    rank = len(scale) - openly.shape[1]
+    least = max(float(singular_values[rank - 1]), np.finfo(float).tiny)
+    return Identifiability(singular_values, rank, null_space, float(singular_values[0] / least))
 
 
 def _identified(

@@ -190,9 +190,13 @@ def start_of_tool(parameter: str, start: Start) -> float:
     return float(p_ee_target_m["xyz".index(name[-1])])
 
 
-def check_enough(problem: Problem) -> None:
-    """Refuse a problem of fewer equations than unknowns."""
-    unknowns, rows = len(problem.parameters), problem.readings
+def check_enough(problem: Problem, *, known: int = 0) -> None:
+    """Refuse a problem of fewer equations than unknowns, those not counted of which much is known.
+
+    Raises:
+        CalibrationError: naming how many poses would do.
+    """
+    unknowns, rows = len(problem.parameters) - known, problem.readings
     if rows < unknowns:
         a_pose = rows / max(1, len(problem.observations))
         raise CalibrationError(

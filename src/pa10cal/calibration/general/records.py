@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +22,8 @@ from pa10cal.results.calibration import (
     GeneralCalibrationRecord,
     GeneralErrors,
     GeneralFit,
+    Moved,
+    PriorPart,
     Redundant,
     Solved,
     Spring,
@@ -81,6 +83,14 @@ def general_record(
         residuals=_residuals(case),
         suspected_outliers=case.suspected_outliers,
         health=health_part(case.health, full.problem.observations.pose),
+        prior=None
+        if full.moved is None
+        else PriorPart(
+            campaign=full.moved.campaign,
+            moved=tuple(Moved(**asdict(each)) for each in full.moved.releases),
+            factor=full.moved.factor,
+            line=full.moved.line,
+        ),
         warnings=_warnings(case),
         seconds=None,
         settings=settings.model_dump(mode="json"),

@@ -1,0 +1,187 @@
+"""Calibration from a fitted model: base and tool anew, the rest as it was but for what moved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from pa10cal.calibration.general.calibrate import calibrate_general
+from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.general.from_prior import calibrate_from
+from pa10cal.calibration.general.prior import prior_of, refuse_unsound
+from pa10cal.calibration.general.start import find_start
+from pa10cal.cell.options import TrackerOptions
+from pa10cal.errors import CalibrationError
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.expected import Disagreement, Expected
+from pa10cal.fit.prediction import FittedTo
+from pa10cal.studies.changed import Change, draw_changed
+from pa10cal.studies.simulated import (
+    exact_observations,
+    measured,
+    observations_of,
+    payload_of_individual,
+)
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.model import Model
+
+ARM = load_arm("ur10")
+
+
+def of_plan(kind):
+    return TrackerOptions(
+        instrument=kind,
+        poses=120,
+        holdout_share=0.0,
+        flexible_joints=(2, 3),
+        hardening=False,
+        states_targets=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def arms():
+    """Return a model of an arm, and readings of the arm after a change."""
+    found = {}
+
+    def make(kind, change, seed=3):
+        key = kind, change, seed
+        if key not in found:
+            plan = of_plan(kind)
+            before, after = draw_changed(ARM, plan, change, np.random.default_rng(seed))
+            payload = payload_of_individual(before)
+            seen = observations_of(measured(before, plan, seed))
+            again = observations_of(measured(after, plan, seed + 1))
+            start = find_start(ARM, seen)
+            model = fitted(calibrate_general(ARM, seen, start, payload))
+            exact = exact_observations(after, plan, 60, seed + 2)
+            found[key] = model, again, payload, exact
+        return found[key]
+
+    return make
+
+
+def from_prior(model, seen, payload):
+    return calibrate_from(prior_of(model, ARM, payload), ARM, seen, find_start(ARM, seen), payload)
+
+
+def error_mm(calibration, exact):
+    model = fitted(calibration)
+    return float(np.sqrt(np.mean(model.deviations(model.as_modelled(exact)).distance_mm ** 2)))
+
+
+@pytest.mark.parametrize("kind", ["pose", "points", "distance"])
+def test_base_and_tool_are_found_anew_and_nothing_else_moved(arms, kind):
+    model, seen, payload, exact = arms(kind, Change(place=True))
+    found = from_prior(model, seen.take(slice(20)), payload)
+    assert found.fit.converged
+    assert found.moved.releases == ()
+    assert found.moved.factor == 1.0
+    assert error_mm(found, exact) < 0.08
+
+
+@pytest.mark.parametrize("joint", [2, 3, 4, 5])
+def test_the_joint_whose_zero_moved_is_found(arms, joint):
+    moved = Change(place=True, zero_rad=((joint, 1.5e-3),))
+    model, seen, payload, exact = arms("pose", moved)
+    found = from_prior(model, seen.take(slice(20)), payload)
+    (what,) = found.moved.releases
+    assert (what.kind, what.of, what.unit) == ("joint_zero", f"joint {joint}", "rad")
+    assert abs(what.by - 1.5e-3) < 4 * what.std
+    assert f"the zero of joint {joint} moved by" in found.moved.line
+    assert error_mm(found, exact) < 0.08
+
+
+def test_a_softer_drive_is_found(arms):
+    model, seen, payload, _ = arms("pose", Change(place=True, softer=((2, 0.6),)))
+    found = from_prior(model, seen, payload)
+    assert [(each.kind, each.of) for each in found.moved.releases] == [("stiffness", "joint 2")]
+    assert found.moved.releases[0].by == pytest.approx(1 / 0.6 - 1, abs=0.2)
+
+
+def test_a_prior_and_further_poses_are_as_good_as_all_poses_together(arms):
+    _, seen, payload, _ = arms("pose", Change())
+    start = find_start(ARM, seen)
+    first, second = seen.take(slice(0, 60)), seen.take(slice(60, 120))
+    model = fitted(calibrate_general(ARM, first, start, payload))
+    both = fitted(calibrate_general(ARM, seen, start, payload))
+    found = fitted(from_prior(model, second, payload))
+    k = [name.name for name in both.model.parameters].index("delta_theta_3")
+    at = [name.name for name in found.model.parameters].index("delta_theta_3")
+    std = np.sqrt(both.covariance[k, k])
+    assert found.x[at] == pytest.approx(both.x[k], abs=0.7 * std)
+    assert np.sqrt(found.covariance[at, at]) == pytest.approx(std, rel=0.35)
+
+
+def test_a_map_of_the_prior_stays_where_no_pose_was(arms):
+    model, seen, payload, _ = arms("pose", Change())
+    effect = JointErrorMap("joint 4")
+    k = len(model.x) - 6
+    knots = 1e-4 * np.sin(np.arange(effect.knots))
+    covariance = np.zeros((len(model.covariance) + effect.knots,) * 2)
+    at = np.r_[0:k, k + effect.knots : len(covariance)]
+    covariance[np.ix_(at, at)] = model.covariance
+    covariance[k : k + effect.knots, k : k + effect.knots] = 1e-12 * np.eye(effect.knots)
+    with_map = replace(
+        model,
+        model=Model(model.model.chain, (*model.model.terms[:-1], effect, model.model.terms[-1])),
+        x=np.concatenate([model.x[:k], knots, model.x[k:]]),
+        covariance=covariance,
+    )
+    prior = prior_of(with_map, ARM, payload)
+    assert effect in prior.terms
+    found = fitted(from_prior(with_map, seen.take(slice(12)), payload))
+    assert found.values_of(effect) == pytest.approx(knots, abs=1e-5)
+
+
+def test_a_prior_of_another_arm_or_without_covariance_is_refused(arms):
+    model, _, payload, _ = arms("pose", Change())
+    with pytest.raises(CalibrationError, match="a model of another arm"):
+        prior_of(model, load_arm("irb120"), payload)
+    with pytest.raises(CalibrationError, match="covariance of the prior is not known"):
+        prior_of(replace(model, covariance=None), ARM, payload)
+
+
+@pytest.mark.parametrize("grade", ["suspect_input", "not_converged"])
+def test_an_unsound_prior_is_refused_unless_forced(arms, grade):
+    model, _, _, _ = arms("pose", Change())
+    about = FittedTo("before", "", "combined", "pose", 60, 20.0, (0.0, 1.0), grade, "why", (), ())
+    doubtful = replace(model, fitted_to=about)
+    with pytest.raises(CalibrationError, match=f"graded {grade}"):
+        refuse_unsound(doubtful)
+    refuse_unsound(doubtful, force=True)
+
+
+def test_too_few_poses_for_base_and_tool_are_refused(arms):
+    model, seen, payload, _ = arms("pose", Change())
+    with pytest.raises(CalibrationError, match="too few poses"):
+        from_prior(model, seen.take(slice(1)), payload)
+
+
+def test_the_gain_of_a_widening_is_that_of_the_likelihood():
+    rng = np.random.default_rng(1)
+    rows, noise = rng.normal(size=(9, 4)), 0.3
+    root = 0.5 * rng.normal(size=(4, 4))
+    expected = Expected(rng.normal(size=4), root @ root.T + 0.01 * np.eye(4))
+    seen = rng.normal(size=9)
+    information = expected.precision + rows.T @ rows / noise**2
+    covariance = np.linalg.inv(information)
+    x = covariance @ (expected.precision @ expected.mean + rows.T @ seen / noise**2)
+    directions = rng.normal(size=(4, 2))
+
+    def evidence(wider):
+        of_rows = noise**2 * np.eye(9) + rows @ wider.covariance @ rows.T
+        return multivariate_normal(rows @ expected.mean, of_rows).logpdf(seen)
+
+    disagreement = Disagreement.of_fit(expected, x, covariance)
+    gain, size = disagreement.gain(directions, (2.0,))
+    assert size == 2.0
+    rise = evidence(expected.widened(2.0 * directions)) - evidence(expected)
+    assert gain == pytest.approx(rise, rel=1e-6)
+    more = rng.normal(size=(4, 1))
+    again, _ = disagreement.widened(2.0 * directions).gain(more, (1.0,))
+    both = expected.widened(2.0 * directions)
+    assert again == pytest.approx(evidence(both.widened(more)) - evidence(both), rel=1e-5)
