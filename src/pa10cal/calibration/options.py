@@ -65,10 +65,10 @@ class CalibrationOptions(Section):
         (),
         description="effects to calibrate with: {id, of} each; or named: those of the verdict",
     )
-    prior: str = Field(
-        "",
+    prior: str | None = Field(
+        None,
         description="model.yaml of the same arm to start from, as after a crash or with a new "
-        "tool; empty for none",
+        "tool; null for none",
     )
     epsilon: NonNegative = Field(1.6e-4, description="weight of the tolerance terms")
     epsilon_acts_on: Literal["residual", "cost"] = Field(
