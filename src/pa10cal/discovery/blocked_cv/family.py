@@ -45,6 +45,11 @@ def computable(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[NotTesta
     return tuple(shaped), tuple(refused)
 
 
+#: Directions of an effect's parameters that are tried, and the part of them that may be hidden.
+_DIRECTIONS = 1000
+_RARELY = 0.05
+
+
 @dataclass(frozen=True)
 class Family:
     """The candidates of a survey.
@@ -53,7 +58,8 @@ class Family:
         shown: candidates that these poses can show, all forms of each.
         hidden: effects that they cannot.
         gains: of each effect shown, by name: sum of squares of all poses that it is expected to
-            take away at its plausible size, beside the model's own parameters.
+            take away at its plausible size, beside the model's own parameters, in all but one of
+            twenty directions of its parameters.
     """
 
     shown: tuple[Candidate, ...]
@@ -76,7 +82,7 @@ def family(rows: Rows, products: Products) -> Family:
         why = _hidden(rows, candidate, whole, left)
         if why is None:
             shown.append(candidate)
-            gains[candidate.name] = max(gains.get(candidate.name, 0.0), float(np.trace(left)))
+            gains[candidate.name] = max(gains.get(candidate.name, 0.0), _nearly_always(left))
         elif not is_fault(candidate.effect):
             refused[candidate.name] = NotTestable(_plain(candidate.effect), why)
     hidden = tuple(found for name, found in refused.items() if name not in gains)
@@ -110,6 +116,21 @@ def _beside(gram: Array, own: Index, columns: Columns) -> tuple[Array, Array]:
     whole = gram[np.ix_(at, at)] * np.outer(sizes, sizes)
     followed = solve(gram[np.ix_(own, own)], across, np.eye(len(own)))
     return whole, whole - across.T @ followed
+
+
+def _nearly_always(left: Array) -> float:
+    """Return the gain that an effect of plausible size reaches in all but one of 20 directions.
+
+    Poses may show one parameter well and another hardly, such as a tilt along the line of sight of
+    a distance.
+
+    Args:
+        left: (k, k) products of its columns in their sizes.
+    """
+    values = np.maximum(np.linalg.eigvalsh(left), 0.0)
+    drawn = np.random.default_rng(0).standard_normal((_DIRECTIONS, len(values))) ** 2
+    shares = drawn / drawn.mean(axis=1, keepdims=True)
+    return float(np.quantile(shares @ values, _RARELY))
 
 
 def _hidden(rows: Rows, candidate: Candidate, whole: Array, left: Array) -> str | None:

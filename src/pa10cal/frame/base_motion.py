@@ -1,0 +1,371 @@
+"""How an instrument moved between readings, from targets that are fixed to the base or the floor.
+
+A target k at b_k is read at b_k + s + w x (b_k - c), where s and w are the small shift and turn of
+the reading's configuration about the middle c of the targets. One target or two show a shift, three
+that are not in line a turn as well. Two forms of motion are tried against none: a random walk in
+time, whose steps are estimated with it, so that neighbours are averaged as far as they agree; and
+motions of each configuration by itself. The one under which the readings are most probable is
+taken. About a set of places all is linear and Gaussian, its normal equations a band.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.optimize import minimize
+from scipy.special import chdtri
+
+from pa10cal.frame.knocked_targets import (
+    Knock,
+    rigid_modes,
+    rows_off_shape,
+    shape_noise,
+    without_knocked,
+)
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Form = Literal["still", "walk", "each"]
+
+#: A motion is believed where it makes the readings more probable by so many nats.
+_NEEDED = 5.0
+#: Probability that any reading of good ones is left out.
+_ERROR_RATE = 0.01
+#: Times between readings, over the usual one, that a walk goes by.
+_STEPS = (0.05, 50.0)
+_ROUNDS = 2
+#: Sizes of motions are found from no more readings than about this, evenly chosen.
+_MOST_FOR_SIZES = 600
+_MOST_PLACES = 30
+_SAME_M = 1e-9
+#: Sizes of motions over the noise of a reading that are tried, in logarithms.
+_SIZES = (-9.0, 12.0)
+#: Targets thinner than this part of their length are in line.
+_IN_LINE = 0.02
+
+
+@dataclass(frozen=True)
+class BaseMotion:
+    """How K fixed targets moved together in P readings, as an instrument saw them.
+
+    Attributes:
+        form: `still`: nothing moved; `walk`: smoothed in time; `each`: reading by reading.
+        about_m: (3,) middle of the targets, about which they turn.
+        motion: (P, 6) shift [m] and turn [rad], zero on average.
+        cov: (P, 6, 6) their covariance.
+        noise: standard deviation of the readings over that stated.
+        turns: whether the targets show turns.
+        knocked: targets that moved against the others.
+        used: (P, K) readings that the motion rests on.
+    """
+
+    form: Form
+    about_m: Array
+    motion: Array
+    cov: Array
+    noise: float
+    turns: bool
+    knocked: tuple[Knock, ...]
+    used: Mask
+
+
+def base_motion(time_s: Array, p_m: Array, u_m: Array) -> BaseMotion:
+    """Find how fixed targets moved together.
+
+    Args:
+        time_s: (P,) times, ascending.
+        p_m: (P, K, 3) readings in the instrument's frame, nan where a target was not seen.
+        u_m: (P, K, 3) their stated standard uncertainties.
+    """
+    knocked, kept_m = without_knocked(p_m, u_m)
+    kept_m[rows_off_shape(kept_m, u_m)] = np.nan
+    readings = _Readings.of(time_s, kept_m, u_m)
+    found = readings.best()
+    for _ in range(_ROUNDS):
+        off = readings.off(found)
+        if not off.any():
+            break
+        readings = readings.without(off)
+        found = readings.again(found)
+    motion, cov = np.zeros((len(p_m), 6)), np.zeros((len(p_m), 6, 6))
+    d = readings.components
+    motion[:, :d] = found.motion - found.motion.mean(axis=0)
+    cov[:, :d, :d] = found.covariance()
+    return BaseMotion(
+        found.form,
+        readings.about_m,
+        motion,
+        cov,
+        float(np.sqrt(found.variance)),
+        d == 6,
+        knocked,
+        readings.seen,
+    )
+
+
+@dataclass(frozen=True)
+class _Readings:
+    """Readings of fixed targets in order of time.
+
+    Attributes:
+        step: (P - 1,) times between readings over the usual one.
+        p_m, u_m: (P, K, 3) readings and stated uncertainties, nan where not used.
+        about_m: (3,) middle of the targets.
+        modes: (K, 3, d) how each target follows shift and turn.
+        noise: variance of a reading over the stated one; None where only a walk shows it.
+    """
+
+    step: Array
+    p_m: Array
+    u_m: Array
+    about_m: Array
+    modes: Array
+    noise: float | None
+
+    @classmethod
+    def of(cls, time_s: Array, p_m: Array, u_m: Array) -> _Readings:
+        """Take readings, and find what their targets can show."""
+        between = np.diff(time_s)
+        usual = np.median(between[between > 0.0]) if (between > 0.0).any() else 1.0
+        b_m = np.nanmean(p_m, axis=0)
+        b_m = b_m[np.isfinite(b_m[:, 0])]
+        about_m = b_m.mean(axis=0)
+        thickness = np.linalg.svd(b_m - about_m, compute_uv=False)
+        turns = len(b_m) > 2 and thickness[1] > _IN_LINE * thickness[0]
+        places = np.nan_to_num(np.nanmean(p_m, axis=0) - about_m)
+        modes = rigid_modes(places)[..., : 6 if turns else 3]
+        noise = shape_noise(p_m, u_m) if len(b_m) > 1 else None
+        return cls(np.clip(between / usual, *_STEPS), p_m, u_m, about_m, modes, noise)
+
+    @property
+    def components(self) -> int:
+        """Return the number of components of a motion, 3 or 6."""
+        return self.modes.shape[2]
+
+    @cached_property
+    def seen(self) -> Mask:
+        """Return which readings (P, K) are used."""
+        return np.isfinite(self.p_m[..., 0])
+
+    @cached_property
+    def own(self) -> Array:
+        """Return the products (P, d, d) of what each configuration's readings say of its motion."""
+        modes = self.modes
+        found: Array = np.einsum("kxa,pkx,kxb->pab", modes, self.weight, modes, optimize=True)
+        return found
+
+    @cached_property
+    def weight(self) -> Array:
+        """Return the stated precision (P, K, 3) of each coordinate, 0 where not used."""
+        return np.where(np.isfinite(self.p_m), np.nan_to_num(self.u_m, nan=1.0) ** -2.0, 0.0)
+
+    def without(self, off: Mask) -> _Readings:
+        """Return the readings without some (P, K)."""
+        return replace(self, p_m=np.where(off[..., None], np.nan, self.p_m))
+
+    def thinned(self) -> _Readings:
+        """Return fewer of them, evenly chosen."""
+        every = -(-len(self.p_m) // _MOST_FOR_SIZES)
+        time = np.concatenate([[0.0], np.cumsum(self.step)])[::every]
+        return replace(self, step=np.diff(time), p_m=self.p_m[::every], u_m=self.u_m[::every])
+
+    def best(self) -> _Fit:
+        """Return the form of motion under which the readings are most probable."""
+        fewer = self.thinned()
+        still = _still(fewer)
+        forms: list[Form] = ["walk", "each"] if self.noise is not None else ["walk"]
+        moving = max((_moving(fewer, form) for form in forms), key=lambda fit: fit.evidence)
+        if moving.evidence <= still.evidence + _NEEDED:
+            return _still(self)
+        return self.again(moving)
+
+    def again(self, fit: _Fit) -> _Fit:
+        """Return motions of the same form and sizes, fitted to these readings."""
+        if fit.form == "still":
+            return _still(self)
+        return _placed(self, fit.form, fit.sizes, fit.variance, np.nanmean(self.p_m, axis=0))
+
+    def off(self, fit: _Fit) -> Mask:
+        """Return readings (P, K) too far from the motion to be of it, the furthest of each row."""
+        left = np.nan_to_num(self.p_m - fit.places_m - _moved(self.modes, fit.motion))
+        square = np.sum(left**2 * self.weight, axis=2) / fit.variance
+        limit = chdtri(3, _ERROR_RATE / max(int(self.seen.sum()), 1))
+        furthest = square == square.max(axis=1, keepdims=True)
+        found: Mask = (square > limit) & furthest
+        return found
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Motions of one form.
+
+    Attributes:
+        form: which.
+        motion: (P, d) shift and turn.
+        places_m: (K, 3) of the targets.
+        variance: of a reading, over the stated one.
+        evidence: logarithm of the probability of the readings, but for what is common to all forms.
+        sizes: (d,) of the motions: standard deviation of a step, or of each of them.
+        normal: band of the normal equations; None of targets that stand still.
+    """
+
+    form: Form
+    motion: Array
+    places_m: Array
+    variance: float
+    evidence: float
+    sizes: Array
+    normal: _Normal | None = None
+
+    def covariance(self) -> Array:
+        """Return the covariance (P, d, d) of each motion."""
+        if self.normal is None:
+            return np.zeros((*self.motion.shape, self.motion.shape[1]))
+        return self.normal.covariance()
+
+
+def _still(readings: _Readings) -> _Fit:
+    """Return no motion at all."""
+    places_m = np.nanmean(readings.p_m, axis=0)
+    left = np.nan_to_num(readings.p_m - places_m)
+    square = float(np.sum(left**2 * readings.weight))
+    count = 3.0 * readings.seen.sum()
+    variance = readings.noise or square / max(count, 1.0)
+    motion = np.zeros((len(readings.p_m), readings.components))
+    evidence = -0.5 * (square / variance + count * np.log(variance))
+    return _Fit("still", motion, places_m, variance, float(evidence), np.zeros(0))
+
+
+def _moving(readings: _Readings, form: Form) -> _Fit:
+    """Return motions of a form, its sizes those of the greatest evidence."""
+    fit = _still(readings)
+    usual_m = float(np.nanmedian(readings.u_m))
+    units = np.full(readings.components, usual_m)
+    if readings.components == 6:
+        units[3:] /= float(np.sqrt(np.mean(readings.modes[:, :, 3:] ** 2)))
+    free = 2 if readings.components == 6 else 1
+    x = np.zeros(free + (readings.noise is None))
+
+    def taken(x: Array) -> tuple[Array, float]:
+        variance = readings.noise if readings.noise is not None else float(np.exp(2.0 * x[-1]))
+        return units * np.exp(np.repeat(np.clip(x[:free], *_SIZES), 3)), variance
+
+    for _ in range(_ROUNDS):
+        places_m = fit.places_m
+
+        def unlikely(x: Array, places_m: Array = places_m) -> float:
+            return -_solve(readings, form, *taken(x), places_m).evidence
+
+        x = minimize(unlikely, x, method="Nelder-Mead", options={"xatol": 0.1, "fatol": 0.1}).x
+        fit = _placed(readings, form, *taken(x), places_m)
+    return fit
+
+
+def _placed(
+    readings: _Readings, form: Form, sizes: Array, variance: float, places_m: Array
+) -> _Fit:
+    """Return motions with the places of the targets found as well; see `_solve`."""
+    fit = _solve(readings, form, sizes, variance, places_m)
+    for _ in range(_MOST_PLACES):
+        moved = np.where(readings.seen[..., None], _moved(readings.modes, fit.motion), np.nan)
+        places_m = np.nanmean(readings.p_m - moved, axis=0)
+        change = float(np.nanmax(np.abs(places_m - fit.places_m)))
+        fit = _solve(readings, form, sizes, variance, places_m)
+        if change < _SAME_M:
+            break
+    return fit
+
+
+def _solve(readings: _Readings, form: Form, sizes: Array, variance: float, places_m: Array) -> _Fit:
+    """Return the motions of given sizes (d,): steps of a walk, or those of each configuration."""
+    left = np.nan_to_num(readings.p_m - places_m)
+    pulled = np.einsum("kxa,pkx->pa", readings.modes, readings.weight * left) / variance
+    count, d = len(left), len(sizes)
+    own = readings.own / variance
+    prior, joined = np.zeros((count, d)), np.zeros((count - 1, d))
+    if form == "walk":
+        # Where a walk began is told by the places of the targets, and so is not drawn.
+        joined = 1.0 / (readings.step[:, None] * sizes**2)
+        prior[:-1] += joined
+        prior[1:] += joined
+        expected = float(np.sum(np.log(joined))) + float(np.linalg.slogdet(own.sum(axis=0))[1])
+    else:
+        prior += sizes**-2.0
+        expected = float(np.sum(np.log(prior)))
+    normal = _Normal.of(own, prior, joined)
+    motion = normal.solve(pulled)
+    square = float(np.sum(left**2 * readings.weight)) / variance
+    evidence = 0.5 * (
+        expected
+        - normal.log_determinant
+        + float(np.sum(pulled * motion))
+        - square
+        - 3.0 * readings.seen.sum() * np.log(variance)
+    )
+    return _Fit(form, motion, places_m, variance, float(evidence), sizes, normal)
+
+
+@dataclass(frozen=True)
+class _Normal:
+    """Normal equations of motions, each coupled with those before and after it.
+
+    Attributes:
+        blocks: (P, d, d) of each motion.
+        joined: (P - 1, d) coupling with the next, on the diagonal, its sign changed.
+    """
+
+    blocks: Array
+    joined: Array
+
+    @classmethod
+    def of(cls, own: Array, prior: Array, joined: Array) -> _Normal:
+        """Return the normal equations of readings (P, d, d) and a prior (P, d)."""
+        blocks, at = own.copy(), range(prior.shape[1])
+        blocks[:, at, at] += prior
+        return cls(blocks, joined)
+
+    @cached_property
+    def factor(self) -> Array:
+        """Return the lower band of the Cholesky factor."""
+        count, d = self.blocks.shape[:2]
+        band = np.zeros((d + 1, count * d))
+        for below in range(d):
+            for column in range(d - below):
+                band[below, column::d] = self.blocks[:, column + below, column]
+        band[d, : (count - 1) * d] = -self.joined.ravel()
+        found: Array = cholesky_banded(band, lower=True, check_finite=False)
+        return found
+
+    @property
+    def log_determinant(self) -> float:
+        """Return the logarithm of the determinant."""
+        return 2.0 * float(np.sum(np.log(self.factor[0])))
+
+    def solve(self, right: Array) -> Array:
+        """Return the motions (P, d) of right sides (P, d)."""
+        solved: Array = cho_solve_banded((self.factor, True), right.ravel(), check_finite=False)
+        return solved.reshape(right.shape)
+
+    def covariance(self) -> Array:
+        """Return the blocks (P, d, d) on the diagonal of the inverse."""
+        count = len(self.blocks)
+        ahead, behind = self.blocks.copy(), self.blocks.copy()
+        for i in range(1, count):
+            link = self.joined[i - 1]
+            ahead[i] -= link[:, None] * np.linalg.inv(ahead[i - 1]) * link
+            j = count - 1 - i
+            link = self.joined[j]
+            behind[j] -= link[:, None] * np.linalg.inv(behind[j + 1]) * link
+        found: Array = np.linalg.inv(ahead + behind - self.blocks)
+        return found
+
+
+def _moved(modes: Array, motion: Array) -> Array:
+    """Return how far motions (P, d) move K targets, (P, K, 3)."""
+    found: Array = np.einsum("kxa,pa->pkx", modes, motion)
+    return found

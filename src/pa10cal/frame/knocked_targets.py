@@ -1,0 +1,161 @@
+"""Fixed targets that moved against each other: which, when, by how much.
+
+Whatever the instrument did, the shape that the targets make stays as it is. What of the readings no
+rigid motion makes is therefore noise, and a step in it shows that one of them was knocked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from pa10cal.frame.pose_error import cross_matrix
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: Half the gain in squares that a step needs, in nats, and readings on either side of it.
+_NEEDED = 20.0
+_EITHER_SIDE = 5
+#: Another target explains a step as well where it is worse by less than this.
+_AS_WELL = 12.0
+#: A step counts from so many standard deviations of a reading.
+_LEAST = 1.0
+#: Readings further off than this many standard deviations count as this far.
+_FAR = 5.0
+#: Directions that rigid motions move less than this part are left to noise.
+_RANK = 1e-6
+_MEDIAN_TO_SIGMA = 1.4826
+#: Probability that any configuration of good readings is left out.
+_ERROR_RATE = 0.01
+
+
+@dataclass(frozen=True)
+class Knock:
+    """Targets of which one moved against the others.
+
+    Attributes:
+        targets: numbers of those that explain the step equally well, from 0; one as a rule.
+        row: the first reading after the step.
+        shift_m: how far it moved, in the directions that show.
+    """
+
+    targets: tuple[int, ...]
+    row: int
+    shift_m: float
+
+
+def rigid_modes(offset_m: Array) -> Array:
+    """Return how targets (K, 3) about a point follow a shift and a turn about it, (K, 3, 6)."""
+    modes = np.zeros((len(offset_m), 3, 6))
+    modes[..., :3] = np.eye(3)
+    modes[..., 3:] = -cross_matrix(offset_m)
+    return modes
+
+
+def shape_noise(p_m: Array, u_m: Array) -> float | None:
+    """Return the variance of readings over the stated one that the shape's scatter shows.
+
+    None where too few configurations show the whole shape.
+    """
+    shape, _, _ = _shape(p_m, u_m)
+    if shape.size < 2 * _EITHER_SIDE:
+        return None
+    return float(_scale(shape) ** 2)
+
+
+def rows_off_shape(p_m: Array, u_m: Array) -> NDArray[np.bool_]:
+    """Return configurations (P,) in which some target was read wrongly: the shape is another."""
+    shape, _, rows = _shape(p_m, u_m)
+    off = np.zeros(len(p_m), dtype=bool)
+    if shape.size < 2 * _EITHER_SIDE:
+        return off
+    square = np.sum((shape / _scale(shape)) ** 2, axis=1)
+    off[rows] = square > chdtri(shape.shape[1], _ERROR_RATE / len(shape))
+    return off
+
+
+def without_knocked(p_m: Array, u_m: Array) -> tuple[tuple[Knock, ...], Array]:
+    """Return knocked targets, and the readings (P, K, 3) without theirs of the shorter stretch.
+
+    Args:
+        p_m: (P, K, 3) readings in order of time, nan where a target was not seen.
+        u_m: (P, K, 3) stated standard uncertainties.
+    """
+    kept_m, found = p_m.copy(), []
+    standing = list(range(p_m.shape[1]))
+    for _ in range(2 * p_m.shape[1]):
+        knock = knocks(kept_m[:, standing], u_m[:, standing]) if len(standing) > 1 else None
+        if knock is None:
+            break
+        named = tuple(standing[k] for k in knock.targets)
+        found.append(Knock(named, knock.row, knock.shift_m))
+        after = 2 * knock.row < len(p_m)
+        for k in named:
+            kept_m[slice(0, knock.row) if after else slice(knock.row, None), k] = np.nan
+            standing.remove(k)
+    return tuple(found), kept_m
+
+
+def knocks(p_m: Array, u_m: Array) -> Knock | None:
+    """Return the clearest step of one target against the others; None without any."""
+    shape, across, rows = _shape(p_m, u_m)
+    count = len(shape)
+    if count < 2 * _EITHER_SIDE + 1 or not shape.shape[1]:
+        return None
+    sigma = _scale(shape)
+    middle = np.median(shape, axis=0)
+    spread = np.maximum(_MEDIAN_TO_SIGMA * np.median(np.abs(shape - middle), axis=0), sigma)
+    clipped = np.clip(shape - middle, -_FAR * spread, _FAR * spread)
+    summed = np.cumsum(clipped, axis=0)
+    first = np.arange(_EITHER_SIDE, count - _EITHER_SIDE + 1)
+    before = summed[first - 1] / first[:, None]
+    after = (summed[-1] - summed[first - 1]) / (count - first)[:, None]
+    scaled = np.sqrt(first * (count - first) / count)[:, None] * (after - before) / sigma
+    gains = np.stack([np.sum((scaled @ _directions(each)) ** 2, axis=1) for each in across])
+    best = gains.max(axis=1)
+    k, at = int(best.argmax()), int(first[gains[best.argmax()].argmax()])
+    moved = np.median(shape[at:], axis=0) - np.median(shape[:at], axis=0)
+    within = across[k] @ np.linalg.pinv(across[k], rcond=1e-3) @ moved
+    shift_m = np.linalg.lstsq(across[k], within, rcond=1e-3)[0]
+    said_m = float(np.nanmedian(u_m))
+    size_m = float(np.linalg.norm(shift_m)) * said_m
+    if 0.5 * best[k] < _NEEDED or size_m < _LEAST * sigma * said_m:
+        return None
+    as_well = tuple(int(j) for j in np.flatnonzero(best > best[k] - 2.0 * _AS_WELL))
+    return Knock(as_well, int(rows[at]), size_m)
+
+
+def _shape(p_m: Array, u_m: Array) -> tuple[Array, list[Array], Index]:
+    """Return what no rigid motion makes of the readings.
+
+    Returns:
+        (R, m) components in stated standard deviations, in the R configurations that show all
+        targets; how they follow each target's place (m, 3); and which configurations.
+    """
+    rows = np.flatnonzero(np.isfinite(p_m[..., 0]).all(axis=1))
+    if not len(rows):
+        return np.zeros((0, 0)), [], rows
+    places_m = np.median(p_m[rows], axis=0)
+    targets = len(places_m)
+    modes = rigid_modes(places_m - places_m.mean(axis=0)).reshape(3 * targets, 6)
+    left, sizes, _ = np.linalg.svd(modes)
+    others = left[:, int(np.sum(sizes > _RANK * sizes[0])) :]
+    whole = (p_m[rows] - places_m).reshape(len(rows), -1) / np.nanmedian(u_m)
+    across = others.T.reshape(-1, targets, 3)
+    return whole @ others, [across[:, k] for k in range(targets)], rows
+
+
+def _scale(shape: Array) -> float:
+    """Return the standard deviation of a component, by successive differences."""
+    differences = np.abs(np.diff(shape, axis=0)) / np.sqrt(2.0)
+    return max(_MEDIAN_TO_SIGMA * float(np.median(differences)), np.finfo(float).tiny)
+
+
+def _directions(across: Array) -> Array:
+    """Return an orthonormal basis of where a target's place moves the shape."""
+    left, sizes, _ = np.linalg.svd(across, full_matrices=False)
+    return np.asarray(left[:, sizes > 1e-3 * max(sizes.max(), 1e-300)])
