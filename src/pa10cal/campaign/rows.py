@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.campaign.base_motion import base_columns, base_target_names, base_targets
 from pa10cal.campaign.bounds import Bounds, within_bounds
 from pa10cal.campaign.quarantine import Quarantined
 from pa10cal.campaign.raw_file import RawFile
@@ -218,26 +219,31 @@ def read_pose_rows(
     Raises:
         RawDataError: when the file as a whole cannot be used.
     """
-    measured = instrument.raw_columns(file.names)
+    watched = base_target_names(file.names)
+    on_base = base_columns(watched)
+    own = [name for name in file.names if base_target_names([name]) == ()]
+    measured = instrument.raw_columns(own)
     prismatic = bounds.arm.prismatic
     q = position_columns(prismatic)
     tau = [f"tau{joint}_Nm" for joint in range(1, len(q) + 1)]
     labelling = ["pose", "load_N", "repeat", *(["kind"] if kind_stated else [])]
-    stated_u = [f"u_{name}" for name in (*q, *tau, *measured.names)]
+    stated_u = [f"u_{name}" for name in (*q, *tau, *measured.names, *on_base)]
     optional = ["temperature_C", *stated_u]
-    raw = file.read(["time_s", *labelling, *q, *measured.names], ["kind", *optional], tau)
+    lengths = [*measured.names, *on_base]
+    raw = file.read(["time_s", *labelling, *q, *lengths], ["kind", *optional], tau)
     if "kind" not in raw.columns:
         raw.columns["kind"] = np.full(len(raw.line), "grid", dtype=object)
     raw = choices(raw, "kind", KINDS)
     logged = [name for name in tau if name in raw.columns]
     raw = finite(raw, ["time_s", "load_N", *q, *logged])
     raw = finite(raw, measured.names, may_be_blank=measured.may_be_blank)
+    raw = finite(raw, on_base, may_be_blank=True)
     given = [name for name in optional if name in raw.columns]
     raw = finite(raw, given, may_be_blank=True)
-    raw = within_bounds(raw, ["time_s", *q, *logged, *measured.names, *given], bounds)
+    raw = within_bounds(raw, ["time_s", *q, *logged, *lengths, *given], bounds)
     raw = _with_labels(_usable(raw, instrument, measured, file), q, prismatic)
     raw, labelled = _labelled(raw, bounds)
-    given += [*logged, *q, *measured.names]
+    given += [*logged, *q, *lengths]
     columns = dict(zip(given, numbers(raw, given, may_be_blank=True)[1].T, strict=True))
     unknown = np.full(len(raw.line), np.nan)
 
@@ -266,6 +272,9 @@ def read_pose_rows(
         repeat=labelled["repeat"],
         readings=np.ones(count, dtype=np.int64),
         log=JointLog(in_radians(uncertain(q), prismatic), uncertain(tau), samples),
+        base=base_targets(watched, read(on_base), uncertain(on_base), stated.uncertainty_m)
+        if watched
+        else None,
     )
     rows, done = _in_time(PoseRows(raw.line, labelled["time_s"], found), raw)
     return rows, done, measured

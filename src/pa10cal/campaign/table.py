@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.errors import RawDataError
+from pa10cal.observe.base_targets import BaseTargets, MotionFound
 from pa10cal.observe.group import joined
 from pa10cal.observe.observations import JointLog, Observations
 
@@ -27,7 +28,7 @@ SCHEMA = "pa10cal-poses/1"
 
 #: The column that says which campaign of a group a row is of, and beginnings of those that hold
 #: what an instrument measured.
-_CAMPAIGN, _MEASURED = "campaign", ("ball", "ee_", "d_")
+_CAMPAIGN, _MEASURED = "campaign", ("ball", "ee_", "d_", "shared_cov_")
 
 
 def write_pose_table(
@@ -50,6 +51,8 @@ def write_pose_table(
     metadata = {"schema": SCHEMA, "campaign": campaign}
     if findings:
         metadata["findings"] = json.dumps([asdict(finding) for finding in findings])
+    if every.base is not None and every.base.found is not None:
+        metadata["base_motion"] = json.dumps(every.base.found.plain())
     table = table.replace_schema_metadata(metadata)
     pq.write_table(table, path, compression="zstd")
 
@@ -67,7 +70,8 @@ def read_observations(path: Path, description: CampaignDescription) -> Observati
     table = read_pose_table(path, description.name)
     columns = {str(name): table[name].to_numpy() for name in table}
     if not description.campaigns:
-        return _observations(columns, description)
+        base = BaseTargets.from_columns(columns, read_base_motion(path))
+        return replace(_observations(columns, description), base=base)
     each, rows = [], []
     for campaign in description.campaigns:
         here = np.flatnonzero(columns[_CAMPAIGN] == campaign.name)
@@ -87,6 +91,12 @@ def _own_columns(
         for name, values in own.items()
         if not (name.startswith(_MEASURED) and np.isnan(values.astype(float)).all())
     }
+
+
+def read_base_motion(path: Path) -> MotionFound | None:
+    """Read how the motion of targets on the base was found; None where there are none."""
+    text = (pq.read_schema(path).metadata or {}).get(b"base_motion")
+    return None if text is None else MotionFound.of(json.loads(text))
 
 
 def read_findings(path: Path) -> tuple[InputFinding, ...]:
@@ -184,7 +194,8 @@ def _columns(every: Observations, prismatic: NDArray[np.bool_]) -> dict[str, obj
         columns[_CAMPAIGN] = campaigns[states.campaign]
     columns["temperature_C"] = states.temperature_C
     columns["dwell_samples"] = log.samples
-    return columns | every.measured.to_columns()
+    watched = {} if every.base is None else every.base.to_columns()
+    return columns | every.measured.to_columns() | watched
 
 
 def _position_columns(prismatic: NDArray[np.bool_], uncertainty: str = "") -> list[str]:

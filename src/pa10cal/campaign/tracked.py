@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.campaign.base_motion import base_target_names, refuse_base_targets, steadied
 from pa10cal.campaign.bounds import Bounds
 from pa10cal.campaign.completeness import count_warnings
 from pa10cal.campaign.csv_rows import REPEATED
@@ -87,6 +88,7 @@ def read_tracked(
     """
     file = RawFile.of(description, folder, "poses", arm.prismatic)
     instrument, stated = description.instrument.type, description.stated
+    refuse_base_targets(description, file, base_target_names(file.names))
     rows, read, columns = read_pose_rows(
         file, Bounds(arm), instrument, stated, kind_stated=description.holdout is None
     )
@@ -111,12 +113,12 @@ def read_tracked(
     where = configurations(found.take(off))
     listed += quarantined(read.file, rows.line[off], OTHER_COMMAND, found.pose[off], where)
     refuse_too_many(listed, totals, most)
-    found = found.take(~off)
-    notes = [*read.notes, *instrument.raw_notes(columns, stated)]
+    found, moved, of_base = steadied(found.take(~off), str(file.path))
+    notes = [*read.notes, *instrument.raw_notes(columns, stated), *moved]
     if np.isnan(found.states.tau_Nm).all():
         notes.append(NO_TORQUES if arm.mass_kg is None else THOSE_OF_MASSES)
     missing = count_warnings(description.configurations, logged, read.file)
-    return Ingested(found, tuple(listed), tuple(notes), (*missing, *screened.warnings))
+    return Ingested(found, tuple(listed), tuple(notes), (*missing, *screened.warnings, *of_base))
 
 
 @dataclass(frozen=True)

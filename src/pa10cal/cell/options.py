@@ -154,6 +154,11 @@ class TrackerOptions(Section):
     targets: Annotated[int, Field(ge=1)] = Field(
         3, description="targets of an instrument that sees several"
     )
+    base_targets: NonNegativeInt = Field(
+        0,
+        description="targets bolted to the plate that the base stands on, read with every "
+        "configuration; of instruments of positions or poses",
+    )
     states_targets: bool = Field(
         True, description="whether the campaign states where the targets are, but that of pose"
     )

@@ -94,14 +94,26 @@ class RawLog:
         """Return the columns of stated uncertainties."""
         return [str(name) for name in self.readings if str(name).startswith("u_")]
 
-    def move(self, shift_mm: Array) -> None:
+    def move(self, shift_mm: Array, *, base: bool = True) -> None:
         """Add to what was read in each configuration, (C, 3) along the instrument's axes.
 
         A distance takes the first of the three.
+
+        Args:
+            shift_mm: how much.
+            base: whether targets on the base are read so, too.
         """
         of_rows = shift_mm[self.configuration]
         for columns in self.points:
-            self.readings[columns] = self.readings[columns] + of_rows[:, : len(columns)]
+            if base or not columns[0].startswith("base"):
+                self.readings[columns] = self.readings[columns] + of_rows[:, : len(columns)]
+
+    def turn(self, turn_rad: Array) -> None:
+        """Turn the positions read in each configuration, (C, 3) about the instrument's origin."""
+        of_rows = turn_rad[self.configuration]
+        for columns in self.points:
+            p_mm = self.readings[columns].to_numpy(dtype=float)
+            self.readings[columns] = p_mm + np.cross(of_rows, p_mm)
 
     def quaternions(self) -> Array:
         """Return the attitudes, (C, 4), w first."""

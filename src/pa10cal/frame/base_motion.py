@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ from pa10cal.frame.knocked_targets import (
     Knock,
     rigid_modes,
     rows_off_shape,
-    shape_noise,
     without_knocked,
 )
 
@@ -117,7 +116,6 @@ class _Readings:
         p_m, u_m: (P, K, 3) readings and stated uncertainties, nan where not used.
         about_m: (3,) middle of the targets.
         modes: (K, 3, d) how each target follows shift and turn.
-        noise: variance of a reading over the stated one; None where only a walk shows it.
     """
 
     step: Array
@@ -125,7 +123,6 @@ class _Readings:
     u_m: Array
     about_m: Array
     modes: Array
-    noise: float | None
 
     @classmethod
     def of(cls, time_s: Array, p_m: Array, u_m: Array) -> _Readings:
@@ -139,13 +136,12 @@ class _Readings:
         turns = len(b_m) > 2 and thickness[1] > _IN_LINE * thickness[0]
         places = np.nan_to_num(np.nanmean(p_m, axis=0) - about_m)
         modes = rigid_modes(places)[..., : 6 if turns else 3]
-        noise = shape_noise(p_m, u_m) if len(b_m) > 1 else None
-        return cls(np.clip(between / usual, *_STEPS), p_m, u_m, about_m, modes, noise)
+        return cls(np.clip(between / usual, *_STEPS), p_m, u_m, about_m, modes)
 
     @property
     def components(self) -> int:
         """Return the number of components of a motion, 3 or 6."""
-        return self.modes.shape[2]
+        return int(self.modes.shape[2])
 
     @cached_property
     def seen(self) -> Mask:
@@ -170,7 +166,7 @@ class _Readings:
 
     def thinned(self) -> _Readings:
         """Return fewer of them, evenly chosen."""
-        every = -(-len(self.p_m) // _MOST_FOR_SIZES)
+        every = max(1, len(self.p_m) // _MOST_FOR_SIZES)
         time = np.concatenate([[0.0], np.cumsum(self.step)])[::every]
         return replace(self, step=np.diff(time), p_m=self.p_m[::every], u_m=self.u_m[::every])
 
@@ -178,7 +174,8 @@ class _Readings:
         """Return the form of motion under which the readings are most probable."""
         fewer = self.thinned()
         still = _still(fewer)
-        forms: list[Form] = ["walk", "each"] if self.noise is not None else ["walk"]
+        # Of one target nothing tells motions of each configuration from noise.
+        forms: list[Form] = ["walk", "each"] if self.p_m.shape[1] > 1 else ["walk"]
         moving = max((_moving(fewer, form) for form in forms), key=lambda fit: fit.evidence)
         if moving.evidence <= still.evidence + _NEEDED:
             return _still(self)
@@ -235,7 +232,7 @@ def _still(readings: _Readings) -> _Fit:
     left = np.nan_to_num(readings.p_m - places_m)
     square = float(np.sum(left**2 * readings.weight))
     count = 3.0 * readings.seen.sum()
-    variance = readings.noise or square / max(count, 1.0)
+    variance = max(square / max(count, 1.0), np.finfo(float).tiny)
     motion = np.zeros((len(readings.p_m), readings.components))
     evidence = -0.5 * (square / variance + count * np.log(variance))
     return _Fit("still", motion, places_m, variance, float(evidence), np.zeros(0))
@@ -249,11 +246,11 @@ def _moving(readings: _Readings, form: Form) -> _Fit:
     if readings.components == 6:
         units[3:] /= float(np.sqrt(np.mean(readings.modes[:, :, 3:] ** 2)))
     free = 2 if readings.components == 6 else 1
-    x = np.zeros(free + (readings.noise is None))
+    x = np.zeros(free + 1)
 
     def taken(x: Array) -> tuple[Array, float]:
-        variance = readings.noise if readings.noise is not None else float(np.exp(2.0 * x[-1]))
-        return units * np.exp(np.repeat(np.clip(x[:free], *_SIZES), 3)), variance
+        sizes, noise = np.split(np.clip(x, *_SIZES), [free])
+        return units * np.exp(np.repeat(sizes, 3)), float(np.exp(2.0 * noise[0]))
 
     for _ in range(_ROUNDS):
         places_m = fit.places_m
@@ -261,7 +258,9 @@ def _moving(readings: _Readings, form: Form) -> _Fit:
         def unlikely(x: Array, places_m: Array = places_m) -> float:
             return -_solve(readings, form, *taken(x), places_m).evidence
 
-        x = minimize(unlikely, x, method="Nelder-Mead", options={"xatol": 0.1, "fatol": 0.1}).x
+        simplex = np.vstack([x, x - np.eye(len(x))])
+        options: Any = {"xatol": 0.05, "fatol": 0.02, "initial_simplex": simplex}
+        x = minimize(unlikely, x, method="Nelder-Mead", options=options).x
         fit = _placed(readings, form, *taken(x), places_m)
     return fit
 
@@ -348,8 +347,8 @@ class _Normal:
 
     def solve(self, right: Array) -> Array:
         """Return the motions (P, d) of right sides (P, d)."""
-        solved: Array = cho_solve_banded((self.factor, True), right.ravel(), check_finite=False)
-        return solved.reshape(right.shape)
+        solved = cho_solve_banded((self.factor, True), right.ravel(), check_finite=False)
+        return np.asarray(solved, dtype=np.float64).reshape(right.shape)
 
     def covariance(self) -> Array:
         """Return the blocks (P, d, d) on the diagonal of the inverse."""
@@ -361,8 +360,7 @@ class _Normal:
             j = count - 1 - i
             link = self.joined[j]
             behind[j] -= link[:, None] * np.linalg.inv(behind[j + 1]) * link
-        found: Array = np.linalg.inv(ahead + behind - self.blocks)
-        return found
+        return np.asarray(np.linalg.inv(ahead + behind - self.blocks), dtype=np.float64)
 
 
 def _moved(modes: Array, motion: Array) -> Array:

@@ -56,17 +56,6 @@ def rigid_modes(offset_m: Array) -> Array:
     return modes
 
 
-def shape_noise(p_m: Array, u_m: Array) -> float | None:
-    """Return the variance of readings over the stated one that the shape's scatter shows.
-
-    None where too few configurations show the whole shape.
-    """
-    shape, _, _ = _shape(p_m, u_m)
-    if shape.size < 2 * _EITHER_SIDE:
-        return None
-    return float(_scale(shape) ** 2)
-
-
 def rows_off_shape(p_m: Array, u_m: Array) -> NDArray[np.bool_]:
     """Return configurations (P,) in which some target was read wrongly: the shape is another."""
     shape, _, rows = _shape(p_m, u_m)

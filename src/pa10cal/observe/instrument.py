@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import ObservedTargets
+from pa10cal.observe.base_targets import BaseTargets
 from pa10cal.observe.quantities import (
     Array,
     Comparison,
@@ -55,6 +56,7 @@ class Instrument(ABC):
             attitude of the base nor the direction of an error shows.
         uses_lines: whether straight moves along the base's axes help to find the base frame.
         several_targets: whether it measures several targets on the end-effector.
+        sees_base: whether it may see targets on the base as well, in every configuration.
         least_rows: rows from which on a single one can be found to be wrong: four times those that
             determine frames and targets.
     """
@@ -67,6 +69,7 @@ class Instrument(ABC):
     directional: ClassVar[bool] = True
     uses_lines: ClassVar[bool] = False
     several_targets: ClassVar[bool] = False
+    sees_base: ClassVar[bool] = False
     least_rows: ClassVar[int]
     #: Fields that belong to all poses together.
     _of_all: ClassVar[tuple[str, ...]] = ()
@@ -89,6 +92,10 @@ class Instrument(ABC):
     def moved(self, T: Array) -> Self:
         """Return what was measured, in a frame in which the instrument's stands at T (4, 4)."""
 
+    def steadied(self, base: BaseTargets) -> Self:  # noqa: ARG002 - most see no target on the base
+        """Return what it would have measured standing still, as targets on the base show."""
+        return self
+
     def take(self, rows: Rows) -> Self:
         """Return what was measured in some of the poses; arrays have one entry a pose."""
         return replace(
@@ -96,7 +103,7 @@ class Instrument(ABC):
             **{
                 field.name: getattr(self, field.name)[rows]
                 for field in fields(self)
-                if field.name not in self._of_all
+                if field.name not in self._of_all and getattr(self, field.name) is not None
             },
         )
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from typing_extensions import TypeVar
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.observe.base_targets import BaseTargets
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Array, Rows
 
@@ -51,6 +52,8 @@ class Observations(Generic[M_co]):
         repeat: (P,) number of the repeat; of averages that of the first reading.
         readings: (P,) readings averaged into each row.
         log: how the joints were read; None where that is not known, as of averages.
+        base: targets on the base as they were read, and their motion, which `measured` is without;
+            None where there are none, and of averages.
     """
 
     pose: NDArray[np.str_]
@@ -60,6 +63,7 @@ class Observations(Generic[M_co]):
     repeat: NDArray[np.int64]
     readings: NDArray[np.int64]
     log: JointLog | None = None
+    base: BaseTargets | None = None
 
     @staticmethod
     def single(
@@ -82,6 +86,7 @@ class Observations(Generic[M_co]):
             self.repeat[rows],
             self.readings[rows],
             None if self.log is None else self.log.take(rows),
+            None if self.base is None else self.base.take(rows),
         )
 
     def by_campaign(self) -> dict[str, Observations]:

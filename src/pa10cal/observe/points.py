@@ -13,6 +13,8 @@ from typing_extensions import override
 
 from pa10cal.frame.hand_eye import hand_eye_from_points
 from pa10cal.frame.length_scale import scale_of_points
+from pa10cal.frame.pose_error import cross_matrix
+from pa10cal.observe.base_targets import BaseTargets, columns_of_covariance, covariance_of
 from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import Array, Comparison, Deviations, Index, Located, Stated, Words
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
@@ -26,6 +28,7 @@ from pa10cal.observe.targets import (
 )
 
 #: The name of a target may be any word but the `u` of an uncertainty.
+_SHARED = "shared_cov"
 _COORDINATE = re.compile(r"(?!u_)([A-Za-z0-9]+)_[xyz]_mm")
 
 
@@ -39,12 +42,16 @@ class Points(Instrument):
         cov_m2: (P, B, 3, 3) their covariances, nan where a target was not seen.
         p_ee_stated_m: (B, 3) places of the targets in the end-effector frame as the campaign's
             description states them; None where it does not state them all.
+        motion_cov: (P, 6, 6) covariance of a shift [m] and a turn [rad] about the instrument's
+            origin that all targets of a pose share, as targets on the base leave it; None of an
+            instrument that is taken to stand still.
     """
 
     names: tuple[str, ...]
     p_instr_m: Array
     cov_m2: Array
     p_ee_stated_m: Array | None
+    motion_cov: Array | None = None
 
     kind: ClassVar[str] = "points"
     locates_by: ClassVar[LocatingMethod] = "hand_eye_points"
@@ -55,6 +62,7 @@ class Points(Instrument):
         "Arrows: mean over the targets observed in a pose.",
     )
     several_targets: ClassVar[bool] = True
+    sees_base: ClassVar[bool] = True
     least_rows: ClassVar[int] = 12
     _of_all: ClassVar[tuple[str, ...]] = ("names", "p_ee_stated_m")
 
@@ -74,6 +82,8 @@ class Points(Instrument):
             self,
             p_instr_m=p_instr_m / share[..., None],
             cov_m2=cov_m2 / (share * times)[..., None, None],
+            # Readings at nearly the same time are off alike, so that their mean is no better.
+            motion_cov=None if self.motion_cov is None else group_means(self.motion_cov, code),
         )
 
     @override
@@ -81,7 +91,7 @@ class Points(Instrument):
         """Return what it would measure of poses (P, 4, 4) without error, all targets in sight."""
         p_instr_m, _ = carried_targets(T_instr_ee, targets_m)
         unit = np.broadcast_to(np.eye(3), (*p_instr_m.shape[:2], 3, 3))
-        return replace(self, p_instr_m=p_instr_m, cov_m2=unit)
+        return replace(self, p_instr_m=p_instr_m, cov_m2=unit, motion_cov=None)
 
     @classmethod
     @override
@@ -97,9 +107,20 @@ class Points(Instrument):
     def moved(self, T: Array) -> Self:
         """Return the positions in a frame in which the instrument's stands at T (4, 4)."""
         R = T[:3, :3]
+        along = np.block([[R, cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
         return replace(
-            self, p_instr_m=self.p_instr_m @ R.T + T[:3, 3], cov_m2=R @ self.cov_m2 @ R.T
+            self,
+            p_instr_m=self.p_instr_m @ R.T + T[:3, 3],
+            cov_m2=R @ self.cov_m2 @ R.T,
+            motion_cov=None if self.motion_cov is None else along @ self.motion_cov @ along.T,
         )
+
+    @override
+    def steadied(self, base: BaseTargets) -> Self:
+        """Return the positions less the motion, whose noise all targets of a pose share."""
+        T = np.linalg.inv(base.T_moved)
+        p_instr_m = np.einsum("pij,pbj->pbi", T[:, :3, :3], self.p_instr_m) + T[:, None, :3, 3]
+        return replace(self, p_instr_m=p_instr_m, motion_cov=base.cov_at_origin)
 
     @override
     def in_order(self, order: Sequence[int]) -> Self:
@@ -143,7 +164,14 @@ class Points(Instrument):
             cov[:, b, :, b] = np.where(
                 np.isnan(self.p_instr_m[:, b, :1, None]), np.eye(3), self.cov_m2[:, b]
             )
-        return cov.reshape(count, 3 * targets, 3 * targets)
+        own = cov.reshape(count, 3 * targets, 3 * targets)
+        if self.motion_cov is None:
+            return own
+        by_motion = np.zeros((count, targets, 3, 6))
+        by_motion[..., :3] = np.eye(3)
+        by_motion[..., 3:] = -cross_matrix(np.nan_to_num(self.p_instr_m))
+        along = (by_motion * np.isfinite(self.p_instr_m)[..., None]).reshape(count, -1, 6)
+        return np.asarray(own + along @ self.motion_cov @ along.swapaxes(1, 2))
 
     @property
     @override
@@ -219,13 +247,15 @@ class Points(Instrument):
         """Read P poses from columns (P,) of the table of poses."""
         names = names_of_columns(columns)
         p_m, cov_m2, _ = places_of_columns(columns, names)
-        return cls(names, p_m, cov_m2, stated.places_m(names))
+        return cls(names, p_m, cov_m2, stated.places_m(names), covariance_of(columns, _SHARED))
 
     @override
     def to_columns(self) -> dict[str, NDArray[Any]]:
         """Return the targets as columns (P,) of the table of poses."""
         touches = np.zeros(self.p_instr_m.shape[:2], dtype=np.int64)
-        return columns_of_places(self.names, self.p_instr_m, self.cov_m2, touches)
+        columns = columns_of_places(self.names, self.p_instr_m, self.cov_m2, touches)
+        shared = {} if self.motion_cov is None else columns_of_covariance(self.motion_cov, _SHARED)
+        return columns | shared
 
     @classmethod
     @override

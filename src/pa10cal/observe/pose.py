@@ -15,7 +15,8 @@ from typing_extensions import override
 from pa10cal.arm.state import ObservedTargets
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
 from pa10cal.frame.length_scale import scale_of_points
-from pa10cal.frame.pose_error import pose_error
+from pa10cal.frame.pose_error import cross_matrix, pose_error
+from pa10cal.observe.base_targets import BaseTargets
 from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import Array, Comparison, Deviations, Index, Located, Stated, Words
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
@@ -61,6 +62,7 @@ class Pose(Instrument):
         "Arrows: of the target.",
     )
     measures_pose: ClassVar[bool] = True
+    sees_base: ClassVar[bool] = True
     uses_lines: ClassVar[bool] = True
     least_rows: ClassVar[int] = 8
 
@@ -85,6 +87,15 @@ class Pose(Instrument):
             cov=group_means(self.cov, code) / np.bincount(code)[:, None, None],
             by_apparatus=group_means(self.by_apparatus, code),
         )
+
+    @override
+    def steadied(self, base: BaseTargets) -> Self:
+        """Return the poses less the motion, whose noise adds to theirs."""
+        T = np.linalg.inv(base.T_moved) @ self.T_instr_target
+        by_motion = np.tile(np.eye(6), (len(T), 1, 1))
+        by_motion[:, :3, 3:] = -cross_matrix(T[:, :3, 3])
+        noise = by_motion @ base.cov_at_origin @ by_motion.swapaxes(1, 2)
+        return replace(self, T_instr_target=T, cov=self.cov + noise)
 
     @override
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Pose:

@@ -48,6 +48,7 @@ class Touched(Pose):
         "Arrows: of the end-effector.",
     )
     from_touches: ClassVar[bool] = True
+    sees_base: ClassVar[bool] = False
     _of_all: ClassVar[tuple[str, ...]] = ("names",)
 
     @classmethod

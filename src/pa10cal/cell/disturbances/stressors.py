@@ -60,6 +60,7 @@ class RandomWalk(Disturbance):
     needs = ("tracker",)
 
     size_mm: FinitePositive = Field(0.15, description="walked in the mean at the end, each axis")
+    turn_mrad: Finite = Field(0.0, description="turned likewise; of instruments of positions")
 
     @classmethod
     def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
@@ -72,6 +73,9 @@ class RandomWalk(Disturbance):
         count = len(log.configurations)
         steps = self.size_mm / np.sqrt(count) * rng.standard_normal((count, 3))
         log.move(np.cumsum(steps, axis=0))
+        if self.turn_mrad and log.kind == "points":
+            turns = 1e-3 * self.turn_mrad / np.sqrt(count) * rng.standard_normal((count, 3))
+            log.turn(np.cumsum(turns, axis=0))
         return ["instrument"]
 
 
@@ -145,7 +149,7 @@ class GrossErrors(Disturbance):
         shift_mm = np.zeros((len(log.configurations), 3))
         for number in wrong.tolist():
             shift_mm[number] = displaced(log.kind, self.size_mm, rng)
-        log.move(shift_mm)
+        log.move(shift_mm, base=False)
         return [log.label(number) for number in sorted(wrong.tolist())]
 
 

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
+from pa10cal.cell.effects.structure import BaseDrift
 from pa10cal.cell.individual import refuse_unrated
 from pa10cal.cell.instruments.instrument import (
     MM_DECIMALS,
@@ -27,6 +28,8 @@ from pa10cal.cell.schedule import Schedule, one_after_another
 from pa10cal.errors import SimulationError
 
 _TEMPERATURE_NOISE_C = 0.01
+#: How far targets on the base stand from its axis [m].
+_BASE_RADIUS_M = (0.3, 0.6)
 
 
 class Tracker(Instrument):
@@ -49,6 +52,7 @@ class Tracker(Instrument):
         "thermometer",
         "unseen",
         "order",
+        "base",
     )
     #: What was measured is written finer than it can be, so that nothing is lost on the way.
     decimals: ClassVar[Mapping[str, int]] = {
@@ -118,7 +122,7 @@ class Tracker(Instrument):
         if self.settings.temperature_drift_C > 0.0:
             noise_C = _TEMPERATURE_NOISE_C * streams["thermometer"].standard_normal(len(schedule))
             columns["temperature_C"] = (truth.temperature_C + noise_C).round(2)
-        read = self.readings(truth, streams)
+        read = self.readings(truth, streams) | self._base_readings(truth, streams["base"])
         columns |= {name: values for name, (values, _) in read.items()}
         columns |= {f"u_{name}": np.full(len(schedule), u) for name, (_, u) in read.items()}
         return {"poses": pd.DataFrame(columns)}
@@ -135,6 +139,29 @@ class Tracker(Instrument):
                 "load_point_mm": (1e3 * payload.load_point_m).round(MM_DECIMALS).tolist(),
                 **({"balls_mm": stated} if self.states_targets else {}),
             },
+        }
+
+    def _base_readings(
+        self, truth: Truth, rng: np.random.Generator
+    ) -> dict[str, tuple[Array, float]]:
+        """Return places [mm] of targets on the plate of the base, which carries them along."""
+        plan, robot, count = self.plan, truth.robot, self.plan.base_targets
+        around = 2.0 * np.pi * (np.arange(count) + rng.uniform(size=count) / 3.0) / max(count, 1)
+        radius_m = rng.uniform(*_BASE_RADIUS_M, count)
+        p_base_m = np.column_stack(
+            [radius_m * np.cos(around), radius_m * np.sin(around), rng.uniform(0.0, 0.1, count)]
+        )
+        hours = (truth.schedule.start_s + self.at_rest_s) / 3600.0
+        rates = [effect.rate for effect in truth.effects if isinstance(effect, BaseDrift)]
+        moved_m = np.outer(hours, np.sum(rates, axis=0)) if rates else np.zeros((len(hours), 3))
+        p_m = p_base_m + moved_m[:, None]
+        p_m = p_m @ robot.T_instr_base[:3, :3].T + robot.T_instr_base[:3, 3]
+        noise_mm = plan.position_mm * rng.standard_normal(p_m.shape)
+        read_mm = 1e3 * truth.as_read(p_m) + noise_mm
+        return {
+            f"base{k + 1}_{axis}_mm": (read_mm[:, k, i], self.stated_mm)
+            for k in range(count)
+            for i, axis in enumerate("xyz")
         }
 
     def _logged_torques(self, truth: Truth, rng: np.random.Generator) -> Array:

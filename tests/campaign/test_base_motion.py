@@ -1,0 +1,182 @@
+"""Targets on the base: read, their motion taken out, kept in the table; and bad input of them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pa10cal.campaign.read import read_campaign
+from pa10cal.campaign.table import read_base_motion, read_observations, write_pose_table
+from pa10cal.cell.campaign import simulate_campaign
+from pa10cal.cell.options import SimulateOptions
+from pa10cal.cell.write import write_campaign
+from pa10cal.errors import RawDataError
+from pa10cal.files.arms import load_arm
+from pa10cal.frame.pose_error import cross_matrix
+from pa10cal.settings_reading import parse_section
+
+WALK = ({"id": "random_walk", "parameters": {"size_mm": 0.05, "turn_mrad": 0.01}},)
+
+
+def written(folder, instrument="points", base=3, seed=3, disturbances=WALK, **plan):
+    """Write the raw folder of an IRB 120 under an instrument that moves."""
+    asked = {
+        "random_seed": seed,
+        "robot": "irb120",
+        "without_touches": {
+            "instrument": instrument,
+            "poses": 200,
+            "base_targets": base,
+            "position_mm": 0.01,
+            "attitude_rad": 5e-5,
+            "unseen_share": 0.0,
+            **plan,
+        },
+        "disturbances": list(disturbances),
+    }
+    settings = parse_section(SimulateOptions, asked, where="test")
+    write_campaign(simulate_campaign("c", load_arm("irb120"), settings), folder)
+    return folder
+
+
+def spoil(folder, change):
+    """Change the table of readings."""
+    path = folder / "poses.csv"
+    table = pd.read_csv(path)
+    table = change(table)
+    table.to_csv(path, index=False)
+
+
+def still(folder, **plan):
+    """Write and read the same campaign of an instrument that stands still."""
+    return read_campaign(written(folder, disturbances=(), **plan))
+
+
+@pytest.mark.parametrize("instrument", ["points", "pose"])
+def test_readings_are_as_of_an_instrument_that_stands_still(tmp_path, instrument):
+    turn = {"parameters": {"size_mm": 0.05}} if instrument == "pose" else {}
+    moving = ({**WALK[0], **turn},)
+    raw = written(tmp_path / "moving", instrument, disturbances=moving)
+    found = read_campaign(raw)
+    ideal = still(tmp_path / "still", instrument=instrument)
+    assert found.observations.base.found.form == "walk"
+    assert ideal.observations.base.found.form == "still"
+    apart = found.observations.measured.places_m - ideal.observations.measured.places_m
+    apart -= apart.mean(axis=(0, 1))
+    spoil(raw, lambda table: table.drop(columns=[c for c in table if "base" in c]))
+    without = read_campaign(raw).observations.measured.places_m
+    moved = without - ideal.observations.measured.places_m
+    moved -= moved.mean(axis=(0, 1))
+    assert np.std(apart) < 0.3 * np.std(moved)
+    assert any("move together by up to" in note for note in found.notes)
+
+
+def test_the_noise_of_the_motion_is_shared_by_the_targets_of_a_pose(tmp_path):
+    found = read_campaign(written(tmp_path / "c")).observations
+    base, measured = found.base, found.measured
+    cov = measured.stated_covariance
+    p_m = measured.p_instr_m[7]
+    along = [np.hstack([np.eye(3), -cross_matrix(p - base.about_m)]) for p in p_m]
+    across = along[0] @ base.motion_cov[7] @ along[2].T
+    np.testing.assert_allclose(cov[7, :3, 6:9], across, rtol=1e-6, atol=1e-18)
+    own = along[1] @ base.motion_cov[7] @ along[1].T + measured.cov_m2[7, 1]
+    np.testing.assert_allclose(cov[7, 3:6, 3:6], own, rtol=1e-6, atol=1e-18)
+    T = np.eye(4)
+    T[:3, :3] = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    T[:3, 3] = [0.5, -0.2, 1.0]
+    R = np.kron(np.eye(3), T[:3, :3])
+    np.testing.assert_allclose(
+        measured.moved(T).stated_covariance[7], R @ cov[7] @ R.T, rtol=1e-6, atol=1e-18
+    )
+
+
+@pytest.mark.parametrize("instrument", ["points", "pose"])
+def test_the_table_keeps_targets_motion_and_noise(tmp_path, instrument):
+    campaign = read_campaign(written(tmp_path / "c", instrument))
+    path = tmp_path / "poses.parquet"
+    write_pose_table(path, campaign.observations, campaign.arm.prismatic, "c")
+    back = read_observations(path, campaign.description)
+    assert read_base_motion(path) == campaign.observations.base.found
+    for name in ("p_instr_m", "u_m", "motion", "motion_cov"):
+        there, here = getattr(campaign.observations.base, name), getattr(back.base, name)
+        np.testing.assert_allclose(here, there, rtol=1e-9, atol=1e-20)
+    np.testing.assert_allclose(
+        back.measured.stated_covariance,
+        campaign.observations.measured.stated_covariance,
+        rtol=1e-9,
+        atol=1e-18,
+    )
+    some = back.take(np.array([3, 5, 8]))
+    assert some.measured.stated_covariance.shape[0] == len(some.base.motion) == 3
+
+
+def test_a_campaign_without_them_has_none(tmp_path):
+    found = read_campaign(written(tmp_path / "c", base=0)).observations
+    assert found.base is None
+    assert found.measured.motion_cov is None
+
+
+def test_a_knocked_target_is_warned_of(tmp_path):
+    raw = written(tmp_path / "c")
+
+    def knocked(table):
+        table.loc[table.index >= 120, ["base2_x_mm", "base2_y_mm", "base2_z_mm"]] += 0.2
+        return table
+
+    spoil(raw, knocked)
+    campaign = read_campaign(raw)
+    (warning,) = campaign.warnings
+    assert "base2 moved by 0." in warning
+    assert "before pose P121" in warning
+    assert campaign.observations.base.found.knocked[0].targets == ("base2",)
+
+
+def test_blank_fields_are_targets_not_seen(tmp_path):
+    raw = written(tmp_path / "c")
+
+    def blank(table):
+        table.loc[10:14, [f"base{k}_{axis}_mm" for k in (1, 2, 3) for axis in "xyz"]] = np.nan
+        table.loc[20, "base1_y_mm"] = np.nan
+        return table
+
+    spoil(raw, blank)
+    found = read_campaign(raw).observations
+    assert len(found) == 200
+    assert found.base.found.without == 5
+    assert np.isnan(found.base.p_instr_m[20, 0]).all()
+
+
+def _twice(table):
+    for axis in "xyz":
+        table[f"base3_{axis}_mm"] = table[f"base1_{axis}_mm"]
+    return table
+
+
+def _anew(table):
+    columns = [name for name in table if name.endswith("_x_mm") and not name.startswith("u_")]
+    table.loc[table.index >= 90, columns] += 60.0
+    return table
+
+
+BAD = [
+    (lambda t: t.drop(columns="base2_y_mm"), "points", "base2_y_mm"),
+    (_twice, "points", "base1 and base3 are the same target"),
+    (_anew, "points", "the instrument was set up anew"),
+    (lambda t: t, "distance", "distance does not see targets on the base"),
+]
+
+
+@pytest.mark.parametrize(("change", "instrument", "message"), BAD)
+def test_what_cannot_be_used_is_refused(tmp_path, change, instrument, message):
+    raw = written(tmp_path / "c", instrument)
+    spoil(raw, change)
+    with pytest.raises(RawDataError, match=message) as refused:
+        read_campaign(raw)
+    assert "poses.csv" in str(refused.value)
+
+
+def test_a_name_on_the_tool_and_on_the_base_is_refused(tmp_path):
+    raw = written(tmp_path / "c")
+    path = raw / "campaign.yaml"
+    path.write_text(path.read_text().replace("T1:", "base1:"))
+    with pytest.raises(RawDataError, match="base1 is both on the tool and on the base"):
+        read_campaign(raw)
