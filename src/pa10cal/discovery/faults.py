@@ -21,6 +21,7 @@ _OF_INPUT: dict[str, FaultKind] = {
     "joint_order": "joint_sign",
     "joint_zero": "joint_zero",
     "target_label": "label",
+    "campaigns": "step_in_time",
 }
 
 

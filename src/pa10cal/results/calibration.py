@@ -11,6 +11,7 @@ from pydantic import Field, JsonValue
 
 from pa10cal.results.accuracy import Accuracy, BeforeAfter, Parameter, ResidualRows, Status
 from pa10cal.results.arrays import Shape
+from pa10cal.results.group import GroupOfCampaigns
 from pa10cal.results.health import Health
 from pa10cal.results.record import (
     Key,
@@ -354,6 +355,7 @@ class GeneralCalibrationRecord(GeneralFit, CalibrationRecord):
     nominal: GeneralFit = Field(description="the fit of base and tool alone, the arm nominal")
     suspected_outliers: tuple[SuspectedOutlier, ...] = Field(description="suspected outliers")
     prior: PriorPart | None = optional("the model it started from; not given where none was")
+    group: GroupOfCampaigns | None = optional("of a group, what each campaign says alone")
 
     @property
     def fits(self) -> Mapping[str, Fit]:

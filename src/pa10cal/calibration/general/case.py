@@ -11,6 +11,7 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.accuracy import Accuracy, summarise, summarise_by_load
+from pa10cal.calibration.general.apart import Apart, apart
 from pa10cal.calibration.general.calibrate import (
     GeneralCalibration,
     calibrate_general,
@@ -57,6 +58,7 @@ class GeneralCase:
         unidentified_directions, not_identifiable: what the poses do not identify.
         suspected_outliers: poses far outside the scatter of the others.
         health: whether it is good.
+        apart: of a group, what each campaign says alone; None of a single campaign.
     """
 
     load: str
@@ -72,6 +74,7 @@ class GeneralCase:
     not_identifiable: frozenset[str]
     suspected_outliers: tuple[SuspectedOutlier, ...]
     health: Health
+    apart: Apart | None
 
 
 def work_out_general(
@@ -147,6 +150,9 @@ def work_out_general(
     openly = not_identifiable(full.fit.identifiability, parameters) & names
     doubts = suspected_outliers(full.problem, full.fit)
     trusted = np.setdiff1d(np.flatnonzero(rows), np.flatnonzero(rows)[[d.row for d in doubts]])
+    alone = apart(full.problem, full.fit)
+    if alone is not None:
+        findings = (*findings, *alone.contradictions)
     errors = Errors(
         train_rms_mm=summarise(found.take(trusted)).rms_mm,
         held_out=off,
@@ -170,6 +176,7 @@ def work_out_general(
         not_identifiable=openly,
         suspected_outliers=doubts,
         health=health(_fit_summary(full, openly), errors),
+        apart=alone,
     )
 
 

@@ -148,6 +148,17 @@ def fit(
     )
 
 
+def reach_of(problem: Problem) -> Array:
+    """Return how far from their start the k unknowns of a problem may well be."""
+    bounds = Bounds.of(problem.parameters)
+    width = bounds.upper - bounds.lower
+    reach = np.where(np.isfinite(width), width, _REACH * problem.scale)
+    expected = [parameter.plausible for parameter in problem.parameters]
+    return np.array(
+        [far if size is None else size for far, size in zip(reach, expected, strict=True)]
+    )
+
+
 @dataclass(frozen=True)
 class _Span:
     """Where the k unknowns may lie.
@@ -167,13 +178,7 @@ class _Span:
     @classmethod
     def about(cls, problem: Problem, x_start: Array, expected: Expected | None) -> _Span:
         bounds = Bounds.of(problem.parameters)
-        width = bounds.upper - bounds.lower
-        reach = np.where(np.isfinite(width), width, _REACH * problem.scale)
-        sizes = [p.plausible for p in problem.parameters]
-        reach = np.array(
-            [far if size is None else size for far, size in zip(reach, sizes, strict=True)]
-        )
-        return cls(bounds.clip(x_start), bounds, reach, expected)
+        return cls(bounds.clip(x_start), bounds, reach_of(problem), expected)
 
     @property
     def known(self) -> int:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pa10cal.calibration.base_parameters import report_base
+from pa10cal.calibration.general.apart import Apart
 from pa10cal.calibration.general.calibrate import GeneralCalibration
 from pa10cal.calibration.general.case import GeneralCase, fitted
 from pa10cal.calibration.health_record import health_part
@@ -27,6 +28,12 @@ from pa10cal.results.calibration import (
     Redundant,
     Solved,
     Spring,
+)
+from pa10cal.results.group import (
+    CampaignAlone,
+    Difference,
+    GroupOfCampaigns,
+    SharedParameter,
 )
 from pa10cal.results.record import Campaign
 from pa10cal.terms.joint_spring import JointSpring
@@ -82,6 +89,7 @@ def general_record(
         nominal=GeneralFit(**_fit_keys(case.nominal, about)),
         residuals=_residuals(case),
         suspected_outliers=case.suspected_outliers,
+        group=None if case.apart is None else _group(case.apart),
         health=health_part(case.health, full.problem.observations.pose),
         prior=None
         if full.moved is None
@@ -209,6 +217,43 @@ def _residuals(case: GeneralCase) -> ResidualRows:
         place_mm=1e3 * model.model.predict(case.grid.states, model.x)[:, :3, 3],
         position_mm=case.residuals.position_mm,
         rotation_deg=case.residuals.rotation_deg,
+    )
+
+
+def _group(apart: Apart) -> GroupOfCampaigns:
+    """Return what each campaign of a group says alone."""
+    shared = apart.shared
+    return GroupOfCampaigns(
+        campaigns={
+            each.name: CampaignAlone(
+                poses=each.poses,
+                rms_mm=each.rms_mm,
+                alone_rms_mm=each.alone_rms_mm,
+                chi_square=each.chi_square,
+                dof=each.dof,
+                p_value=each.p_value,
+                contradicts=each.contradicts,
+                worst=Difference(
+                    name=shared[each.worst].name,
+                    unit=shared[each.worst].unit,
+                    value=each.worst_off,
+                    std=each.worst_u,
+                    chi_square=each.worst_chi_square,
+                ),
+            )
+            for each in apart.campaigns
+        },
+        parameters={
+            parameter.name: SharedParameter(
+                unit=parameter.unit,
+                std=float(apart.std[k]),
+                std_alone={each.name: float(each.std[k]) for each in apart.campaigns},
+                determined_by=tuple(
+                    each.name for each in apart.campaigns if bool(each.determined[k])
+                ),
+            )
+            for k, parameter in enumerate(shared)
+        },
     )
 
 

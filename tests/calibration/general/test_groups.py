@@ -1,0 +1,153 @@
+"""One robot in several campaigns: sharper and right, whole from halves, and changed in between."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pa10cal.calibration.general.apart import apart
+from pa10cal.calibration.general.calibrate import calibrate_general
+from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.general.start import find_start
+from pa10cal.files.arms import load_arm
+from pa10cal.observe.group import Member, join
+from pa10cal.observe.touched import Touched
+
+ARM = load_arm("ur10")
+NOISE_M = 2e-5
+MIXED = [("pose", "points"), ("touched", "pose"), ("points", "distance")]
+
+
+def elsewhere(every, seed):
+    """Measure from another place: where instrument and base are to each other is another."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.random(random_state=seed).as_matrix()
+    T[:3, 3] = np.random.default_rng(seed).uniform(-1.0, 1.0, 3)
+    return replace(every, measured=every.measured.moved(T))
+
+
+def touched(points, noise_m):
+    """Make of the positions of three targets those of balls whose places are known."""
+    measured = points.measured
+    places = np.array([[0.04, -0.03, 0.11], [-0.06, 0.02, 0.09], [0.01, 0.07, 0.05]])
+    cov = np.tile(max(noise_m, 1e-5) ** 2 * np.eye(3), (len(points), 3, 1, 1))
+    seen = np.isfinite(measured.p_instr_m).all(axis=(1, 2))
+    touches = np.full((int(seen.sum()), 3), 5)
+    found = Touched.of_balls(
+        measured.names, 1e3 * places, 1e3 * measured.p_instr_m[seen], 1e6 * cov[seen], touches
+    )
+    return replace(points.take(seen), measured=found)
+
+
+@pytest.fixture(name="members")
+def _members(see):
+    def members(kinds, noise_m, counts=(70, 61), moved_rad=0.0):
+        found = []
+        for k, (kind, count) in enumerate(zip(kinds, counts, strict=True)):
+            seen_as = "points" if kind == "touched" else kind
+            every = see("ur10", seen_as, count, seed=1, noise_m=noise_m, size=0.3)
+            every = touched(every, noise_m) if kind == "touched" else every
+            if k:
+                q_rad = every.states.q_rad.copy()
+                q_rad[:, 2] += moved_rad
+                every = every.with_states(replace(every.states, q_rad=q_rad))
+                every = elsewhere(every, 5)
+            found.append(Member(f"of-{k}", every, find_start(ARM, every)))
+        return found
+
+    return members
+
+
+def together(members):
+    every = join(members)
+    return calibrate_general(ARM, every, find_start(ARM, every))
+
+
+def shared(general):
+    """Return values and standard uncertainties of the robot's own parameters, by name."""
+    std = np.sqrt(np.diag(general.fit.covariance))
+    return {
+        parameter.name: (value, sigma)
+        for parameter, value, sigma in zip(
+            general.problem.parameters, general.fit.x, std, strict=True
+        )
+        if parameter.name.startswith("delta")
+    }
+
+
+@pytest.mark.parametrize("kinds", MIXED)
+def test_intervals_of_a_group_are_narrower_than_of_each_alone_and_right(members, kinds):
+    noisy, exact = together(members(kinds, NOISE_M)), together(members(kinds, 0.0))
+    found, true = shared(noisy), shared(exact)
+    assert found.keys() == true.keys()
+    scores = np.array([(found[name][0] - true[name][0]) / found[name][1] for name in found])
+    assert 0.4 < np.mean(scores**2) < 2.0
+    for member in members(kinds, NOISE_M):
+        alone = shared(calibrate_general(ARM, member.observations, member.start))
+        ratio = [found[name][1] / alone[name][1] for name in found if name in alone]
+        assert len(ratio) > 15
+        assert np.median(ratio) < 0.99
+        assert max(ratio) < 1.1
+
+
+def test_bases_and_tools_are_each_campaigns_own(members):
+    general = together(members(("pose", "points"), 0.0))
+    assert general.fit.converged
+    names = [parameter.name for parameter in general.problem.parameters]
+    assert {"base_x", "base_x@of-1", "tool_rz@of-0", "target_T1_x@of-1"} <= set(names)
+    model, every = fitted(general), general.problem.observations
+    left = model.deviations(every.turned(model.R_ee_target.T)).distance_mm
+    np.testing.assert_allclose(left, 0.0, atol=1e-6)
+
+
+def test_two_halves_of_a_campaign_give_what_the_whole_gives(see):
+    for noise_m, most in ((0.0, 1e-6), (NOISE_M, 0.7)):
+        whole = see("ur10", "pose", 120, seed=2, noise_m=noise_m, size=0.3)
+        start = find_start(ARM, whole)
+        halves = [
+            Member(f"half-{k}", whole.take(np.arange(len(whole)) % 2 == k), start) for k in (0, 1)
+        ]
+        one, two = shared(calibrate_general(ARM, whole, start)), shared(together(halves))
+        assert one.keys() == two.keys()
+        off = [abs(one[name][0] - two[name][0]) / one[name][1] for name in one]
+        assert max(off) < most
+
+
+@pytest.mark.parametrize("kinds", [("pose", "points"), ("points", "distance")])
+@pytest.mark.parametrize("moved_rad", [0.0, 1e-3])
+def test_a_robot_that_was_changed_contradicts_itself(members, kinds, moved_rad):
+    general = together(members(kinds, NOISE_M, moved_rad=moved_rad))
+    found = apart(general.problem, general.fit)
+    assert [each.name for each in found.campaigns] == ["of-0", "of-1"]
+    if not moved_rad:
+        assert not found.contradictions
+        assert all(each.p_value > 1e-3 for each in found.campaigns)
+        return
+    (told,) = found.contradictions
+    assert (told.where, told.kind) == ("delta_theta_3", "joint_zero")
+    assert "contradict each other" in told.what
+    worst = found.campaigns[0]
+    assert abs(abs(worst.worst_off) - moved_rad) < 3.0 * worst.worst_u
+
+
+def test_what_one_campaign_leaves_open_another_determines(see, members):
+    def held(q_rad):
+        return np.where(np.arange(6) == 4, 0.7, q_rad)
+
+    every = see("ur10", "pose", 70, seed=1, noise_m=NOISE_M, size=0.3, posed=held)
+    still, moving = Member("still", every, find_start(ARM, every)), members(MIXED[0], NOISE_M)[1]
+    general = together([still, moving])
+    found = apart(general.problem, general.fit)
+    first, second = found.campaigns
+    assert not first.determined.all()
+    assert second.determined.all()
+    assert np.all(found.std <= 1.1 * second.std)
+
+
+def test_a_single_campaign_is_not_held_against_others(see):
+    every = see("ur10", "pose", 60, noise_m=NOISE_M)
+    general = calibrate_general(ARM, every, find_start(ARM, every))
+    assert apart(general.problem, general.fit) is None
