@@ -5,6 +5,7 @@ import pytest
 
 import made_up_survey
 from made_up_arm import Missing, at_joint, measure
+from pa10cal.arm.state import PoseStates
 from pa10cal.discovery.formulas.choose import choose
 from pa10cal.discovery.formulas.propose import with_proposals
 from pa10cal.discovery.formulas.record import proposed_formula
@@ -35,19 +36,17 @@ def made_up_arena(values, poses=200, seed=5, held=None):
     """Return an arena in which joint 1 stands at angles over a turn, and errs by some values."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(-np.pi, np.pi, poses)
+    states = PoseStates(
+        *(q[:, None],) * 3, load_N=0.0 * q, temperature_C=0.0 * q, time_s=np.arange(float(poses))
+    )
     data = values(q) + rng.normal(size=poses)
 
     def columns_of(forms):
-        return [
-            np.stack([np.sin(form.numbers[0] * q), np.cos(form.numbers[0] * q)], 1) * 100.0
-            if form.form == "harmonic"
-            else np.sign(q - form.numbers[0])[:, None] * 100.0
-            for form in forms
-        ]
+        return [100.0 * form.values(states) for form in forms]
 
     of_map = 30.0 * np.concatenate(columns_of([harmonic(k) for k in range(1, 7)]), 1) / 100.0
     contest = Contest(data, np.ones((poses, 1)), np.arange(poses) % 10)
-    return Arena(contest, of_map if held is None else held, columns_of, None)
+    return Arena(contest, of_map if held is None else held, columns_of, poses, None)
 
 
 def harmonic(order):

@@ -8,7 +8,7 @@ import pytest
 from pa10cal.arm.state import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import CandidateContext
-from pa10cal.terms.forms.library import forms_at, second_orders
+from pa10cal.terms.forms.library import forms_at, further
 from pa10cal.terms.forms.of_joints import AngleForm
 
 POSES = 40
@@ -61,7 +61,7 @@ def kinds(states, context):
         for place in ("joint 2", "base", "instrument")
         for form in forms_at(place, context, states)
     ]
-    forms += second_orders(forms)
+    forms += further(forms)
     return list({(type(form), form.form): form for form in forms}.values())
 
 
@@ -118,7 +118,7 @@ def test_the_formula_is_what_the_form_adds(states):
     np.testing.assert_allclose(added("torque_cubed", (), [2.0]), -2.0 * tau**3)
     turns = 15.0 * q / (2.0 * np.pi) - 0.3
     np.testing.assert_allclose(added("sawtooth", (15.0, 0.3), [1.0]), 2.0 * (turns % 1.0) - 1.0)
-    (other,) = second_orders([AngleForm("joint 2", "harmonic", (k,)) for k in (3.0, 5.0)])
+    *_, other = further([AngleForm("joint 2", "harmonic", (k,)) for k in (3.0, 5.0)])
     np.testing.assert_allclose(
         other.shift(states, np.array([1.0, 0.0, 0.0, 2.0]))[:, 0],
         np.sin(3.0 * q) + 2.0 * np.cos(5.0 * q),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pa10cal.discovery.formulas.rows import Arena
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
-from pa10cal.terms.forms.library import second_orders
+from pa10cal.terms.forms.library import further
 
 Array = NDArray[np.float64]
 
@@ -28,6 +28,8 @@ _OVER_NOISE = 1.1
 _REFINED, _ROUNDS, _BETWEEN = 12, 2, 9
 #: Forms whose columns are made at once, and those that few poses do not rule out.
 _AT_ONCE, _KEPT = 256, 48
+#: Standard errors within which a form must do as well in some of the poses, to be tried in all.
+_FEW = 3.0
 #: Other forms that are listed as doing as well.
 _MOST_OTHERS = 6
 
@@ -80,12 +82,66 @@ class _Tried:
         return float(self.squares.sum())
 
 
+@dataclass(frozen=True, eq=False)
+class _Judge:
+    """What forms are measured by in an arena.
+
+    Attributes:
+        arena: rows, blocks, and what is held against forms.
+        needed: squared error by which a form must help at least.
+        nothing: squared error of every block with nothing, (B,).
+        held: the same with the maps and rivals in question; None where there are none, or where
+            they are no better than nothing.
+    """
+
+    arena: Arena
+    needed: float
+    nothing: Array
+    held: Array | None
+
+    @classmethod
+    def of(cls, arena: Arena, needed: float) -> _Judge:
+        nothing, *held = arena.contest.squares(
+            [np.zeros((len(arena.contest.data), 0)), *([] if arena.held is None else [arena.held])]
+        )
+        better = bool(held) and float(held[0].sum()) < float(nothing.sum())
+        return cls(arena, needed, nothing, held[0] if better else None)
+
+    @property
+    def noise(self) -> float:
+        """Return the squared error that noise alone would leave."""
+        return len(self.arena.contest.data) if self.arena.noise is None else self.arena.noise
+
+    def all_of(self, forms: Sequence[Form]) -> list[_Tried]:
+        """Return what blocks left out come to with each of many forms."""
+        found: list[_Tried] = []
+        for first in range(0, len(forms), _AT_ONCE):
+            some = forms[first : first + _AT_ONCE]
+            squares = self.arena.contest.squares(self.arena.columns_of(some))
+            found += [_Tried(form, each) for form, each in zip(some, squares, strict=True)]
+        return found
+
+    def passes(self, each: _Tried, errors: float = 1.0) -> bool:
+        """Return whether a form helps enough, and does as well, within so many standard errors."""
+        least = self.noise
+        if self.arena.noise is not None and self.held is not None:
+            least = max(least, float(self.held.sum()))
+        gain = self.nothing - each.squares
+        over_noise = float(self.nothing.sum()) - least
+        enough = max(self.needed, _SURELY * standard_error(gain), _MOST_OF_IT * over_noise)
+        if float(gain.sum()) <= enough / errors:
+            return False
+        if self.held is not None:
+            return no_worse(each.squares, self.held, errors)
+        return each.total <= _OVER_NOISE * self.noise * errors
+
+
 def choose(
     arena: Arena,
     forms: Sequence[Form],
     instead: Sequence[Effect],
     error_rate: float,
-    coarse: Arena | None = None,
+    whole: Callable[[], Arena] | None = None,
 ) -> Proposal | None:
     """Return the shortest form that does as well as maps and rivals; None where none does.
 
@@ -94,42 +150,39 @@ def choose(
         forms: what is tried.
         instead: maps and rivals that a form may stand for.
         error_rate: probability allowed of proposing anything where nothing is.
-        coarse: the same with fewer poses, by which most forms are ruled out.
+        whole: gives the arena of all poses, where the other is of some of them, by which forms are
+            ruled out; else None.
     """
     if not forms:
         return None
-    contest = arena.contest
-    bare = np.zeros((len(contest.data), 0))
-    nothing, *with_held = contest.squares([bare] if arena.held is None else [bare, arena.held])
-    held = with_held[0] if with_held else None
-    needed = 2.0 * float(np.log(len(forms) / error_rate))
-    tried = _tried(coarse or arena, forms)
-    tried += _tried(coarse or arena, second_orders([each.form for each in _ranked(tried)]))
+    judge = _Judge.of(arena, 2.0 * float(np.log(len(forms) / error_rate)))
+    tried = judge.all_of(forms)
+    tried += judge.all_of(further([each.form for each in _ranked(tried)]))
     for _ in range(_ROUNDS):
-        tried += _tried(coarse or arena, _closer(tried))
-    if coarse is not None:
-        tried = _tried(arena, [each.form for each in _ranked(tried)[:_KEPT]])
-
-    noise = len(contest.data) if arena.noise is None else arena.noise
-    least = noise if held is None or arena.noise is None else max(noise, float(held.sum()))
-    over_noise = max(float(nothing.sum()) - least, 0.0)
-
-    def helps(each: _Tried) -> bool:
-        gain = nothing - each.squares
-        enough = max(needed, _SURELY * standard_error(gain), _MOST_OF_IT * over_noise)
-        return float(gain.sum()) > enough
-
-    def as_well(each: _Tried) -> bool:
-        if held is not None and held.sum() < nothing.sum():
-            return no_worse(each.squares, held)
-        return each.total <= _OVER_NOISE * noise
-
-    good = [each for each in _ranked(tried) if helps(each) and as_well(each)]
+        tried += judge.all_of(_closer(tried))
+    if whole is not None:
+        if not any(judge.passes(each, _FEW) for each in tried):
+            return None
+        judge = _Judge.of(whole(), judge.needed)
+        tried = judge.all_of([each.form for each in _shortlist(tried)])
+    good = [
+        each
+        for each in _ranked(tried)
+        if judge.passes(each) and not _one_is_enough(each, tried, judge.needed)
+    ]
     good = [each for each in good if no_worse(each.squares, good[0].squares, _ALIKE)]
     if not good:
         return None
     best = min(good, key=lambda each: (each.form.length, each.total))
-    (columns,) = arena.columns_of([best.form])
+    return _proposal(judge, best, good, instead)
+
+
+def _proposal(
+    judge: _Judge, best: _Tried, good: Sequence[_Tried], instead: Sequence[Effect]
+) -> Proposal:
+    """Return the best of the forms that do as well, fitted to all poses."""
+    contest, nothing, held = judge.arena.contest, judge.nothing, judge.held
+    (columns,) = judge.arena.columns_of([best.form])
     amounts, covariance = contest.fitted(columns)
     factor = best.form.prior_factor
     report = best.form.report(factor @ amounts)
@@ -165,14 +218,25 @@ def standard_error(gain: Array) -> float:
     return float(np.sqrt(len(gain)) * gain.std(ddof=1))
 
 
-def _tried(arena: Arena, forms: Sequence[Form]) -> list[_Tried]:
-    """Return what blocks left out come to with each of many forms."""
-    found: list[_Tried] = []
-    for first in range(0, len(forms), _AT_ONCE):
-        some = forms[first : first + _AT_ONCE]
-        squares = arena.contest.squares(arena.columns_of(some))
-        found += [_Tried(form, each) for form, each in zip(some, squares, strict=True)]
-    return found
+def _shortlist(tried: Sequence[_Tried]) -> list[_Tried]:
+    """Return the best forms, and the best of every kind."""
+    ranked = _ranked(tried)
+    kinds = {each.form.form: each for each in reversed(ranked)}
+    return [*ranked[:_KEPT], *(each for each in kinds.values() if each not in ranked[:_KEPT])]
+
+
+def _one_is_enough(two: _Tried, tried: Sequence[_Tried], needed: float) -> bool:
+    """Return whether the second of two orders gains no more than the best of many by chance."""
+    if two.form.form != "two_harmonics":
+        return False
+    alone = [
+        each.total
+        for each in tried
+        if each.form.form == "harmonic"
+        and each.form.of == two.form.of
+        and each.form.numbers[0] in two.form.numbers
+    ]
+    return bool(alone) and min(alone) - two.total <= needed
 
 
 def _ranked(tried: Sequence[_Tried]) -> list[_Tried]:
@@ -209,8 +273,10 @@ def _orders(best: _Tried, good: Sequence[_Tried]) -> tuple[int, int] | None:
 
 
 def _others(best: _Tried, good: Sequence[_Tried]) -> tuple[Form, ...]:
-    """Return the best of every other kind of form that does as well."""
+    """Return the best of every other kind of form that does as well; not one order and another."""
     kinds = {best.form.form: best.form}
+    if best.form.form == "harmonic":
+        good = [each for each in good if each.form.form != "two_harmonics"]
     for each in good:
         kinds.setdefault(each.form.form, each.form)
     return tuple(form for form in kinds.values() if form is not best.form)[:_MOST_OTHERS]

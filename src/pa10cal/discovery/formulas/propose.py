@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 from pa10cal.discovery.formulas.choose import Proposal, choose
@@ -14,8 +15,11 @@ from pa10cal.terms.forms.library import forms_at
 
 V = TypeVar("V", bound=Verdict[object])
 
-#: Rows beyond which most forms are ruled out by so many poses alone.
-_MANY_ROWS, _FEW_POSES = 9000, 800
+#: Poses by which forms are ruled out, where there are many more.
+_FEW_POSES = 800
+#: Parameters of maps and rivals that one form may stand for: fine maps of several joints are no one
+#: formula.
+_MOST_HELD = 400
 
 
 def with_proposals(found: V) -> V:
@@ -62,8 +66,9 @@ def _others(found: Verdict[object]) -> tuple[str, ...]:
 
 def _chosen(found: Verdict[object], held: tuple[Effect, ...], forms: list[Form]) -> Proposal | None:
     """Return the shortest form that does as well as some effects without a name."""
-    if not forms:
+    if not forms or sum(effect.linear for effect in held) > _MOST_HELD:
         return None
-    arena = found.arena(held)
-    coarse = found.arena(held, _FEW_POSES) if len(arena.contest.data) > _MANY_ROWS else None
-    return choose(arena, forms, held, found.error_rate, coarse)
+    few = found.arena(held, _FEW_POSES)
+    many = few.poses < len(found.states)
+    whole = partial(found.arena, held) if many else None
+    return choose(few, forms, held, found.error_rate, whole)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,38 +47,60 @@ class Contest:
     def _own_projections(self) -> Array:
         return np.stack([self.own[at].T @ self.data[at] for at in self.blocks])
 
+    @cached_property
+    def _elsewhere(self) -> list[tuple[tuple[Array, bool], Array]]:
+        """Return, with each block left out, own products factored and what own columns leave it."""
+        found = []
+        grams, projections = self._own_grams, self._own_projections
+        for own_gram, own_projection in zip(grams, projections, strict=True):
+            gram = grams.sum(axis=0) - own_gram + np.eye(self.own.shape[1])
+            projection = projections.sum(axis=0) - own_projection
+            factor = cho_factor(gram)
+            bare = cho_solve(factor, projection)
+            found.append((factor, bare))
+        return found
+
     def squares(self, candidates: Sequence[Array]) -> Array:
         """Return the squared error of every block, predicted from the others, (m, B).
 
         Args:
             candidates: m candidates' columns (R, k) each, in the size expected of them.
         """
-        stops = np.cumsum([0, *(each.shape[1] for each in candidates)])
-        places = [np.arange(*ends) for ends in pairwise(stops.tolist())]
-        columns = np.concatenate([np.zeros((len(self.data), 0)), *candidates], axis=1)
-        across = np.stack([self.own[at].T @ columns[at] for at in self.blocks])
-        projection = np.stack([columns[at].T @ self.data[at] for at in self.blocks])
-        grams = [
-            np.stack([columns[np.ix_(at, own)].T @ columns[np.ix_(at, own)] for at in self.blocks])
-            for own in places
-        ]
         found = np.empty((len(candidates), len(self.blocks)))
-        for b, at in enumerate(self.blocks):
-            n = self.own.shape[1]
-            gram = self._own_grams.sum(axis=0) - self._own_grams[b] + np.eye(n)
-            factor = cho_factor(gram)
-            of_data = self._own_projections.sum(axis=0) - self._own_projections[b]
-            elsewhere = across.sum(axis=0) - across[b]
-            followed = cho_solve(factor, np.column_stack([of_data, elsewhere]))
-            bare, followed = followed[:, 0], followed[:, 1:]
-            open_ = projection.sum(axis=0) - projection[b] - elsewhere.T @ bare
+        widths = np.array([each.shape[1] for each in candidates])
+        for width in np.unique(widths):
+            places = np.flatnonzero(widths == width)
+            columns = np.stack([candidates[k] for k in places.tolist()], axis=1)
+            found[places] = self._squares(columns)
+        return found
+
+    def _squares(self, columns: Array) -> Array:
+        """Return the squared error of every block with columns (R, m, k), (m, B)."""
+        _, m, k = columns.shape
+        n = self.own.shape[1]
+        here = [columns[at] for at in self.blocks]
+        across = [
+            (self.own[at].T @ each.reshape(len(at), m * k)).reshape(n, m, k)
+            for at, each in zip(self.blocks, here, strict=True)
+        ]
+        grams = [_each_with(each, each) for each in here]
+        with_data = [
+            np.tensordot(self.data[at], each, axes=1)
+            for at, each in zip(self.blocks, here, strict=True)
+        ]
+        every_across = np.sum(across, axis=0)
+        every_gram, every_with = np.sum(grams, axis=0), np.sum(with_data, axis=0)
+        found = np.empty((m, len(self.blocks)))
+        for b, (at, (factor, bare)) in enumerate(zip(self.blocks, self._elsewhere, strict=True)):
+            beside = every_across - across[b]
+            followed = cho_solve(factor, beside.reshape(n, m * k)).reshape(n, m, k)
+            open_ = every_with - with_data[b] - np.tensordot(bare, beside, axes=1)
+            gram = every_gram - grams[b] - _each_with(beside, followed) + np.eye(k)
+            amounts = np.linalg.solve(gram, open_[:, :, None])[:, :, 0]
             left = self.data[at] - self.own[at] @ bare
-            for k, own in enumerate(places):
-                schur = grams[k].sum(axis=0) - grams[k][b] + np.eye(len(own))
-                schur = schur - elsewhere[:, own].T @ followed[:, own]
-                amounts = np.linalg.solve(schur, open_[own])
-                moved = columns[np.ix_(at, own)] - self.own[at] @ followed[:, own]
-                found[k, b] = np.sum((left - moved @ amounts) ** 2)
+            own_moves = np.einsum("nmk,mk->nm", followed, amounts)
+            moved = np.einsum("rmk,mk->rm", here[b], amounts) - self.own[at] @ own_moves
+            found[:, b] = np.sum((left[:, None] - moved) ** 2, axis=0)
         return found
 
     def fitted(self, columns: Array) -> tuple[Array, Array]:
@@ -101,6 +122,7 @@ class Arena:
         held: (R, h) columns of the maps and rivals in question, in the size expected of them; None
             where there are none.
         columns_of: gives the columns (R, k) of forms, in their size.
+        poses: how many poses its rows are of.
         noise: squared error of all rows that noise alone would leave; None where rows are weighed
             by that noise.
     """
@@ -108,4 +130,10 @@ class Arena:
     contest: Contest
     held: Array | None
     columns_of: Callable[[Sequence[Form]], list[Array]]
+    poses: int
     noise: float | None
+
+
+def _each_with(columns: Array, others: Array) -> Array:
+    """Return the products (m, k, k) of columns (R, m, k) of each candidate with others of it."""
+    return np.asarray(columns.transpose(1, 2, 0) @ others.transpose(1, 0, 2))

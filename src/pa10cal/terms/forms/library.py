@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 
 #: Cycles a turn that are tried: as many as there are positions, within these.
 _FEWEST_CYCLES, _MOST_CYCLES = 12, 360
-_MOST_TEETH = 48
-_STARTS = 12
+#: Orders of a joint that suggest teeth and second orders, and places within a tooth that are tried.
+_SUGGESTING, _STARTS = 10, 12
 #: Cycles a turn of what goes with something else as well.
 _FEW_CYCLES = (1, 2, 3, 4)
 _THRESHOLDS, _BOTH_SIDES = 10, (0.17, 0.83)
@@ -59,14 +59,9 @@ def _of_joint(place: str, context: CandidateContext, states: PoseStates) -> Iter
     q_rad, tau_Nm = states.q_rad[:, joint - 1], np.abs(states.tau_Nm[:, joint - 1])
     poses = len(np.unique(np.round(q_rad, 4)))
     orders = range(1, int(np.clip(poses, _FEWEST_CYCLES, _MOST_CYCLES)) + 1)
-    starts = np.arange(_STARTS + 1) / _STARTS
     thresholds = _levels(q_rad)
     loaded = loaded_joints(context)
     yield from (AngleForm(place, "harmonic", (float(order),)) for order in orders)
-    for teeth, start in product(range(1, min(len(orders), _MOST_TEETH) + 1), starts.tolist()):
-        yield AngleForm(place, "sawtooth", (float(teeth), start))
-        if start <= 0.5:
-            yield AngleForm(place, "square", (float(teeth), start))
     yield from (AngleForm(place, "step", (at,)) for at in thresholds)
     if joint in loaded:
         for form in ("torque_squared", "torque_abs_torque", "torque_cubed", "sign_of_torque"):
@@ -98,18 +93,25 @@ def _of_joint(place: str, context: CandidateContext, states: PoseStates) -> Iter
         yield PullForm(place, "pull_below", (at,))
 
 
-def second_orders(forms: Sequence[Form]) -> list[Form]:
-    """Return the best single order with each of the others of its joint.
+def further(forms: Sequence[Form]) -> list[Form]:
+    """Return the forms that the best single orders of each joint suggest.
+
+    Teeth as many as the cycles of an order that helps, which is most of their error, and two
+    orders: the best with each of the next.
 
     Args:
         forms: what was tried, the best first.
     """
+    found: list[Form] = []
     single = [form for form in forms if form.form == "harmonic"]
-    return [
-        AngleForm(form.of, "two_harmonics", (*single[0].numbers, *form.numbers))
-        for form in single[1:]
-        if form.of == single[0].of
-    ]
+    for place in dict.fromkeys(form.of for form in single):
+        first, *others = [form.numbers for form in single if form.of == place][:_SUGGESTING]
+        for (order,), start in product((first, *others), np.arange(_STARTS + 1) / _STARTS):
+            found.append(AngleForm(place, "sawtooth", (order, float(start))))
+            if start <= 0.5:
+                found.append(AngleForm(place, "square", (order, float(start))))
+        found += [AngleForm(place, "two_harmonics", (*first, *other)) for other in others]
+    return found
 
 
 def _of_base(context: CandidateContext, states: PoseStates) -> Iterator[Form]:
