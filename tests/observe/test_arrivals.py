@@ -45,6 +45,19 @@ def test_which_joints_moved_is_told_apart():
     assert found.states.since_before is found.states.moved
 
 
+def test_campaigns_of_a_group_begin_anew_and_their_directions_are_kept():
+    q = [0.0, 0.5, 0.5005, 0.3]
+    alone, _ = with_arrivals(observed(q, [0.0] * 4))
+    twice = observed(q + q, [0.0] * 8)
+    campaign = np.repeat([0, 1], 4)
+    told = np.concatenate([alone.states.arrival] * 2)
+    grouped = twice.with_states(replace(twice.states, campaign=campaign, arrival=told))
+    found, from_order = with_arrivals(grouped)
+    assert not from_order
+    assert found.states.arrival is told
+    assert found.states.moved[:, 0].tolist() == [0, 1, 0, -1] * 2
+
+
 def test_time_decides_whatever_the_order_of_rows():
     rows = observed([0.0, 0.5, 0.3, 0.7], [0.0] * 4).take(np.array([2, 0, 3, 1]))
     found, _ = with_arrivals(rows)

@@ -32,9 +32,9 @@ def with_arrivals(every: Observations[M]) -> tuple[Observations[M], bool]:
     Where no joint of any configuration has one, each joint is taken to come straight from where it
     stood in the configuration measured before, of whatever kind; one that stays keeps the direction
     of its last movement, and the first configuration has none; which joints moved at all is told
-    apart (`moved`). Times that many configurations share give no order: then no direction is known.
-    Logged directions of joints that are reversed
-    (`reversed_joints`) are put right.
+    apart (`moved`), also where directions are those of the order already, as in a table of a group.
+    Times that many configurations share give no order: then no direction is known. Logged
+    directions of joints that are reversed (`reversed_joints`) are put right.
 
     Args:
         every: single readings of all kinds.
@@ -45,7 +45,10 @@ def with_arrivals(every: Observations[M]) -> tuple[Observations[M], bool]:
     if states.arrival.any():
         wrong = reversed_joints(every)
         if not wrong.any():
-            return every, False
+            by_order = None if states.moved is not None else _by_order(every)
+            if by_order is None or not np.array_equal(by_order[0], states.arrival):
+                return every, False
+            return every.with_states(replace(states, moved=by_order[1])), False
         arrival = np.where(wrong, -states.arrival, states.arrival)
         return every.with_states(replace(states, arrival=arrival)), False
     ordered = _by_order(every)
@@ -86,9 +89,12 @@ def _by_order(every: Observations) -> tuple[Array, Array] | None:
     states = every.states
     if len(np.unique(states.time_s)) < _OWN_TIMES * len(every):
         return None
-    in_time = np.argsort(states.time_s, kind="stable")
-    moved = np.diff(states.q_rad[in_time], axis=0, prepend=np.nan)
-    direction = pd.DataFrame(np.sign(moved)).mask(np.abs(moved) < _STOOD_STILL).ffill().fillna(0.0)
+    campaign = np.zeros(len(every), int) if states.campaign is None else states.campaign
+    in_time = np.lexsort((states.time_s, campaign))
+    of_campaign = pd.DataFrame(states.q_rad[in_time]).groupby(campaign[in_time])
+    moved = of_campaign.diff().to_numpy()
+    last = pd.DataFrame(np.sign(moved)).mask(np.abs(moved) < _STOOD_STILL)
+    direction = last.groupby(campaign[in_time]).ffill().fillna(0.0)
     arrival, since_before = np.zeros((2, *states.arrival.shape))
     arrival[in_time] = direction.to_numpy()
     since_before[in_time] = np.where(np.abs(moved) < _STAYED, 0.0, np.sign(moved))
