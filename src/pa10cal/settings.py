@@ -28,6 +28,7 @@ RESERVED = (
     "blind_trials_tracked",
     "curve",
     "datasets",
+    "drive_trials",
     "fleet",
     "simulated",
     "wild_trials",

@@ -31,6 +31,12 @@ rule wild_trials:
         expand(trial_result("pictures.json"), study="wild_trials"),
 
 
+rule drive_trials:
+    """Sensors and gears that err in one campaign or two: is the right one named?"""
+    input:
+        expand(trial_result("scores.json"), study="drive_trials"),
+
+
 rule judge_trials:
     """Some trials of one kind: hidden, measured, judged; the truth goes into a file apart."""
     output:
@@ -75,7 +81,7 @@ rule score_trials:
 
 
 for pictures_of, studies in {
-    "trials": [study for study in TRIAL_STUDIES if study != "wild_trials"],
+    "trials": [study for study in TRIAL_STUDIES if study not in ("wild_trials", "drive_trials")],
     "wild": ["wild_trials"],
 }.items():
 

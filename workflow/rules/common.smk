@@ -87,6 +87,7 @@ TRIAL_STUDIES = {
     "blind_trials_reduced": ("touched", trial_counts(SETTINGS.blind_trials.reduced)),
     "blind_trials_tracked": ("tracked", trial_counts(SETTINGS.blind_trials.tracked)),
     "wild_trials": ("wild", trial_counts(SETTINGS.blind_trials.wild)),
+    "drive_trials": ("drives", trial_counts(SETTINGS.blind_trials.drives)),
 }
 # The same of instruments that measure no attitude.
 REFLECTOR_STUDIES = {

@@ -22,7 +22,7 @@ def blind_trials(
     truths: Path,
     first: int = 0,
     measured: Literal[
-        "touched", "tracked", "points_one", "points_three", "distance", "wild"
+        "touched", "tracked", "points_one", "points_three", "distance", "wild", "drives"
     ] = "touched",
     layouts: str = "",
     size: float | None = None,
@@ -32,7 +32,8 @@ def blind_trials(
 
     Args:
         kind: what the trials hide: null, single, pair, triple, outside, wrong_noise or wrong_mass;
-            of wild ones right, stressed, effect, beyond or fault.
+            of wild ones right, stressed, effect, beyond or fault; of drives sensor, gear, both or
+            neither.
         count: how many trials.
         random_seed: draws robots, poses, noise and hidden effects.
         verdicts: verdicts to write, one a trial (JSON lines).
@@ -40,7 +41,7 @@ def blind_trials(
         first: number of the first of them.
         measured: touched: balls of the PA10, poses repeated; tracked: other arms, no pose repeated;
             points_one, points_three, distance: of these one target, three, or one distance; wild:
-            either, with stressors and faults in the raw files.
+            either, with stressors and faults in the raw files; drives: sensors and gears that err.
         layouts: layouts of touched balls, or arms under instruments, with commas between them; all
             of them where none are given.
         size: factor of all effects; without it, drawn for each.

@@ -27,16 +27,22 @@ def score_trials(
         pa10cal score_trials --verdicts v.jsonl --truths t.jsonl --scores scores.json \\
           --trials trials.csv
     """
-    from pa10cal.evaluation import trial_records, wild_scores
-    from pa10cal.evaluation.blind_trial import WILD
+    from pa10cal.evaluation import drive_scores, trial_records, wild_scores
+    from pa10cal.evaluation.blind_trial import DRIVES, WILD
     from pa10cal.files.output import write_text
     from pa10cal.results.codec import write
+    from pa10cal.results.drive_trials import DriveTrial
     from pa10cal.results.trials import JudgedTrial
     from pa10cal.results.wild_trials import WildTrial
     from pa10cal.studies.trial_records import read_trials
 
     known = read_trials(verdicts, truths)
-    if any(trial.measured == WILD for trial in known):
+    if any(trial.measured == DRIVES for trial in known):
+        drives = drive_scores.scores_record(known)
+        write_text(trials, _table(DriveTrial.model_fields, map(dict, drives.per_trial)))
+        write(drives, scores)
+        bars = drives.bars
+    elif any(trial.measured == WILD for trial in known):
         wild = wild_scores.scores_record(known)
         write_text(trials, _table(WildTrial.model_fields, map(dict, wild.per_trial)))
         write(wild, scores)

@@ -15,6 +15,8 @@ OUTSIDE = "outside"
 TRACKED = "tracked"
 #: Trials with stressors and faults in the raw files.
 WILD = "wild"
+#: Trials of sensors and gears that err.
+DRIVES = "drives"
 #: Root mean square over mean of the length of a vector with independent, equal normal components.
 _RMS_OVER_MEAN = float(np.sqrt(3.0 * np.pi / 8.0))
 #: What shows in the logged torque at every joint, and in the pose only by way of a spring.

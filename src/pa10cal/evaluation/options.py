@@ -58,6 +58,15 @@ class WildCounts(Section):
     fault: NonNegativeInt = Field(5, description="rounds through the faults, one a trial")
 
 
+class DriveCounts(Section):
+    """How many trials of sensors and gears that err, by what errs."""
+
+    sensor: NonNegativeInt = Field(40, description="sensors behind gears")
+    gear: NonNegativeInt = Field(40, description="gears")
+    both: NonNegativeInt = Field(20, description="sensor and gear of the same joint")
+    neither: NonNegativeInt = Field(40, description="none; motors ripple all the same")
+
+
 class BlindTrialsOptions(Section):
     """Campaigns of the virtual cell judged without their truth, and scored apart."""
 
@@ -86,6 +95,10 @@ class BlindTrialsOptions(Section):
         WildCounts(),
         description="what `snakemake --cores 2 wild_trials` runs: any instrument, stressors and "
         "faults in the raw files",
+    )
+    drives: DriveCounts = Field(
+        DriveCounts(),
+        description="what `snakemake --cores 2 drive_trials` runs: sensors and gears that err",
     )
 
 

@@ -6,12 +6,12 @@ import ast
 from functools import cache
 from pathlib import Path
 
-from pa10cal.evaluation.options import TrialCounts, WildCounts
+from pa10cal.evaluation.options import DriveCounts, TrialCounts, WildCounts
 
 _CELL = Path(__file__).parents[1] / "cell"
 
 
-def trial_counts(counts: TrialCounts | WildCounts) -> dict[str, int]:
+def trial_counts(counts: TrialCounts | WildCounts | DriveCounts) -> dict[str, int]:
     """Return the number of trials of each kind.
 
     Args:

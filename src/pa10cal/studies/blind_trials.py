@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.cell.campaign import simulate_campaign
+from pa10cal.cell.drive_trials import DRIVE_KINDS, DriveKind, draw_drive_trials
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.tracker_trials import BENCHES, REFLECTORS, draw_tracker_trials
 from pa10cal.cell.trials import LAYOUTS, Trial, TrialKind, draw_trials
 from pa10cal.cell.wild_trials import WILD_KINDS, WildKind, draw_wild_trials
 from pa10cal.cell.write import write_campaign
 from pa10cal.errors import SettingsError
+from pa10cal.evaluation.blind_trial import DRIVES
 from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.results.trials import (
@@ -28,12 +30,13 @@ from pa10cal.results.trials import (
     TrialTruthRecord,
     TrialVerdictRecord,
 )
+from pa10cal.studies.drive_trials import try_drive_trial
 from pa10cal.studies.judging import CalibratedCampaign, calibrated_campaign
 from pa10cal.studies.trial_records import truth_record
 from pa10cal.studies.wild_trials import try_wild_trial
 
 Array = NDArray[np.float64]
-Measured = Literal["touched", "tracked", "points_one", "points_three", "distance", "wild"]
+Measured = Literal["touched", "tracked", "points_one", "points_three", "distance", "wild", "drives"]
 
 
 def draw(
@@ -47,7 +50,7 @@ def draw(
     """Draw trials of touched balls with repeats, of trackers without, or wild ones of either.
 
     `points_one`, `points_three` and `distance` are of trackers, too: of so many targets, or of one
-    distance.
+    distance. `drives` are sensors and gears that err.
 
     Args:
         measured: which of these.
@@ -70,6 +73,8 @@ def draw(
             remedy="request more trials",
         )
     names = layouts.split(",") if layouts else []
+    if measured == DRIVES:
+        return draw_drive_trials(cast(DriveKind, kind), count, random_seed)
     if measured == "wild":
         return draw_wild_trials(cast(WildKind, kind), count, random_seed, names)
     study = measured if measured in REFLECTORS else ""
@@ -94,6 +99,8 @@ def try_trial(trial: Trial, options: JudgingOptions) -> tuple[TrialVerdictRecord
     """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped."""
     if trial.kind in WILD_KINDS:
         return try_wild_trial(trial, options)
+    if trial.kind in DRIVE_KINDS:
+        return try_drive_trial(trial, options)
     moved_mm: list[float | None] = [None] * len(trial.sizes)
     seconds = 0.0
     began = time.process_time()

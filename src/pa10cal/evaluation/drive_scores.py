@@ -1,0 +1,140 @@
+"""What trials of drives come to: sensors and gears named, or not, and false names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from pa10cal.evaluation.blind_trial import MAP, BlindTrial, Name
+from pa10cal.evaluation.trial_rates import rate
+from pa10cal.results.drive_trials import DriveJoint, DriveScoresRecord, DriveTrial, Outcome
+from pa10cal.results.trials import Bar
+
+SENSOR, GEAR = "sensor_error", "gear_error"
+NEITHER = "neither"
+_BY_ANGLE = (SENSOR, GEAR, MAP)
+_RIGHT, _FALSE = 0.95, 0.02
+_PROVENANCE = "synthetic: virtual cell; robots, poses, noise, errors of drives and ripple drawn"
+
+
+def scores_record(trials: Sequence[BlindTrial]) -> DriveScoresRecord:
+    """Return what trials of drives come to."""
+    joints = tuple(joint for trial in trials for joint in _joints(trial))
+    quiet = [trial for trial in trials if trial.kind == NEITHER]
+    return DriveScoresRecord(
+        provenance=_PROVENANCE,
+        trials=len(trials),
+        bars=(
+            *(
+                _bar(
+                    f"joints whose {words} named right",
+                    True,
+                    (joint.outcome == "right" for joint in joints if joint.errs in errs),
+                )
+                for words, errs in (
+                    ("sensor or gear errs:", ("sensor", "gear", "both")),
+                    ("sensor errs:", ("sensor",)),
+                    ("gear errs:", ("gear",)),
+                    ("sensor and gear err:", ("both",)),
+                )
+            ),
+            _bar(
+                "joints whose sensor or gear errs: a wrong name alone",
+                False,
+                (joint.outcome == "wrong" for joint in joints),
+            ),
+            _bar(
+                "trials in which nothing errs: a name",
+                False,
+                (bool(false_names(trial)) or trial.verdict is None for trial in quiet),
+            ),
+        ),
+        joints=joints,
+        per_trial=tuple(_trial(trial) for trial in trials),
+    )
+
+
+def outcome(trial: BlindTrial, of: str) -> tuple[Outcome, tuple[str, ...]]:
+    """Return what became of a joint that errs, and what its error was called."""
+    if trial.verdict is None:
+        return "failed", ()
+    hidden = {each.name.id for each in trial.hidden if each.name.of == of}
+    found = [named for named in trial.verdict.effects if named.name.of == of]
+    called = [
+        [name.id for name in named.all_names if name.of == of and name.id in _BY_ANGLE]
+        for named in found
+        if named.name.id in _BY_ANGLE
+    ]
+    if not called:
+        return "missed", ()
+    names = tuple(called[0])
+    causes = set(names) & {SENSOR, GEAR}
+    if not causes:
+        return "no_cause", names
+    if causes == hidden:
+        return "right", names
+    return ("ambiguous" if hidden & causes else "wrong"), names
+
+
+def false_names(trial: BlindTrial) -> tuple[str, ...]:
+    """Return the names of a verdict where nothing of that name is hidden; maps are none."""
+    if trial.verdict is None:
+        return ()
+    hidden = {each.name for each in trial.hidden}
+    return tuple(
+        _words(named.name)
+        for named in trial.verdict.effects
+        if named.name.id != MAP and not hidden & set(named.all_names)
+    )
+
+
+def _joints(trial: BlindTrial) -> Iterable[DriveJoint]:
+    if trial.kind == NEITHER:
+        return
+    seen: set[str] = set()
+    for each in trial.hidden:
+        of, ratio = each.name.of, each.parameters["ratio"]
+        if of not in seen:
+            seen.add(of)
+            became, called = outcome(trial, of)
+            yield DriveJoint(
+                campaign=trial.campaign,
+                bench=trial.layout,
+                of=of,
+                errs=trial.kind,
+                ratio=float(str(ratio)),
+                called=called,
+                outcome=became,
+            )
+
+
+def _trial(trial: BlindTrial) -> DriveTrial:
+    verdict = trial.verdict
+    return DriveTrial(
+        campaign=trial.campaign,
+        bench=trial.layout,
+        errs=trial.kind,
+        verdict=f"failed: {trial.failed}" if verdict is None else verdict.word,
+        false_names=false_names(trial),
+        seconds=None if verdict is None else verdict.seconds,
+    )
+
+
+def _words(name: Name) -> str:
+    return f"{name.id} of {name.of}"
+
+
+def _bar(what: str, at_least: bool, outcomes: Iterable[bool]) -> Bar:
+    counted = rate(outcomes)
+    limit = _RIGHT if at_least else _FALSE
+    share = counted.share
+    return Bar(
+        what=what,
+        at_least=at_least,
+        limit=limit,
+        reached=share,
+        low=counted.low,
+        high=counted.high,
+        trials=counted.of,
+        share=True,
+        met=None if share is None else (share >= limit if at_least else share <= limit),
+    )
