@@ -13,6 +13,7 @@ from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
 from pa10cal.discovery.blocked_cv.judge import Prediction
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.survey import BLOCKS
+from pa10cal.discovery.by_campaign_record import by_campaign_part
 from pa10cal.discovery.evidence.confirm import Confirmation
 from pa10cal.discovery.evidence.discover import VerdictByRepeats
 from pa10cal.discovery.evidence.judge import FLIP_RATE, shared_error_mm
@@ -82,6 +83,7 @@ def discovery_records(
             provenance=provenance,
             arrival_from_order=from_order,
             seconds=None,
+            by_campaign=by_campaign_part(found),
         ),
         ExtendedRecord(
             **dict(_extended(found)),

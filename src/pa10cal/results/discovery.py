@@ -12,6 +12,7 @@ from pa10cal.results.angles import AnglesSeen as AnglesSeen
 from pa10cal.results.angles import FallsBack as FallsBack
 from pa10cal.results.effect_name import EffectName as EffectName
 from pa10cal.results.fault_kind import FaultKind
+from pa10cal.results.group import EffectByCampaign
 from pa10cal.results.map_form import MapForm as MapForm
 from pa10cal.results.proposed import ProposedFormula
 from pa10cal.results.record import (
@@ -344,6 +345,9 @@ class VerdictRecord(VerdictKeys, MeasuredRecord):
     )
     seconds: float | None = Field(
         description="null: the time taken stands in the log, so that equal runs have equal results"
+    )
+    by_campaign: tuple[EffectByCampaign, ...] | None = optional(
+        "of a group, every effect found as each campaign alone has it"
     )
 
 

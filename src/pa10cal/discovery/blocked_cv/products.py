@@ -19,6 +19,9 @@ from pa10cal.terms.effects.joint_error_map import b_splines
 
 Array = NDArray[np.float64]
 
+#: Rows are left out where no more than this part of them was seen.
+_WORTHWHILE = 0.75
+
 
 @dataclass(frozen=True, eq=False)
 class Products:
@@ -55,6 +58,9 @@ def products(data: Array, dense: Array, maps: csr_array) -> tuple[Array, Array, 
         Of N = d + K columns.
     """
     d, total = dense.shape[1], dense.shape[1] + maps.shape[1]
+    seen = np.asarray(dense.any(axis=1))
+    if np.count_nonzero(seen) < _WORTHWHILE * len(seen):  # components of other campaigns
+        data, dense, maps = data[seen], dense[seen], maps[np.flatnonzero(seen)]
     gram = np.empty((total, total))
     gram[:d, :d] = dense.T @ dense
     gram[d:, :d] = maps.T @ dense

@@ -89,6 +89,26 @@ def refit(
     return Refit(effects, fit.place(found.at), found.converged, covariance, counts)
 
 
+def one_step(survey: Survey, found: Refit, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return what some poses alone say of all unknowns, by one step from a fit to all.
+
+    Args:
+        survey: the campaign.
+        found: the fit to all of its poses.
+        rows: poses.
+
+    Returns:
+        The unknowns (k,), and their covariance (k, k).
+    """
+    fewer = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
+    counts = PoseWeights(found.weights.whitener[rows], found.weights.weight[rows])
+    fit = _Fit(fewer, found.effects)
+    there = fit.equations(found.x, counts)
+    held = fit.bounds.held(found.x, there.gradient)
+    covariance = _inverse(there.normal, fit.prior, ~held)
+    return found.x - covariance @ there.gradient, covariance
+
+
 class _Fit:
     """Normal equations of the fit, in the order of the model's parameters."""
 

@@ -1,0 +1,59 @@
+"""Effects of a group as each campaign alone has them: equal curves agree, others do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pa10cal.discovery.blocked_cv.alone import ANGLES_RAD, Curve, pair_of, visited
+
+EVERYWHERE = np.ones(len(ANGLES_RAD), dtype=bool)
+
+
+def wave(seed, most=25):
+    rng = np.random.default_rng(seed)
+    orders = np.arange(5, most)
+    phases = rng.uniform(0.0, 2.0 * np.pi, len(orders))
+    return np.cos(ANGLES_RAD[:, None] * orders + phases).sum(axis=1)
+
+
+def test_the_same_error_agrees_whatever_its_mean():
+    error = 1e-4 * wave(1)
+    noise = 1e-5 * np.random.default_rng(2).normal(size=(2, len(error)))
+    half = np.arange(len(error)) < 200
+    found = pair_of(
+        ("a", Curve(error + noise[0] + 3e-3, EVERYWHERE)), ("b", Curve(error + noise[1], half))
+    )
+    assert found.correlation > 0.99
+    assert found.correlation95[0] < found.correlation < found.correlation95[1] <= 1.0
+    assert found.slope95[0] < 1.0 < found.slope95[1]
+    assert found.share == pytest.approx(200 / 360)
+    assert found.difference_rad == pytest.approx(np.sqrt(2.0) * 1e-5, rel=0.2)
+    assert found.rms_rad[0] == pytest.approx(found.rms_rad[1], rel=0.05)
+
+
+def test_another_error_does_not_agree():
+    found = pair_of(("a", Curve(wave(1), EVERYWHERE)), ("b", Curve(wave(2), EVERYWHERE)))
+    assert abs(found.correlation) < 0.5
+    assert found.correlation95[0] < 0.0 < found.correlation95[1] or abs(found.correlation) < 0.4
+
+
+def test_the_slope_is_of_the_second_by_the_first():
+    error = wave(3)
+    found = pair_of(("a", Curve(error, EVERYWHERE)), ("b", Curve(2.0 * error, EVERYWHERE)))
+    assert found.slope == pytest.approx(2.0)
+    assert found.correlation == pytest.approx(1.0)
+
+
+def test_few_angles_in_common_say_nothing():
+    few = np.arange(len(ANGLES_RAD)) < 30
+    found = pair_of(("a", Curve(wave(1), few)), ("b", Curve(wave(1), EVERYWHERE)))
+    assert np.isnan(found.correlation)
+    assert found.share == pytest.approx(30 / 360)
+
+
+def test_angles_are_visited_by_the_turn():
+    q_rad = np.radians([0.1, -0.2, 359.0 + 360.0, 90.0, 90.4, 180.0])
+    found = visited(q_rad)
+    assert found[[0, 1, 359, 90, 91]].all()
+    assert not found[[45, 180, 270]].any()
