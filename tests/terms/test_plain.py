@@ -75,7 +75,7 @@ def test_maps_of_their_own_smoothness_come_back_equal(knots, size_rad, half_orde
     assert there_and_back(effect) == effect
 
 
-@given(st.sampled_from([SensorError, GearError]), st.tuples(*[positive] * 6))
+@given(st.sampled_from([SensorError, GearError]), st.tuples(*[positive] * 7))
 def test_bands_come_back_equal(kind, shape):
     effect = kind("joint 3", 216, Band(*shape))
     assert there_and_back(effect) == effect

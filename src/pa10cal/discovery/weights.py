@@ -7,7 +7,7 @@ the data really have. A pose far outside that scatter weighs less (Huber); none 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,10 @@ class PoseWeights:
         """Return the whiteners of some poses times the roots of their weights."""
         found: Array = np.sqrt(self.weight[rows])[:, None, None] * self.whitener[rows]
         return found
+
+    def widened(self, scatter: float) -> PoseWeights:
+        """Return the weights of poses that scatter so many times as much."""
+        return self if scatter == 1.0 else replace(self, whitener=self.whitener / scatter)
 
 
 def unweighted(measured: Instrument) -> PoseWeights:

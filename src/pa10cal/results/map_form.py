@@ -17,6 +17,9 @@ class Fading(Part):
 class Band(Part):
     """How large the amplitudes of a map are in a band of orders, below it and above it."""
 
+    slow_rad: float = Field(
+        description="standard deviation of an amplitude of one or two cycles a turn [rad]"
+    )
     below_rad: float = Field(description="standard deviation of an amplitude below the band [rad]")
     level_rad: float = Field(description="standard deviation of an amplitude in the band [rad]")
     first_order: float = Field(description="order at which the band begins")

@@ -131,8 +131,9 @@ def test_a_sensor_and_a_gear_have_one_form(kind):
 
 
 def test_a_band_has_its_levels_and_falls_above_it_to_its_floor():
-    sizes = TYPICAL.sizes_rad(np.array([0.0, 1.0, 15.0, 48.0, 180.0]))
-    np.testing.assert_allclose(sizes[:2], 3.5e-5, rtol=0.01)
-    np.testing.assert_allclose(sizes[2], 6e-5, rtol=0.05)
-    assert sizes[3] < 1e-5
-    np.testing.assert_allclose(sizes[4], TYPICAL.floor_rad, rtol=0.01)
+    sizes = TYPICAL.sizes_rad(np.array([1.0, 2.0, 3.0, 15.0, 60.0, 180.0]))
+    np.testing.assert_allclose(sizes[:2], 1.2e-4, rtol=0.01)
+    np.testing.assert_allclose(sizes[2], 4.5e-5, rtol=0.01)
+    np.testing.assert_allclose(sizes[3], 7.5e-5, rtol=0.05)
+    assert sizes[4] < 1e-5
+    np.testing.assert_allclose(sizes[5], TYPICAL.floor_rad, rtol=0.01)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.discovery import verdict
+from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate
 from pa10cal.discovery.blocked_cv.causes import with_causes
 from pa10cal.discovery.blocked_cv.compare import compare, errors_by_name
@@ -69,6 +70,7 @@ class VerdictByBlocks(Verdict[Prediction]):
         noise: of single readings.
         finest: the effects, by linear least squares.
         causes: what is known of the cause of each map, joint by joint.
+        bands: of maps that have one; None where none has.
     """
 
     survey: Survey
@@ -80,6 +82,7 @@ class VerdictByBlocks(Verdict[Prediction]):
     noise: Noise
     finest: Level
     causes: tuple[JointCause, ...] = ()
+    bands: InBands | None = None
 
     method: ClassVar[str] = "cross-validation over blocks"
 
@@ -129,7 +132,8 @@ class VerdictByBlocks(Verdict[Prediction]):
             else effect.starts[0]
             for effect in effects
         )
-        extended = refit(self.survey, effects, starts, self.extended.weights)
+        scatter = 1.0 if self.bands is None else self.bands.found.scatter
+        extended = refit(self.survey, effects, starts, self.extended.weights, scatter)
         fitted, seen = extended.fitted(), _seen(self.survey, effects)
         anew = []
         for finding in findings:
@@ -241,6 +245,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         least_gain=searched.least_gain,
         noise=noise,
         finest=fine,
+        bands=found.bands,
     )
     return with_causes(found_by_blocks)
 
@@ -255,6 +260,7 @@ class _Found:
         searched: what the search found.
         fine: the effects, by linear least squares.
         finer_steps: steps to finer maps.
+        bands: of maps that have one; None where none has.
         extended: the model with the effects.
     """
 
@@ -263,6 +269,7 @@ class _Found:
     searched: _Searched
     fine: Level
     finer_steps: tuple[Step, ...]
+    bands: InBands | None
     extended: Refit
 
 
@@ -271,13 +278,18 @@ def _found(judged: Survey, shaped: tuple[ShapedEffect, ...], error_rate: float) 
     rows = weighted_rows(judged, shaped, SPACINGS[-1][0])
     searched = _search(rows, error_rate)
     fine, finer_steps = finest(rows, searched.members)
+    bands = in_bands(rows, fine)
+    if bands is not None:
+        fine = bands.level
+        finer_steps = (*finer_steps, Step(fine.members, fine.squares))
     effects = tuple(member.effect for member in fine.members)
     own, amounts = fine.fit(len(effects))
     if judged.wander is not None:
         moved = own[len(own) - len(judged.wander.sizes) :]
         judged = replace(judged, wander=replace(judged.wander, amounts=moved))
-    extended = refit(judged, effects, amounts, rows.weights)
-    return _Found(judged, rows, searched, fine, finer_steps, extended)
+    scatter = 1.0 if bands is None else bands.found.scatter
+    extended = refit(judged, effects, amounts, rows.weights, scatter)
+    return _Found(judged, rows, searched, fine, finer_steps, bands, extended)
 
 
 def _in_time(judged: Survey, found: Refit) -> InTime:

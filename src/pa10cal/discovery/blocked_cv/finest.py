@@ -113,18 +113,30 @@ def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
         rows: with the members' effects, in their order, maps aside.
         members: the members.
     """
-    maps = [member.effect for member in members if isinstance(member.effect, JointErrorMap)]
-    inside = _products(rows, maps)
-    total = inside.summed()
+    inside = products_of(rows, members)
+    found = level_of(inside, rows, members, np.empty(BLOCKS))
+    every = np.arange(len(found.prior))
+    for b in range(BLOCKS):
+        gram, projection = inside.gram[b], inside.projection[b]
+        x = solve(found.total.gram - gram, found.total.projection - projection, found.prior)
+        found.squares[b] = predicted_squares(inside, b, every, x)
+    return found
+
+
+def level_of(inside: Products, rows: Rows, members: tuple[Candidate, ...], squares: Array) -> Level:
+    """Return members with their products.
+
+    Args:
+        inside: products of each block.
+        rows: of the members.
+        members: the members.
+        squares: (B,) squared errors of the held-out blocks.
+    """
+    maps, total = _maps(members), inside.summed()
     dense = len(total.projection) - sum(each.knots for each in maps)
     factors = [b_splines_by_knots(each.knots) @ each.prior_factor for each in maps]
     inverses = [np.linalg.inv(factor) for factor in factors]
     prior = block_diag(np.eye(dense), *(inverse.T @ inverse for inverse in inverses))
-    every, squares = np.arange(len(prior)), np.empty(BLOCKS)
-    for b in range(BLOCKS):
-        gram, projection = inside.gram[b], inside.projection[b]
-        x = solve(total.gram - gram, total.projection - projection, prior)
-        squares[b] = predicted_squares(inside, b, every, x)
     of_maps = iter(pairwise(dense + np.cumsum([0, *(each.knots for each in maps)])))
     of_effects = iter(rows.of_shaped())
     at = tuple(
@@ -133,19 +145,24 @@ def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
     return Level(members, squares, total, prior, at)
 
 
-def _products(rows: Rows, maps: list[JointErrorMap]) -> Products:
-    """Return the products of own parameters, effects, and B-splines of some maps."""
+def products_of(rows: Rows, members: tuple[Candidate, ...], blocks: int = BLOCKS) -> Products:
+    """Return the products of own parameters, effects, and B-splines of maps, block by block."""
+    maps = _maps(members)
     columns = len(rows.own) + sum(each.effect.linear for each in rows.shaped)
     total = columns + sum(each.knots for each in maps)
     at = [rows.joints.index(each.joint) for each in maps]
     knots = [each.knots for each in maps]
-    gram = np.empty((BLOCKS, total, total))
-    projection, squares = np.empty((BLOCKS, total)), np.empty(BLOCKS)
-    for b in range(BLOCKS):
+    gram = np.empty((blocks, total, total))
+    projection, squares = np.empty((blocks, total)), np.empty(blocks)
+    for b in range(blocks):
         block = rows.block(b)
         splines = map_columns(block.screws[:, :, at], block.q_rad[:, at], knots)
         gram[b], projection[b], squares[b] = products(block.data, block.dense, splines)
     return Products(gram, projection, squares)
+
+
+def _maps(members: tuple[Candidate, ...]) -> list[JointErrorMap]:
+    return [member.effect for member in members if isinstance(member.effect, JointErrorMap)]
 
 
 def _amounts(shaped: ShapedEffect, found: Array) -> Array:

@@ -44,7 +44,11 @@ class Refit(ModelWithEffects):
 
 
 def refit(
-    survey: Survey, effects: tuple[Effect, ...], starts: tuple[Array, ...], weights: PoseWeights
+    survey: Survey,
+    effects: tuple[Effect, ...],
+    starts: tuple[Array, ...],
+    weights: PoseWeights,
+    scatter: float = 1.0,
 ) -> Refit:
     """Fit the calibrated model with effects to all poses of a survey.
 
@@ -53,18 +57,20 @@ def refit(
         effects: what to add.
         starts: parameters of each to set out from.
         weights: what each pose counts at first.
+        scatter: of whitened rows, where it is known better than by their median.
     """
     fit = _Fit(survey, effects)
     baseline = survey.baseline
     x = np.concatenate([baseline.x, *starts, np.zeros(6), baseline.targets_m])
     bounds = fit.bounds
-    counts = weights
+    counts = weights.widened(scatter)
 
     def reweighted(x: Array, taken: Step) -> Equations:
         nonlocal counts
         covariance = _inverse(taken.before.normal, fit.prior, ~taken.held)
         left = survey.left_by(fit.place(x))
-        counts = pose_weights(left, fit.dof(covariance), survey.poses.measured)
+        found = pose_weights(left, fit.dof(covariance), survey.poses.measured)
+        counts = found.widened(scatter)
         return fit.equations(x, counts)
 
     def arrived(_: Array, taken: Step) -> bool:

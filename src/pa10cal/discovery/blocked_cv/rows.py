@@ -17,6 +17,7 @@ from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_s
 from pa10cal.discovery.weights import PoseWeights
 from pa10cal.discovery.with_effects import unknowns
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import b_splines_by_knots, harmonics_at_knots
@@ -121,6 +122,15 @@ class Rows:
         sizes = np.ones(len(self.own))
         sizes[self.of_weights] = _NOT_TWICE
         return sizes
+
+    @property
+    def pressing(self) -> NDArray[np.bool_]:
+        """Return which of the model's own parameters the calibration left at a bound."""
+        model, x = self.place.model, self.place.x
+        bounds = Bounds.of(model.parameters)
+        pressing = np.zeros(len(self.own), dtype=bool)
+        pressing[: len(x)] = (x <= bounds.lower) | (x >= bounds.upper)
+        return pressing
 
     def of_shaped(self) -> list[Index]:
         """Return the columns of each effect."""

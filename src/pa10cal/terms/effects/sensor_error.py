@@ -17,12 +17,13 @@ from pa10cal.terms.effects.spectrum import Band, Spectrum
 FINE = 360
 #: Sizes found on a measured arm (a UR10 in two campaigns): where a search finds its own, those.
 TYPICAL = Band(
-    below_rad=3.5e-5,
-    level_rad=6e-5,
-    first_order=6.0,
-    last_order=24.0,
-    decay=3.2,
-    floor_rad=4e-6,
+    slow_rad=1.2e-4,
+    below_rad=4.5e-5,
+    level_rad=7.5e-5,
+    first_order=7.0,
+    last_order=23.0,
+    decay=3.4,
+    floor_rad=4.5e-6,
 )
 
 

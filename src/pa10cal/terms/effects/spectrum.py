@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 
 #: How steeply a band begins: the power of the order in its step.
 _STEEP = 8
+#: Highest order that an axis off its centre or an oval ring makes.
+_SLOW = 2
 
 
 @dataclass(frozen=True)
@@ -39,16 +41,19 @@ class Band:
     """Sizes expected of a map's harmonics: a band of orders, less above it, down to a floor.
 
     Sine and cosine part of m cycles a turn have the variance
-    (below² + (level² - below²) / (1 + (first / m)⁸)) / (1 + (m / last)^(2 decay)) + floor².
+    (below² + (level² - below²) / (1 + (first / m)⁸)) / (1 + (m / last)^(2 decay)) + floor²;
+    those of one and of two cycles, which a ring off its axis or oval makes, slow² + floor².
 
     Attributes:
-        below_rad: level of orders below the band.
+        slow_rad: of one and of two cycles a turn.
+        below_rad: level of the orders between them and the band.
         level_rad: level in the band.
         first_order, last_order: where the band begins and ends, in cycles a turn.
         decay: power of the order by which sizes fall above the band.
         floor_rad: that no order falls below.
     """
 
+    slow_rad: float
     below_rad: float
     level_rad: float
     first_order: float
@@ -61,7 +66,8 @@ class Band:
         inside = orders**_STEEP / (orders**_STEEP + self.first_order**_STEEP)
         level = self.below_rad**2 + (self.level_rad**2 - self.below_rad**2) * inside
         above = 1.0 + (orders / self.last_order) ** (2.0 * self.decay)
-        sizes: Array = np.sqrt(level / above + self.floor_rad**2)
+        variance = np.where(orders <= _SLOW, self.slow_rad**2, level / above)
+        sizes: Array = np.sqrt(variance + self.floor_rad**2)
         return sizes
 
 
