@@ -66,7 +66,7 @@ def test_it_is_told_and_written(found, campaign):
     assert witness.ripple.orders == (4, 10, 20)
     assert witness.ripple.profile_nats.max() == 0.0
     assert "its motor followed" in " ".join(summary(keys))
-    written = discovery_records(found, Plan(()), campaign.campaign.description, "combined", 1.0)
+    written = discovery_records(found, Plan(()), campaign.campaign.description, "combined")
     assert written.verdict.effects[0].witness == witness
     back = model_from_plain(model_to_plain(found.model), where="model.yaml")
     assert back.model.terms == found.model.model.terms
