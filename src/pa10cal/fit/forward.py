@@ -13,7 +13,9 @@ from pa10cal.arm.state import PoseStates, Rows
 from pa10cal.errors import ModelError
 from pa10cal.fit.loads import statics_of, with_torques
 from pa10cal.fit.prediction import FallBack, Prediction
+from pa10cal.fit.variance import MapMotion, position_variance
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import falsifies_log, yields
 
@@ -225,10 +227,25 @@ class Forward:
 
     def uncertainty_mm(self, states: PoseStates, end: EndPose) -> Array:
         """Return the standard uncertainty of the frame's position, (N,), from the covariance."""
-        moved = self.by_parameters(states, end)[:, :3]
-        variance = np.einsum("pik,pik->p", moved, moved @ self.covariance)
-        uncertainty: Array = 1e3 * np.sqrt(np.maximum(variance, 0.0))
-        return uncertainty
+        chain, terms = self.physical.chain, self.physical.terms
+        maps = [term for term in terms if isinstance(term, JointErrorMap)]
+        others = tuple(term for term in terms if not isinstance(term, JointErrorMap))
+        places = [np.arange(len(self.x))[self.physical.columns_of(term)] for term in others]
+        dense = np.concatenate([np.zeros(0, dtype=np.intp), *places])
+        without = Forward(
+            self.whole, Model(chain, others), self.x[dense], dense, self.on_tool, self.T_end_frame
+        )
+        moved = without.by_parameters(states, end)[:, :3]
+        turned = [
+            MapMotion(
+                np.arange(len(self.x))[self.physical.columns_of(term)],
+                states.q_rad[:, term.joint - 1],
+                self.at_frame(end, end.screws[:, :, chain.columns(term.coordinates)])[:, :3, 0],
+            )
+            for term in maps
+        ]
+        dense = np.append(dense, len(self.x) + np.arange(6))
+        return 1e3 * np.sqrt(position_variance(self.covariance, dense, moved, turned))
 
     def by_parameters(self, states: PoseStates, end: EndPose) -> Array:
         """Return motions of the frame by the parameters that move the robot and by the base.

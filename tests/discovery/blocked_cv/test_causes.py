@@ -18,6 +18,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
 from pa10cal.settings_reading import parse_section
 from pa10cal.studies.judging import calibrated_campaign
+from pa10cal.terms.effects.sensor_error import TYPICAL
 
 POSES, JOINT = 900, 3
 
@@ -85,6 +86,18 @@ def test_without_ripple_a_map_stays_a_map(found, monkeypatch):
     said = causes.JointErrorMap("joint 3", *_form(found.effects[0].effect))
     as_map = causes._renamed(found, {found.effects[0].effect: said}, {})
     monkeypatch.setattr(causes, "witnesses", lambda *_: (None,) * 6)
+    (finding,) = causes.with_causes(as_map).effects
+    assert (finding.id, finding.alternatives) == ("joint_error_map", ())
+
+
+def test_a_broad_band_that_turns_agree_on_is_a_sensor_or_a_gear(found, monkeypatch):
+    said = causes.JointErrorMap("joint 3", found.effects[0].effect.knots, TYPICAL)
+    as_map = causes._renamed(found, {found.effects[0].effect: said}, {})
+    monkeypatch.setattr(causes, "witnesses", lambda *_: (None,) * 6)
+    (finding,) = causes.with_causes(as_map).effects
+    assert finding.id == "sensor_error"
+    assert [each.id for each in finding.alternatives] == ["gear_error"]
+    monkeypatch.setattr(causes, "agreement", lambda _: None)
     (finding,) = causes.with_causes(as_map).effects
     assert (finding.id, finding.alternatives) == ("joint_error_map", ())
 

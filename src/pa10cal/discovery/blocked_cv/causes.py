@@ -15,6 +15,7 @@ from pa10cal.discovery.same_everywhere import agreement
 from pa10cal.discovery.sensor_or_gear import JointCause
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.sensor_error import GearError, SensorError
+from pa10cal.terms.effects.spectrum import Band
 from pa10cal.terms.model import Model
 
 if TYPE_CHECKING:
@@ -28,8 +29,9 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
     """Return a verdict in which maps bear the name of their cause, where that is known.
 
     Where the ripple is heard and does not decide, or campaigns and turns do not show that the error
-    is the joint's own, a map is ambiguous between sensor and gear. A map of a joint whose motor
-    shows no ripple stays a map, and one that was named already is ambiguous.
+    is the joint's own, a map is ambiguous between sensor and gear. So is, without a ripple, a map
+    of a broad band on which campaigns or turns agree, and one that was named already. Any other map
+    of a joint whose motor shows no ripple stays a map.
     """
     causes = _causes(found)
     names: dict[Effect, Effect] = {}
@@ -39,7 +41,9 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
             continue
         cause = causes[effect.joint]
         heard = cause.witness is not None and cause.witness.cause is not None
-        if cause.cause is None and not heard and effect.id == JointErrorMap.id:
+        agreed = cause.agreement is not None and cause.agreement.holds
+        own = agreed and isinstance(effect.spectrum, Band)
+        if cause.cause is None and not (heard or own) and effect.id == JointErrorMap.id:
             continue
         likely = cause.cause or (cause.witness and cause.witness.cause) or "sensor"
         form = (effect.of, effect.knots, effect.spectrum)
