@@ -16,24 +16,23 @@ from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate
 from pa10cal.discovery.blocked_cv.causes import with_causes
 from pa10cal.discovery.blocked_cv.compare import compare, errors_by_name
-from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable, family
-from pa10cal.discovery.blocked_cv.finest import Level, finest
+from pa10cal.discovery.blocked_cv.family import computable
+from pa10cal.discovery.blocked_cv.finest import Level, finest, level
 from pa10cal.discovery.blocked_cv.formulas import arena_by_blocks
 from pa10cal.discovery.blocked_cv.judge import (
     Prediction,
     Remaining,
     Tried,
-    alternatives,
-    predictions,
     remaining_error,
-    tried,
     unexplained,
-    without_rivals,
 )
-from pa10cal.discovery.blocked_cv.reference import noise_squares, weighted_rows
+from pa10cal.discovery.blocked_cv.reference import weighted_rows
 from pa10cal.discovery.blocked_cv.refit import Refit, refit
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
-from pa10cal.discovery.blocked_cv.search import Search, Step
+from pa10cal.discovery.blocked_cv.search import Step
+from pa10cal.discovery.blocked_cv.searched import Searched, searched_rows
+from pa10cal.discovery.blocked_cv.selection import Columns
+from pa10cal.discovery.blocked_cv.slow_drift import SlowDrift, slow_drift
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.family import sought
 from pa10cal.discovery.formulas.rows import Arena
@@ -47,7 +46,7 @@ from pa10cal.discovery.noise import Noise, noise_of_near_poses
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.sensor_or_gear import JointCause
 from pa10cal.discovery.torque_noise import with_torque_noise
-from pa10cal.discovery.verdict import Finding, NotTestable, Plan, Verdict, reported
+from pa10cal.discovery.verdict import Finding, Plan, Verdict, reported
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
@@ -195,6 +194,12 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
     wander = _in_time(found.rows.survey, found.extended).wander
     if wander is not None:
         found = _found(judged.moving(wander), shaped, error_rate)
+    searched = found.searched
+    drift = slow_drift(
+        found.survey, found.extended, found.rows.weights, searched.least_gain, searched.noise
+    )
+    if drift is not None:
+        found = _with_drift(found, drift)
     judged, rows, searched = found.survey, found.rows, found.searched
     fine, extended = found.fine, found.extended
     effects = tuple(member.effect for member in fine.members)
@@ -266,7 +271,7 @@ class _Found:
 
     survey: Survey
     rows: Rows
-    searched: _Searched
+    searched: Searched
     fine: Level
     finer_steps: tuple[Step, ...]
     bands: InBands | None
@@ -276,7 +281,7 @@ class _Found:
 def _found(judged: Survey, shaped: tuple[ShapedEffect, ...], error_rate: float) -> _Found:
     """Search a survey, and fit what was found."""
     rows = weighted_rows(judged, shaped, SPACINGS[-1][0])
-    searched = _search(rows, error_rate)
+    searched = searched_rows(rows, error_rate)
     fine, finer_steps = finest(rows, searched.members)
     bands = in_bands(rows, fine)
     if bands is not None:
@@ -292,6 +297,32 @@ def _found(judged: Survey, shaped: tuple[ShapedEffect, ...], error_rate: float) 
     return _Found(judged, rows, searched, fine, finer_steps, bands, extended)
 
 
+def _with_drift(found: _Found, drift: SlowDrift) -> _Found:
+    """Return what was found with a slow drift, in place of a constant one."""
+    searched = found.searched
+    stays = [k for k, each in enumerate(found.fine.members) if each.effect.id != drift.effect.id]
+    member = Candidate(ShapedEffect(drift.effect), Columns(np.zeros(0, np.intp), np.zeros(0)))
+    members = (*(found.fine.members[k] for k in stays), member)
+    shaped = tuple(each.shaped for each in members if not each.is_map)
+    fine = level(replace(found.rows, shaped=shaped), members)
+    _, amounts = fine.fit(len(members))
+    effects = tuple(each.effect for each in members)
+    return replace(
+        found,
+        searched=replace(
+            searched,
+            members=members,
+            # The same motion is not told twice.
+            nameless=tuple(each for each in searched.nameless if not each.goes_with_time),
+            predictions=(*(searched.predictions[k] for k in stays), drift.proof),
+            alternatives=(*(searched.alternatives[k] for k in stays), drift.alternatives),
+        ),
+        fine=fine,
+        finer_steps=(*found.finer_steps, Step(members, fine.squares)),
+        extended=refit(found.survey, effects, amounts, found.rows.weights),
+    )
+
+
 def _in_time(judged: Survey, found: Refit) -> InTime:
     """Return what the poses show of time about a model."""
     return in_time_of(
@@ -301,56 +332,6 @@ def _in_time(judged: Survey, found: Refit) -> InTime:
         sought(judged.context, judged.baseline.model.terms),
         logged=judged.torques_logged,
         weights=True,
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Searched:
-    """What the search found, without its products, which are large."""
-
-    members: tuple[Candidate, ...]
-    nameless: tuple[Effect, ...]
-    tried: tuple[Tried, ...]
-    predictions: tuple[Prediction, ...]
-    alternatives: tuple[tuple[Effect, ...], ...]
-    errors_mm: Array
-    hidden: tuple[NotTestable, ...]
-    below_detection_limit: tuple[NotTestable, ...]
-    steps: tuple[Step, ...]
-    candidates: int
-    least_gain: float
-
-
-def _search(rows: Rows, error_rate: float) -> _Searched:
-    """Search, and judge what was found."""
-    products = rows.products()
-    known = family(rows, products)
-    poses = rows.survey.poses
-    of_readings = noise_of_near_poses(poses, rows.survey.left_by(rows.place))
-    if rows.survey.torques_logged:
-        payload = rows.survey.setup.payload
-        of_readings = with_torque_noise(of_readings, rows.place, poses, payload)
-    noise = noise_squares(rows, of_readings)
-    search = Search(products, rows.own, known.shown, noise, error_rate, rows.own_sizes)
-    chosen = search.run()
-    others = tried(search, chosen)
-    nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
-    chosen = without_rivals(chosen)
-    proofs, errors_mm = predictions(rows, chosen, search.least_gain)
-    return _Searched(
-        members=chosen.members,
-        nameless=nameless,
-        tried=others,
-        predictions=proofs,
-        alternatives=tuple(
-            alternatives(search, chosen, member) for member in range(len(chosen.members))
-        ),
-        errors_mm=errors_mm,
-        hidden=known.hidden,
-        below_detection_limit=below_detection_limit(known, search.is_surely_found),
-        steps=tuple(search.steps),
-        candidates=search.effects,
-        least_gain=search.least_gain,
     )
 
 

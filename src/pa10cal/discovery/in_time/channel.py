@@ -62,7 +62,7 @@ def in_time_of(
     """
     once = len(np.unique(poses.pose)) == len(poses)
     slow = _slow_joints(poses)
-    if once and slow.mean() > 0.5:
+    if once and like_a_scan(poses):
         return STILL
     if len(poses) > _MOST_READINGS:
         order = np.argsort(poses.states.time_s, kind="stable")
@@ -149,6 +149,11 @@ def _by_load(at: FittedModel, poses: Observations) -> Array:
     under = load_N[:, None] == np.unique(load_N)[1:]
     columns = under[:, None, :, None] * by_base(at, poses)[:, :, None, :]
     return np.asarray(_BY_LOAD * columns.reshape(*columns.shape[:2], -1))
+
+
+def like_a_scan(poses: Observations) -> bool:
+    """Return whether poses follow each other so closely that time and place go together."""
+    return float(_slow_joints(poses).mean()) > 0.5
 
 
 def _slow_joints(poses: Observations) -> NDArray[np.bool_]:

@@ -16,24 +16,40 @@ from pa10cal.terms.term import Parameter
 Array = NDArray[np.float64]
 
 _SECONDS_AN_HOUR = 3600.0
+#: Amplitude expected of the slowest wave of a base that drifts; of others a part as of a random
+#: walk.
+_WAVE_M = 1e-4
 
 
 @dataclass(frozen=True)
 class BaseDrift(NamedEffect):
     """The base moves along its axes at a constant rate [m/h], counted from the first reading.
 
+    In its slow form it moves by a few cosines of the time besides, and stands still before the
+    first and after the last reading, where nothing is known of it.
+
     Attributes:
         start_s: time of the first reading.
+        end_s: time of the last one; None of a constant rate, which goes on.
+        waves: cosines along each axis, of half a cycle more each; 0 of a constant rate.
     """
 
     start_s: float
+    end_s: float | None = None
+    waves: int = 0
     id: ClassVar[str] = "base_drift"
     goes_with_time: ClassVar[bool] = True
 
     @property
     def formula(self) -> str:
         """Return the form in words a reader can type."""
-        return f"base.x, base.y, base.z += rate (time_s - {self.start_s:g}) / 3600"
+        rate = f"base.x, base.y, base.z += rate (time_s - {self.start_s:g}) / 3600"
+        if self.end_s is None:
+            return rate
+        return (
+            f"{rate} + sum of wave_k cos(k pi (time_s - {self.start_s:g}) / "
+            f"{self.end_s - self.start_s:g}), time_s held at {self.start_s:g} and {self.end_s:g}"
+        )
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -42,8 +58,14 @@ class BaseDrift(NamedEffect):
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        """Return the rate along each axis."""
-        return tuple(Parameter(f"rate_{axis}", "m/h", 1e-6, plausible=3e-5) for axis in "xyz")
+        """Return the rate along each axis, then the amplitudes of each wave."""
+        rates = [Parameter(f"rate_{axis}", "m/h", 1e-6, plausible=3e-5) for axis in "xyz"]
+        waves = [
+            Parameter(f"wave_{k}_{axis}", "m", 1e-6, plausible=_WAVE_M / k)
+            for k in range(1, self.waves + 1)
+            for axis in "xyz"
+        ]
+        return (*rates, *waves)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -51,10 +73,17 @@ class BaseDrift(NamedEffect):
         return ("base.x", "base.y", "base.z")
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the hours since the first reading, each axis for itself, (P, 3, 3)."""
+        """Return hours since the first reading, then waves, each axis for itself, (P, 3, k)."""
         del x
-        hours = (states.time_s - self.start_s) / _SECONDS_AN_HOUR
-        return hours[:, None, None] * np.eye(3)
+        last_s = np.inf if self.end_s is None else self.end_s
+        first_s = -np.inf if self.end_s is None else self.start_s
+        since_s = np.clip(states.time_s, first_s, last_s) - self.start_s
+        courses = [since_s / _SECONDS_AN_HOUR]
+        courses += [
+            np.cos(np.pi * k * since_s / (last_s - self.start_s)) for k in range(1, self.waves + 1)
+        ]
+        by_axis: Array = np.stack(courses, axis=1)[:, None, :, None] * np.eye(3)[:, None, :]
+        return by_axis.reshape(len(states), 3, -1)
 
 
 @dataclass(frozen=True)
