@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.cell.effects.effect import Site
-from pa10cal.cell.effects.reading import RATIOS
+from pa10cal.cell.effects.reading import drawn_cogs, drawn_ratio
 from pa10cal.cell.effects.vocabulary import all_effects
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.poses import joint_bounds
@@ -131,8 +131,8 @@ def _drawn(kind: DriveKind, bench: DriveBench, number: int, rng: np.random.Gener
         "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
     }
     # All gears of an arm are alike; where its description states a ratio, they have that.
-    stated = float(arm.gear_ratio[0])
-    ratio = float(rng.integers(int(RATIOS[0]), int(RATIOS[1]), endpoint=True))
+    drawn, stated = drawn_ratio(rng), float(arm.gear_ratio[0])
+    ratio = drawn if np.isnan(stated) else stated
     joints = rng.choice(arm.n - 1, int(rng.integers(1, _MOST_JOINTS, endpoint=True)), False) + 1
     hidden: list[dict[str, Any]] = []
     sizes: list[float] = []
@@ -140,7 +140,8 @@ def _drawn(kind: DriveKind, bench: DriveBench, number: int, rng: np.random.Gener
         for name in _HIDDEN[kind]:
             size = log_uniform(_SIZES, rng)
             parameters = all_effects()[name].at_size(Site(f"joint {joint}"), size, rng)
-            parameters["ratio"] = ratio if np.isnan(stated) else stated
+            parameters["ratio"] = ratio
+            parameters["cogs"] = drawn_cogs(ratio, len(parameters["cogs"]), rng)
             if hidden and hidden[-1]["of"] == f"joint {joint}":  # a motor has one ripple
                 parameters["ripple"] = [0.0] * len(parameters["cogs"])
             hidden.append({"id": name, "of": f"joint {joint}", "parameters": parameters})

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 #: Probability allowed of one false line in a whole search.
 FALSE_RATE = 0.01
 #: Multiples of the gear ratio at which lines are sought, and ratios thought possible.
-MOST_ORDERS = 25
+MOST_ORDERS = 40
 RATIOS = (30.0, 260.0)
 #: Poses that a joint must have moved to.
 LEAST_POSES = 100
@@ -51,9 +51,11 @@ _BACKGROUND = 2048
 _MOST_LINES = 12
 #: Lines this near are one, at a multiple k of a ratio k times as near [cycles a turn].
 _SAME = 0.5
-_SAME_RATIO = 0.1
+_SAME_RATIO = 0.02
 #: Steps of ratio that are tried for the greatest common divisor.
-_RATIO_STEP = 0.25
+_RATIO_STEP = 0.04
+#: Part of the larger of two ratios by which one may miss a multiple of the other.
+_COMMENSURATE = 0.01
 #: Half of what twice the log-likelihood may fall within a 95 % interval.
 _CHI2_95_HALF = 1.92
 _TINY = 1e-300
@@ -200,7 +202,7 @@ def _agreed(found: float | None, stated: float) -> float | None:
     if np.isnan(stated) or found is None:
         return found if np.isnan(stated) else stated
     times = max(found / stated, stated / found)
-    return stated if abs(times - round(times)) < _RATIO_STEP / RATIOS[0] * times else found
+    return stated if abs(times - round(times)) < _COMMENSURATE * times else found
 
 
 def _stands(line: Line, stood: Sequence[JointSeries], lines_: int) -> bool:
@@ -217,7 +219,8 @@ def _witness(
     joint: int, series: Sequence[JointSeries], ratio: float, joints: int
 ) -> Witness | None:
     """Return what a joint's lines at multiples of a ratio say; None where it has none."""
-    orders = sorted(line.order for line in lines(series, ratio, joints))
+    found = sorted(lines(series, ratio, joints), key=lambda line: line.order)
+    orders = [line.order for line in found]
     error_rad = max(float(np.std(each.error_rad)) for each in series)
     if not orders or orders[-1] * error_rad < _LEAST_TURN_RAD:
         return None
@@ -227,10 +230,13 @@ def _witness(
     if spread_Nm > 1e-3 * max(float(np.abs(each.torque_Nm).max()) for each in series):
         count = int(np.ceil(_MOST_TURN_RAD * orders[-1] / _PHASE_STEP_RAD))
         turns = np.linspace(-_MOST_TURN_RAD, _MOST_TURN_RAD, 2 * count + 1) / spread_Nm
-    gains = sum(
-        (_gains(each, order, turns) for each in series for order in orders),
-        np.zeros((len(_ALPHAS), len(turns))),
-    )
+    gains = np.zeros((len(_ALPHAS), len(turns)))
+    for each in series:
+        for line in found:  # each beside the others
+            alone = each
+            for other in found:
+                alone = alone if other is line else _without(alone, other)
+            gains += _gains(alone, line.order, turns)
     nats = gains.max(axis=1)
     best = int(np.argmax(nats))
     return Witness(

@@ -21,7 +21,7 @@ Cause = Literal["sensor", "gear"]
 _NEARLY_ALL = 0.7
 _HARDLY_ANY = 0.3
 #: Log-likelihood by which the motor's ripple must prefer one cause over the other, in nats.
-LEAST_NATS = 5.0
+LEAST_NATS = 4.0
 #: Correlation of campaigns or turns from which they agree, and how many arcs it takes.
 LEAST_CORRELATION = 0.8
 LEAST_ARCS = 15

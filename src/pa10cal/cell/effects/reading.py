@@ -28,13 +28,29 @@ from pa10cal.cell.effects.effect import (
 _BAND = (6, 30)
 _USUAL_ARC_SECONDS = 55.0
 #: Multiples of the ratio at which motors cog, how many of them one motor shows, how far they move
-#: the joint, and the motor turns a joint turn of a gear.
-_COGS = (4, 8, 10, 12, 16, 20, 24)
+#: the joint, and the motor turns a joint turn of a gear. One of them makes so many cycles a joint
+#: turn, and none makes more than so many.
+_COGS = (4, 8, 10, 12, 16, 20, 24, 36)
 _LINES = (3, 5)
-_COG_ARC_SECONDS = 5.0
+_COG_ARC_SECONDS = 8.0
 RATIOS = (50.0, 160.0)
+_FINE, _FINEST = 1500.0, 4000.0
 
 Amplitudes = tuple[Finite, ...]
+
+
+def drawn_ratio(rng: np.random.Generator) -> float:
+    """Return the ratio of a gear."""
+    return float(rng.integers(int(RATIOS[0]), int(RATIOS[1]), endpoint=True))
+
+
+def drawn_cogs(ratio: float, count: int, rng: np.random.Generator) -> list[int]:
+    """Return the cogs of a motor at a gear, one of them fine."""
+    cycles = ratio * np.array(_COGS)
+    fine = rng.choice(np.flatnonzero((cycles >= _FINE) & (cycles <= _FINEST)))
+    others = np.setdiff1d(np.flatnonzero(cycles <= _FINEST), [fine])
+    chosen = [fine, *rng.choice(others, count - 1, replace=False)]
+    return sorted(int(_COGS[k]) for k in chosen)
 
 
 class MotorRipple(JointDriveEffect):
@@ -54,10 +70,10 @@ class MotorRipple(JointDriveEffect):
         """Return cogging as of servo motors at a gear, at `size` times its usual amplitude."""
         del site
         count = int(rng.integers(*_LINES, endpoint=True))
-        cogs = sorted(rng.choice(_COGS, count, replace=False).tolist())
+        ratio = drawn_ratio(rng)
         return {
-            "ratio": float(rng.integers(int(RATIOS[0]), int(RATIOS[1]), endpoint=True)),
-            "cogs": cogs,
+            "ratio": ratio,
+            "cogs": drawn_cogs(ratio, count, rng),
             "ripple": (
                 size * _COG_ARC_SECONDS * ARC_SECOND * rng.uniform(0.7, 1.4, count)
             ).tolist(),
