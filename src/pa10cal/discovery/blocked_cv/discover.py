@@ -307,6 +307,7 @@ def _with_drift(found: _Found, drift: SlowDrift) -> _Found:
     fine = level(replace(found.rows, shaped=shaped), members)
     _, amounts = fine.fit(len(members))
     effects = tuple(each.effect for each in members)
+    scatter = 1.0 if found.bands is None else found.bands.found.scatter
     return replace(
         found,
         searched=replace(
@@ -319,7 +320,7 @@ def _with_drift(found: _Found, drift: SlowDrift) -> _Found:
         ),
         fine=fine,
         finer_steps=(*found.finer_steps, Step(members, fine.squares)),
-        extended=refit(found.survey, effects, amounts, found.rows.weights),
+        extended=refit(found.survey, effects, amounts, found.rows.weights, scatter),
     )
 
 
