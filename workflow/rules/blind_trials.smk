@@ -19,6 +19,12 @@ rule blind_trials_reflectors:
         expand(trial_result("pictures.json"), study=REFLECTOR_STUDIES),
 
 
+rule blind_trials_outside:
+    """Those that hide what no name covers: which formulas are proposed."""
+    input:
+        expand(trial_result("pictures.json"), study=OUTSIDE_STUDIES),
+
+
 rule blind_trials_reduced:
     """A few of them, as a check that verdicts are still what they were."""
     input:
@@ -81,8 +87,12 @@ rule score_trials:
 
 
 for pictures_of, studies in {
-    "trials": [study for study in TRIAL_STUDIES if study not in ("wild_trials", "drive_trials")],
-    "wild": ["wild_trials"],
+    "trials": [
+        study
+        for study in TRIAL_STUDIES
+        if study not in ("wild_trials", "wild_trials_outside", "drive_trials")
+    ],
+    "wild": ["wild_trials", "wild_trials_outside"],
 }.items():
 
     # The figures and the tables of a study that have something to show.

@@ -95,6 +95,16 @@ REFLECTOR_STUDIES = {
     for measured in ("points_one", "points_three", "distance")
 }
 TRIAL_STUDIES |= REFLECTOR_STUDIES
+# Of the first, those alone that hide what no name covers.
+OUTSIDE_STUDIES = {
+    f"{study}_outside": (TRIAL_STUDIES[study][0], {kind: TRIAL_STUDIES[study][1][kind]})
+    for study, kind in (
+        ("blind_trials", "outside"),
+        ("blind_trials_tracked", "outside"),
+        ("wild_trials", "beyond"),
+    )
+}
+TRIAL_STUDIES |= OUTSIDE_STUDIES
 
 
 def one_of(names):

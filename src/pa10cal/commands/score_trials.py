@@ -46,12 +46,12 @@ def score_trials(
         wild = wild_scores.scores_record(known)
         write_text(trials, _table(WildTrial.model_fields, map(dict, wild.per_trial)))
         write(wild, scores)
-        bars = wild.bars
+        bars = (*wild.bars, *wild.proposed.bars)
     else:
         record = trial_records.scores_record(known)
         write_text(trials, _table(JudgedTrial.model_fields, map(_blind, record.per_trial)))
         write(record, scores)
-        bars = record.bars
+        bars = (*record.bars, *record.proposed.bars)
     for bar in bars:
         print(_said(bar))
 

@@ -112,6 +112,21 @@ class Named:
 
 
 @dataclass(frozen=True)
+class Formula:
+    """A formula that was proposed.
+
+    Attributes:
+        form: which form.
+        of: where it sits.
+        numbers: what fixes it: orders first.
+    """
+
+    form: str
+    of: str
+    numbers: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
 class Verdict:
     """The verdict on a trial.
 
@@ -128,6 +143,7 @@ class Verdict:
         seconds, seconds_simulating: what judging, and making, the trial took.
         held_out_before_mm: of the calibrated model at held-out poses; None where there are none.
         told: what is said of the log.
+        proposed: formulas for what has no name.
     """
 
     word: str
@@ -142,6 +158,7 @@ class Verdict:
     seconds_simulating: float
     held_out_before_mm: float | None = None
     told: Told = Told()
+    proposed: tuple[Formula, ...] = ()
 
     @property
     def says_something(self) -> bool:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import binomtest
 
-from pa10cal.results.trials import PowerCurve, Rate
+from pa10cal.results.trials import Bar, PowerCurve, Rate
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,32 @@ def rate(outcomes: Iterable[bool]) -> Rate:
         low=float(interval.low),
         high=float(interval.high),
         share=count / len(flags),
+    )
+
+
+def bar(what: str, found: Rate, limit: float, *, at_least: bool = True) -> Bar:
+    """Return a share with its interval against the one to reach."""
+    bare = figure(what, found.share, limit, found.of, at_least=at_least)
+    return bare.model_copy(update={"low": found.low, "high": found.high, "share": True})
+
+
+def figure(
+    what: str, reached: float | None, limit: float, trials: int, *, at_least: bool = False
+) -> Bar:
+    """Return a figure, None where no trial shows it, against the one to reach."""
+    met = None  # where no trial counts
+    if reached is not None:
+        met = reached >= limit if at_least else reached <= limit
+    return Bar(
+        what=what,
+        at_least=at_least,
+        limit=limit,
+        reached=reached,
+        low=None,
+        high=None,
+        trials=trials,
+        share=False,
+        met=met,
     )
 
 

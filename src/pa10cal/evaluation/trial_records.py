@@ -8,6 +8,7 @@ import numpy as np
 
 from pa10cal.evaluation import trial_scores as scores
 from pa10cal.evaluation.blind_trial import OUTSIDE, BlindTrial
+from pa10cal.evaluation.formula_scores import score_formulas
 from pa10cal.evaluation.trial_intervals import intervals
 from pa10cal.evaluation.trial_outcomes import FAILED, confusion, outcome, study_power
 from pa10cal.results.trials import (
@@ -50,6 +51,7 @@ def scores_record(trials: Sequence[BlindTrial]) -> TrialScoresRecord:
             single={name: dict(counts) for name, counts in confusion(singles).items()},
             outside={name: dict(counts) for name, counts in confusion(outside).items()},
         ),
+        proposed=score_formulas(trials),
         power=study_power(singles),
         seconds=Seconds(
             median=float(np.median(seconds)) if seconds else None,

@@ -7,13 +7,12 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from pa10cal.evaluation.blind_trial import OUTSIDE, TRACKED, BlindTrial, Hidden
-from pa10cal.evaluation.trial_rates import rate
+from pa10cal.evaluation.trial_rates import bar, figure, rate
 from pa10cal.results.trials import (
     Bar,
     GapScore,
     NothingHidden,
     Outside,
-    Rate,
     Several,
     Singles,
 )
@@ -153,93 +152,67 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
         if t.verdict is not None
     ]
     plausible = (
-        _share(
+        bar(
             "one effect of plausible size, testable: among the effect or its alternatives",
             singles.testable,
             0.95,
         ),
-        _share(
-            "one effect: a confident wrong name", singles.confidently_wrong, 0.02, at_least=False
-        ),
+        bar("one effect: a confident wrong name", singles.confidently_wrong, 0.02, at_least=False),
     )
     tracked = any(trial.measured == TRACKED for trial in trials)
     return (
-        _share(
+        bar(
             "false alarm: nothing hidden, yet an effect was named", null.named, 0.02, at_least=False
         ),
         *(plausible if tracked else ()),
-        _share(
+        bar(
             f"one effect, separable, residual {LARGE:g} times the floor or more: "
             "right id and place",
             singles.large,
             0.95,
         ),
-        _share(
+        bar(
             f"one effect, residual {LIMIT:g} times the floor or more: "
             "among the effect or its alternatives",
             singles.above,
             0.97,
         ),
-        _share(
+        bar(
             "one effect, anything found: among the effect or its alternatives",
             singles.found,
             0.97,
         ),
-        _share(
+        bar(
             "effect outside the vocabulary: a confident wrong name",
             outside.confidently_wrong,
             0.05,
             at_least=False,
         ),
-        _share("effect outside the vocabulary: found at the right place", outside.right_place, 0.8),
-        _share("two or three effects: all named or in the alternatives", several.all_listed, 0.9),
-        _share(
+        bar("effect outside the vocabulary: found at the right place", outside.right_place, 0.8),
+        bar("two or three effects: all named or in the alternatives", several.all_listed, 0.9),
+        bar(
             f"two or three effects: those of a residual {LIMIT:g} times the floor or more",
             several.above_listed,
             0.9,
         ),
-        _share("two or three effects: nothing extra", several.nothing_extra, 0.95),
-        _number(
+        bar("two or three effects: nothing extra", several.nothing_extra, 0.95),
+        figure(
             "held-out mean after naming, over that of campaigns without missing effect",
             None if gap is None else gap.mean,
             GAP_ALLOWED,
             0 if gap is None else gap.trials,
         ),
-        _number(
+        figure(
             "seconds of the processor to judge one campaign, longest",
             max(seconds, default=None),
             15.0,
             len(seconds),
         ),
-        _number(
+        figure(
             "trials an hour on two cores",
             2.0 * 3600.0 / float(np.mean(whole)) if whole else None,
             240.0,
             len(whole),
             at_least=True,
         ),
-    )
-
-
-def _share(what: str, found: Rate, limit: float, *, at_least: bool = True) -> Bar:
-    bar = _number(what, found.share, limit, found.of, at_least=at_least)
-    return bar.model_copy(update={"low": found.low, "high": found.high, "share": True})
-
-
-def _number(
-    what: str, reached: float | None, limit: float, trials: int, *, at_least: bool = False
-) -> Bar:
-    met = None  # where no trial counts
-    if reached is not None:
-        met = reached >= limit if at_least else reached <= limit
-    return Bar(
-        what=what,
-        at_least=at_least,
-        limit=limit,
-        reached=reached,
-        low=None,
-        high=None,
-        trials=trials,
-        share=False,
-        met=met,
     )

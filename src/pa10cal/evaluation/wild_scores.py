@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from pa10cal.evaluation.blind_trial import BlindTrial, Disturbed, Name
+from pa10cal.evaluation.formula_scores import score_formulas
 from pa10cal.evaluation.trial_rates import rate
 from pa10cal.evaluation.trial_scores import LIMIT
 from pa10cal.results.trials import Bar, Rate
@@ -196,6 +197,7 @@ def scores_record(trials: Sequence[BlindTrial]) -> WildScoresRecord:
             _subject(kind, name, [t for t in trials if t.kind == kind and name in _subjects(t)])
             for kind, name in subjects
         ),
+        proposed=score_formulas(trials),
         per_trial=tuple(map(_trial, trials)),
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
@@ -12,11 +11,11 @@ from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
 from pa10cal.results.discovery import EffectName, VerdictKeys
+from pa10cal.results.formula_scores import FormulaScores
 from pa10cal.results.health import Grade
 from pa10cal.results.record import CampaignRecord, Key, Part, Record, optional
-
-#: Where no trial at all may go wrong, so many are needed as for one in a hundred.
-_LEAST_ROOM, _ROUNDING = 0.01, 1e-9
+from pa10cal.results.trial_bars import Bar as Bar
+from pa10cal.results.trial_bars import Rate as Rate
 
 _Id = Annotated[str, Key("id")]
 _Kind = Annotated[str, Key("kind")]
@@ -139,57 +138,12 @@ class FailedTrialRecord(TrialVerdictRecord):
         return f"{'refused' if self.refused else 'failed'}: {self.failed}"
 
 
-class Rate(Part):
-    """How many of some trials."""
-
-    count: int = Field(description="how many")
-    of: int = Field(description="out of these")
-    low: float = Field(description="lower end of the share's 95 % interval (Clopper-Pearson)")
-    high: float = Field(description="upper end of it")
-    share: float | None = Field(description="the share; null of no trial")
-
-
 class Failure(Part):
     """A trial without a verdict."""
 
     campaign: str = Field(description="name of the trial")
     kind: str = Field(description="what it hides")
     message: str = Field(description="what went wrong")
-
-
-class Bar(Part):
-    """A figure to reach, and the one reached."""
-
-    what: str = Field(description="the quantity")
-    at_least: bool = Field(description="whether it must be at least `limit`; else at most")
-    limit: float = Field(description="the figure to reach")
-    reached: float | None = Field(description="the one reached; null where no trial shows it")
-    low: float | None = Field(description="lower end of its 95 % interval; null if it is no share")
-    high: float | None = Field(description="upper end of it")
-    trials: int = Field(description="trials that show it")
-    share: bool = Field(description="whether it is a share of trials")
-    met: bool | None = Field(description="whether it is reached; null where no trial shows it")
-
-    @property
-    def trials_needed(self) -> int:
-        """Return the fewest trials that can judge it: one among them may go wrong.
-
-        With fewer, a single trial weighs more than the figure to reach leaves.
-        """
-        if not self.share:
-            return 1
-        room = 1.0 - self.limit if self.at_least else self.limit
-        return math.ceil(1.0 / max(room, _LEAST_ROOM) - _ROUNDING)
-
-    @property
-    def verdict(self) -> str:
-        """Return whether it is reached, in a word, or why that is not known."""
-        if self.met is None:
-            return "no trial"
-        inside = self.low is None or self.high is None or self.low <= self.limit <= self.high
-        if self.trials < self.trials_needed and inside:
-            return f"too few to judge ({self.trials_needed} needed)"
-        return "yes" if self.met else "no"
 
 
 class NothingHidden(Part):
@@ -390,6 +344,9 @@ class TrialScoresRecord(Record):
     gap: GapScore | None = Field(description="held-out error after naming; null without any")
     intervals: Intervals = Field(description="how often reported intervals hold the truth")
     confusion: Confusion = Field(description="what became of each hidden effect")
+    proposed: FormulaScores = Field(
+        FormulaScores(), description="formulas proposed for what has no name"
+    )
     power: PowerStudy = Field(description="how the chance to be found grows with size")
     seconds: Seconds = Field(description="time to judge a campaign")
     per_trial: tuple[JudgedTrial, ...] = Field(description="every trial")

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
+from pa10cal.results.formula_scores import FormulaScores
 from pa10cal.results.record import Part, Record
 from pa10cal.results.trials import Bar
 
@@ -56,4 +57,7 @@ class WildScoresRecord(Record):
     trials: int = Field(description="number of trials")
     bars: tuple[Bar, ...] = Field(description="figures to reach, and those reached")
     subjects: tuple[WildSubject, ...] = Field(description="counts by what was put in")
+    proposed: FormulaScores = Field(
+        FormulaScores(), description="formulas proposed for what has no name"
+    )
     per_trial: tuple[WildTrial, ...] = Field(description="every trial")

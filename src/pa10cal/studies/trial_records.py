@@ -11,6 +11,7 @@ from pa10cal.errors import RecordError
 from pa10cal.evaluation.blind_trial import (
     BlindTrial,
     Disturbed,
+    Formula,
     Hidden,
     Name,
     Named,
@@ -153,6 +154,7 @@ def _verdict(record: JudgedTrialRecord) -> Verdict:
             grade="" if record.health is None else record.health.grade,
             left_out=frozenset(() if record.health is None else record.health.left_out),
         ),
+        proposed=tuple(Formula(each.form, each.of, each.numbers) for each in record.proposed or ()),
     )
 
 

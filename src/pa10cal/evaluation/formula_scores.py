@@ -1,0 +1,123 @@
+"""Formulas proposed in blind trials: the form that was hidden, of the same order and place?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from pa10cal.evaluation.blind_trial import MAP, BlindTrial, Formula, Hidden
+from pa10cal.evaluation.trial_rates import bar, rate
+from pa10cal.results.formula_scores import FormulaScores
+
+#: What is to be reached: right formulas of what no name covers, wrong ones of it, and of the rest.
+RIGHT, WRONG, ELSEWHERE = 0.6, 0.1, 0.02
+
+Parameters = Mapping[str, object]
+#: Forms that are right, with the numbers that they begin with.
+_Forms = Callable[[Parameters], Sequence[tuple[str, tuple[float, ...]]]]
+
+
+def _number(parameters: Parameters, name: str) -> float:
+    return float(str(parameters[name]))
+
+
+def _bow(parameters: Parameters) -> list[tuple[str, tuple[float, ...]]]:
+    axes = (_number(parameters, "axis"), _number(parameters, "along"))
+    return [("quadratic", axes), ("cubic", axes)]
+
+
+def _teeth(parameters: Parameters) -> float:
+    return float(np.rint(2.0 * np.pi / _number(parameters, "sector")))
+
+
+#: By what is hidden outside the vocabulary, its formula in the forms that may be proposed.
+_OUTSIDE: dict[str, _Forms] = {
+    "third_harmonic": lambda _: [("harmonic", (3.0,))],
+    "bowed_axis": _bow,
+    "dress_pack": lambda _: [("pull", ())],
+    "hysteresis": lambda _: [("arrival_by_torque", ())],
+    "soft_by_angle": lambda known: [("torque_by_angle", (_number(known, "cycles"),))],
+    "sawtooth": lambda known: [("sawtooth", (_teeth(known),))],
+    "pedestal_tilt": lambda _: [("moment_cubed", ())],
+}
+#: Names of which a map may be found, and a formula proposed for that.
+_NAMED: dict[str, _Forms] = {
+    "encoder_eccentricity": lambda _: [("harmonic", (1.0,))],
+    "encoder_ellipticity": lambda _: [("harmonic", (2.0,))],
+}
+
+
+def is_right(hidden: Hidden, formula: Formula) -> bool:
+    """Return whether a formula is what is hidden: form, order and place."""
+    forms = {**_OUTSIDE, **_NAMED}.get(hidden.name.id)
+    if forms is None or formula.of != hidden.name.of:
+        return False
+    return any(
+        formula.form == form and formula.numbers[: len(numbers)] == numbers
+        for form, numbers in forms(hidden.parameters)
+    )
+
+
+def has_right(trial: BlindTrial) -> bool:
+    """Return whether what is hidden was proposed."""
+    return any(is_right(hidden, each) for hidden in trial.hidden for each in _proposed(trial))
+
+
+def has_wrong(trial: BlindTrial) -> bool:
+    """Return whether a formula was proposed that is not hidden."""
+    return any(
+        not any(is_right(hidden, each) for hidden in trial.hidden) for each in _proposed(trial)
+    )
+
+
+def score_formulas(trials: Sequence[BlindTrial]) -> FormulaScores:
+    """Score the formulas proposed; a trial that failed has none."""
+    outside = [t for t in trials if t.hidden and all(h.name.id in _OUTSIDE for h in t.hidden)]
+    others = [t for t in trials if t not in outside]
+    nameless = [t for t in outside if _nameless(t)]
+    right, wrong, elsewhere = (
+        rate(map(has_right, outside)),
+        rate(map(has_wrong, outside)),
+        rate(map(has_wrong, others)),
+    )
+    hidden = sorted({t.hidden[0].name.id for t in outside})
+    return FormulaScores(
+        right=right,
+        right_of_nameless=rate(map(has_right, nameless)),
+        wrong=wrong,
+        elsewhere=elsewhere,
+        by_id={
+            name: rate(has_right(t) for t in outside if t.hidden[0].name.id == name)
+            for name in hidden
+        },
+        bars=(
+            bar(
+                "effect outside the vocabulary: its formula proposed, form and order", right, RIGHT
+            ),
+            bar(
+                "effect outside the vocabulary: another formula proposed",
+                wrong,
+                WRONG,
+                at_least=False,
+            ),
+            bar(
+                "nothing outside the vocabulary: a formula proposed that is not hidden",
+                elsewhere,
+                ELSEWHERE,
+                at_least=False,
+            ),
+        ),
+    )
+
+
+def _proposed(trial: BlindTrial) -> tuple[Formula, ...]:
+    return () if trial.verdict is None else trial.verdict.proposed
+
+
+def _nameless(trial: BlindTrial) -> bool:
+    """Return whether a map or something without a name was found."""
+    if trial.verdict is None:
+        return False
+    found = any(each.name.id == MAP for each in trial.verdict.effects)
+    return found or bool(trial.verdict.places)
