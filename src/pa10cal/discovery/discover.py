@@ -9,6 +9,7 @@ import numpy as np
 
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
+from pa10cal.discovery.formulas.one_line import with_lines_named
 from pa10cal.discovery.formulas.propose import with_proposals
 from pa10cal.discovery.gates import gated
 from pa10cal.discovery.linear import residual
@@ -72,9 +73,14 @@ def discover(
         without = _judged(campaign, model, error_rate)
         if without.unexplained:
             # The rest does not fit either: nothing says that this pose is worse than the others.
-            return with_proposals(gated(without_names(found, carried)))
+            return _with_formulas(gated(without_names(found, carried)))
         found = without
-    return with_proposals(gated(found))
+    return _with_formulas(gated(found))
+
+
+def _with_formulas(found: Verdict[object]) -> Verdict[object]:
+    """Return a verdict with formulas proposed, and maps named that are one line."""
+    return with_lines_named(with_proposals(found))
 
 
 def without_names(found: Verdict[object], carried: Sequence[Finding[object]]) -> Verdict[object]:

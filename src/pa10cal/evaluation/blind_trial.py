@@ -9,6 +9,9 @@ from itertools import permutations
 import numpy as np
 
 MAP = "joint_error_map"
+#: A map that is one line, of `k` cycles a turn, and effects outside the vocabulary that are one.
+LINE = "periodic_error"
+_CYCLES = {"third_harmonic": 3.0}
 #: Kind of trial that hides what no name covers.
 OUTSIDE = "outside"
 #: Trials of trackers, in which no pose is repeated.
@@ -109,6 +112,11 @@ class Named:
     def all_names(self) -> tuple[Name, ...]:
         """Return the name and its alternatives."""
         return (self.name, *self.alternatives)
+
+    @property
+    def cycles(self) -> float | None:
+        """Return the cycles a turn that it reports; None where it reports none."""
+        return self.parameters["k"][0] if "k" in self.parameters else None
 
 
 @dataclass(frozen=True)
@@ -288,10 +296,11 @@ class BlindTrial:
         )
 
     def _leaves_open(self, named: Named) -> bool:
-        return named.name.id == MAP and any(
-            hidden.name.id in _OF_ANGLE and hidden.name.of == named.name.of
-            for hidden in self.hidden
-        )
+        """Return whether a name is the map of an unnamed error of a joint's angle, or its line."""
+        here = [hidden.name.id for hidden in self.hidden if hidden.name.of == named.name.of]
+        if named.name.id == LINE:
+            return any(_CYCLES.get(each) == named.cycles for each in here)
+        return named.name.id == MAP and any(each in _OF_ANGLE for each in here)
 
     def _effects(self) -> tuple[Named, ...]:
         return () if self.verdict is None else self.verdict.effects

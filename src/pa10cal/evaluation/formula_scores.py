@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from pa10cal.evaluation.blind_trial import MAP, BlindTrial, Formula, Hidden
+from pa10cal.evaluation.blind_trial import LINE, MAP, BlindTrial, Formula, Hidden
 from pa10cal.evaluation.trial_rates import bar, rate
 from pa10cal.results.formula_scores import FormulaScores
 
@@ -112,12 +112,17 @@ def score_formulas(trials: Sequence[BlindTrial]) -> FormulaScores:
 
 
 def _proposed(trial: BlindTrial) -> tuple[Formula, ...]:
-    return () if trial.verdict is None else trial.verdict.proposed
+    """Return the formulas proposed, and the lines named in the place of maps."""
+    if trial.verdict is None:
+        return ()
+    lines = (each for each in trial.verdict.effects if each.name.id == LINE)
+    named = (Formula("harmonic", each.name.of, (each.cycles or 0.0,)) for each in lines)
+    return (*trial.verdict.proposed, *named)
 
 
 def _nameless(trial: BlindTrial) -> bool:
-    """Return whether a map or something without a name was found."""
+    """Return whether a map, its line, or something without a name was found."""
     if trial.verdict is None:
         return False
-    found = any(each.name.id == MAP for each in trial.verdict.effects)
+    found = any(each.name.id in (MAP, LINE) for each in trial.verdict.effects)
     return found or bool(trial.verdict.places)
