@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import made_up_survey
+from made_up_arm import Missing, harmonic, measure
 from made_up_survey import Hidden, at_joint, observe
+from pa10cal.discovery.formulas import one_line
 from pa10cal.discovery.formulas.one_line import all_around, with_lines_named
 from pa10cal.discovery.formulas.propose import with_proposals
 from pa10cal.terms.effects.periodic_error import PeriodicError
@@ -40,6 +42,20 @@ def test_over_part_of_a_turn_it_stays_a_map_with_a_formula():
     (formula,) = found.proposed
     assert formula.form.formula == "theta_3 += A sin(5 q_3 + phi)"
     assert formula.orders[0] <= 5 <= formula.orders[1]
+
+
+def test_repeats_fit_the_line_in_the_place_of_their_map_too(monkeypatch):
+    hidden = Missing(turn=harmonic(2, 3.0, 2e-4, 0.7))
+    proposed = with_proposals(measure(hidden).discovery)
+    assert [each.id for each in proposed.effects] == ["joint_error_map"]
+    assert with_lines_named(proposed) is proposed  # the window is part of a turn
+    monkeypatch.setattr(one_line, "WIDEST_GAP_RAD", 2.0 * np.pi)
+    found = with_lines_named(proposed)
+    (finding,) = found.effects
+    assert finding.effect == PeriodicError("joint 2", 3.0)
+    std = np.sqrt(np.diag(finding.covariance))
+    assert (np.abs(finding.x - [2e-4, 0.7, 3.0]) <= 4.0 * std).all()
+    assert found.extended.effects == (finding.effect,)
 
 
 @pytest.mark.parametrize(
