@@ -53,6 +53,7 @@ def calibrate(
     """
     from pa10cal.calibration.campaign import calibration_record, refuse_prior
     from pa10cal.calibration.general.prior import refuse_unsound
+    from pa10cal.calibration.general.records import as_load
     from pa10cal.calibration.input_checks import check_input, explained
     from pa10cal.calibration.load_case import load_cases
     from pa10cal.calibration.options import takes_general_model
@@ -61,6 +62,7 @@ def calibrate(
     from pa10cal.errors import CalibrationError, DiscoveryError
     from pa10cal.files.arms import load_arm
     from pa10cal.fit.model_file import load_model
+    from pa10cal.results.calibration import GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
     from pa10cal.results.seed import BaseFrameRecord
 
@@ -77,9 +79,14 @@ def calibrate(
         known = load_model(given)
         refuse_unsound(known, force=force)
         refuse_prior(None if general else known)
-    records = {}
+    records: dict[str, CalibrationRecord] = {}
     for case in cases:
         by_general, began = general or case == GENERAL, time.perf_counter()
+        before = next(iter(records.values()), None)
+        if isinstance(before, GeneralCalibrationRecord) and len(cases) == 2:
+            records[case] = as_load(before, case)  # of one load: the same poses
+            _say(f"{campaign.name} {case}", records[case], time.perf_counter() - began)
+            continue
         try:
             record = calibration_record(
                 campaign,

@@ -124,9 +124,27 @@ def weighted_rows(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) 
         limit = _limit(problem, distance, scatter.stated_part if enough else 1.0)
         weights = (limit / np.maximum(distance, limit)) ** 2
     root = np.sqrt(weights)
-    weighted = _times(root[:, None, None] * whitener, rows.jacobian)
-    flat = weighted.reshape(-1, weighted.shape[2])
-    return WeightedRows(root[:, None] * white, weighted, flat.T @ flat, weights, distance, whitener)
+    weighted, normal = _weighted(problem, root[:, None, None] * whitener, rows.jacobian)
+    return WeightedRows(root[:, None] * white, weighted, normal, weights, distance, whitener)
+
+
+def _weighted(problem: Problem, whitener: Array, jacobian: Array) -> tuple[Array, Array]:
+    """Return whitened derivatives (P, b, k) and their normal equations (k, k).
+
+    In the poses of one campaign of a group those of others are zero, and stay out of the products.
+    """
+    if not problem.grouped:
+        weighted = _times(whitener, jacobian)
+        flat = weighted.reshape(-1, weighted.shape[2])
+        return weighted, flat.T @ flat
+    weighted = np.zeros_like(jacobian)
+    normal = np.zeros((jacobian.shape[2],) * 2)
+    for at, columns in problem.measured.parts_seen:
+        own = _times(whitener[at, columns, columns], jacobian[at, columns])
+        weighted[at, columns] = own
+        flat = own.reshape(-1, own.shape[2])
+        normal += flat.T @ flat
+    return weighted, normal
 
 
 def suspect_beyond(seen: NDArray[np.bool_]) -> Array:
@@ -172,6 +190,14 @@ def _whitener(problem: Problem, scatter: dict[str, float]) -> Array:
     own = np.zeros(stated.shape[1])
     for kind, rows in problem.measured.component_kinds:
         own[rows] = scatter[kind] ** 2 + _FINEST**2
+    if problem.grouped:
+        whitener = np.zeros_like(stated)
+        for at, columns in problem.measured.parts_seen:
+            block = stated[at, columns, columns]
+            one = bool((block == block[:1]).all())
+            block = (block[:1] if one else block) + np.diag(own[columns])
+            whitener[at, columns, columns] = np.linalg.inv(np.linalg.cholesky(block))
+        return whitener
     distinct = stated[:1] if problem.one_covariance else stated
     inverse = np.linalg.inv(np.linalg.cholesky(distinct + np.diag(own)))
     return np.broadcast_to(inverse, stated.shape)
@@ -211,8 +237,11 @@ def refreshed(
         parts: (k, r) of which A A^T is the covariance of the unknowns.
         before: the scatter so far.
     """
-    flat = weighted.rows.reshape(-1, len(parts)) @ parts
-    leverage = np.einsum("ij,ij->i", flat, flat).reshape(weighted.residual.shape)
+    leverage = np.zeros(weighted.residual.shape)
+    for at, columns in problem.measured.parts_seen:
+        own = weighted.rows[at, columns]
+        flat = own.reshape(-1, len(parts)) @ parts
+        leverage[at, columns] = np.einsum("ij,ij->i", flat, flat).reshape(own.shape[:2])
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
     sizes, dof = {}, {}
     for kind, columns in problem.measured.component_kinds:

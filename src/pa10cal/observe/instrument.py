@@ -84,6 +84,11 @@ class Instrument(ABC):
         return ()
 
     @property
+    def parts_seen(self) -> tuple[tuple[Index | slice, slice], ...]:
+        """Return poses and the components that may be seen in them, of each campaign of a group."""
+        return ((slice(None), slice(None)),)
+
+    @property
     def kinds(self) -> tuple[str, ...]:
         """Return the words of the instruments that measured, each once."""
         return (self.kind,)

@@ -116,6 +116,12 @@ class Joined(OneByOne):
 
     @property
     @override
+    def parts_seen(self) -> tuple[tuple[Index | slice, slice], ...]:
+        """Return the poses of every campaign, and its components."""
+        return tuple((p.rows, p.columns) for p in self._shown)
+
+    @property
+    @override
     def kinds(self) -> tuple[str, ...]:
         """Return the words of the instruments that measured, each once."""
         return tuple(dict.fromkeys(part.kind for part in self.parts))

@@ -20,6 +20,7 @@ from pa10cal.results.accuracy import ResidualRows
 from pa10cal.results.calibration import (
     CalibratedParameter,
     Covariance,
+    Fit,
     GeneralCalibrationRecord,
     GeneralErrors,
     GeneralFit,
@@ -102,6 +103,24 @@ def general_record(
         warnings=_warnings(case),
         seconds=None,
         settings=settings.model_dump(mode="json"),
+    )
+
+
+def as_load(record: GeneralCalibrationRecord, load: str) -> GeneralCalibrationRecord:
+    """Return the record of a load case under the name of another of the same poses."""
+
+    def renamed(fit: Fit) -> dict[str, Any]:
+        known: Any = fit.fitted_model.get("fitted_to")
+        about = None if known is None else {**known, "calibration": load}
+        return {"fitted_model": {**fit.fitted_model, "fitted_to": about}}
+
+    return record.model_copy(
+        update={
+            "load": load,
+            "geometry": record.geometry.model_copy(update=renamed(record.geometry)),
+            "nominal": record.nominal.model_copy(update=renamed(record.nominal)),
+            **renamed(record),
+        }
     )
 
 

@@ -43,9 +43,13 @@ def arena_by_blocks(
     whiteners = extended.weights.whiteners(rows)
     chosen: Observations = poses.take(rows)
 
+    seen: slice | NDArray[np.intp] = slice(None)
+    if chosen.measured.campaigns:  # each pose has the components of its own campaign alone
+        seen = np.flatnonzero(chosen.measured.components_seen)
+
     def weighed(terms: Sequence[Term], points: Sequence[Array]) -> list[Array]:
         return [
-            (whiteners @ each).reshape(whiteners.shape[0] * whiteners.shape[1], each.shape[2])
+            (whiteners @ each).reshape(-1, each.shape[2])[seen]
             for each in by_terms(at, chosen, terms, points)
         ]
 
@@ -56,7 +60,7 @@ def arena_by_blocks(
     ]
     own = weighed(fitted, [values[term] for term in fitted])
     targets = whiteners @ by_targets(at, chosen)
-    data = -(whiteners @ survey.left_by(at)[rows][:, :, None]).ravel()
+    data = -(whiteners @ survey.left_by(at)[rows][:, :, None]).ravel()[seen]
     remaining = verdict.remaining
     noise = float(data @ data) * min(1.0, (remaining.floor_mm / remaining.mean_mm) ** 2)
     for term, columns in zip(fitted, own, strict=True):
@@ -67,7 +71,7 @@ def arena_by_blocks(
     own_columns = np.concatenate(
         [
             *(columns * size for columns, size in zip(own, of_own, strict=True)),
-            targets.reshape(len(data), targets.shape[2]) * sizes[len(at.x) :],
+            targets.reshape(-1, targets.shape[2])[seen] * sizes[len(at.x) :],
         ],
         axis=1,
     )
@@ -85,7 +89,7 @@ def arena_by_blocks(
 
     components = whiteners.shape[1]
     return Arena(
-        Contest(data, own_columns, np.repeat(survey.block[rows], components)),
+        Contest(data, own_columns, np.repeat(survey.block[rows], components)[seen]),
         np.concatenate(of_held, axis=1) if of_held else None,
         columns_of,
         len(rows),
