@@ -42,6 +42,7 @@ def arena_by_blocks(
     rows = np.arange(0, count, step)
     whiteners = extended.weights.whiteners(rows)
     chosen: Observations = poses.take(rows)
+    every_row = whiteners.shape[0] * whiteners.shape[1]
 
     seen: slice | NDArray[np.intp] = slice(None)
     if chosen.measured.campaigns:  # each pose has the components of its own campaign alone
@@ -49,7 +50,7 @@ def arena_by_blocks(
 
     def weighed(terms: Sequence[Term], points: Sequence[Array]) -> list[Array]:
         return [
-            (whiteners @ each).reshape(-1, each.shape[2])[seen]
+            (whiteners @ each).reshape(every_row, each.shape[2])[seen]
             for each in by_terms(at, chosen, terms, points)
         ]
 
@@ -71,7 +72,7 @@ def arena_by_blocks(
     own_columns = np.concatenate(
         [
             *(columns * size for columns, size in zip(own, of_own, strict=True)),
-            targets.reshape(-1, targets.shape[2])[seen] * sizes[len(at.x) :],
+            targets.reshape(every_row, targets.shape[2])[seen] * sizes[len(at.x) :],
         ],
         axis=1,
     )
