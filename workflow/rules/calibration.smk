@@ -6,6 +6,7 @@ rule calibrate:
         poses=result("ingest/poses.parquet"),
         base_frame=result("seed/base_frame.json"),
         named=named_effects,
+        prior=SETTINGS.calibration.prior or [],
     output:
         directory(result("calibration")),
     log:
@@ -42,6 +43,7 @@ use rule calibrate as calibrate_baseline with:
         arm=arm_of_campaign,
         poses=result("ingest/poses.parquet"),
         base_frame=result("seed/base_frame.json"),
+        prior=SETTINGS.calibration.prior or [],
     output:
         directory(result("baseline")),
     log:

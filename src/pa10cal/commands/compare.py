@@ -73,6 +73,8 @@ def _lines(found: ComparisonRecord) -> Iterator[str]:
             yield f"  {name:<44} {rows.over_u[k]:+8.1f}  {values}"
     yield ""
     yield found.line
+    if found.what_moved is not None:
+        yield f"between both campaigns: {found.what_moved.line}"
 
 
 def _row(title: str, rms: float, peak: float | None = None, deg: float | None = None) -> str:

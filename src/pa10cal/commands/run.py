@@ -6,7 +6,12 @@ from pathlib import Path
 
 
 def run(
-    folder: Path, *, out: Path = Path("results"), cores: int = 0, settings: Path | None = None
+    folder: Path,
+    *,
+    out: Path = Path("results"),
+    cores: int = 0,
+    settings: Path | None = None,
+    prior: Path | None = None,
 ) -> None:
     """Run a folder of raw files to its grade, verdict, model, report, figures and tables.
 
@@ -18,16 +23,20 @@ def run(
         out: gets a folder of the campaign's name.
         cores: how many to use; 0 for all.
         settings: settings over the default ones, as config.yaml has them (.yaml).
+        prior: model.yaml of the same arm to start from, or the results that hold it.
 
     Examples:
         pa10cal run examples/ur10-pose
         pa10cal run measured/2026-03 --out results/march --cores 1
         pa10cal run mine --settings robust.yaml
+        pa10cal run after-the-crash --prior results/march/mine
     """
+    from pa10cal.calibration.general.prior import refuse_unsound
     from pa10cal.campaign.description import read_description
     from pa10cal.commands.report import write_what_there_is
     from pa10cal.errors import OutputError
     from pa10cal.files.output import writing_into
+    from pa10cal.fit.model_file import file_of, load_model
     from pa10cal.running.alone import WORK_FOLDER, alone
     from pa10cal.running.display import RunDisplay
     from pa10cal.running.settings_files import settings_of
@@ -50,6 +59,9 @@ def run(
         )
     display = RunDisplay(lines=False)
     config = {"campaigns": f'["{name}"]', "raw_dir": str(raw), "results_dir": str(out)}
+    if prior is not None:
+        refuse_unsound(load_model(prior))
+        config["calibration"] = f'{{"prior": "{file_of(prior).absolute()}"}}'
     quiet = ("--quiet", "all", "--logger", "pa10cal")
     targets = ("campaigns",)
     workflow = Workflow("workflow/run.smk", config, out, out, cores, targets, settings, quiet)

@@ -18,6 +18,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.errors import ModelError
 from pa10cal.evaluation.predictions_apart import compared_frame, shared_loads, shared_postures
+from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import FLANGE, TOOL_FRAME
 from pa10cal.results.comparison import (
@@ -70,6 +71,7 @@ def compare_models(
         frames=frames,
         agree=agree,
         line=line,
+        what_moved=what_moved(first, second),
     )
 
 

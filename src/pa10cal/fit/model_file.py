@@ -73,7 +73,7 @@ def load_model(path: str | Path) -> FittedModel:
             or lacks a key.
         TermError: when it has a term that is not known.
     """
-    path = _file_of(Path(path))
+    path = file_of(Path(path))
     content = read_yaml(
         path,
         ModelError,
@@ -84,8 +84,8 @@ def load_model(path: str | Path) -> FittedModel:
     return model_from_plain(content, where=str(path), covariance=covariance_beside(path))
 
 
-def _file_of(path: Path) -> Path:
-    """Return the file of a model, of a folder that it lies in."""
+def file_of(path: Path) -> Path:
+    """Return the file of a model: itself, or in a folder `model` or the results that hold one."""
     if not path.is_dir():
         return path
     inside = (path / "model.yaml", path / "model" / "model.yaml")

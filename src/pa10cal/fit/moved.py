@@ -24,6 +24,8 @@ JOINT_ZERO, STIFFNESS, LINK, EFFECT, MODEL_ERROR = (
     "effect",
     "model_error",
 )
+#: Frames that each campaign has of its own.
+BASE_MOVED, TOOL_MOVED = "base", "tool"
 #: Probability allowed of a name where nothing moved.
 ERROR_RATE = 0.01
 #: Sizes of a motion, in the tolerance of the parameter or this part of a windup.

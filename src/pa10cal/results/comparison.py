@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from pa10cal.results.record import GappyColumn, Key, LabelColumn, Part, Record, Table
+from pa10cal.results.record import GappyColumn, Key, LabelColumn, Part, Record, Table, optional
 
 
 class ComparedModel(Part):
@@ -68,6 +68,49 @@ class ComparedFrame(Part):
     )
 
 
+class MovedThing(Part):
+    """Something that moved between two campaigns."""
+
+    kind: str = Field(
+        description="`joint_zero`, `stiffness`, `link` (another departure), `effect`, `base` or "
+        "`tool`"
+    )
+    of: str = Field(description="where: a joint, a departure, an effect of a place")
+    by: float | None = Field(
+        description="by how much, of a stiffness the part of the windup; null where that is no one "
+        "number"
+    )
+    std: float | None = Field(description="its standard uncertainty; likewise")
+    unit: str = Field(description="unit of both")
+    interval95: tuple[float, float] | None = Field(description="95 % interval; likewise")
+    gain: float = Field(description="by how much it raises the evidence [nats]")
+    alternatives: tuple[str, ...] = Field(
+        description="what would raise it about as much in its place"
+    )
+
+
+class WhatMoved(Part):
+    """What moved in an arm between two campaigns."""
+
+    verdict: str = Field(
+        description="`unchanged`, `base_or_tool_moved`, `joint_zero_moved`, `stiffness_changed`, "
+        "or `something_else`"
+    )
+    chi_square: float = Field(
+        description="of the differences of links, springs and effects, along the directions that "
+        "both fits identify, by the sum of both covariances"
+    )
+    dof: int = Field(description="number of these directions")
+    chance: float = Field(description="probability of so large a chi-square where nothing moved")
+    factor: float = Field(
+        description="factor of the variances of links and springs, 1 where they differ by no more "
+        "than noise but for what moved"
+    )
+    moved: tuple[MovedThing, ...] = Field(description="what moved, the clearest first")
+    only_in_one: tuple[str, ...] = Field(description="effects that one of the models has alone")
+    line: str = Field(description="the same in one sentence")
+
+
 class ComparisonRecord(Record):
     """`compare.json`."""
 
@@ -94,3 +137,6 @@ class ComparisonRecord(Record):
         "that cannot be judged"
     )
     line: str = Field(description="the same in one sentence, with figures")
+    what_moved: WhatMoved | None = optional(
+        "what moved between both campaigns; not given without the covariance of a model"
+    )

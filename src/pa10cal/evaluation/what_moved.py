@@ -1,0 +1,403 @@
+"""What moved in an arm between two campaigns, by two fitted models and their covariances.
+
+Links, springs and effects that both models hold are compared as they are solved; base and tool are
+each campaign's own, and count apart. Differences are expected to scatter with the sum of both
+covariances. What moved widens that along its own directions; evidence decides (`fit.moved`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+from scipy.spatial.transform import Rotation
+from scipy.special import chdtrc
+
+from pa10cal.arm.chain import TOOL
+from pa10cal.fit.expected import Disagreement
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.moved import (
+    BASE_MOVED,
+    JOINT_ZERO,
+    MODEL_ERROR,
+    STIFFNESS,
+    TOOL_MOVED,
+    Found,
+    Hypothesis,
+    hypotheses,
+    sought,
+)
+from pa10cal.results.comparison import MovedThing, WhatMoved
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.of_campaign import OfCampaign, small_motion
+from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.term import Term
+from pa10cal.terms.weights import Weights
+
+Array = NDArray[np.float64]
+
+#: What a frame may have moved by, in a millimetre and a milliradian.
+_MOTIONS = (1.0, 10.0, 100.0, 1000.0)
+_UNIT = 1e-3
+#: A parameter whose differences are expected to be larger than this many scales is not identified.
+_OPEN = 15.0
+#: A hypothesis is an alternative where its evidence is lower by less than the logarithm of the
+#: number of hypotheses over this.
+_LISTED = 0.03
+#: Half-width of a 95 % interval in standard uncertainties.
+_HALF_95 = 1.96
+_PLACES = (BASE_MOVED, TOOL_MOVED)
+_VERDICTS = {JOINT_ZERO: "joint_zero_moved", STIFFNESS: "stiffness_changed"}
+
+
+@dataclass(frozen=True, eq=False)
+class _Differences:
+    """What two models differ by, in the parameters that both have.
+
+    Attributes:
+        terms: of the arm, those of the first model that the second has too.
+        x: (s,) their parameters in the first model.
+        by: (k,) second less first: of the arm, then of the tool, then six motions of the base.
+        covariance: (k, k) that they are expected to scatter with.
+        scale: (k,) typical sizes.
+        tool: columns of the tool.
+        base: columns of the base.
+    """
+
+    terms: tuple[Term, ...]
+    x: Array
+    by: Array
+    covariance: Array
+    scale: Array
+    tool: NDArray[np.intp]
+    base: NDArray[np.intp]
+
+
+def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
+    """Return what moved between two models of arms of one layout; None without a covariance.
+
+    Args:
+        first, second: the models, in order of time.
+    """
+    if first.covariance is None or second.covariance is None:
+        return None
+    found = _differences(first, second)
+    arm = len(found.x)
+    possible = _possible(first, found)
+    kept = np.diag(found.covariance) > 0.0
+    precision = np.zeros_like(found.covariance)
+    precision[np.ix_(kept, kept)] = np.linalg.inv(found.covariance[np.ix_(kept, kept)])
+    disagreement = Disagreement(precision @ found.by, precision)
+    moved = sought(disagreement, possible)
+    square, dof = _chi_square(found, arm)
+    things = tuple(
+        _thing(each, moved, possible, disagreement, found, precision)
+        for each in moved
+        if each.what.kind != MODEL_ERROR
+    )
+    factor = 1.0 + sum(each.size**2 for each in moved if each.what.kind == MODEL_ERROR)
+    verdict = _verdict([each.what.kind for each in moved])
+    return WhatMoved(
+        verdict=verdict,
+        chi_square=square,
+        dof=dof,
+        chance=float(chdtrc(dof, square)) if dof else 1.0,
+        factor=factor,
+        moved=things,
+        only_in_one=tuple(
+            sorted(
+                {f"{term.id} of {term.of}" for term in _effects(first)}
+                ^ {f"{term.id} of {term.of}" for term in _effects(second)}
+            )
+        ),
+        line=_line(verdict, things, factor),
+    )
+
+
+def _verdict(kinds: Sequence[str]) -> str:
+    """Return the verdict of what was found, the clearest first."""
+    own = [kind for kind in kinds if kind not in _PLACES]
+    if not own:
+        return "base_or_tool_moved" if kinds else "unchanged"
+    first = _VERDICTS.get(own[0])
+    return first if first and set(own) == {own[0]} else "something_else"
+
+
+def _line(verdict: str, things: Sequence[MovedThing], factor: float) -> str:
+    told = []
+    for thing in things:
+        words = f"{thing.of} changed"
+        if thing.by is not None and thing.interval95 is not None:
+            times, unit = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "1": (1e2, "%")}[thing.unit]
+            low, high = (times * end for end in thing.interval95)
+            what = {JOINT_ZERO: "the zero of ", STIFFNESS: "the windup of "}.get(thing.kind, "")
+            words = (
+                f"{what}{thing.of} by {times * thing.by:+.3g} {unit} (95 % interval {low:.3g} to "
+                f"{high:.3g} {unit})"
+            )
+        if thing.alternatives:
+            words += f", or {', or '.join(thing.alternatives[:3])}"
+        told.append(words)
+    if factor > 1.0:
+        told.append(
+            f"links and springs differ by more than noise explains, {np.sqrt(factor):.0f} times, "
+            "as where the models lack an effect"
+        )
+    words = verdict.replace("_", " ")
+    return f"{words}: {'; '.join(told)}" if told else words
+
+
+def _effects(model: FittedModel) -> tuple[Term, ...]:
+    return tuple(term for term in model.model.terms if isinstance(term, Effect))
+
+
+def _thing(
+    each: Found,
+    moved: Sequence[Found],
+    possible: Sequence[Hypothesis],
+    disagreement: Disagreement,
+    found: _Differences,
+    precision: Array,
+) -> MovedThing:
+    """Return one of the things that moved, by how much, and what else would say as much."""
+    others = [other for other in moved if other is not each]
+    without = disagreement
+    for other in others:
+        without = without.widened(other.directions)
+    gains = {
+        (what.kind, what.of): without.gain(what.directions, what.sizes)[0] for what in possible
+    }
+    key = each.what.kind, each.what.of
+    taken = {(other.what.kind, other.what.of) for other in others}
+    least = gains[key] - np.log(len(possible) / _LISTED)
+    alternatives = tuple(
+        _named(*other)
+        for other, gain in sorted(gains.items(), key=lambda item: -item[1])
+        if other != key and other not in taken and other[0] != MODEL_ERROR and gain > max(least, 0)
+    )
+    by = std = None
+    unit = ""
+    if len(each.what.columns) == 1:
+        by, std = _by(each, others, found, precision)
+        (k,) = each.what.columns
+        unit = _units(found)[k]
+        if each.what.kind == STIFFNESS:
+            by, std, unit = by / found.x[k], abs(std / found.x[k]), "1"
+    return MovedThing(
+        kind=each.what.kind,
+        of=each.what.of,
+        by=by,
+        std=std,
+        unit=unit,
+        interval95=None
+        if by is None or std is None
+        else (by - _HALF_95 * std, by + _HALF_95 * std),
+        gain=each.gain,
+        alternatives=alternatives,
+    )
+
+
+def _named(kind: str, of: str) -> str:
+    return {JOINT_ZERO: f"the zero of {of}", STIFFNESS: f"the stiffness of {of}"}.get(kind, of)
+
+
+def _units(found: _Differences) -> list[str]:
+    return [parameter.unit for term in found.terms for parameter in term.parameters]
+
+
+def _by(
+    each: Found, others: Sequence[Found], found: _Differences, precision: Array
+) -> tuple[float, float]:
+    """Return by how much a single parameter moved, what else moved being free."""
+    directions = np.concatenate(
+        [each.what.directions, *(other.directions for other in others)], axis=1
+    )
+    information = directions.T @ precision @ directions
+    # What else moved is as likely as its size says; of the thing itself nothing is expected.
+    information[np.diag_indices_from(information)] += np.append(0.0, np.ones(len(information) - 1))
+    covariance = np.linalg.inv(information)
+    amount = covariance @ (directions.T @ precision @ found.by)
+    (k,) = each.what.columns
+    unit = float(each.what.directions[k, 0])
+    return float(amount[0] * unit), float(np.sqrt(covariance[0, 0]) * abs(unit))
+
+
+def _chi_square(found: _Differences, arm: int) -> tuple[float, int]:
+    """Return chi-square of the arm's differences along directions that both fits identify."""
+    scale = found.scale[:arm]
+    covariance = found.covariance[:arm, :arm] / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(covariance)
+    seen = (values > 0.0) & (values < _OPEN**2)
+    along = vectors[:, seen].T @ (found.by[:arm] / scale)
+    return float(np.sum(along**2 / values[seen])), int(np.count_nonzero(seen))
+
+
+def _possible(first: FittedModel, found: _Differences) -> tuple[Hypothesis, ...]:
+    """Return what may have moved: in the arm, and its base and tool."""
+    arm, count = len(found.x), len(found.by)
+    of_arm = hypotheses(first.arm, found.terms, found.x, found.covariance[:arm, :arm])
+    padded = [
+        Hypothesis(
+            each.kind,
+            each.of,
+            each.columns,
+            np.vstack([each.directions, np.zeros((count - arm, each.directions.shape[1]))]),
+            each.sizes,
+        )
+        for each in of_arm
+    ]
+    frames = []
+    for kind, columns in ((BASE_MOVED, found.base), (TOOL_MOVED, found.tool)):
+        if len(columns):
+            directions = np.zeros((count, len(columns)))
+            directions[columns, np.arange(len(columns))] = _UNIT
+            frames.append(Hypothesis(kind, kind, columns, directions, _MOTIONS))
+    return (*padded, *frames)
+
+
+def _differences(first: FittedModel, second: FittedModel) -> _Differences:
+    """Return what two models differ by."""
+    terms, mine, theirs, changes, by = [], [], [], [], []
+    others = {(term.id, term.of): term for term in second.model.terms}
+    for term in first.model.terms:
+        other = others.get((term.id, term.of))
+        if other is None or isinstance(term, Weights | OfCampaign) or _is_tool(term):
+            continue
+        a = np.arange(len(first.x))[first.model.columns_of(term)]
+        b = np.arange(len(second.x))[second.model.columns_of(other)]
+        if isinstance(term, Offsets) and isinstance(other, Offsets):
+            names = [parameter.name for parameter in other.parameters]
+            pairs = [
+                (k, names.index(parameter.name))
+                for k, parameter in enumerate(term.parameters)
+                if parameter.name in names
+            ]
+            term = term.only({term.parameters[k].name for k, _ in pairs})
+            a, b = a[[k for k, _ in pairs]], b[[k for _, k in pairs]]
+        elif term.parameters != other.parameters:
+            continue
+        x, change = second.x[b], np.eye(len(b))
+        if isinstance(term, JointSpring) and isinstance(other, JointSpring):
+            x, change = _as_solved_by(term, other, x)
+        terms.append(term)
+        mine.append(a)
+        theirs.append(b)
+        changes.append(change)
+        by.append(x - first.x[a])
+    own, away = np.concatenate(mine), np.concatenate(theirs)
+    from_second = np.zeros((len(own), len(away)))
+    at = 0
+    for change in changes:
+        step = slice(at, at + len(change))
+        from_second[step, step] = change
+        at = step.stop
+    tool, tool_1, tool_2 = _tools(first, second)
+    base_1, base_2 = len(first.x) + np.arange(6), len(second.x) + np.arange(6)
+    C1 = _aligned(first, np.concatenate([own, tool_1, base_1]), _gone(first, second))
+    C2 = _aligned(second, np.concatenate([away, tool_2, base_2]), _gone(second, first))
+    change = np.eye(len(C2))
+    change[: len(own), : len(own)] = from_second
+    arm, frames = len(own), np.arange(len(own), len(C1))
+    base = small_motion(np.linalg.inv(first.T_instr_base) @ second.T_instr_base)
+    scale = [parameter.scale for term in terms for parameter in term.parameters]
+    places = _targets(first, second) if not len(tool) else np.zeros(0)
+    covariance = C1 + change @ C2 @ change.T
+    # Of targets no covariance is kept: they are known better than the base is, which stands far.
+    of_base = np.diag(covariance)[-6:-3].max()
+    covariance = block_diag(covariance, of_base * np.eye(len(places)))
+    return _Differences(
+        terms=tuple(terms),
+        x=first.x[own],
+        by=np.concatenate([*by, tool, base, places]),
+        covariance=covariance,
+        scale=np.array([*scale, *[_UNIT] * (len(covariance) - arm)]),
+        tool=frames[: len(tool)] if len(tool) else np.arange(len(C1), len(covariance)),
+        base=frames[-6:],
+    )
+
+
+def _targets(first: FittedModel, second: FittedModel) -> Array:
+    """Return by how much targets are elsewhere that both models name, x, y, z of each [m]."""
+    mine, theirs = (
+        dict(zip(model.target_names, model.targets_m.reshape(-1, 3), strict=True))
+        for model in (first, second)
+    )
+    return np.concatenate(
+        [np.zeros(0), *(theirs[name] - mine[name] for name in mine if name in theirs)]
+    )
+
+
+def _as_solved_by(mine: JointSpring, other: JointSpring, x: Array) -> tuple[Array, Array]:
+    """Return a spring's parameters as another spring of the same joint has them, and how they go.
+
+    Both are solved at a reference torque of their own.
+    """
+    report = other.report(x)
+    same = mine.solved(float(report.values[0]), float(report.values[1]))
+    count = len(same)
+    change = np.linalg.solve(mine.report(same).jacobian[:count], report.jacobian[:count])
+    return same, np.asarray(change, dtype=np.float64)
+
+
+def _is_tool(term: Term) -> bool:
+    return bool(term.coordinates) and set(term.coordinates) <= set(TOOL)
+
+
+def _gone(model: FittedModel, other: FittedModel) -> NDArray[np.intp]:
+    """Return departures that the other model has not: it holds them at zero."""
+    theirs = {parameter.name for term in other.model.terms for parameter in term.parameters}
+    gone = [
+        k
+        for term in model.model.terms
+        if isinstance(term, Offsets) and not _is_tool(term)
+        for k, parameter in zip(
+            np.arange(len(model.x))[model.model.columns_of(term)], term.parameters, strict=True
+        )
+        if parameter.name not in theirs
+    ]
+    return np.array(gone, dtype=np.intp)
+
+
+def _aligned(model: FittedModel, at: NDArray[np.intp], gone: NDArray[np.intp]) -> Array:
+    """Return the covariance of some parameters, given others that are held."""
+    assert model.covariance is not None
+    covariance = model.covariance
+    whole = covariance[np.ix_(at, at)]
+    gone = gone[np.diag(covariance)[gone] > 0.0]
+    if not len(gone):
+        return whole
+    across = covariance[np.ix_(at, gone)]
+    held: Array = whole - across @ np.linalg.solve(covariance[np.ix_(gone, gone)], across.T)
+    return held
+
+
+def _tools(
+    first: FittedModel, second: FittedModel
+) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
+    """Return by how much the tool differs, and where both models hold it; empty where one has none.
+
+    Of an attitude the whole differs: each model counts from that with which its own fit began.
+    """
+    none = np.zeros(0), np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
+    places, turns = [], []
+    columns = []
+    for model in (first, second):
+        term = next((term for term in model.model.terms if _is_tool(term)), None)
+        if term is None or isinstance(term, OfCampaign):
+            return none
+        at = np.arange(len(model.x))[model.model.columns_of(term)]
+        values = dict(zip(term.coordinates, model.x[at], strict=True))
+        motion = np.array([values.get(name, 0.0) for name in TOOL])
+        places.append(motion[:3])
+        turns.append(
+            Rotation.from_euler("XYZ", motion[3:]) * Rotation.from_matrix(model.R_ee_target)
+        )
+        columns.append(dict(zip(term.coordinates, at, strict=True)))
+    by = np.concatenate([places[1] - places[0], (turns[1] * turns[0].inv()).as_rotvec()])
+    both = [k for k, name in enumerate(TOOL) if all(name in each for each in columns)]
+    one, other = (np.array([each[TOOL[k]] for k in both], dtype=np.intp) for each in columns)
+    return by[both], one, other

@@ -1,0 +1,127 @@
+"""What moved in an arm between two campaigns: verdicts of simulated pairs, and laws."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_up_pair import campaign, shifted
+from pa10cal.calibration.general.calibrate import calibrate_general
+from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.general.start import find_start
+from pa10cal.cell.options import TrackerOptions
+from pa10cal.evaluation.what_moved import what_moved
+from pa10cal.files.arms import load_arm
+from pa10cal.studies.changed import Change, draw_changed
+from pa10cal.studies.simulated import measured, observations_of, payload_of_individual
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.model import Model
+
+ARM = load_arm("ur10")
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Return models of an arm before and after a change."""
+    found = {}
+
+    def make(change, kind="pose", seed=1):
+        key = change, kind, seed
+        if key not in found:
+            plan = TrackerOptions(
+                instrument=kind,
+                poses=100,
+                holdout_share=0.0,
+                flexible_joints=(2, 3),
+                hardening=False,
+                states_targets=False,
+            )
+            robots = draw_changed(ARM, plan, change, np.random.default_rng(seed))
+            models = []
+            for number, robot in enumerate(robots):
+                seen = observations_of(measured(robot, plan, 100 * seed + number))
+                start = find_start(ARM, seen)
+                payload = payload_of_individual(robot)
+                models.append(fitted(calibrate_general(ARM, seen, start, payload)))
+            found[key] = tuple(models)
+        return found[key]
+
+    return make
+
+
+@pytest.mark.parametrize("kind", ["pose", "points", "distance"])
+def test_nothing_moved(pair, kind):
+    found = what_moved(*pair(Change(), kind))
+    assert found.verdict == found.line == "unchanged"
+    assert found.chance > 0.01
+    assert 0.2 * found.dof < found.chi_square < 2.5 * found.dof
+
+
+@pytest.mark.parametrize("kind", ["pose", "points"])
+def test_base_and_tool_alone_moved(pair, kind):
+    found = what_moved(*pair(Change(place=True), kind))
+    assert found.verdict == "base_or_tool_moved"
+    assert {each.kind for each in found.moved} <= {"base", "tool"}
+    assert found.chance > 0.01
+
+
+@pytest.mark.parametrize("place", [False, True])
+@pytest.mark.parametrize("joint", [2, 3, 4, 5])
+def test_the_zero_of_one_joint_moved(pair, joint, place):
+    found = what_moved(*pair(Change(place, zero_rad=((joint, 1e-3),))))
+    assert found.verdict == "joint_zero_moved"
+    (zero,) = (each for each in found.moved if each.kind == "joint_zero")
+    assert zero.of == f"joint {joint}"
+    assert abs(zero.by - 1e-3) < 4 * zero.std
+    assert zero.interval95 == pytest.approx((zero.by - 1.96 * zero.std, zero.by + 1.96 * zero.std))
+    assert found.chance < 1e-6
+
+
+def test_a_stiffness_changed(pair):
+    found = what_moved(*pair(Change(True, softer=((2, 0.7),))))
+    assert found.verdict == "stiffness_changed"
+    (spring,) = (each for each in found.moved if each.kind == "stiffness")
+    assert spring.of == "joint 2"
+    assert abs(spring.by - (1 / 0.7 - 1)) < 4 * spring.std
+
+
+def test_a_link_became_longer(pair):
+    found = what_moved(*pair(Change(longer_m=((2, 5e-4),))))
+    assert found.verdict == "something_else"
+    assert [each.of for each in found.moved] == ["delta_a_2"]
+
+
+def test_the_other_way_round_it_moved_back(pair):
+    first, second = pair(Change(False, zero_rad=((3, 1e-3),)))
+    there, back = what_moved(first, second), what_moved(second, first)
+    assert back.verdict == there.verdict
+    assert back.chi_square == pytest.approx(there.chi_square, rel=1e-6)
+    assert back.moved[0].by == pytest.approx(-there.moved[0].by, rel=1e-6)
+
+
+def test_springs_solved_at_other_torques_are_the_same_springs():
+    model = campaign(1)
+    term = next(term for term in model.model.terms if isinstance(term, JointSpring))
+    columns = np.arange(len(model.x))[model.model.columns_of(term)]
+    other = JointSpring(term.joint, 0.5 * term.tau_ref_Nm, term.cubic)
+    k_lin, k_cub = term.report(model.x[columns]).values
+    x = model.x.copy()
+    x[columns] = other.solved(k_lin, k_cub)
+    terms = tuple(other if each is term else each for each in model.model.terms)
+    again = replace(model, model=Model(model.model.chain, terms), x=x)
+    found = what_moved(model, again)
+    assert found.verdict == "unchanged"
+    assert found.chi_square == pytest.approx(0.0, abs=1e-9)
+
+
+def test_two_models_of_one_fit_differ_by_nothing():
+    model = campaign(1)
+    found = what_moved(model, shifted(model))
+    assert (found.verdict, found.chi_square, found.chance) == ("unchanged", 0.0, 1.0)
+
+
+def test_without_a_covariance_nothing_is_said():
+    model = campaign(1)
+    assert what_moved(model, replace(model, covariance=None)) is None
