@@ -8,15 +8,12 @@ covariances. What moved widens that along its own directions; evidence decides (
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
-from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
-from pa10cal.arm.chain import TOOL
+from pa10cal.evaluation.differences import UNIT, Differences, differences
 from pa10cal.fit.expected import Disagreement
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.moved import (
@@ -32,17 +29,12 @@ from pa10cal.fit.moved import (
 )
 from pa10cal.results.comparison import MovedThing, WhatMoved
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.of_campaign import OfCampaign, small_motion
-from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Term
-from pa10cal.terms.weights import Weights
 
 Array = NDArray[np.float64]
 
-#: What a frame may have moved by, in a millimetre and a milliradian.
+#: What a frame may have moved by, in its unit.
 _MOTIONS = (1.0, 10.0, 100.0, 1000.0)
-_UNIT = 1e-3
 #: A parameter whose differences are expected to be larger than this many scales is not identified.
 _OPEN = 15.0
 #: A hypothesis is an alternative where its evidence is lower by less than the logarithm of the
@@ -54,29 +46,6 @@ _PLACES = (BASE_MOVED, TOOL_MOVED)
 _VERDICTS = {JOINT_ZERO: "joint_zero_moved", STIFFNESS: "stiffness_changed"}
 
 
-@dataclass(frozen=True, eq=False)
-class _Differences:
-    """What two models differ by, in the parameters that both have.
-
-    Attributes:
-        terms: of the arm, those of the first model that the second has too.
-        x: (s,) their parameters in the first model.
-        by: (k,) second less first: of the arm, then of the tool, then six motions of the base.
-        covariance: (k, k) that they are expected to scatter with.
-        scale: (k,) typical sizes.
-        tool: columns of the tool.
-        base: columns of the base.
-    """
-
-    terms: tuple[Term, ...]
-    x: Array
-    by: Array
-    covariance: Array
-    scale: Array
-    tool: NDArray[np.intp]
-    base: NDArray[np.intp]
-
-
 def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
     """Return what moved between two models of arms of one layout; None without a covariance.
 
@@ -85,7 +54,7 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
     """
     if first.covariance is None or second.covariance is None:
         return None
-    found = _differences(first, second)
+    found = differences(first, second)
     arm = len(found.x)
     possible = _possible(first, found)
     kept = np.diag(found.covariance) > 0.0
@@ -160,7 +129,7 @@ def _thing(
     moved: Sequence[Found],
     possible: Sequence[Hypothesis],
     disagreement: Disagreement,
-    found: _Differences,
+    found: Differences,
     precision: Array,
 ) -> MovedThing:
     """Return one of the things that moved, by how much, and what else would say as much."""
@@ -205,12 +174,12 @@ def _named(kind: str, of: str) -> str:
     return {JOINT_ZERO: f"the zero of {of}", STIFFNESS: f"the stiffness of {of}"}.get(kind, of)
 
 
-def _units(found: _Differences) -> list[str]:
+def _units(found: Differences) -> list[str]:
     return [parameter.unit for term in found.terms for parameter in term.parameters]
 
 
 def _by(
-    each: Found, others: Sequence[Found], found: _Differences, precision: Array
+    each: Found, others: Sequence[Found], found: Differences, precision: Array
 ) -> tuple[float, float]:
     """Return by how much a single parameter moved, what else moved being free."""
     directions = np.concatenate(
@@ -226,7 +195,7 @@ def _by(
     return float(amount[0] * unit), float(np.sqrt(covariance[0, 0]) * abs(unit))
 
 
-def _chi_square(found: _Differences, arm: int) -> tuple[float, int]:
+def _chi_square(found: Differences, arm: int) -> tuple[float, int]:
     """Return chi-square of the arm's differences along directions that both fits identify."""
     scale = found.scale[:arm]
     covariance = found.covariance[:arm, :arm] / np.outer(scale, scale)
@@ -236,7 +205,7 @@ def _chi_square(found: _Differences, arm: int) -> tuple[float, int]:
     return float(np.sum(along**2 / values[seen])), int(np.count_nonzero(seen))
 
 
-def _possible(first: FittedModel, found: _Differences) -> tuple[Hypothesis, ...]:
+def _possible(first: FittedModel, found: Differences) -> tuple[Hypothesis, ...]:
     """Return what may have moved: in the arm, and its base and tool."""
     arm, count = len(found.x), len(found.by)
     of_arm = hypotheses(first.arm, found.terms, found.x, found.covariance[:arm, :arm])
@@ -254,150 +223,6 @@ def _possible(first: FittedModel, found: _Differences) -> tuple[Hypothesis, ...]
     for kind, columns in ((BASE_MOVED, found.base), (TOOL_MOVED, found.tool)):
         if len(columns):
             directions = np.zeros((count, len(columns)))
-            directions[columns, np.arange(len(columns))] = _UNIT
+            directions[columns, np.arange(len(columns))] = UNIT
             frames.append(Hypothesis(kind, kind, columns, directions, _MOTIONS))
     return (*padded, *frames)
-
-
-def _differences(first: FittedModel, second: FittedModel) -> _Differences:
-    """Return what two models differ by."""
-    terms, mine, theirs, changes, by = [], [], [], [], []
-    others = {(term.id, term.of): term for term in second.model.terms}
-    for term in first.model.terms:
-        other = others.get((term.id, term.of))
-        if other is None or isinstance(term, Weights | OfCampaign) or _is_tool(term):
-            continue
-        a = np.arange(len(first.x))[first.model.columns_of(term)]
-        b = np.arange(len(second.x))[second.model.columns_of(other)]
-        if isinstance(term, Offsets) and isinstance(other, Offsets):
-            names = [parameter.name for parameter in other.parameters]
-            pairs = [
-                (k, names.index(parameter.name))
-                for k, parameter in enumerate(term.parameters)
-                if parameter.name in names
-            ]
-            term = term.only({term.parameters[k].name for k, _ in pairs})
-            a, b = a[[k for k, _ in pairs]], b[[k for _, k in pairs]]
-        elif term.parameters != other.parameters:
-            continue
-        x, change = second.x[b], np.eye(len(b))
-        if isinstance(term, JointSpring) and isinstance(other, JointSpring):
-            x, change = _as_solved_by(term, other, x)
-        terms.append(term)
-        mine.append(a)
-        theirs.append(b)
-        changes.append(change)
-        by.append(x - first.x[a])
-    own, away = np.concatenate(mine), np.concatenate(theirs)
-    from_second = np.zeros((len(own), len(away)))
-    at = 0
-    for change in changes:
-        step = slice(at, at + len(change))
-        from_second[step, step] = change
-        at = step.stop
-    tool, tool_1, tool_2 = _tools(first, second)
-    base_1, base_2 = len(first.x) + np.arange(6), len(second.x) + np.arange(6)
-    C1 = _aligned(first, np.concatenate([own, tool_1, base_1]), _gone(first, second))
-    C2 = _aligned(second, np.concatenate([away, tool_2, base_2]), _gone(second, first))
-    change = np.eye(len(C2))
-    change[: len(own), : len(own)] = from_second
-    arm, frames = len(own), np.arange(len(own), len(C1))
-    base = small_motion(np.linalg.inv(first.T_instr_base) @ second.T_instr_base)
-    scale = [parameter.scale for term in terms for parameter in term.parameters]
-    places = _targets(first, second) if not len(tool) else np.zeros(0)
-    covariance = C1 + change @ C2 @ change.T
-    # Of targets no covariance is kept: they are known better than the base is, which stands far.
-    of_base = np.diag(covariance)[-6:-3].max()
-    covariance = block_diag(covariance, of_base * np.eye(len(places)))
-    return _Differences(
-        terms=tuple(terms),
-        x=first.x[own],
-        by=np.concatenate([*by, tool, base, places]),
-        covariance=covariance,
-        scale=np.array([*scale, *[_UNIT] * (len(covariance) - arm)]),
-        tool=frames[: len(tool)] if len(tool) else np.arange(len(C1), len(covariance)),
-        base=frames[-6:],
-    )
-
-
-def _targets(first: FittedModel, second: FittedModel) -> Array:
-    """Return by how much targets are elsewhere that both models name, x, y, z of each [m]."""
-    mine, theirs = (
-        dict(zip(model.target_names, model.targets_m.reshape(-1, 3), strict=True))
-        for model in (first, second)
-    )
-    return np.concatenate(
-        [np.zeros(0), *(theirs[name] - mine[name] for name in mine if name in theirs)]
-    )
-
-
-def _as_solved_by(mine: JointSpring, other: JointSpring, x: Array) -> tuple[Array, Array]:
-    """Return a spring's parameters as another spring of the same joint has them, and how they go.
-
-    Both are solved at a reference torque of their own.
-    """
-    report = other.report(x)
-    same = mine.solved(float(report.values[0]), float(report.values[1]))
-    count = len(same)
-    change = np.linalg.solve(mine.report(same).jacobian[:count], report.jacobian[:count])
-    return same, np.asarray(change, dtype=np.float64)
-
-
-def _is_tool(term: Term) -> bool:
-    return bool(term.coordinates) and set(term.coordinates) <= set(TOOL)
-
-
-def _gone(model: FittedModel, other: FittedModel) -> NDArray[np.intp]:
-    """Return departures that the other model has not: it holds them at zero."""
-    theirs = {parameter.name for term in other.model.terms for parameter in term.parameters}
-    gone = [
-        k
-        for term in model.model.terms
-        if isinstance(term, Offsets) and not _is_tool(term)
-        for k, parameter in zip(
-            np.arange(len(model.x))[model.model.columns_of(term)], term.parameters, strict=True
-        )
-        if parameter.name not in theirs
-    ]
-    return np.array(gone, dtype=np.intp)
-
-
-def _aligned(model: FittedModel, at: NDArray[np.intp], gone: NDArray[np.intp]) -> Array:
-    """Return the covariance of some parameters, given others that are held."""
-    assert model.covariance is not None
-    covariance = model.covariance
-    whole = covariance[np.ix_(at, at)]
-    gone = gone[np.diag(covariance)[gone] > 0.0]
-    if not len(gone):
-        return whole
-    across = covariance[np.ix_(at, gone)]
-    held: Array = whole - across @ np.linalg.solve(covariance[np.ix_(gone, gone)], across.T)
-    return held
-
-
-def _tools(
-    first: FittedModel, second: FittedModel
-) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
-    """Return by how much the tool differs, and where both models hold it; empty where one has none.
-
-    Of an attitude the whole differs: each model counts from that with which its own fit began.
-    """
-    none = np.zeros(0), np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
-    places, turns = [], []
-    columns = []
-    for model in (first, second):
-        term = next((term for term in model.model.terms if _is_tool(term)), None)
-        if term is None or isinstance(term, OfCampaign):
-            return none
-        at = np.arange(len(model.x))[model.model.columns_of(term)]
-        values = dict(zip(term.coordinates, model.x[at], strict=True))
-        motion = np.array([values.get(name, 0.0) for name in TOOL])
-        places.append(motion[:3])
-        turns.append(
-            Rotation.from_euler("XYZ", motion[3:]) * Rotation.from_matrix(model.R_ee_target)
-        )
-        columns.append(dict(zip(term.coordinates, at, strict=True)))
-    by = np.concatenate([places[1] - places[0], (turns[1] * turns[0].inv()).as_rotvec()])
-    both = [k for k, name in enumerate(TOOL) if all(name in each for each in columns)]
-    one, other = (np.array([each[TOOL[k]] for k in both], dtype=np.intp) for each in columns)
-    return by[both], one, other
