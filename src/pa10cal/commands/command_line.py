@@ -58,6 +58,7 @@ GROUPS = {
         "reproduce",
         "simulate",
         "coverage",
+        "changes",
         "draw_trials",
         "blind_trials",
         "score_trials",

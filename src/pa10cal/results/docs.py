@@ -23,6 +23,7 @@ from pa10cal.files.output import write_text
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.arrays import Shape
 from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.changes import ChangesRecord
 from pa10cal.results.comparison import ComparisonRecord
 from pa10cal.results.curve import CurveRecord
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
@@ -61,6 +62,7 @@ RECORDS: tuple[type[Record], ...] = (
     CurveRecord,
     CurveCalibrationRecord,
     CoverageRecord,
+    ChangesRecord,
     TruthRecord,
     TrialTruthRecord,
     TrialVerdictRecord,
