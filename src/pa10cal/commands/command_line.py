@@ -38,7 +38,7 @@ CLOSED = 141
 #: Commands by whom they serve, as `--help` lists them. Each is a function in a module of its name.
 GROUPS = {
     "a campaign from raw files to a model": ("plan", "run", "report", "fleet", "columns", "doctor"),
-    "a calibrated robot in use": ("predict", "compensate", "compare"),
+    "a calibrated robot in use": ("predict", "compensate", "compare", "drift"),
     "one step of a run": (
         "chain",
         "ingest",
@@ -49,6 +49,7 @@ GROUPS = {
         "discover",
         "evaluate",
         "transfer",
+        "adapt",
         "export",
         "figures",
         "fleet_summary",

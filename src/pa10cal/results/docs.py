@@ -20,6 +20,7 @@ from pydantic import BaseModel, TypeAdapter
 from pydantic.fields import FieldInfo
 
 from pa10cal.files.output import write_text
+from pa10cal.results.adaptation import AdaptationRecord
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.arrays import Shape
 from pa10cal.results.calibration import CalibrationRecord
@@ -27,6 +28,7 @@ from pa10cal.results.changes import ChangesRecord
 from pa10cal.results.comparison import ComparisonRecord
 from pa10cal.results.curve import CurveRecord
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
+from pa10cal.results.drift import DriftRecord
 from pa10cal.results.evaluation import HoldoutRecord, TransferRecord
 from pa10cal.results.fleet import ChainRecord, FleetRecord
 from pa10cal.results.iso9283 import Iso9283Record
@@ -51,10 +53,12 @@ RECORDS: tuple[type[Record], ...] = (
     HoldoutRecord,
     Iso9283Record,
     TransferRecord,
+    AdaptationRecord,
     VerdictRecord,
     ExtendedRecord,
     AnalysisRecord,
     ComparisonRecord,
+    DriftRecord,
     PlanRecord,
     PicturesRecord,
     ChainRecord,

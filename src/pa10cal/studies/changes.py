@@ -110,8 +110,8 @@ def changes_study(
     for count, ratio, most in zip(
         adapted.poses, adapted.over_full, adapted.over_full_95, strict=True
     ):
-        told = f"{ratio:.2f} times the error of all ({most:.2f} for 95 % of arms)"
-        say(f"{count:.0f} poses after a crash: {told}")
+        beside = f"{ratio:.2f} times the error of all ({most:.2f} for 95 % of arms)"
+        say(f"{count:.0f} poses after a crash: {beside}")
     return ChangesRecord(
         robot=robot,
         instrument=instrument,
