@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.fit.variance import MapMotion, position_variance
+from pa10cal.fit.variance import MapMotion, position_covariance
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots
 
 
@@ -23,6 +23,6 @@ def test_few_splines_are_all_knots(knots):
         columns.append(turned[:, :, None] * by_knot[:, None, :])
         first += count
     whole = np.concatenate(columns, axis=2)
-    expected = np.einsum("pik,kl,pil->p", whole, covariance[np.ix_(order, order)], whole)
-    found = position_variance(covariance, order[:dense], moved, maps)
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    expected = np.einsum("pik,kl,pjl->pij", whole, covariance[np.ix_(order, order)], whole)
+    found = position_covariance(covariance, order[:dense], moved, maps)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)

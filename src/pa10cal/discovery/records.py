@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.discovery.analysis_record import analysis_keys, model_parameters, name_of
+from pa10cal.discovery.bands_record import bands_part, scatter_part
 from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
 from pa10cal.discovery.blocked_cv.judge import Prediction
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
@@ -137,6 +138,8 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
         ),
         remaining=None if by_blocks is None else _remaining(by_blocks),
         search=_search(found),
+        bands=bands_part(by_blocks),
+        scatter=scatter_part(by_blocks),
         angles_seen=None if found.seen is None else angles_part(found.seen),
         falls_back=None
         if found.falls_back is None

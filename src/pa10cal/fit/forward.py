@@ -13,7 +13,7 @@ from pa10cal.arm.state import PoseStates, Rows
 from pa10cal.errors import ModelError
 from pa10cal.fit.loads import statics_of, with_torques
 from pa10cal.fit.prediction import FallBack, Prediction
-from pa10cal.fit.variance import MapMotion, position_variance
+from pa10cal.fit.variance import MapMotion, position_covariance
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.model import Model
@@ -227,6 +227,11 @@ class Forward:
 
     def uncertainty_mm(self, states: PoseStates, end: EndPose) -> Array:
         """Return the standard uncertainty of the frame's position, (N,), from the covariance."""
+        variance = np.trace(self.position_covariance(states, end), axis1=1, axis2=2)
+        return np.asarray(1e3 * np.sqrt(np.maximum(variance, 0.0)))
+
+    def position_covariance(self, states: PoseStates, end: EndPose) -> Array:
+        """Return the covariance of the frame's position along base axes, (N, 3, 3) [m²]."""
         chain, terms = self.physical.chain, self.physical.terms
         maps = [term for term in terms if isinstance(term, JointErrorMap)]
         others = tuple(term for term in terms if not isinstance(term, JointErrorMap))
@@ -245,7 +250,7 @@ class Forward:
             for term in maps
         ]
         dense = np.append(dense, len(self.x) + np.arange(6))
-        return 1e3 * np.sqrt(position_variance(self.covariance, dense, moved, turned))
+        return position_covariance(self.covariance, dense, moved, turned)
 
     def by_parameters(self, states: PoseStates, end: EndPose) -> Array:
         """Return motions of the frame by the parameters that move the robot and by the base.

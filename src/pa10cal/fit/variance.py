@@ -1,4 +1,4 @@
-"""Variance of predicted positions, maps of joints by the few B-splines that each pose touches.
+"""Covariance of predicted positions, maps of joints by the few B-splines that each pose touches.
 
 A map has hundreds of knots, and every one of them moves every pose a little. In B-splines only four
 do: 10 000 poses then take a second, and no matrix of poses by knots is made.
@@ -34,10 +34,10 @@ class MapMotion:
     moved: Array
 
 
-def position_variance(
+def position_covariance(
     covariance: Array, dense: Index, moved: Array, maps: Sequence[MapMotion]
 ) -> Array:
-    """Return the variance of N positions, summed over their axes, (N,).
+    """Return the covariance of N positions, (N, 3, 3).
 
     Args:
         covariance: (k, k) of the parameters.
@@ -46,7 +46,7 @@ def position_variance(
         maps: the other parameters.
     """
     own = covariance[np.ix_(dense, dense)]
-    variance = np.einsum("pik,pik->p", moved, moved @ own)
+    found = (moved @ own) @ np.swapaxes(moved, 1, 2)
     splines = [b_splines(len(each.columns), each.q_rad) for each in maps]
     at = [each.indices.reshape(-1, 4).astype(np.intp) for each in splines]
     weight = [each.data.reshape(-1, 4) for each in splines]
@@ -54,17 +54,22 @@ def position_variance(
     for k, each in enumerate(maps):
         across = to_splines[k] @ covariance[np.ix_(each.columns, dense)]
         touched = np.einsum("ps,psd->pd", weight[k], across[at[k]])
-        variance += 2.0 * np.einsum("pi,pid,pd->p", each.moved, moved, touched)
+        half = _outer(np.einsum("pid,pd->pi", moved, touched), each.moved)
         inside = to_splines[k] @ covariance[np.ix_(each.columns, each.columns)] @ to_splines[k].T
-        variance += np.sum(each.moved**2, axis=1) * _touched(
-            inside, at[k], at[k], weight[k], weight[k]
-        )
+        alone = _touched(inside, at[k], at[k], weight[k], weight[k])
+        found += half + np.swapaxes(half, 1, 2)
+        found += _outer(each.moved, each.moved) * alone[:, None, None]
     for j, k in combinations(range(len(maps)), 2):
         between = covariance[np.ix_(maps[j].columns, maps[k].columns)]
         between = to_splines[j] @ between @ to_splines[k].T
-        together = np.sum(maps[j].moved * maps[k].moved, axis=1)
-        variance += 2.0 * together * _touched(between, at[j], at[k], weight[j], weight[k])
-    return np.asarray(np.maximum(variance, 0.0))
+        both = _touched(between, at[j], at[k], weight[j], weight[k])
+        half = _outer(maps[j].moved, maps[k].moved) * both[:, None, None]
+        found += half + np.swapaxes(half, 1, 2)
+    return np.asarray(found, dtype=np.float64)
+
+
+def _outer(one: Array, other: Array) -> Array:
+    return np.asarray(one[:, :, None] * other[:, None, :])
 
 
 def _touched(between: Array, rows: Index, columns: Index, by_row: Array, by_column: Array) -> Array:

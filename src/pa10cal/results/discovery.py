@@ -10,6 +10,8 @@ from pydantic import Field, JsonValue
 from pa10cal.results.accuracy import BeforeAfter, EffectParameter, Parameter
 from pa10cal.results.angles import AnglesSeen as AnglesSeen
 from pa10cal.results.angles import FallsBack as FallsBack
+from pa10cal.results.bands import Bands as Bands
+from pa10cal.results.bands import PoseScatter as PoseScatter
 from pa10cal.results.effect_name import EffectName as EffectName
 from pa10cal.results.fault_kind import FaultKind
 from pa10cal.results.group import EffectByCampaign
@@ -316,6 +318,10 @@ class VerdictKeys(Part):
     remaining: Remaining | None = optional("remaining error of blocks held out of the fit")
     search: SearchByRepeats | SearchByBlocks | None = Field(
         description="how effects were searched for; null where they were not"
+    )
+    bands: Bands | None = optional("bands of maps, found from the data, where they have some")
+    scatter: PoseScatter | None = optional(
+        "what single poses scatter by about the extended model, where maps have a band"
     )
     angles_seen: tuple[AnglesSeen, ...] | None = optional(
         "values of each joint seen by the fit, where effects were judged by blocks and a map was "

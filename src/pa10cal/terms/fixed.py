@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.term import Parameter, Report, Term
+from pa10cal.terms.term import Parameter, Report, Term, TorqueTerm, shows_torque
 
 Array = NDArray[np.float64]
 
@@ -18,8 +18,7 @@ class Fixed:
     """What a term adds at known parameters; nothing of it is unknown any more.
 
     Attributes:
-        term: the term, whose effect on chain coordinates is kept; one that shows in logged torques
-            keeps no part of that.
+        term: the term, whose effect on chain coordinates is kept.
         x_term: (k,) its parameters.
     """
 
@@ -64,3 +63,34 @@ class Fixed:
     def report(self, x: Array) -> Report:
         """Return nothing."""
         return Report((), x, np.zeros((0, 0)))
+
+
+@dataclass(frozen=True, eq=False)
+class FixedTorque(Fixed):
+    """What a term that shows in torques adds to them at known parameters.
+
+    Attributes:
+        term: the term, whose effect on torques is kept too.
+    """
+
+    term: TorqueTerm
+
+    @property
+    def carried(self) -> bool:
+        """Return whether the joint carries that torque; else only the log shows it."""
+        return self.term.carried
+
+    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
+        """Return what the term adds to the torques, (P, n)."""
+        del x
+        return self.term.torque_Nm(states, self.x_term)
+
+    def torque_derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return no column, (P, n, 0)."""
+        del x
+        return np.zeros((*states.tau_Nm.shape, 0))
+
+
+def fixed(term: Term, x_term: Array) -> Fixed:
+    """Return a term whose parameters (k,) are settled."""
+    return FixedTorque(term, x_term) if shows_torque(term) else Fixed(term, x_term)

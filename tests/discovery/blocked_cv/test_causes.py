@@ -1,5 +1,7 @@
 """A simulated drive whose sensor errs: the map of its joint bears the name of the cause."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,10 @@ from pa10cal.cell.effects.reading import SensorError as CellSensorError
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.blocked_cv import causes
+from pa10cal.discovery.blocked_cv.bands import in_bands
+from pa10cal.discovery.blocked_cv.finest import level
+from pa10cal.discovery.blocked_cv.reference import weighted_rows
+from pa10cal.discovery.blocked_cv.rows import ShapedEffect
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.records import discovery_records, summary, verdict_keys
 from pa10cal.discovery.setup import setup_of
@@ -19,6 +25,7 @@ from pa10cal.fit.model_file import model_from_plain, model_to_plain
 from pa10cal.settings_reading import parse_section
 from pa10cal.studies.judging import calibrated_campaign
 from pa10cal.terms.effects.sensor_error import TYPICAL
+from pa10cal.terms.effects.spectrum import Fading
 
 POSES, JOINT = 900, 3
 
@@ -88,6 +95,20 @@ def test_without_ripple_a_map_stays_a_map(found, monkeypatch):
     monkeypatch.setattr(causes, "witnesses", lambda *_: (None,) * 6)
     (finding,) = causes.with_causes(as_map).effects
     assert (finding.id, finding.alternatives) == ("joint_error_map", ())
+
+
+def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
+    effect = replace(found.finest.members[0].effect, knots=216, spectrum=Fading(3e-4, 60.0))
+    members = (replace(found.finest.members[0], shaped=ShapedEffect(effect)),)
+    rows = weighted_rows(found.survey, (), 144)
+    rough = level(rows, members)
+    banded = in_bands(rows, rough)
+    (member,) = banded.level.members
+    assert (member.effect.knots, member.effect.spectrum) == (360, banded.found.bands[0])
+    before, after = (banded.of_time.sum(axis=0) + banded.of_angles.sum(axis=0)).tolist()
+    assert after < before
+    smooth = replace(members[0], shaped=ShapedEffect(replace(effect, knots=72)))
+    assert in_bands(rows, replace(rough, members=(smooth,))) is None
 
 
 def test_a_broad_band_that_turns_agree_on_is_a_sensor_or_a_gear(found, monkeypatch):

@@ -137,3 +137,32 @@ def test_a_band_has_its_levels_and_falls_above_it_to_its_floor():
     np.testing.assert_allclose(sizes[3], 7.5e-5, rtol=0.05)
     assert sizes[4] < 1e-5
     np.testing.assert_allclose(sizes[5], TYPICAL.floor_rad, rtol=0.01)
+
+
+def test_where_no_angle_was_seen_it_is_nothing_and_says_how_uncertain():
+    """Fitted to 200 degrees of a turn: intervals hold there and everywhere else."""
+    rng, effect, noise_rad = np.random.default_rng(5), SensorError("joint 2", 120), 3e-5
+    visited = at(np.radians(rng.uniform(0.0, 200.0, 2000)))
+    every = at(np.radians(np.arange(0.0, 360.0, 1.0)))
+    factor = effect.prior_factor
+    rows = effect.derivative(visited, np.zeros(120))[:, 0] @ factor / noise_rad
+    covariance = factor @ np.linalg.inv(rows.T @ rows + np.eye(120)) @ factor.T
+    by_knot = effect.derivative(every, np.zeros(120))[:, 0]
+    std = np.sqrt(np.einsum("pk,kl,pl->p", by_knot, covariance, by_knot))
+    prior = np.sqrt(np.einsum("pk,kl,pl->p", by_knot, factor @ factor.T, by_knot))
+    seen, far = slice(10, 190), slice(220, 340)
+    assert std[seen].max() < 0.1 * prior.min()
+    np.testing.assert_allclose(std[far], prior[far], rtol=0.35)
+    inside, left = [], []
+    for _ in range(20):
+        true = factor @ rng.standard_normal(120)
+        data = effect.shift(visited, true)[:, 0] + noise_rad * rng.standard_normal(2000)
+        found = covariance @ np.linalg.solve(factor.T, rows.T @ data / noise_rad)
+        off = by_knot @ (found - true)
+        inside.append(np.abs(off) < 1.96 * std)
+        left.append([np.mean((by_knot @ each)[far] ** 2) for each in (found, true)])
+    shares = np.mean(inside, axis=0)
+    assert shares[seen].mean() == pytest.approx(0.95, abs=0.04)
+    assert shares[far].mean() == pytest.approx(0.95, abs=0.08)
+    said, there = np.mean(left, axis=0)
+    assert said < 0.5 * there

@@ -18,7 +18,7 @@ from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FallBack, FittedModel
 from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations
-from pa10cal.terms.fixed import Fixed
+from pa10cal.terms.fixed import fixed
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, about_moved_base, motion_of_base
 
@@ -44,16 +44,16 @@ def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
     unknowns = choose_unknowns(
         arm, Tolerances(), observations.measured, start.T_instr_base, start.targets_m
     )
-    arm_terms, fixed, columns = [], [], []
+    arm_terms, known, columns = [], [], []
     for term in model.model.terms:
         if not (_is_tool(term.coordinates) or OF in term.of):
             own = np.arange(len(model.x))[model.model.columns_of(term)]
             arm_terms.append(term)
-            fixed.append(Fixed(term, model.x[own]))
+            known.append(fixed(term, model.x[own]))
             columns.append(own)
     of_arm = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
     chain = model.model.chain
-    with_frames = Model(chain, (*fixed, *unknowns.frames, unknowns.base))
+    with_frames = Model(chain, (*known, *unknowns.frames, unknowns.base))
     problem = Problem(
         with_frames,
         unknowns.places,

@@ -34,8 +34,9 @@ Mask = NDArray[np.bool_]
 
 #: Highest order that decides about a spectrum, in cycles a turn: beyond it there is the floor.
 _HIGHEST = 107
-#: Tenth of a joint's visited angles that is left out, one joint after the other.
+#: Tenths of a joint's visited angles that are left out: both of few joints, one each of many.
 _TENTHS = (2, 7)
+_FEW = 3
 #: Size of waves that a map has no knots for [rad].
 _NONE_RAD = 1e-12
 
@@ -164,7 +165,8 @@ def _stretches(rows: Rows, maps: Sequence[JointErrorMap]) -> Iterator[Mask]:
     for k, each in enumerate(maps):
         angle = rows.survey.poses.states.q_rad[:, each.joint - 1]
         tenth = np.argsort(np.argsort(angle, kind="stable")) * 10 // len(angle)
-        yield np.asarray(tenth == _TENTHS[k % 2])
+        for chosen in _TENTHS if len(maps) <= _FEW else _TENTHS[k % 2 :][:1]:
+            yield np.asarray(tenth == chosen)
 
 
 def _products_where(

@@ -44,6 +44,7 @@ from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.next_poses.fill import fill
 from pa10cal.discovery.noise import Noise, noise_of_near_poses
 from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.scatter import Scatter, scatter_of, share_inside
 from pa10cal.discovery.sensor_or_gear import JointCause
 from pa10cal.discovery.torque_noise import with_torque_noise
 from pa10cal.discovery.verdict import Finding, Plan, Verdict, reported
@@ -96,6 +97,27 @@ class VerdictByBlocks(Verdict[Prediction]):
     def seen(self) -> AnglesSeen | None:
         """Return the joint positions that maps have learnt from; None without a map."""
         return _seen(self.survey, self.extended.effects)
+
+    @cached_property
+    def scatter(self) -> Scatter | None:
+        """Return what single poses scatter by about the model; None where no map has a band."""
+        if self.bands is None:
+            return None
+        at, poses = self.extended.at, self.survey.poses
+        return scatter_of(at, poses, self.survey.left_by(at))
+
+    @property
+    def inside95(self) -> tuple[float, float | None]:
+        """Return how many coordinates, fitted and held out, lie in their 95 % intervals."""
+        assert self.scatter is not None
+        shares: list[float | None] = []
+        for found in (self.train, self.holdout):
+            if found is None:
+                shares.append(None)
+                continue
+            left = self.survey.left_by(self.model, found.poses)
+            shares.append(share_inside(self.model, self.scatter, found.poses, left))
+        return shares[0] or 0.0, shares[1]
 
     @property
     @override

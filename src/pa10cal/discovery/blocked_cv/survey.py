@@ -64,12 +64,18 @@ class Survey:
         """
         return replace(self, wander=wander, block=np.arange(len(self.poses)) % BLOCKS)
 
-    def left_by(self, at: FittedModel) -> Array:
-        """Return predicted minus measured components, (P, b), without the motion of the base."""
-        left = residual(at, self.poses)
+    def left_by(self, at: FittedModel, poses: Observations | None = None) -> Array:
+        """Return predicted minus measured components, (P, b), without the motion of the base.
+
+        Args:
+            at: the model.
+            poses: P complete poses of the campaign; None for all of the survey.
+        """
+        poses = self.poses if poses is None else poses
+        left = residual(at, poses)
         if self.wander is None or self.wander.amounts is None:
             return left
-        return left + self.wander.shift(self.baseline, self.poses)
+        return left + self.wander.shift(self.baseline, poses)
 
     def model(self, effects: tuple[Effect, ...] = ()) -> Model:
         """Return the calibrated model with effects, and small motions of the base last."""

@@ -1,0 +1,92 @@
+"""A measured robot's sensor errors: held out, in another series, and how well intervals hold.
+
+    PA10CAL_IPA_DATA=folder python -m benchmarks.sensor
+
+Each of the two series of the UR10 is calibrated, searched, and judged in the other with base and
+tool alone fitted there.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import pa10cal
+from pa10cal.calibration.general.transfer import refit_frames
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.datasets.campaign_folder import write_campaigns
+from pa10cal.datasets.catalogue import dataset_named
+from pa10cal.datasets.importing import import_campaigns
+from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
+from pa10cal.discovery.options import DiscoveryOptions
+from pa10cal.discovery.scatter import share_inside
+from pa10cal.discovery.setup import setup_of
+from pa10cal.evaluation.holdout import prepared
+from pa10cal.fit.angles_seen import angles_seen
+from pa10cal.observe.arrivals import with_arrivals
+
+NAMES = ("ur10-a", "ur10-c")
+
+
+def main() -> int:
+    """Print one line a campaign and one a transfer."""
+    folder = os.environ.get("PA10CAL_IPA_DATA")
+    if folder is None:
+        print("PA10CAL_IPA_DATA names no folder with the UR10 series")
+        return 2
+    raw = Path(tempfile.mkdtemp())
+    write_campaigns(import_campaigns(dataset_named("ipa-robot-accuracy"), Path(folder)), raw)
+    campaigns = {name: pa10cal.read_campaign(raw / name) for name in NAMES}
+    models = {name: pa10cal.calibrate(campaign) for name, campaign in campaigns.items()}
+    found = {}
+    for name in NAMES:
+        began = time.process_time()
+        verdict = pa10cal.discover(campaigns[name], models[name])
+        assert isinstance(verdict, VerdictByBlocks)
+        found[name] = verdict
+        seconds = time.process_time() - began
+        memory_GB = 1e-6 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        assert verdict.holdout is not None
+        line = f"{name}: held out {verdict.holdout.after.rms_mm:.4f} mm rms"
+        if verdict.bands is not None:
+            train, holdout = verdict.inside95
+            line += f", inside 95 % intervals {train:.3f} fitted, {holdout:.3f} held out"
+        print(f"{line}; {seconds:.0f} s, {memory_GB:.2f} GB", flush=True)
+    for source, target in (NAMES, NAMES[::-1]):
+        _transfer(campaigns[target], found[source], source, target)
+    return 0
+
+
+def _transfer(campaign: pa10cal.Campaign, found: VerdictByBlocks, source: str, target: str) -> None:
+    """Print how a model of one campaign does in another."""
+    options = CalibrationOptions(), DiscoveryOptions()
+    setup = setup_of(campaign.description, campaign.arm, *options)
+    every = with_arrivals(campaign.observations)[0]
+    errors, inside = {}, float("nan")
+    for name, model in (("calibrated", found.baseline), ("with effects", found.model)):
+        moved = refit_frames(model, prepared(every, "grid", model, setup))
+        poses = [prepared(every, kind, model, setup) for kind in ("grid", "holdout")]
+        squares = np.concatenate([moved.deviations(each).distance_mm ** 2 for each in poses])
+        errors[name] = float(np.sqrt(squares.mean()))
+    if found.scatter is not None:
+        turned = poses[1].turned(moved.R_ee_target)
+        inside = share_inside(moved, found.scatter, turned)
+    seen = angles_seen(found.survey.poses.states.q_rad, ~campaign.arm.prismatic)
+    visited = np.concatenate([seen.inside(each.states.q_rad) for each in poses])
+    of_visited = f"{np.sqrt(squares[visited].mean()):.3f} mm" if visited.any() else "none"
+    said = ", ".join(f"{name} {error:.3f} mm" for name, error in errors.items())
+    print(
+        f"{source} -> {target}: {said}; inside 95 % intervals {inside:.3f}; "
+        f"poses whose angles were all visited: {of_visited} ({int(visited.sum())})",
+        flush=True,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+"""What single poses scatter by is found; intervals by it and the model's uncertainty hold."""
+
+import numpy as np
+import pytest
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.state import PoseStates
+from pa10cal.discovery.linear import by_joints
+from pa10cal.discovery.scatter import INSIDE95, Scatter, scatter_of, share_inside
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
+from pa10cal.terms.effects.sensor_error import SensorError
+from pa10cal.terms.effects.spectrum import Band
+from pa10cal.terms.model import Model
+
+BAND = Band(5e-5, 3e-5, 6e-5, 3.0, 8.0, 3.0, 1e-6)
+TRUE = Scatter(1e-6 * np.array([30.0, 40.0, 10.0, 80.0, 120.0, 20.0]), np.array([3e-5, 1e-4]))
+
+
+@pytest.fixture(name="model", scope="module")
+def _model():
+    terms = tuple(SensorError(f"joint {joint}", 36, BAND) for joint in (2, 3))
+    covariance = np.zeros((78, 78))
+    for k, term in enumerate(terms):
+        at = slice(36 * k, 36 * k + 36)
+        covariance[at, at] = term.prior_factor @ term.prior_factor.T
+    arm = Chain.of(load_arm("ur10"))
+    return FittedModel(Model(arm, terms), np.zeros(72), np.eye(4), covariance=covariance)
+
+
+def seen_by(model, seed, count=1500):
+    """Poses where joints and the instrument scatter as is true, and what is left of them."""
+    rng = np.random.default_rng(seed)
+    q_rad = rng.uniform(-2.5, 2.5, (count, 6))
+    zeros, zero = np.zeros_like(q_rad), np.zeros(count)
+    states = PoseStates(q_rad, zeros, zeros, zero, zero, zero)
+    T = model.model.predict(states, model.x)
+    poses = Observations.single(
+        np.array([f"P{k}" for k in range(count)]),
+        states,
+        Pose.of(T, np.tile(np.eye(6), (count, 1, 1))),
+    )
+    turned = by_joints(model, poses, range(1, 7))
+    off = (turned @ (TRUE.joints * rng.standard_normal((count, 6)))[:, :, None])[:, :, 0]
+    kinds = np.repeat(TRUE.kinds, 3)
+    return poses, off + kinds * rng.standard_normal((count, 6))
+
+
+def test_the_scatter_drawn_is_found(model):
+    poses, left = seen_by(model, 1)
+    found = scatter_of(model, poses, left)
+    np.testing.assert_allclose(found.kinds, TRUE.kinds, rtol=0.1)
+    np.testing.assert_allclose(found.joints[[0, 1, 3, 4]], TRUE.joints[[0, 1, 3, 4]], rtol=0.2)
+
+
+def test_intervals_hold_what_they_say(model):
+    poses, left = seen_by(model, 2, count=600)
+    by_scatter = share_inside(model, TRUE, poses, left)
+    assert by_scatter > 0.99  # the maps are known to be zero here, and said to be uncertain
+    rng = np.random.default_rng(3)
+    shares = []
+    for _ in range(10):
+        x = np.concatenate(
+            [term.prior_factor @ rng.standard_normal(36) for term in model.model.terms]
+        )
+        moved = model.model.predict(poses.states, x)[:, :3, 3]
+        zero = model.model.predict(poses.states, model.x)[:, :3, 3]
+        off = left.copy()
+        off[:, :3] -= moved - zero
+        shares.append(share_inside(model, TRUE, poses, off))
+    assert np.mean(shares) == pytest.approx(0.95, abs=0.02)
+    assert pytest.approx(1.96) == INSIDE95
