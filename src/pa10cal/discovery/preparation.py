@@ -234,6 +234,7 @@ def context_of(
         torques=_source(states, baseline),
         gravity_m_s2=setup.gravity_m_s2,
         commanded=setup.commanded,
+        campaigns=tuple(name for name, _ in cells.measured.campaigns),
     )
 
 

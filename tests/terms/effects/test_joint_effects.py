@@ -46,6 +46,19 @@ def test_a_controller_errs_where_the_joint_moved_and_backlash_where_it_came_from
     np.testing.assert_array_equal(backlash.shift(stayed, one)[:, 0], states.arrival[:, 2])
 
 
+def test_a_controller_errs_by_another_amount_in_each_campaign(at, states, context):
+    grouped = replace(context, campaigns=("one", "two"))
+    (error,) = (
+        each for each in candidates(grouped) if (each.id, each.of) == ("arrival_error", "joint 3")
+    )
+    assert [p.name for p in error.reported] == ["c@one", "c@two"]
+    campaign = np.arange(len(states)) % 2
+    shift = error.shift(replace(states, campaign=campaign), np.array([2.0, 5.0]))[:, 0]
+    np.testing.assert_allclose(shift, np.where(campaign, 5.0, 2.0) * states.arrival[:, 2])
+    alone = error.shift(states, np.array([2.0, 5.0]))[:, 0]
+    np.testing.assert_allclose(alone, 2.0 * states.arrival[:, 2])
+
+
 def test_a_controller_cannot_err_where_angles_were_read_back(context):
     logged = candidates(replace(context, commanded=False))
     assert {e.id for e in candidates(context)} - {e.id for e in logged} == {"arrival_error"}

@@ -36,6 +36,7 @@ class CandidateContext:
         torques: where torques come from: `logged`, `masses`, or `none`.
         gravity_m_s2: (3,) gravity along the base's axes, or None.
         commanded: whether joint positions are those commanded, and not read back.
+        campaigns: names of the campaigns of a group; none of a single one.
     """
 
     arm: Arm
@@ -51,6 +52,7 @@ class CandidateContext:
     torques: Literal["logged", "masses", "none"] = "none"
     gravity_m_s2: Array | None = None
     commanded: bool = False
+    campaigns: tuple[str, ...] = ()
 
     @property
     def rated_Nm(self) -> Array:

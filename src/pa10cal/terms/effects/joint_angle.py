@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.terms.effects.effect import CandidateContext, JointEffect, NamedEffect, turning_joints
+from pa10cal.terms.of_campaign import of_campaign
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
@@ -66,14 +67,19 @@ class ArrivalError(JointEffect):
     Lost motion acts behind the motor, whatever its controller does, and is a joint's own. A
     controller stops where friction lets it, by another amount in each campaign, and only angles
     that were commanded and not read back hide where it stopped.
+
+    Attributes:
+        campaigns: names of the campaigns of a group, each with an amount of its own; none of one.
     """
 
+    campaigns: tuple[str, ...] = ()
     id: ClassVar[str] = "arrival_error"
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at every joint that turns, where positions are those commanded."""
-        return super().everywhere(context) if context.commanded else ()
+        joints = turning_joints(context) if context.commanded else ()
+        return tuple(cls(f"joint {joint}", context.campaigns) for joint in joints)
 
     @property
     def formula(self) -> str:
@@ -84,13 +90,16 @@ class ArrivalError(JointEffect):
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
-        """Return how far beyond its command the joint stops."""
-        return (Parameter("c", "rad", 1e-5, plausible=1e-4),)
+        """Return how far beyond its command the joint stops, in every campaign."""
+        names = [of_campaign("c", name) for name in self.campaigns] or ["c"]
+        return tuple(Parameter(name, "rad", 1e-5, plausible=1e-4) for name in names)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the direction moved, (P, 1, 1)."""
-        del x
-        return states.since_before[:, self.joint - 1, None, None]
+        """Return the direction moved, in the column of the pose's campaign, (P, 1, c)."""
+        campaign = np.zeros(len(states), int) if states.campaign is None else states.campaign
+        moved = states.since_before[:, self.joint - 1]
+        columns: Array = moved[:, None] * (campaign[:, None] == np.arange(len(x)))
+        return columns[:, None, :]
 
 
 @dataclass(frozen=True)
