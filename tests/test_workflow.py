@@ -103,6 +103,17 @@ def test_plans_a_single_result_and_what_it_stands_on(plan, tmp_path):
     assert planned(text) == {"ingest": 1, "base_frame": 1, "calibrate_one": 1, "total": 3}
 
 
+def test_plans_a_group_of_campaigns_with_the_names_of_one(plan, tmp_path):
+    groups = '{"arm": ["cell-a", "cell-null"]}'
+    wanted = [tmp_path / "out/arm" / name for name in ("report.html", "evaluation/holdout.json")]
+    code, text = plan(*wanted, campaigns='["cell-a"]', groups=groups)
+    assert code == 0, text
+    jobs = planned(text)
+    assert (jobs["ingest"], jobs["base_frame"], jobs["join"]) == (2, 3, 1)
+    assert jobs["calibrate"] == jobs["discover"] == jobs["evaluate"] == jobs["page"] == 1
+    assert "montecarlo" not in jobs
+
+
 def test_effects_of_the_verdict_are_sought_before_they_are_calibrated_with(plan, tmp_path):
     out = tmp_path / "out/cell-a/calibration"
     code, text = plan(out, calibration="{effects: named}")
@@ -118,6 +129,12 @@ def test_effects_of_the_verdict_are_sought_before_they_are_calibrated_with(plan,
         ({"montecarlo": '{"cycle": 5}'}, "unknown key montecarlo.cycle.*'cycles'"),
         ({"campaigns": "[]"}, "key campaigns does not fit"),
         ({"campaigns": '["../cell-a"]'}, "key campaigns.0 does not fit.*letters, digits"),
+        ({"groups": '{"arm": ["cell-a"]}'}, "key groups does not fit.*two or more campaigns"),
+        ({"groups": '{"arm": ["cell-a", "cell-b"]}'}, "no such campaign.*cell-b"),
+        (
+            {"campaigns": '["cell-a"]', "groups": '{"cell-null": ["cell-a", "lightcap2008"]}'},
+            "a group is called like a campaign.*cell-null",
+        ),
     ],
 )
 def test_refuses_a_wrong_configuration_in_one_message(plan, config, expected):
