@@ -41,7 +41,10 @@ def main() -> int:
         print("PA10CAL_IPA_DATA names no folder with the UR10 series")
         return 2
     raw = Path(tempfile.mkdtemp())
-    write_campaigns(import_campaigns(dataset_named("ipa-robot-accuracy"), Path(folder)), raw)
+    series = import_campaigns(
+        dataset_named("ipa-robot-accuracy"), Path(folder), max_left_out=0.05, any_version=False
+    )
+    write_campaigns(series, raw)
     campaigns = {name: pa10cal.read_campaign(raw / name) for name in NAMES}
     models = {name: pa10cal.calibrate(campaign) for name, campaign in campaigns.items()}
     found = {}

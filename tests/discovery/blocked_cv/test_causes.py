@@ -107,6 +107,14 @@ def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
     assert (member.effect.knots, member.effect.spectrum) == (360, banded.found.bands[0])
     before, after = (banded.of_time.sum(axis=0) + banded.of_angles.sum(axis=0)).tolist()
     assert after < before
+    keys = verdict_keys(replace(found, bands=banded))
+    (of_joint,) = keys.bands.maps
+    assert (of_joint.of, keys.bands.shared) == ("joint 3", True)
+    assert 0.0 < of_joint.log_std["level_rad"] < 0.5
+    assert keys.bands.of_angles.after < keys.bands.of_angles.before
+    assert 0.92 < keys.scatter.inside95_train < 0.98
+    assert len(keys.scatter.joints) == 6
+    assert set(keys.scatter.kinds) == {"position", "attitude"}
     smooth = replace(members[0], shaped=ShapedEffect(replace(effect, knots=72)))
     assert in_bands(rows, replace(rough, members=(smooth,))) is None
 
