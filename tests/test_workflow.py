@@ -265,6 +265,19 @@ def test_blind_trials_are_divided_into_jobs_and_scored_together(checkout):
     assert not (checkout.place / "results/c1").exists()
 
 
+def test_the_irb_120_is_made_up_or_taken_from_where_it_is(plan, tmp_path):
+    code, text = plan("irb120")
+    assert code == 0, text
+    jobs = planned(text)
+    assert jobs["made_up_irb120"] == jobs["import_faro_irb120"] == jobs["discover"] == 1
+    source = tmp_path / "tables"
+    source.mkdir()
+    (source / "joints.txt").write_text("0 0 0 0 0 0\n")
+    code, text = plan("irb120", dataset_sources=f"{{faro-irb120: {source}}}")
+    assert code == 0, text
+    assert "made_up_irb120" not in planned(text)
+
+
 def test_curves_are_laid_drawn_and_the_chain_is_calibrated(checkout):
     code, text = checkout("curve", config=["curve={'individuals': 1}"])
     assert code == 0, text

@@ -27,7 +27,7 @@ rule ur10:
     input:
         lambda wildcards: [
             path
-            for campaign in IMPORTED
+            for campaign in UR10
             for path in (
                 *expand(rules.discover.output.verdict, campaign=campaign),
                 *expand(rules.export.output.model, campaign=campaign),

@@ -58,6 +58,7 @@ GROUPS = {
     "for maintainers: simulations and studies": (
         "reproduce",
         "simulate",
+        "made_up_irb120",
         "coverage",
         "changes",
         "draw_trials",

@@ -55,6 +55,7 @@ FILES = {
     "general_calibration": "calibration/combined.json",
     "general": "calibration/combined.json",
     "poses": "ingest/poses.parquet",
+    "base_motion": "ingest/poses.parquet",
     "base_frame": "seed/base_frame.json",
     "planes": "montecarlo",
     "evaluation": "evaluation/holdout.json",
@@ -139,6 +140,8 @@ class Results:
             return None if need.startswith(model) else f"calibrated with the {MODELS[model]}"
         if need == "general" and not (self.folder / "calibration/general.json").exists():
             return self.lacks("general_calibration")
+        if need == "base_motion" and "motion_x_mm" not in self.poses():
+            return "no targets on the base were read"
         if need == "held_out" and not self.held_out().models:
             return "no configuration was held out"
         return None

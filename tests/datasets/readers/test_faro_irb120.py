@@ -87,3 +87,19 @@ def test_decimal_commas_are_refused(folder):
     path.write_text(path.read_text().replace(".", ","))
     with pytest.raises(RawDataError, match=r"joints\.txt:1: decimal commas where decimal points"):
         read(folder, 0.2)
+
+
+def test_reflectors_on_the_base_and_whose_data_they_are_may_be_there(folder):
+    (plain,) = read(folder, 0.2)
+    assert "the tables do not say" in plain.provenance
+    places = np.loadtxt(folder / "joints.txt")[:, :3] * 0.0 + [1.0, 2.0, 3.0]
+    places[4] = np.nan
+    for k in (1, 2):
+        np.savetxt(folder / f"base_{k}.txt", places + k, fmt="%.3f")
+    (folder / "provenance.txt").write_text("Measured in our\nlaboratory.\n")
+    (campaign,) = read(folder, 0.2)
+    assert campaign.provenance.startswith("Measured in our laboratory. Places of three")
+    assert campaign.files == (*FILES, "base_1.txt", "base_2.txt")
+    np.testing.assert_allclose(campaign.poses["base2_y_mm"].to_numpy()[:4], 4.0)
+    assert np.isnan(campaign.poses["base1_x_mm"].to_numpy()[4])
+    assert campaign.notes == plain.notes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
 import pandas as pd
 
 from pa10cal.campaign.description import CampaignDescription
@@ -59,12 +60,28 @@ def _facts(found: Gathered) -> Iterator[tuple[str, str]]:
     yield "Instrument", _instrument(found)
     if found.poses is not None:
         yield "Duration", _duration(found.poses["time_s"].dropna(), found.description)
+        if "motion_x_mm" in found.poses:
+            yield "Targets on the base", _base_motion(found.poses)
         warm = found.poses["temperature_C"].dropna()
         if len(warm):
             yield "Temperature", f"{warm.min():.1f} to {warm.max():.1f} °C"
     if (frame := found.base_frame) is not None:
         scatter = f"positions scatter by {frame.origin_scatter_mm:.3f} mm about it"
         yield "Base frame found from", f"{_FRAMES.get(frame.method, frame.method)}; {scatter}"
+
+
+def _base_motion(poses: pd.DataFrame) -> str:
+    shift, turn = (
+        np.linalg.norm(poses[[f"motion_{name}" for name in names]].to_numpy(), axis=1).max()
+        for names in (("x_mm", "y_mm", "z_mm"), ("rx_rad", "ry_rad", "rz_rad"))
+    )
+    if not shift:
+        return "stand still"
+    turned = f" and {1e3 * turn:.3f} mrad" if turn else ""
+    return (
+        f"move together by up to {shift:.3f} mm{turned} about their mean, as the instrument sees "
+        "them; taken out of all readings"
+    )
 
 
 def _duration(times_s: pd.Series, description: CampaignDescription | None) -> str:
