@@ -42,9 +42,32 @@ class PoseWeights:
         found: Array = np.sqrt(self.weight[rows])[:, None, None] * self.whitener[rows]
         return found
 
-    def widened(self, scatter: float) -> PoseWeights:
-        """Return the weights of poses that scatter so many times as much."""
-        return self if scatter == 1.0 else replace(self, whitener=self.whitener / scatter)
+    def widened(self, by: Widening) -> PoseWeights:
+        """Return the weights of poses whose components scatter otherwise than by their median."""
+        if by == AS_FOUND:
+            return self
+        scale = np.full(self.whitener.shape[1], by.attitudes)
+        scale[list(by.positions)] = 1.0
+        return replace(self, whitener=self.whitener * (scale / by.scatter)[:, None])
+
+
+@dataclass(frozen=True)
+class Widening:
+    """By how much components scatter otherwise than the median of what is left says.
+
+    Attributes:
+        scatter: of all of them, in that of the median.
+        attitudes: weight of what is no position, in that of its scatter: errors that go with the
+            pose do not average out, however many poses there are.
+        positions: columns of positions.
+    """
+
+    scatter: float = 1.0
+    attitudes: float = 1.0
+    positions: tuple[int, ...] = ()
+
+
+AS_FOUND = Widening()
 
 
 def unweighted(measured: Instrument) -> PoseWeights:

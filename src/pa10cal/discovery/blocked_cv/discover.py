@@ -48,6 +48,7 @@ from pa10cal.discovery.scatter import Scatter, scatter_of, share_inside
 from pa10cal.discovery.sensor_or_gear import JointCause
 from pa10cal.discovery.torque_noise import with_torque_noise
 from pa10cal.discovery.verdict import Finding, Plan, Verdict, reported
+from pa10cal.discovery.weights import AS_FOUND
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
@@ -153,8 +154,8 @@ class VerdictByBlocks(Verdict[Prediction]):
             else effect.starts[0]
             for effect in effects
         )
-        scatter = 1.0 if self.bands is None else self.bands.found.scatter
-        extended = refit(self.survey, effects, starts, self.extended.weights, scatter)
+        widening = AS_FOUND if self.bands is None else self.bands.widening
+        extended = refit(self.survey, effects, starts, self.extended.weights, widening)
         fitted, seen = extended.fitted(), _seen(self.survey, effects)
         anew = []
         for finding in findings:
@@ -314,8 +315,8 @@ def _found(judged: Survey, shaped: tuple[ShapedEffect, ...], error_rate: float) 
     if judged.wander is not None:
         moved = own[len(own) - len(judged.wander.sizes) :]
         judged = replace(judged, wander=replace(judged.wander, amounts=moved))
-    scatter = 1.0 if bands is None else bands.found.scatter
-    extended = refit(judged, effects, amounts, rows.weights, scatter)
+    widening = AS_FOUND if bands is None else bands.widening
+    extended = refit(judged, effects, amounts, rows.weights, widening)
     return _Found(judged, rows, searched, fine, finer_steps, bands, extended)
 
 
@@ -329,7 +330,7 @@ def _with_drift(found: _Found, drift: SlowDrift) -> _Found:
     fine = level(replace(found.rows, shaped=shaped), members)
     _, amounts = fine.fit(len(members))
     effects = tuple(each.effect for each in members)
-    scatter = 1.0 if found.bands is None else found.bands.found.scatter
+    widening = AS_FOUND if found.bands is None else found.bands.widening
     return replace(
         found,
         searched=replace(
@@ -342,7 +343,7 @@ def _with_drift(found: _Found, drift: SlowDrift) -> _Found:
         ),
         fine=fine,
         finer_steps=(*found.finer_steps, Step(members, fine.squares)),
-        extended=refit(found.survey, effects, amounts, found.rows.weights, scatter),
+        extended=refit(found.survey, effects, amounts, found.rows.weights, widening),
     )
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
+from scipy.sparse import csr_array
 
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate, standard_error
 from pa10cal.discovery.blocked_cv.products import Products, map_columns, products
-from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
+from pa10cal.discovery.blocked_cv.rows import BlockRows, Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.search import Step
 from pa10cal.discovery.blocked_cv.selection import predicted_squares, solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS
@@ -114,7 +116,7 @@ def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
         members: the members.
     """
     inside = products_of(rows, members)
-    found = level_of(inside, rows, members, np.empty(BLOCKS))
+    found = level_of(inside.summed(), rows, members, np.empty(BLOCKS))
     every = np.arange(len(found.prior))
     for b in range(BLOCKS):
         gram, projection = inside.gram[b], inside.projection[b]
@@ -123,16 +125,16 @@ def level(rows: Rows, members: tuple[Candidate, ...]) -> Level:
     return found
 
 
-def level_of(inside: Products, rows: Rows, members: tuple[Candidate, ...], squares: Array) -> Level:
+def level_of(total: Products, rows: Rows, members: tuple[Candidate, ...], squares: Array) -> Level:
     """Return members with their products.
 
     Args:
-        inside: products of each block.
+        total: products of all blocks.
         rows: of the members.
         members: the members.
         squares: (B,) squared errors of the held-out blocks.
     """
-    maps, total = _maps(members), inside.summed()
+    maps = maps_among(members)
     dense = len(total.projection) - sum(each.knots for each in maps)
     factors = [b_splines_by_knots(each.knots) @ each.prior_factor for each in maps]
     inverses = [np.linalg.inv(factor) for factor in factors]
@@ -145,23 +147,35 @@ def level_of(inside: Products, rows: Rows, members: tuple[Candidate, ...], squar
     return Level(members, squares, total, prior, at)
 
 
-def products_of(rows: Rows, members: tuple[Candidate, ...], blocks: int = BLOCKS) -> Products:
+def products_of(rows: Rows, members: tuple[Candidate, ...]) -> Products:
     """Return the products of own parameters, effects, and B-splines of maps, block by block."""
-    maps = _maps(members)
-    columns = len(rows.own) + sum(each.effect.linear for each in rows.shaped)
-    total = columns + sum(each.knots for each in maps)
-    at = [rows.joints.index(each.joint) for each in maps]
+    maps, found = maps_among(members), []
+    for b in range(BLOCKS):
+        block, splines = _columns(rows, maps, b)
+        found.append(products(block.data, block.dense, splines))
+    gram, projection, squares = zip(*found, strict=True)
+    return Products(np.stack(gram), np.stack(projection), np.array(squares))
+
+
+def products_by_kind(rows: Rows, maps: Sequence[JointErrorMap], b: int) -> tuple[Products, ...]:
+    """Return the products of one block: of its rows of positions, and of the others."""
+    block, splines = _columns(rows, maps, b)
+    found = []
+    for at in rows.kinds(len(block.data)):
+        gram, projection, squares = products(block.data[at], block.dense[at], splines[at])
+        found.append(Products(gram, projection, np.asarray(squares)))
+    return tuple(found)
+
+
+def _columns(rows: Rows, maps: Sequence[JointErrorMap], b: int) -> tuple[BlockRows, csr_array]:
+    """Return the rows of a block, and the columns of the B-splines of some maps."""
+    at, block = [rows.joints.index(each.joint) for each in maps], rows.block(b)
     knots = [each.knots for each in maps]
-    gram = np.empty((blocks, total, total))
-    projection, squares = np.empty((blocks, total)), np.empty(blocks)
-    for b in range(blocks):
-        block = rows.block(b)
-        splines = map_columns(block.screws[:, :, at], block.q_rad[:, at], knots)
-        gram[b], projection[b], squares[b] = products(block.data, block.dense, splines)
-    return Products(gram, projection, squares)
+    return block, map_columns(block.screws[:, :, at], block.q_rad[:, at], knots)
 
 
-def _maps(members: tuple[Candidate, ...]) -> list[JointErrorMap]:
+def maps_among(members: Sequence[Candidate]) -> list[JointErrorMap]:
+    """Return the maps among members, in their order."""
     return [member.effect for member in members if isinstance(member.effect, JointErrorMap)]
 
 

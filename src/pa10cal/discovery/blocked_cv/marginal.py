@@ -23,11 +23,9 @@ Array = NDArray[np.float64]
 #: Standard deviation, in logarithms, by which the numbers of a band may differ from typical
 #: ones, and by which those of a joint may differ from the arm's.
 _ANYWHERE = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 1.0])
-_OF_A_JOINT = np.array([0.7, 0.7, 0.5, 0.3, 0.4, 0.3, 0.7])
+_OF_A_JOINT = np.array([0.5, 0.4, 0.3, 0.2, 0.15, 0.2, 0.6])
 #: Numbers of a band.
 _NUMBERS = len(_ANYWHERE)
-#: Twice the log-likelihood that joints of their own must gain, for each further number (AIC).
-_FOR_A_NUMBER = 2.0
 _MOST_STEPS = 40
 #: Longest step of a logarithm, and the least damping after one that led downhill.
 _LONGEST = 1.0
@@ -89,8 +87,7 @@ def most_likely(waves: Waves) -> Bands:
     at = together.at
     start = np.concatenate([at[:_NUMBERS], np.zeros(_NUMBERS * waves.maps), at[_NUMBERS:]])
     apart = _climb(_Cost(waves, own=True), start)
-    own = together.value - apart.value > _FOR_A_NUMBER * _NUMBERS * (waves.maps - 1)
-    return _bands(waves, apart if own else together)
+    return _bands(waves, min(together, apart, key=_minus_twice_log_evidence))
 
 
 def minus_twice_log_likelihood(
@@ -203,6 +200,16 @@ def _climb(cost: _Cost, start: Array) -> _Point:
         if gained < _SETTLED:
             break
     return here
+
+
+def _minus_twice_log_evidence(point: _Point) -> float:
+    """Return minus twice the log evidence with the numbers integrated out, up to a constant.
+
+    By Laplace's approximation: numbers that the data fix far more sharply than was expected of them
+    cost what they were free to be.
+    """
+    _, volume = np.linalg.slogdet(0.5 * point.curvature[:-1, :-1])
+    return point.value + float(volume)
 
 
 def _bands(waves: Waves, point: _Point) -> Bands:

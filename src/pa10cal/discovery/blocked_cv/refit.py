@@ -13,7 +13,7 @@ from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, prod
 from pa10cal.discovery.blocked_cv.selection import no_wider_than
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes
-from pa10cal.discovery.weights import PoseWeights, pose_weights
+from pa10cal.discovery.weights import AS_FOUND, PoseWeights, Widening, pose_weights
 from pa10cal.discovery.with_effects import ModelWithEffects
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.least_squares import Bounds, Equations, Step, minimise
@@ -48,7 +48,7 @@ def refit(
     effects: tuple[Effect, ...],
     starts: tuple[Array, ...],
     weights: PoseWeights,
-    scatter: float = 1.0,
+    widening: Widening = AS_FOUND,
 ) -> Refit:
     """Fit the calibrated model with effects to all poses of a survey.
 
@@ -57,20 +57,20 @@ def refit(
         effects: what to add.
         starts: parameters of each to set out from.
         weights: what each pose counts at first.
-        scatter: of whitened rows, where it is known better than by their median.
+        widening: how components scatter, where that is known better than by their median.
     """
     fit = _Fit(survey, effects)
     baseline = survey.baseline
     x = np.concatenate([baseline.x, *starts, np.zeros(6), baseline.targets_m])
     bounds = fit.bounds
-    counts = weights.widened(scatter)
+    counts = weights.widened(widening)
 
     def reweighted(x: Array, taken: Step) -> Equations:
         nonlocal counts
         covariance = _inverse(taken.before.normal, fit.prior, ~taken.held)
         left = survey.left_by(fit.place(x))
         found = pose_weights(left, fit.dof(covariance), survey.poses.measured)
-        counts = found.widened(scatter)
+        counts = found.widened(widening)
         return fit.equations(x, counts)
 
     def arrived(_: Array, taken: Step) -> bool:

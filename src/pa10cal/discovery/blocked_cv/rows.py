@@ -153,7 +153,7 @@ class Rows:
         for b in range(BLOCKS):
             rows = self.block(b)
             maps = rows.maps([self.knots] * len(self.joints))
-            for kind, at in enumerate(self._kinds(len(rows.data))):
+            for kind, at in enumerate(self.kinds(len(rows.data))):
                 of_splines, with_data, squares[kind, b] = products(
                     rows.data[at], rows.dense[at], maps[at]
                 )
@@ -215,7 +215,7 @@ class Rows:
             for effect, columns in zip(effects, found, strict=True)
         ]
 
-    def _kinds(self, count: int) -> tuple[Index, Index]:
+    def kinds(self, count: int) -> tuple[Index, Index]:
         """Return which of so many rows are of positions, and which of attitudes."""
         measured = self.survey.poses.measured
         components = measured.components_seen.shape[1]
