@@ -28,10 +28,10 @@ Array = NDArray[np.float64]
 #: Angles of a turn at which errors are compared.
 ANGLES_RAD = np.radians(np.arange(360.0))
 #: An angle was visited by a campaign with so many poses within so much of it.
-_LEAST_POSES, _WITHIN_RAD = 2, np.radians(1.5)
+_LEAST_POSES, _WITHIN_RAD = 10, np.radians(1.5)
 #: Arc that is left out at a time, and arcs without which no interval is given.
-_ARC_RAD = np.radians(15.0)
-_LEAST_ARCS = 4
+_ARC_RAD = np.radians(7.5)
+_LEAST_ARCS = 3
 #: Correlations are kept from one, where their transform has no end.
 _MOST = 1.0 - 1e-9
 _HALF_WIDTH_95 = 1.96

@@ -19,7 +19,7 @@ PICTURE = Picture(
 The errors by joint angles that discovery found in ``{name}``, fitted to each campaign alone and
 compared over the angles that two campaigns both visited, each less its mean there. Left: their
 correlation; right: the slope of the second by the first, both uncertain alike; with 95 %
-intervals by leaving out arcs of 15°. Written beside: root mean square of both and of what they
+intervals by leaving out arcs of 7.5°. Written beside: root mean square of both and of what they
 differ by, and the part of the turn that both visited. A correlation and a slope near one show
 that the error belongs to the robot, and not to one set-up.
 """,
@@ -28,7 +28,7 @@ that the error belongs to the robot, and not to one set-up.
 Array = NDArray[np.float64]
 Compared = tuple[str, CampaignsAgree]
 
-_ROW_MM, _BELOW_MM, _ABOVE_MM = 7.0, 16.0, 12.0
+_ROW_MM, _BELOW_MM, _ABOVE_MM = 7.0, 21.0, 12.0
 
 
 def draw(results: Results) -> Figure:
@@ -59,7 +59,7 @@ def draw(results: Results) -> Figure:
             _beside(pair), (1.03, row), xycoords=("axes fraction", "data"), va="center", fontsize=6
         )
     write_text_at(
-        figure, 2.0, 4.0, "Beside: rms of both / of the difference [mrad]; turn both visited.",
+        figure, 2.0, 6.5, "Beside: rms of both / of the difference [mrad]; turn both visited.",
         color=GREY,
     )  # fmt: skip
     return figure
