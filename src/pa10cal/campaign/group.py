@@ -169,7 +169,9 @@ def start_by_nominal(member: MemberRead) -> Start:
 def _described(name: str, members: Sequence[CampaignDescription]) -> GroupDescription:
     first = {key: getattr(members[0], key) for key in CampaignDescription.model_fields}
     provenance = "; ".join(dict.fromkeys(member.provenance for member in members))
+    commanded = all(member.joints == "commanded" for member in members)
     own = {"name": name, "provenance": provenance, "members": tuple(members)}
+    own["joints"] = "commanded" if commanded else "logged"
     return GroupDescription(**first | {"holdout": None, "columns": None} | own)
 
 

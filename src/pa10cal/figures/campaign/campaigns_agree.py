@@ -19,9 +19,9 @@ PICTURE = Picture(
 The errors by joint angles that discovery found in ``{name}``, fitted to each campaign alone and
 compared over the angles that two campaigns both visited, each less its mean there. Left: their
 correlation; right: the slope of the second by the first, both uncertain alike; with 95 %
-intervals by leaving out arcs of 7.5°. Written beside: root mean square of both and of what they
-differ by, and the part of the turn that both visited. A correlation and a slope near one show
-that the error belongs to the robot, and not to one set-up.
+intervals. Written beside: root mean square of both and of what they differ by, and the part of
+the turn that both visited. A correlation and a slope near one show that the error belongs to the
+robot, and not to one set-up.
 """,
 )
 
