@@ -7,8 +7,10 @@ from pathlib import Path
 
 from made_up_records import effect, made_up_gap, names, verdict_keys
 from pa10cal.commands.command_line import run_command
+from pa10cal.results.accuracy import EffectParameter
 from pa10cal.results.codec import write
 from pa10cal.results.discovery import Fault, VerdictRecord
+from pa10cal.results.proposed import ProposedEvidence, ProposedFormula
 
 NAME = "small"
 PLAN = {"robot": "ur10", "without_touches": {"instrument": "pose", "poses": 40}}
@@ -47,6 +49,25 @@ def small_results(place: Path) -> Path:
     return folder
 
 
+#: A formula for what has no name.
+PROPOSED = ProposedFormula(
+    formula="theta_3 += h s_3 |tau_3|",
+    of="joint 3",
+    form="arrival_by_torque",
+    numbers=(),
+    parameters={"h": EffectParameter(value=2.7e-6, std=4e-8, unit="rad/(N m)")},
+    gain=0.9,
+    does_as_well_as=names(("direction_map", "joint 3")),
+    others=(),
+    evidence=ProposedEvidence(
+        blocks=9,
+        rows=2916,
+        squared_error_without=130790.0,
+        squared_error_with=2774.0,
+        squared_error_held=2791.0,
+        gain_std=0.01,
+    ),
+)
 #: What discovery may say, by the word of the verdict.
 _EFFECT = effect("encoder_eccentricity", "joint 2", ECCENTRIC)
 VERDICTS = {
@@ -55,7 +76,9 @@ VERDICTS = {
     "ambiguous": verdict_keys(
         "ambiguous", (effect("encoder_eccentricity", "joint 2", ECCENTRIC, [RIVAL]),)
     ),
-    "unexplained": verdict_keys("unexplained", (), places=("joint 3", None)),
+    "unexplained": verdict_keys("unexplained", (), places=("joint 3", None)).model_copy(
+        update={"proposed": (PROPOSED,)}
+    ),
     "check_the_log": verdict_keys("check_the_log", (_EFFECT,)).model_copy(
         update={
             "faults": (

@@ -123,6 +123,7 @@ def test_says_every_verdict_in_a_plain_sentence(judged, page):
     assert found.text.count(LEADS[word]) == 2  # at the top, and in its section
     if word == "check_the_log":
         assert "negate q3_deg" in found.text
+    assert ("theta_3 += h s_3 |tau_3|" in found.text) is (word == "unexplained")
     if word in ("named", "ambiguous"):
         assert "A = (0.400 ± 0.039) mrad; phi = (0.770 ± 0.078) rad" in found.text
     if word == "not_sought":

@@ -10,6 +10,7 @@ from pa10cal.discovery.formulas.choose import choose
 from pa10cal.discovery.formulas.propose import with_proposals
 from pa10cal.discovery.formulas.record import proposed_formula
 from pa10cal.discovery.formulas.rows import Arena, Contest
+from pa10cal.discovery.records import summary, verdict_keys
 from pa10cal.terms.forms.of_joints import AngleForm
 
 
@@ -104,6 +105,8 @@ def test_a_lag_that_goes_with_the_torque_comes_back_as_its_formula():
     (value,), (std,) = formula.x, np.sqrt(np.diag(formula.covariance))
     assert abs(value - 4e-6) < 4.0 * std
     assert found.proposed == ()  # the verdict it was made of stays as it was
+    (line,) = (each for each in summary(verdict_keys(with_proposals(found))) if "proposed" in each)
+    assert line.startswith("  proposed for joint 2, no name: theta_2 += h s_2 |tau_2|, h = ")
 
 
 def test_nothing_is_proposed_where_nothing_is_missing_or_all_has_a_name(null, wave, eccentric):

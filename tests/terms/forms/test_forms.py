@@ -8,6 +8,7 @@ import pytest
 from pa10cal.arm.state import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.forms.elsewhere import ReadingForm
 from pa10cal.terms.forms.library import forms_at, further
 from pa10cal.terms.forms.of_joints import AngleForm
 
@@ -123,6 +124,14 @@ def test_the_formula_is_what_the_form_adds(states):
         other.shift(states, np.array([1.0, 0.0, 0.0, 2.0]))[:, 0],
         np.sin(3.0 * q) + 2.0 * np.cos(5.0 * q),
     )
+
+
+def test_formulas_are_written_as_a_reader_writes_them():
+    assert AngleForm("joint 2", "harmonic", (1.0,)).formula == "theta_2 += A sin(q_2 + phi)"
+    bow = ReadingForm("instrument", "cubic", (2.0, 1.0), (0.4, -0.1671, 0.6))
+    assert bow.formula == "reading of z += c3 u^3 + c2 u^2 + c1 u, u = y + 0.1671 m"
+    twist = ReadingForm("instrument", "product", (0, 1, 2), (0.4, 0.5, 0.6))
+    assert twist.formula == "reading of x += c (y - 0.5 m) (z - 0.6 m)"
 
 
 def test_nothing_is_tried_that_was_not_logged_or_has_no_place(states, context):

@@ -154,7 +154,7 @@ class ReadingForm(Form):
             ("axis", "along"),
         ),
         "cubic": Shape(
-            "reading of {a} += c3 u^3 + c2 u^2 + c1 u, u = {b} - {b0:.4g} m",
+            "reading of {a} += c3 u^3 + c2 u^2 + c1 u, u = {b} {b0} m",
             lambda *_: (),
             (
                 size("c3", "1/m²", _READING_M / _FROM_MIDDLE_M**3),
@@ -164,13 +164,13 @@ class ReadingForm(Form):
             ("axis", "along"),
         ),
         "product": Shape(
-            "reading of {a} += c ({b} - {b0:.4g} m) ({c} - {c0:.4g} m)",
+            "reading of {a} += c ({b} {b0} m) ({c} {c0} m)",
             lambda *_: (),
             (size("c", "1/m", _READING_M / _FROM_MIDDLE_M**2),),
             ("axis", "along", "along"),
         ),
         "wave": Shape(
-            "reading of {a} += A sin(2 pi ({b} - {b0:.4g} m) / ({2:.4g} m) + phi)",
+            "reading of {a} += A sin(2 pi ({b} {b0} m) / ({2:.4g} m) + phi)",
             lambda *_: (),
             (size("s", "m", _READING_M), size("c", "m", _READING_M)),
             ("axis", "along", "period"),
@@ -195,7 +195,10 @@ class ReadingForm(Form):
         axes = [int(number) for number in self.numbers[1:3]]
         middle = [self.middle_instr_m[k % 3] for k in axes]
         names = {key: "xyz"[k % 3] for key, k in zip("bc", axes, strict=False)}
-        at = {f"{key}0": value for key, value in zip("bc", middle, strict=False)}
+        at = {
+            f"{key}0": f"{'-' if value >= 0.0 else '+'} {abs(value):.4g}"
+            for key, value in zip("bc", middle, strict=False)
+        }
         a = "xyz"[int(self.numbers[0])]
         return self.shape.words.format(*self.numbers, a=a, **names, **at)
 

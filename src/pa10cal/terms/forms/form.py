@@ -109,7 +109,8 @@ class Form(NamedEffect):
     @property
     def formula(self) -> str:
         """Return the form in words a reader can type."""
-        return self.shape.words.format(*self.numbers, j=self.joint)
+        words = self.shape.words.format(*self.numbers, j=self.joint)
+        return words.replace("(1 q_", "(q_")
 
     @property
     def prior_factor(self) -> Array:
