@@ -27,6 +27,7 @@ from pa10cal.discovery.with_effects import ModelWithEffects
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FallBack, FittedModel
 from pa10cal.terms.effects.effect import CandidateContext, Effect
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.faults.log_fault import LogFault
 
 Array = NDArray[np.float64]
@@ -197,8 +198,8 @@ class Verdict(ABC, Generic[P_co]):
 
     @property
     def without_name(self) -> tuple[Effect, ...]:
-        """Return the maps found and the rivals that the search held."""
-        return tuple(each.effect for each in self.effects if each.id == MAP)
+        """Return the maps found, whatever made them, and the rivals that the search held."""
+        return tuple(e.effect for e in self.effects if isinstance(e.effect, JointErrorMap))
 
     @property
     def everything(self) -> tuple[Effect, ...]:
