@@ -47,7 +47,7 @@ def made_up_arena(values, poses=200, seed=5, held=None):
 
     of_map = 30.0 * np.concatenate(columns_of([harmonic(k) for k in range(1, 7)]), 1) / 100.0
     contest = Contest(data, np.ones((poses, 1)), np.arange(poses) % 10)
-    return Arena(contest, of_map if held is None else held, columns_of, poses, None)
+    return Arena(contest, of_map if held is None else held, columns_of, states, None)
 
 
 def harmonic(order):

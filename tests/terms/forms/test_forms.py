@@ -18,8 +18,10 @@ POSES = 40
 @pytest.fixture(scope="module")
 def states():
     rng = np.random.default_rng(3)
+    q_rad = rng.uniform(-2.0, 2.0, (POSES, 6))
+    q_rad[:, 1] = rng.permutation(np.linspace(-3.0, 3.0, POSES))
     return PoseStates(
-        q_rad=rng.uniform(-2.0, 2.0, (POSES, 6)),
+        q_rad=q_rad,
         tau_Nm=rng.uniform(-50.0, 50.0, (POSES, 6)),
         arrival=rng.choice([-1.0, 1.0], (POSES, 6)),
         load_N=np.zeros(POSES),
@@ -62,7 +64,7 @@ def kinds(states, context):
         for place in ("joint 2", "base", "instrument")
         for form in forms_at(place, context, states)
     ]
-    forms += further(forms)
+    forms += further(forms, states)
     return list({(type(form), form.form): form for form in forms}.values())
 
 
@@ -119,11 +121,21 @@ def test_the_formula_is_what_the_form_adds(states):
     np.testing.assert_allclose(added("torque_cubed", (), [2.0]), -2.0 * tau**3)
     turns = 15.0 * q / (2.0 * np.pi) - 0.3
     np.testing.assert_allclose(added("sawtooth", (15.0, 0.3), [1.0]), 2.0 * (turns % 1.0) - 1.0)
-    *_, other = further([AngleForm("joint 2", "harmonic", (k,)) for k in (3.0, 5.0)])
+    orders = [AngleForm("joint 2", "harmonic", (k,)) for k in (3.0, 5.0)]
+    *_, other = further(orders, states)
     np.testing.assert_allclose(
         other.shift(states, np.array([1.0, 0.0, 0.0, 2.0]))[:, 0],
         np.sin(3.0 * q) + 2.0 * np.cos(5.0 * q),
     )
+
+
+def test_two_orders_are_tried_of_a_joint_seen_all_around(states):
+    orders = [AngleForm("joint 2", "harmonic", (k,)) for k in (3.0, 5.0)]
+    part = replace(states, q_rad=0.5 * states.q_rad)
+    for seen, tried in ((states, True), (part, False)):
+        kinds = {form.form for form in further(orders, seen)}
+        assert kinds >= {"sawtooth", "square"}
+        assert ("two_harmonics" in kinds) is tried
 
 
 def test_formulas_are_written_as_a_reader_writes_them():

@@ -93,6 +93,6 @@ def arena_by_blocks(
         Contest(data, own_columns, np.repeat(survey.block[rows], components)[seen]),
         np.concatenate(of_held, axis=1) if of_held else None,
         columns_of,
-        len(rows),
+        chosen.states,
         noise,
     )

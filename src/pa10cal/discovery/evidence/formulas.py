@@ -50,7 +50,7 @@ def arena_by_repeats(verdict: VerdictByRepeats, held: Sequence[Effect]) -> Arena
         Contest(rows.data, np.delete(rows.own, of_held, axis=1), (pose % _FOLDS)[rows.cell]),
         rows.own[:, of_held] if held else None,
         columns_of,
-        len(problem.cells),
+        problem.cells.states,
         None,
     )
 

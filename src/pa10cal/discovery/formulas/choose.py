@@ -157,7 +157,7 @@ def choose(
         return None
     judge = _Judge.of(arena, 2.0 * float(np.log(len(forms) / error_rate)))
     tried = judge.all_of(forms)
-    tried += judge.all_of(further([each.form for each in _ranked(tried)]))
+    tried += judge.all_of(further([each.form for each in _ranked(tried)], arena.states))
     for _ in range(_ROUNDS):
         tried += judge.all_of(_closer(tried))
     if whole is not None:

@@ -5,21 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pa10cal.discovery.formulas.choose import Proposal
 from pa10cal.discovery.gates import unfit
 from pa10cal.discovery.harm import harmless
 from pa10cal.discovery.verdict import MAP, Finding, Verdict
 from pa10cal.terms.effects.effect import joint_of
 from pa10cal.terms.effects.periodic_error import PeriodicError
+from pa10cal.terms.forms.library import all_around
 
 V = TypeVar("V", bound=Verdict[object])
-Array = NDArray[np.float64]
 
-#: Widest stretch of a turn without a pose over which orders are still told apart [rad].
-WIDEST_GAP_RAD = np.pi / 4.0
 #: Orders up to here have names of their own; so have those this near to twice the gear ratio.
 NAMED_ORDERS, NEAR_ORDER = 2, 0.5
 
@@ -60,10 +55,3 @@ def _named(found: V, proposal: Proposal) -> V | None:
     tried = beside.with_findings([named if each is of_map else each for each in findings])
     now = next(each for each in tried.findings if each.effect == line)
     return None if any(unfit(now, tried.model)) else harmless(tried)
-
-
-def all_around(q_rad: Array) -> bool:
-    """Return whether angles (P,) of a joint are nearly everywhere in its turn."""
-    angles = np.sort(np.mod(q_rad, 2.0 * np.pi))
-    gaps = np.diff(np.append(angles, angles[0] + 2.0 * np.pi))
-    return bool(gaps.max() <= WIDEST_GAP_RAD)

@@ -69,6 +69,6 @@ def _chosen(found: Verdict[object], held: tuple[Effect, ...], forms: list[Form])
     if not forms or sum(effect.linear for effect in held) > _MOST_HELD:
         return None
     few = found.arena(held, _FEW_POSES)
-    many = few.poses < len(found.states)
+    many = len(few.states) < len(found.states)
     whole = partial(found.arena, held) if many else None
     return choose(few, forms, held, found.error_rate, whole)

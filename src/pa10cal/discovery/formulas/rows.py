@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from pa10cal.arm.state import PoseStates
 from pa10cal.terms.forms.form import Form
 
 Array = NDArray[np.float64]
@@ -122,7 +123,7 @@ class Arena:
         held: (R, h) columns of the maps and rivals in question, in the size expected of them; None
             where there are none.
         columns_of: gives the columns (R, k) of forms, in their size.
-        poses: how many poses its rows are of.
+        states: of the poses that its rows are of.
         noise: squared error of all rows that noise alone would leave; None where rows are weighed
             by that noise.
     """
@@ -130,7 +131,7 @@ class Arena:
     contest: Contest
     held: Array | None
     columns_of: Callable[[Sequence[Form]], list[Array]]
-    poses: int
+    states: PoseStates
     noise: float | None
 
 

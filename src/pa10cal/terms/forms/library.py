@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 _FEWEST_CYCLES, _MOST_CYCLES = 12, 360
 #: Orders of a joint that suggest teeth and second orders, and places within a tooth that are tried.
 _SUGGESTING, _STARTS = 10, 12
+#: Widest stretch of a turn without a pose over which orders are still told apart [rad].
+WIDEST_GAP_RAD = np.pi / 4.0
 #: Cycles a turn of what goes with something else as well.
 _FEW_CYCLES = (1, 2, 3, 4)
 _THRESHOLDS, _BOTH_SIDES = 10, (0.17, 0.83)
@@ -93,14 +95,16 @@ def _of_joint(place: str, context: CandidateContext, states: PoseStates) -> Iter
         yield PullForm(place, "pull_below", (at,))
 
 
-def further(forms: Sequence[Form]) -> list[Form]:
+def further(forms: Sequence[Form], states: PoseStates) -> list[Form]:
     """Return the forms that the best single orders of each joint suggest.
 
-    Teeth as many as the cycles of an order that helps, which is most of their error, and two
-    orders: the best with each of the next.
+    Teeth as many as the cycles of an order that helps, which is most of their error; and two
+    orders, the best with each of the next, of a joint that was seen all around: over part of a
+    turn two orders follow any smooth error.
 
     Args:
         forms: what was tried, the best first.
+        states: of the poses.
     """
     found: list[Form] = []
     single = [form for form in forms if form.form == "harmonic"]
@@ -110,8 +114,16 @@ def further(forms: Sequence[Form]) -> list[Form]:
             found.append(AngleForm(place, "sawtooth", (order, float(start))))
             if start <= 0.5:
                 found.append(AngleForm(place, "square", (order, float(start))))
-        found += [AngleForm(place, "two_harmonics", (*first, *other)) for other in others]
+        if all_around(states.q_rad[:, joint_of(place) - 1]):
+            found += [AngleForm(place, "two_harmonics", (*first, *other)) for other in others]
     return found
+
+
+def all_around(q_rad: Array) -> bool:
+    """Return whether angles (P,) of a joint are nearly everywhere in its turn."""
+    angles = np.sort(np.mod(q_rad, 2.0 * np.pi))
+    gaps = np.diff(np.append(angles, angles[0] + 2.0 * np.pi))
+    return bool(gaps.max() <= WIDEST_GAP_RAD)
 
 
 def _of_base(context: CandidateContext, states: PoseStates) -> Iterator[Form]:
