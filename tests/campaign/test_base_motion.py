@@ -3,7 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
+from pa10cal.calibration.general.start import find_start
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.table import read_base_motion, read_observations, write_pose_table
 from pa10cal.cell.campaign import simulate_campaign
@@ -12,6 +14,7 @@ from pa10cal.cell.write import write_campaign
 from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.pose_error import cross_matrix
+from pa10cal.observe.group import Member, join
 from pa10cal.settings_reading import parse_section
 
 WALK = ({"id": "random_walk", "parameters": {"size_mm": 0.05, "turn_mrad": 0.01}},)
@@ -180,3 +183,51 @@ def test_a_name_on_the_tool_and_on_the_base_is_refused(tmp_path):
     path.write_text(path.read_text().replace("T1:", "base1:"))
     with pytest.raises(RawDataError, match="base1 is both on the tool and on the base"):
         read_campaign(raw)
+
+
+def test_a_file_with_names_of_its_own_maps_them_as_targets(tmp_path):
+    raw = written(tmp_path / "c")
+    known = read_campaign(raw).observations
+    path = raw / "campaign.yaml"
+    spoil(raw, lambda table: table.rename(columns=lambda name: name.replace("base", "SMR")))
+    said = yaml.safe_load(path.read_text())
+
+    def place(name):
+        return {"names": [f"{name}_{axis}_mm" for axis in "xyz"]}
+
+    said["columns"] = {
+        "poses": {
+            "time": {"names": "time_s"},
+            "kind": {"names": "kind"},
+            "pose": "pose",
+            "repeat": "repeat",
+            "joints": {"names": [f"q{j}_deg" for j in range(1, 7)]},
+            "targets": {
+                **{f"T{k}": place(f"T{k}") for k in (1, 2, 3)},
+                **{f"base{k}": place(f"SMR{k}") for k in (1, 2, 3)},
+            },
+        }
+    }
+    path.write_text(yaml.safe_dump(said))
+    found = read_campaign(raw).observations
+    np.testing.assert_allclose(found.base.motion, known.base.motion, atol=1e-9)
+    said["columns"]["poses"]["targets"]["base3"] = place("SMR1")
+    path.write_text(yaml.safe_dump(said))
+    with pytest.raises(RawDataError, match="base1 and base3 are the same target"):
+        read_campaign(raw)
+
+
+def test_a_group_keeps_what_the_motion_is_uncertain_by(tmp_path):
+    first, second = (
+        read_campaign(written(tmp_path / name, seed=seed)) for name, seed in (("a", 3), ("b", 4))
+    )
+    members = [
+        Member(name, each.observations, find_start(each.arm, each.observations))
+        for name, each in (("a", first), ("b", second))
+    ]
+    together = join(members)
+    here = together.states.campaign == 1
+    cov = together.measured.take(np.flatnonzero(here)).stated_covariance
+    own = second.observations.measured.stated_covariance
+    traces = (np.trace(each[:, -9:, -9:], axis1=1, axis2=2) for each in (cov, own))
+    np.testing.assert_allclose(*traces, rtol=1e-6)
