@@ -60,6 +60,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
 def test_where_both_err_none_is_named():
     (found,) = witnesses([[series("both", poses=4000)]], np.array([101.0]))
     assert found.cause is None
+    assert found.likely is not None
     assert found.excludes_gear
     assert found.excludes_sensor
 

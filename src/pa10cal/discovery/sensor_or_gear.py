@@ -70,6 +70,16 @@ class Witness:
         return self.interval95[1] < 1.0 and self.gain_over_one_nats > LEAST_NATS
 
     @property
+    def likely(self) -> Cause | None:
+        """Return whose error most of it is; None where the ripple does not decide.
+
+        Where the motor followed a part of the error, both err, and the ripple has decided that.
+        """
+        if self.excludes_gear and self.excludes_sensor:
+            return "sensor" if self.alpha > 0.5 else "gear"
+        return self.cause
+
+    @property
     def cause(self) -> Cause | None:
         """Return whose error it is; None where the ripple does not decide, or where both err."""
         low, high = self.interval95

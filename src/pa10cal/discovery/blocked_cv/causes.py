@@ -28,8 +28,8 @@ _NAMES: Mapping[str, type[JointErrorMap]] = {"sensor": SensorError, "gear": Gear
 def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
     """Return a verdict in which maps bear the name of their cause, where that is known.
 
-    Where the ripple is heard and does not decide, or campaigns and turns do not show that the error
-    is the joint's own, a map is ambiguous between sensor and gear. So is, without a ripple, a map
+    Where by the ripple both err, or campaigns and turns do not show that the error is the joint's
+    own, a map is ambiguous between sensor and gear. So is, without a ripple, a map
     of a broad band on which campaigns or turns agree, and one that was named already. Any other map
     of a joint whose motor shows no ripple stays a map.
     """
@@ -40,12 +40,12 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
         if not isinstance(effect, JointErrorMap):
             continue
         cause = causes[effect.joint]
-        heard = cause.witness is not None and cause.witness.cause is not None
+        heard = None if cause.witness is None else cause.witness.likely
         agreed = cause.agreement is not None and cause.agreement.holds
         own = agreed and isinstance(effect.spectrum, Band)
         if cause.cause is None and not (heard or own) and effect.id == JointErrorMap.id:
             continue
-        likely = cause.cause or (cause.witness and cause.witness.cause) or "sensor"
+        likely = cause.cause or heard or "sensor"
         form = (effect.of, effect.knots, effect.spectrum)
         names[effect] = _NAMES[likely](*form)
         others = [kind(*form) for name, kind in _NAMES.items() if name != likely]
