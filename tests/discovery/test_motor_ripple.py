@@ -107,6 +107,7 @@ def test_a_line_that_shows_where_the_joint_stood_still_is_none_of_the_motor():
     left = joint.left_rad + 30e-6 * np.cos(np.outer(joint.q_rad, every)).sum(axis=1)
     divided = JointSeries(joint.q_rad, left, joint.weight, joint.error_rad, 0 * left, joint.moved)
     assert witnesses([[divided]], np.array([np.nan])) == (None,)
+    assert witnesses([[divided]], np.array([100.0])) == (None,)
 
 
 def test_lines_of_chance_have_no_common_divisor():

@@ -130,15 +130,17 @@ def witnesses(
     for joint in joints:
         there = [each.where(each.moved) for each in joint]
         moved.append([each for each in there if len(each) >= LEAST_POSES])
-        stood = [each.where(~each.moved) for each in joint]
         own = lines(moved[-1], None, searched) if moved[-1] else []
-        found.append([line for line in own if not _stands(line, stood, len(own))])
+        found.append(_of_motor(own, joint))
     common = common_ratio([line for own in found for line in own])
-    said = []
+    said: list[Witness | None] = []
     for k, series in enumerate(moved):
         ratio = _agreed(common or common_ratio(found[k]), float(stated_ratio[k]))
-        known = bool(series) and ratio is not None
-        said.append(_witness(k + 1, series, ratio or 0.0, searched) if known else None)
+        if not series or ratio is None:
+            said.append(None)
+            continue
+        own = _of_motor(lines(series, ratio, searched), joints[k])
+        said.append(_witness(k + 1, series, ratio, own))
     return tuple(said)
 
 
@@ -205,21 +207,27 @@ def _agreed(found: float | None, stated: float) -> float | None:
     return stated if abs(times - round(times)) < _COMMENSURATE * times else found
 
 
-def _stands(line: Line, stood: Sequence[JointSeries], lines_: int) -> bool:
-    """Return whether a line shows where the joint did not move as well: it is not the motor's."""
+def _of_motor(found: Sequence[Line], joint: Sequence[JointSeries]) -> list[Line]:
+    """Return the lines that do not show where the joint did not move: else they are a sensor's."""
+    stood = [each.where(~each.moved) for each in joint]
     stood = [each for each in stood if len(each) >= LEAST_POSES]
-    if not stood:
-        return False
-    near = round(line.order * _TURNS) + np.arange(-1, 2)
-    nats = float(_spectrum(stood, 0.0)[near].max())
-    return nats > float(np.log(len(near) * lines_ / FALSE_RATE))
+    if not stood or not found:
+        return list(found)
+    nats = _spectrum(stood, 0.0)
+    least = float(np.log(3 * len(found) / FALSE_RATE))
+
+    def stands(line: Line) -> bool:
+        at = round(line.order * _TURNS)
+        return float(nats[at - 1 : at + 2].max()) > least
+
+    return [line for line in found if not stands(line)]
 
 
 def _witness(
-    joint: int, series: Sequence[JointSeries], ratio: float, joints: int
+    joint: int, series: Sequence[JointSeries], ratio: float, lines_: Sequence[Line]
 ) -> Witness | None:
     """Return what a joint's lines at multiples of a ratio say; None where it has none."""
-    found = sorted(lines(series, ratio, joints), key=lambda line: line.order)
+    found = sorted(lines_, key=lambda line: line.order)
     orders = [line.order for line in found]
     error_rad = max(float(np.std(each.error_rad)) for each in series)
     if not orders or orders[-1] * error_rad < _LEAST_TURN_RAD:
