@@ -1,8 +1,8 @@
 # Targets for a newcomer: reproduce, test. The rest: setup, figures, report, docs, test-browser, check, bench, peers,
-# urdfs, commanded, plan, clean, and for maintainers: lock, schema.
+# urdfs, commanded, plan, fleet, clean, and for maintainers: lock, schema.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup reproduce figures report docs test test-browser check bench peers urdfs commanded plan clean lock schema
+.PHONY: help setup reproduce figures report docs test test-browser check bench peers urdfs commanded plan fleet clean lock schema
 
 PYTHON ?= python3
 CORES ?= 2
@@ -23,6 +23,7 @@ help:
 	@echo "make urdfs       real URDFs imported, exported, loaded back: benchmarks/urdfs.md (235 MB, once)"
 	@echo "make commanded   simulated robots sent through their models: benchmarks/commanded.md"
 	@echo "make plan        planned poses against the paper's grid, simulated: benchmarks/plan.md"
+	@echo "make fleet       time and memory of many campaigns: benchmarks/fleet.md"
 	@echo "make clean       remove results/ (make setup builds .venv; make lock, make schema: maintainers)"
 
 setup: .venv/.complete
@@ -83,6 +84,10 @@ commanded: setup
 
 plan: setup
 	$(BIN)/python -m benchmarks.plan
+
+# Half an hour.
+fleet: setup
+	$(BIN)/python -m benchmarks.fleet
 
 clean:
 	rm -rf results
