@@ -15,6 +15,8 @@ report: "workflow/report/workflow.rst"
 # Campaigns that the workflow itself makes, of public data sets, and their files of readings.
 UR10 = {"ur10-a": "measurements_grid.csv", "ur10-c": "measurements_random_poses.csv"}
 IMPORTED = {**UR10, "irb120": "poses.csv.gz"}
+# One robot of them in several campaigns.
+IMPORTED_GROUPS = {"ur10": tuple(UR10)}
 
 
 include: "workflow/rules/common.smk"

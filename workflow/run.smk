@@ -6,6 +6,7 @@ configfile: f"{workflow.basedir}/../config.yaml"
 
 # The campaigns that are run are the reader's own, whatever their names.
 IMPORTED = {}
+IMPORTED_GROUPS = {}
 
 
 include: "rules/common.smk"

@@ -62,6 +62,12 @@ for group in SETTINGS.groups:
         refuse(group_like_campaign(SETTINGS.raw_dir, group))
 # Campaigns and groups, whose results have the same names.
 EVERY = (*SETTINGS.campaigns, *SETTINGS.groups)
+# Those of the public data sets too, but where a campaign has the name.
+GROUPS = {
+    name: members
+    for name, members in {**IMPORTED_GROUPS, **SETTINGS.groups}.items()
+    if name not in SETTINGS.campaigns and not Path(SETTINGS.raw_dir, name).exists()
+}
 
 if workflow.is_main_process:
     end_with_parents()
@@ -113,7 +119,7 @@ def one_of(names):
 
 
 # Those whose raw files are read, and not joined of others.
-NO_GROUP = rf"(?!(?:{one_of(SETTINGS.groups)})(?:/|$))[^/]+"
+NO_GROUP = rf"(?!(?:{one_of(GROUPS)})(?:/|$))[^/]+"
 
 
 # What campaigns are not called: the folders of studies stand beside theirs.
@@ -132,7 +138,7 @@ def result(name):
 
 def description_of(wildcards):
     """The description of a campaign; of a group the one that is joined of those of its campaigns."""
-    if wildcards.campaign in SETTINGS.groups:
+    if wildcards.campaign in GROUPS:
         return result("ingest/campaign.yaml").format(campaign=wildcards.campaign)
     return raw("campaign.yaml").format(campaign=wildcards.campaign)
 
@@ -140,7 +146,7 @@ def description_of(wildcards):
 def members_of(pattern):
     """The function that gives a file of every campaign of a group."""
     return lambda wildcards: [
-        pattern.format(campaign=campaign) for campaign in SETTINGS.groups[wildcards.campaign]
+        pattern.format(campaign=campaign) for campaign in GROUPS[wildcards.campaign]
     ]
 
 
@@ -169,7 +175,7 @@ def sections_of(*sections):
 
 
 def campaign_folder(wildcards):
-    if wildcards.campaign in SETTINGS.groups:
+    if wildcards.campaign in GROUPS:
         return os.path.dirname(description_of(wildcards))
     return os.path.join(os.path.normpath(SETTINGS.raw_dir), wildcards.campaign)
 
@@ -186,8 +192,8 @@ def logs_of_campaign(wildcards):
 
 def arm_of_campaign(wildcards):
     """The campaign's own description of its robot; a shipped one is part of the code."""
-    if wildcards.campaign in SETTINGS.groups:
-        folders = [Path(SETTINGS.raw_dir, name) for name in SETTINGS.groups[wildcards.campaign]]
+    if wildcards.campaign in GROUPS:
+        folders = [Path(SETTINGS.raw_dir, name) for name in GROUPS[wildcards.campaign]]
         return [path for folder in folders for path in arm_files(folder)]
     return arm_files(Path(campaign_folder(wildcards)))
 
@@ -229,7 +235,7 @@ def evaluated_calibration(wildcards, input):
 
 def by_general_model(campaign):
     """Whether the load cases of a campaign are worked out with the general model."""
-    if campaign in IMPORTED or campaign in SETTINGS.groups:
+    if campaign in IMPORTED or campaign in GROUPS:
         return True
     return planned_by_general_model(
         SETTINGS.calibration.model, instrument_kind(Path(SETTINGS.raw_dir, campaign))
@@ -238,9 +244,7 @@ def by_general_model(campaign):
 
 def every(results_of):
     """The results that a function of the campaign names, for every campaign."""
-    return lambda wildcards: [
-        path for campaign in EVERY for path in results_of(campaign)
-    ]
+    return lambda wildcards: [path for campaign in EVERY for path in results_of(campaign)]
 
 
 def trial_result(name):

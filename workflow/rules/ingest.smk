@@ -34,7 +34,7 @@ rule join:
     log:
         result("logs/join.log"),
     wildcard_constraints:
-        campaign=one_of(SETTINGS.groups),
+        campaign=one_of(GROUPS),
     params:
         code=code_of("commands.join"),
         folders=members_of(os.path.join(_literal(os.path.normpath(SETTINGS.raw_dir)), "{campaign}")),

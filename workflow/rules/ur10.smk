@@ -23,15 +23,22 @@ rule transfer:
 
 
 rule ur10:
-    """The UR10 that was really measured, from the public data to figures."""
+    """The UR10 that was really measured, from the public data to figures: each series, both as one
+    robot, and each model judged in the other series."""
     input:
-        lambda wildcards: [
-            path
-            for campaign in UR10
-            for path in (
-                *expand(rules.discover.output.verdict, campaign=campaign),
-                *expand(rules.export.output.model, campaign=campaign),
-                *expand(result("pictures.json"), campaign=campaign),
-            )
+        expand(
+            [
+                *rules.discover.output[:1],
+                *rules.export.output[:1],
+                *rules.evaluate.output[:1],
+                result("pictures.json"),
+                result("report.html"),
+            ],
+            campaign=[*UR10, *IMPORTED_GROUPS],
+        ),
+        [
+            expand(result("evaluation/transfer_{source}.json"), campaign=target, source=source)
+            for target in UR10
+            for source in UR10
+            if source != target
         ],
-        expand(result("evaluation/transfer_{source}.json"), campaign="ur10-c", source="ur10-a"),
