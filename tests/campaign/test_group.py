@@ -10,6 +10,7 @@ import yaml
 
 import pa10cal
 from made_up_sightings import sighted
+from pa10cal.calibration.general.transfer import refit_frames
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import read_description
 from pa10cal.campaign.table import read_observations
@@ -94,6 +95,34 @@ def test_commands_take_a_joined_group_like_a_campaign(folders, tmp_path, capsys)
     np.testing.assert_allclose(
         table.measured.parts[2].d_m, read.observations.measured.parts[2].d_m, atol=1e-12
     )
+
+
+def test_a_groups_folder_has_no_raw_files(folders, tmp_path):
+    assert joined(folders[:2], tmp_path / "ur10") == 0
+    with pytest.raises(RawDataError, match="the folder is of a group"):
+        pa10cal.read_campaign(tmp_path / "ur10")
+
+
+def test_join_takes_all_of_every_campaign(folders, capsys):
+    given = ["--campaign-dir", *map(str, folders[:2]), "--poses", "a.parquet"]
+    assert main(["join", "--name", "x", *given, "--base-frame", "a.json", "--out-dir", "x"]) == 2
+    assert "one of each for every campaign" in capsys.readouterr().err
+
+
+def test_a_model_of_a_group_is_saved_and_carried_over(folders, tmp_path):
+    group = pa10cal.read_group(folders[:2], "ur10")
+    model = pa10cal.calibrate(group)
+    model.save(tmp_path / "model.yaml")
+    again = pa10cal.load_model(tmp_path / "model.yaml")
+    q = np.linspace(-1.0, 1.0, 12).reshape(2, 6)
+    for frame in ("flange", "tool", "target_T1@of-points"):
+        np.testing.assert_allclose(
+            again.predict(q, frame=frame).T, model.predict(q, frame=frame).T, atol=1e-12
+        )
+    alone = pa10cal.read_campaign(folders[1])
+    elsewhere = refit_frames(again, again.as_modelled(alone.observations))
+    errors = elsewhere.deviations(elsewhere.as_modelled(alone.observations)).distance_mm
+    assert np.sqrt(np.mean(errors**2)) < 0.03
 
 
 def test_robots_of_two_kinds_are_no_group(folders, tmp_path):

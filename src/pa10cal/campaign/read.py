@@ -131,6 +131,14 @@ def read_campaign(folder: Path | str, options: IngestOptions | None = None) -> C
     """
     folder = Path(folder)
     description = read_description(folder)
+    if description.campaigns:
+        raise RawDataError(
+            "the folder is of a group, which has no raw files of its own",
+            where=str(folder / DESCRIPTION_FILE),
+            value=", ".join(campaign.name for campaign in description.campaigns),
+            allowed="the folder of one campaign",
+            remedy="give the folders of its campaigns to read_group, or to pa10cal join",
+        )
     arm = load_arm(description.robot, folder)
     found = ingest_campaign(description, arm, folder, options or IngestOptions())
     return Campaign(
