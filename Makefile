@@ -1,8 +1,9 @@
 # Targets for a newcomer: reproduce, test. The rest: setup, figures, report, docs, test-browser, check, bench, peers,
-# urdfs, commanded, plan, fleet, clean, and for maintainers: lock, schema.
+# urdfs, commanded, plan, fleet, kill-trials, clean, and for maintainers: lock, schema.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup reproduce figures report docs test test-browser check bench peers urdfs commanded plan fleet clean lock schema
+.PHONY: help setup reproduce figures report docs test test-browser check bench peers urdfs commanded plan fleet \
+  kill-trials clean lock schema
 
 PYTHON ?= python3
 CORES ?= 2
@@ -24,6 +25,7 @@ help:
 	@echo "make commanded   simulated robots sent through their models: benchmarks/commanded.md"
 	@echo "make plan        planned poses against the paper's grid, simulated: benchmarks/plan.md"
 	@echo "make fleet       time and memory of many campaigns: benchmarks/fleet.md"
+	@echo "make kill-trials   50 runs killed at random moments and called once more: nothing lost (half an hour)"
 	@echo "make clean       remove results/ (make setup builds .venv; make lock, make schema: maintainers)"
 
 setup: .venv/.complete
@@ -88,6 +90,9 @@ plan: setup
 # Half an hour.
 fleet: setup
 	$(BIN)/python -m benchmarks.fleet
+
+kill-trials: setup
+	$(BIN)/python -m benchmarks.kills
 
 clean:
 	rm -rf results

@@ -88,6 +88,6 @@ def test_every_extra_is_one_of_the_project():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     distributions = {"pinocchio": "pin"}
     for module, extra in EXTRAS.items():
-        name = distributions.get(module, module)
+        name = distributions.get(module, module.replace("_", "-"))
         assert name in project["optional-dependencies"][extra]
         assert name not in project["dependencies"]

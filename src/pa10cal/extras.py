@@ -12,6 +12,7 @@ EXTRAS = {
     "jinja2": "report",
     "plotly": "report",
     "snakemake": "workflow",
+    "snakemake_executor_plugin_slurm": "slurm",
     "pinocchio": "urdf",
 }
 

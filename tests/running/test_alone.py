@@ -13,7 +13,7 @@ import pytest
 from pa10cal.errors import OutputError
 from pa10cal.files.output import whole_file
 from pa10cal.running import alone as module
-from pa10cal.running.alone import HELD, SHARED, alone
+from pa10cal.running.alone import HELD, RUN, SHARED, WORK_FOLDER, alone
 
 HOLDS = """
 import sys, time
@@ -92,6 +92,22 @@ def test_a_run_waits_for_the_jobs_of_a_dead_one(tmp_path, started, monkeypatch, 
     with alone(tmp_path):
         assert job.returncode is not None
     assert capsys.readouterr().err.count("waiting for jobs of an earlier run") == 1
+
+
+def test_a_job_whose_run_has_ended_does_nothing(tmp_path, started):
+    def job():
+        words = [sys.executable, "-m", "pa10cal", "--version"]
+        return subprocess.run(words, env=env, capture_output=True, text=True)
+
+    first, work = started(HOLDS, tmp_path), tmp_path / WORK_FOLDER
+    env = {**os.environ, SHARED: str(work), RUN: (work / "lock").read_text("utf-8")}
+    env |= {"PA10CAL_PARENTS": str(os.getpid())}
+    assert job().returncode == 0
+    first.kill()
+    first.wait()
+    assert job().returncode == 2
+    started(HOLDS, tmp_path)
+    assert "the run that this is a job of has ended" in job().stderr
 
 
 @pytest.mark.parametrize("without", [False, True], ids=["pidfd", "looking"])

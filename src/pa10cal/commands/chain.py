@@ -41,7 +41,7 @@ def chain(
     import sys
     import traceback
 
-    from pa10cal.errors import Pa10calError
+    from pa10cal.errors import OutputError, Pa10calError
     from pa10cal.fleet.became import became, ended
     from pa10cal.results.codec import write
     from pa10cal.results.fleet import ChainRecord
@@ -51,6 +51,8 @@ def chain(
     for stage, run in _stages(campaign_dir, results, settings):
         try:
             run()
+        except (OutputError, OSError, MemoryError):  # of the machine, not of the campaign
+            raise
         except Pa10calError as error:
             _remove(results, *STAGES[stage])
             found = ended(name, "refused", stage, str(error))

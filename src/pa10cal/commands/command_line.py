@@ -90,14 +90,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: arguments without the program's name; None for the process's own.
     """
     words = list(sys.argv[1:] if argv is None else argv)
-    if "PA10CAL_PARENTS" in os.environ:  # a job of a workflow
-        from pa10cal.running.alone import share
-        from pa10cal.running.parents import end_with_parents
-
-        end_with_parents()
-        share()
     try:
         try:
+            if "PA10CAL_PARENTS" in os.environ:  # a job of a workflow
+                _join_the_run()
             return _run(words)
         finally:
             sys.stdout.flush()
@@ -106,6 +102,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("pa10cal: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+def _join_the_run() -> None:
+    """End with the run that this is a job of, and do nothing where it has ended."""
+    from pa10cal.running.alone import share
+    from pa10cal.running.parents import end_with_parents
+
+    end_with_parents()
+    try:
+        share()
+    except OutputError as error:
+        print(f"pa10cal: {error}", file=sys.stderr)
+        sys.exit(REFUSED)
 
 
 def _run(words: list[str]) -> int:

@@ -12,6 +12,7 @@ def fleet(
     out: Path = Path("results"),
     cores: int = 0,
     settings: Path | None = None,
+    profile: str | None = None,
 ) -> None:
     """Run many campaigns of many arms to models, and summarise them: which arms need attention.
 
@@ -26,10 +27,12 @@ def fleet(
         out: gets a folder of every campaign's name, and the folder fleet.
         cores: how many to use; 0 for all.
         settings: settings over the default ones, as config.yaml has them (.yaml).
+        profile: slurm, or a folder with a profile of Snakemake, to run on a cluster.
 
     Examples:
         pa10cal fleet arms.csv --raw-dir measured --out results
         pa10cal fleet '2026-*' --raw-dir measured --out results --cores 8
+        pa10cal fleet arms.csv --raw-dir measured --out results --profile slurm
     """
     import json
 
@@ -50,7 +53,10 @@ def fleet(
     config = {name: json.dumps(text) for name, text in texts.items()}
     display = RunDisplay(lines=False)
     quiet = ("--quiet", "all", "--logger", "pa10cal")
-    workflow = Workflow("workflow/run.smk", config, out, out, cores, ("fleet",), settings, quiet)
+    targets = ("fleet",)
+    workflow = Workflow(
+        "workflow/run.smk", config, out, out, cores, targets, settings, quiet, profile
+    )
     with alone(out):
         try:
             run_workflow(workflow, display)

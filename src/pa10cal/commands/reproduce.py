@@ -5,7 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 
-def reproduce(*, cores: int = 0, settings: Path | None = None, figures: bool = False) -> None:
+def reproduce(
+    *,
+    cores: int = 0,
+    settings: Path | None = None,
+    figures: bool = False,
+    profile: str | None = None,
+) -> None:
     """Run the whole workflow in this folder, a line a stage, and end with one table.
 
     The campaigns are those of config.yaml. `make reproduce` and `make figures` call it. What is up
@@ -16,10 +22,12 @@ def reproduce(*, cores: int = 0, settings: Path | None = None, figures: bool = F
         settings: settings over those of config.yaml (.yaml).
         figures: make figures and tables alone, and what they are drawn from; otherwise everything,
             and the workflow's own report with every picture, as `report.html` among the results.
+        profile: slurm, or a folder with a profile of Snakemake, to run on a cluster.
 
     Examples:
         pa10cal reproduce
         pa10cal reproduce --cores 1 --settings my_campaigns.yaml
+        pa10cal reproduce --profile slurm
     """
     import sys
     from dataclasses import replace
@@ -41,11 +49,13 @@ def reproduce(*, cores: int = 0, settings: Path | None = None, figures: bool = F
     try:
         quiet = ("--quiet", "all", "--logger", "pa10cal")
         targets = ("figures",) if figures else ()
-        whole = Workflow("Snakefile", {}, here, here / results, cores, targets, settings, quiet)
+        whole = Workflow(
+            "Snakefile", {}, here, here / results, cores, targets, settings, quiet, profile
+        )
         run_workflow(whole, display)
         if not figures:
             more = ("--quiet", "all", "--report", str(results / "report.html"))
-            run_workflow(replace(whole, more=more), display)
+            run_workflow(replace(whole, more=more, profile=None), display)
     finally:
         display.close()
     if figures:

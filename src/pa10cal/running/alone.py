@@ -1,7 +1,7 @@
 """One run at a time works on a results folder, and none begins while jobs of a dead one live.
 
 Both are locks of the system, which it takes off however a process ends. A run holds the one, each
-of its jobs a share of the other.
+of its jobs a share of the other. A job that a cluster begins after its run has ended does nothing.
 """
 
 from __future__ import annotations
@@ -25,8 +25,11 @@ WORK_FOLDER = ".pa10cal"
 #: Environment: the work folder that this process, or the one that started it, holds; and the one
 #: that the jobs of a workflow share.
 HELD, SHARED = "PA10CAL_HELD", "PA10CAL_SHARED"
+#: Environment: who this job works for, as that run's lock says it.
+RUN = "PA10CAL_RUN"
 #: Jobs end with their run within this time, so that nothing is told of them [s].
 _SOON_S = 3.0
+_MOMENT_S = 0.3
 #: What file systems without locks answer.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 
@@ -51,13 +54,14 @@ def alone(results: Path) -> Iterator[Path]:
             work.mkdir(parents=True, exist_ok=True)
             lock = stack.enter_context((work / "lock").open("a+", encoding="utf-8"))
             _take(lock, results)
+            who = f"process {os.getpid()} on {platform.node()}, started in {Path.cwd()}"
             lock.truncate(0)
-            lock.write(f"process {os.getpid()} on {platform.node()}, started in {Path.cwd()}")
+            lock.write(who)
             lock.flush()
             _wait_for_jobs(work)
             remove_partials(results)
-        os.environ[HELD] = str(work)
-        stack.callback(os.environ.pop, HELD, None)
+        os.environ |= {HELD: str(work), RUN: who}
+        stack.callback(lambda: [os.environ.pop(name, None) for name in (HELD, RUN)])
         yield work
 
 
@@ -67,17 +71,41 @@ def hold(results: Path) -> None:
 
 
 def share() -> None:
-    """Let no new run begin before this process, a job of a run, has ended."""
-    work = os.environ.get(SHARED)
+    """Let no new run begin before this process, a job of a run, has ended.
+
+    Raises:
+        OutputError: when that run has ended already.
+    """
+    work, run = os.environ.get(SHARED), os.environ.get(RUN)
     if work:
         with suppress(OSError):  # a folder that cannot be written to is told of by the outputs
             jobs = os.open(Path(work, "jobs"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
             fcntl.flock(jobs, fcntl.LOCK_SH)  # until the process ends
+            if run and not _works(Path(work, "lock"), run):
+                raise OutputError(
+                    "the run that this is a job of has ended",
+                    where=str(Path(work).parent),
+                    value=run,
+                    allowed="jobs of a run that is at work",
+                    remedy="call the run again",
+                )
+
+
+def _works(lock: Path, run: str) -> bool:
+    """Return whether a run holds its lock; so, where there are no locks, which nobody can tell."""
+    with lock.open("r+", encoding="utf-8") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return file.read() == run
+        except OSError:
+            return True
+    return False
 
 
 def _take(lock: IO[str], results: Path) -> None:
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _lock(lock)
     except BlockingIOError:
         lock.seek(0)
         raise OutputError(
@@ -90,6 +118,20 @@ def _take(lock: IO[str], results: Path) -> None:
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             raise
+
+
+def _lock(lock: IO[str]) -> None:
+    """Lock a file; a job that looks at it holds it for a moment."""
+    end = time.monotonic() + _MOMENT_S
+    while True:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.02)
+        else:
+            return
 
 
 def _wait_for_jobs(work: Path) -> None:

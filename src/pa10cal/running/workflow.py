@@ -20,7 +20,7 @@ from typing import Any, Protocol
 
 import pa10cal
 from pa10cal.errors import OutputError, Pa10calError, last_message
-from pa10cal.extras import MissingPackageError
+from pa10cal.extras import EXTRAS, MissingPackageError
 from pa10cal.running.alone import alone
 from pa10cal.running.parents import PARENTS
 
@@ -61,6 +61,8 @@ class Workflow:
         cores: how many to use; 0 for all.
         settings: file of settings, over the shipped ones.
         more: further options of Snakemake.
+        profile: folder of a profile of Snakemake, such as for a cluster, or the name of one of
+            `workflow/profiles`.
     """
 
     file: str
@@ -71,6 +73,23 @@ class Workflow:
     targets: Sequence[str] = ()
     settings: Path | None = None
     more: Sequence[str] = field(default=())
+    profile: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.profile is None:
+            return
+        shipped = workflow_folder() / "workflow/profiles"
+        for place in (Path(self.profile).absolute(), shipped / self.profile):
+            if (place / "config.yaml").is_file():
+                object.__setattr__(self, "profile", str(place))
+                return
+        raise OutputError(
+            "there is no such profile",
+            where="--profile",
+            value=self.profile,
+            allowed=f"a folder with config.yaml, or one of {shipped}",
+            remedy="give such a folder, or slurm",
+        )
 
     @property
     def command(self) -> list[str]:
@@ -79,8 +98,8 @@ class Workflow:
         words += [str(workflow_folder() / self.file), "--directory", str(self.folder)]
         words += ["--cores", str(self.cores or len(os.sched_getaffinity(0)))]
         words += ["--rerun-incomplete", "--nolock", "--nocolor", *self.more]
-        # An empty profile in place of one that stands beside the Snakefile.
-        words += ["--workflow-profile", "none"]
+        # Without one, an empty profile in place of one that stands beside the Snakefile.
+        words += ["--workflow-profile", "none" if self.profile is None else self.profile]
         if self.settings is not None:
             words += ["--configfile", str(self.settings.absolute())]
         pairs = [f"{name}={value}" for name, value in self.config.items()]
@@ -113,14 +132,20 @@ def workflow_folder() -> Path:
     )
 
 
-def refuse_without_snakemake() -> None:
-    """Stop where Snakemake is not installed.
+def refuse_without_snakemake(profile: str | None = None) -> None:
+    """Stop where Snakemake is not installed, or the plugin that a profile needs.
 
     Raises:
         MissingPackageError: naming it.
     """
-    if find_spec("snakemake") is None:
-        raise MissingPackageError("snakemake")
+    needed = ["snakemake"]
+    if profile is not None:
+        text = Path(profile, "config.yaml").read_text(encoding="utf-8")
+        plugins = re.findall(r"^executor: *(\w+)", text, re.MULTILINE)
+        needed += [f"snakemake_executor_plugin_{each}" for each in plugins]
+    for module in needed:
+        if module in EXTRAS and find_spec(module) is None:
+            raise MissingPackageError(module)
 
 
 def run_workflow(workflow: Workflow, display: Display) -> None:
@@ -133,7 +158,7 @@ def run_workflow(workflow: Workflow, display: Display) -> None:
         OutputError: when another run is at work on the results, or they cannot be written.
         RuntimeError: when a command, or the workflow, fails.
     """
-    refuse_without_snakemake()
+    refuse_without_snakemake(workflow.profile)
     with (
         alone(workflow.results) as work,
         (work / PRINTED).open("w+", encoding="utf-8", errors="replace") as printed,
