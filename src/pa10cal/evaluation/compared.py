@@ -6,12 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pa10cal.calibration.accuracy import align_nominal
+from pa10cal.calibration.accuracy import align_nominal, summarise
 from pa10cal.calibration.general.transfer import refit_frames
 from pa10cal.discovery.extended import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.preparation import prepared as made_ready
 from pa10cal.evaluation.holdout import judged, prepared
+from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.averages import poses_of, reading_groups
@@ -46,7 +47,9 @@ def judged_models(
             anew.
 
     Returns:
-        Errors by model; none where there are no such poses.
+        Errors by model; none where there are no such poses. Elsewhere the extended model is never
+        worse than the last of the others where base and tool were fitted: its effects are left out
+        where they do not help there.
 
     Raises:
         CalibrationError: when base and tool are not determined by the poses.
@@ -65,17 +68,35 @@ def judged_models(
     if kind == "holdout" and not elsewhere and (every.kind == "grid").any():
         suspected = made_ready(every, best, setup).suspected
 
-    def judge(model: FittedModel, every: Observations, learnt: Extended | None) -> HeldOutModel:
-        if elsewhere:
-            model = refit_frames(model, prepared(every, "grid", model, setup))
+    def judge(model: FittedModel, every: Observations, seen: AnglesSeen | None) -> HeldOutModel:
         poses = prepared(every, kind, model, setup)
-        seen = None if learnt is None else learnt.seen
         beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
         return judged(model, poses, beyond, suspected)
 
-    found = {name: judge(model, every, None) for name, model in models.items()}
+    learnt = None if extended is None else extended.seen
+    if not elsewhere:
+        found = {name: judge(model, every, None) for name, model in models.items()}
+        if extended is not None:
+            found[EXTENDED] = judge(extended.model, with_arrivals(every)[0], learnt)
+        return found
+
+    def placed(model: FittedModel, every: Observations) -> tuple[FittedModel, float]:
+        poses = prepared(every, "grid", model, setup)
+        there = refit_frames(model, poses)
+        return there, summarise(there.deviations(poses)).rms_mm
+
+    # In another campaign what is new is told by the same angles for all models.
+    learnt = learnt or best.seen
+    found, left_mm = {}, np.inf
+    for name, model in models.items():
+        there, left_mm = placed(model, every)
+        found[name] = judge(there, every, learnt)
     if extended is not None:
-        found[EXTENDED] = judge(extended.model, with_arrivals(every)[0], extended)
+        arrived = with_arrivals(every)[0]
+        there, with_effects_mm = placed(extended.model, arrived)
+        # Effects that do not even help in the poses to which base and tool were fitted stay away.
+        *_, last = found.values()
+        found[EXTENDED] = judge(there, arrived, learnt) if with_effects_mm < left_mm else last
     return found
 
 
