@@ -11,6 +11,7 @@ from pa10cal.campaign.table import read_base_motion, read_observations, write_po
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
+from pa10cal.commands.command_line import main
 from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.pose_error import cross_matrix
@@ -231,3 +232,20 @@ def test_a_group_keeps_what_the_motion_is_uncertain_by(tmp_path):
     own = second.observations.measured.stated_covariance
     traces = (np.trace(each[:, -9:, -9:], axis1=1, axis2=2) for each in (cov, own))
     np.testing.assert_allclose(*traces, rtol=1e-6)
+
+
+def test_targets_that_stand_still_are_proposed_as_those_on_the_base(tmp_path, capsys):
+    raw = written(tmp_path / "c")
+    spoil(
+        raw,
+        lambda table: table.rename(
+            columns=lambda name: name.replace("base", "SMR").replace("_deg", " [deg]")
+        ),
+    )
+    assert main(["columns", str(raw / "poses.csv"), "--robot", "irb120"]) == 0
+    text = capsys.readouterr().out
+    assert "stand still, so on the base" in text
+    targets = yaml.safe_load(text)["columns"]["poses"]["targets"]
+    assert list(targets) == ["T1", "T2", "T3", "base1", "base2", "base3"]
+    assert targets["base2"]["names"] == ["SMR2_x_mm", "SMR2_y_mm", "SMR2_z_mm"]
+    assert targets["base2"]["unit"] == "mm"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from pa10cal.campaign.csv_rows import Layout
 from pa10cal.campaign.description import SCHEMA
 from pa10cal.campaign.own_columns import ANGLES, ISO, LENGTHS, RotationColumns
 from pa10cal.campaign.own_rotation import quaternions
-from pa10cal.campaign.roles import Roles, roles_of, unit_of
+from pa10cal.campaign.roles import Roles, roles_of, standing, unit_of
 from pa10cal.campaign.rows import in_radians
 from pa10cal.campaign.sniff import Sniffed
 from pa10cal.errors import RawDataError
@@ -255,22 +255,33 @@ class _Proposing:
             name = single["distance"]
             unit = self._length(np.array([name]), self.sniffed.columns([name]), None)
             return {"distance": {"names": name, "unit": unit, **self._u([name], unit)}}
+        still = standing({place: self.sniffed.columns(positions[place]) for place in positions})
+        if still:
+            self.checks.append(f"targets base1 …: {', '.join(still)} stand still, so on the base")
+        positions = {place: positions[place] for place in positions if place not in still}
         place, names = next(iter(positions.items()))
         if self.roles.attitude is None and len(positions) > 1:
-            return {"targets": self._targets(T_base_ee)}
+            return {"targets": self._targets(positions, T_base_ee) | self._base(still, T_base_ee)}
         p = self.sniffed.columns(names)
         unit = self._length(np.array(names), p, T_base_ee)
         if len(positions) > 1:
             self.checks.append(f"position: {', '.join(names)} taken, of {len(positions)} triples")
         position = {"names": list(names), "unit": unit, **self._u(names, unit)}
         if self.roles.attitude is None:
-            return {"targets": {_label(place, 1): position}}
+            return {"targets": {_label(place, 1): position} | self._base(still, T_base_ee)}
         turned = self._attitude(T_base_ee, 1e-3 * LENGTHS[unit] * p)
-        return {"position": position, "rotation": turned}
+        base = {"targets": self._base(still, T_base_ee)} if still else {}
+        return {"position": position, "rotation": turned, **base}
 
-    def _targets(self, T_base_ee: Array | None) -> dict[str, Any]:
+    def _base(self, still: Sequence[str], T_base_ee: Array | None) -> dict[str, Any]:
+        found = self._targets({place: self.roles.positions[place] for place in still}, T_base_ee)
+        return {f"base{k}": each for k, each in enumerate(found.values(), start=1)}
+
+    def _targets(
+        self, positions: Mapping[str, Sequence[str]], T_base_ee: Array | None
+    ) -> dict[str, Any]:
         found = {}
-        for k, (place, names) in enumerate(self.roles.positions.items(), start=1):
+        for k, (place, names) in enumerate(positions.items(), start=1):
             unit = self._length(np.array(names), self.sniffed.columns(names), T_base_ee)
             found[_label(place, k)] = {"names": list(names), "unit": unit, **self._u(names, unit)}
         return found
@@ -288,7 +299,8 @@ class _Proposing:
             best = min(near, key=lambda unit: near[unit], default=None)
             if best is not None and near[best] < np.log(1.5):
                 return best
-        unit = "mm" if np.ptp(p[seen], axis=0).max(initial=0.0) > 20.0 else "m"
+        far = np.abs(p[seen]).max(initial=0.0)  # of what stands still, too
+        unit = "mm" if max(np.ptp(p[seen], axis=0).max(initial=0.0), 0.2 * far) > 20.0 else "m"
         self.checks.append(f"unit of {names[0]} …: {unit}, by the size of the numbers")
         return unit
 

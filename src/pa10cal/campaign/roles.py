@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+#: Targets that move by less than this part of what others do stand still.
+_STILL = 0.02
 #: Words of columns that hold what was commanded, and of uncertainties.
 _COMMANDED = re.compile(r"goal|target|command|cmd|nominal|nom\b|setpoint|desired|soll|ref", re.I)
 _UNCERTAIN = re.compile(r"std|sigma|uncert|unc\b|stdev|(^|_)u_|(^|[ _])s[xyz]", re.I)
@@ -186,3 +191,14 @@ def _uncertain(names: Sequence[str]) -> dict[str, str]:
             if of is not None and of != name:
                 found[of] = name
     return found
+
+
+def standing(positions: Mapping[str, NDArray[np.float64]]) -> list[str]:
+    """Return which of several positions (N, 3) hardly move, by what stands before their x, y, z."""
+    spread = {
+        place: float(np.max(np.nanmax(p, axis=0) - np.nanmin(p, axis=0)))
+        for place, p in positions.items()
+        if np.isfinite(p).any(axis=0).all()
+    }
+    most = max(spread.values(), default=0.0)
+    return [place for place, size in spread.items() if size < _STILL * most]
