@@ -33,13 +33,14 @@ def arena_by_blocks(
     Args:
         verdict: on the campaign.
         held: effects of the model, and smooth unknown functions that it has not.
-        most_poses: so many poses are enough, evenly taken from all; None for all.
+        most_poses: so many poses are enough, drawn from all; None for all.
     """
     extended, survey = verdict.extended, verdict.survey
     at, poses = extended.at, survey.poses
     count = len(poses)
-    step = 1 if most_poses is None else max(1, count // most_poses)
-    rows = np.arange(0, count, step)
+    rows = np.arange(count)
+    if most_poses is not None and count > most_poses:  # some of every block, whatever their order
+        rows = np.sort(np.random.default_rng(0).permutation(count)[:most_poses])
     whiteners = extended.weights.whiteners(rows)
     chosen: Observations = poses.take(rows)
     every_row = whiteners.shape[0] * whiteners.shape[1]

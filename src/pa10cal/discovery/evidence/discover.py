@@ -134,6 +134,13 @@ class VerdictByRepeats(Verdict[Confirmation]):
 
     @property
     @override
+    def everything(self) -> tuple[Effect, ...]:
+        """Return what has no name, and those names beside it that the search ended with."""
+        searched = self.judgement.found.fit.effects
+        return tuple(effect for effect in super().everything if effect in searched)
+
+    @property
+    @override
     def over_noise(self) -> bool:
         """Return whether the readings of a pose share more error than repeatability explains."""
         return any(each.form is None for each in self.judgement.unexplained)
