@@ -260,6 +260,9 @@ class Verdict(ABC, Generic[P_co]):
             + "</li>"
             for finding in self.effects
         )
+        found += "".join(
+            f"<li>proposed, no name: {escape(each.form.formula)}</li>" for each in self.proposed
+        )
         gaps = "".join(
             f"<li>{name}: {gap.before.mean_mm:.4f} mm → {gap.after.mean_mm:.4f} mm in the mean</li>"
             for name, gap in self.gap.items()
