@@ -86,8 +86,11 @@ class VerdictByRepeats(Verdict[Confirmation]):
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
         """Return the configurations that best separate what the data cannot.
 
-        None where nothing can be foreseen, as without the masses that make the logged torques.
+        None where nothing can be foreseen, as without the masses that make the logged torques, and
+        for a group: which of its instruments would measure is not known.
         """
+        if self.problem.readings.measured.campaigns:
+            return Plan((), ())
         found = self.judgement.found.fit
         try:
             return plan(self.problem, found, self.unresolved(), count, random_seed)
