@@ -12,7 +12,9 @@ from pa10cal.figures.registry import entries
 NEEDS = {name: {*entry.picture.needs} for name, entry in entries("campaign").items()}
 #: Drawn from no calibration.
 OF_NO_FIT = {"fig4_test_path"} | {
-    name for name, needs in NEEDS.items() if needs <= {"poses", "positions", "base_frame", "planes"}
+    name
+    for name, needs in NEEDS.items()
+    if needs <= {"poses", "positions", "base_frame", "planes", "base_motion"}
 }
 #: Drawn from models compared on held-out poses, and from any calibration with the general model.
 COMPARED = {"held_out_errors", "error_by_joint", "accuracy_general", "joint_error_maps"}
