@@ -6,6 +6,7 @@ import pytest
 
 from pa10cal.commands import chain as chain_module
 from pa10cal.commands.command_line import main
+from pa10cal.errors import OutputError
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import ChainRecord, FleetRecord
 
@@ -68,6 +69,25 @@ def test_a_fault_of_the_program_ends_one_campaign_alone(tmp_path, monkeypatch):
     assert take(EXAMPLE, tmp_path) == 0
     found = read(ChainRecord, tmp_path / "chain.json")
     assert (found.status, found.message) == ("fault", "internal fault: ZeroDivisionError: oh")
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (OutputError("full", where="here", allowed="room", remedy="make room"), 2),
+        (OSError(28, "No space left on device"), 3),
+    ],
+)
+def test_a_full_disk_is_no_verdict_on_a_campaign(tmp_path, monkeypatch, error, code):
+    def full(*_):
+        def fail():
+            raise error
+
+        yield "ingest", fail
+
+    monkeypatch.setattr(chain_module, "_stages", full)
+    assert take(EXAMPLE, tmp_path) == code
+    assert not (tmp_path / "chain.json").exists()
 
 
 def test_a_fleet_is_summarised_and_its_campaigns_are_compared(done, capsys):
