@@ -22,6 +22,7 @@ from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.averages import average_repeats, poses_of
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
@@ -195,6 +196,8 @@ def general_case(
         CalibrationError: when there are too few poses, a spring lacks torques, or the arm as
             described does not fit the readings at all.
     """
+    if prior is not None:  # effects of it may need to know from where a joint arrived
+        every, _ = with_arrivals(every)
     single = every.of_kind("grid")
     grid, held_out = average_repeats(single), average_repeats(every.of_kind("holdout"))
     case = COMBINED if load == "general" else load

@@ -17,6 +17,7 @@ from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.transfer import refit_frames
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
 from pa10cal.results.adaptation import AdaptedStep
@@ -44,6 +45,7 @@ def adapted_steps(
         CalibrationError: when the model is of another arm, its covariance is not known, or the
             poses do not determine base and tool.
     """
+    every, _ = with_arrivals(every)
     fitted_poses, away = average_repeats(every.of_kind("grid")), _held_out(every)
     in_time = fitted_poses.take(np.argsort(fitted_poses.states.time_s, kind="stable"))
     total = len(fitted_poses) + len(away)

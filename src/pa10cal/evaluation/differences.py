@@ -14,6 +14,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import TOOL
+from pa10cal.calibration.general.prior import of_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.of_campaign import OfCampaign, small_motion
@@ -56,7 +57,7 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
     others = {(term.id, term.of): term for term in second.model.terms}
     for term in first.model.terms:
         other = others.get((term.id, term.of))
-        if other is None or isinstance(term, Weights | OfCampaign) or _is_tool(term):
+        if other is None or isinstance(term, Weights) or _is_tool(term) or not of_arm(term):
             continue
         a = np.arange(len(first.x))[first.model.columns_of(term)]
         b = np.arange(len(second.x))[second.model.columns_of(other)]

@@ -25,6 +25,8 @@ from pa10cal.studies.simulated import (
     observations_of,
     payload_of_individual,
 )
+from pa10cal.terms.effects.in_time import BaseDrift
+from pa10cal.terms.effects.joint_angle import ArrivalError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.model import Model
 
@@ -135,6 +137,23 @@ def test_a_map_of_the_prior_stays_where_no_pose_was(arms):
     assert effect in prior.terms
     found = fitted(from_prior(with_map, seen.take(slice(12)), payload))
     assert found.values_of(effect) == pytest.approx(knots, abs=1e-5)
+
+
+def test_what_is_a_campaigns_own_does_not_carry_over(arms):
+    model, _, payload, _ = arms("pose", Change())
+    own = BaseDrift("base", 0.0)
+    stops = ArrivalError("joint 2", ("june", "july"))
+    longer = replace(
+        model,
+        model=Model(model.model.chain, (*model.model.terms, own, stops)),
+        x=np.concatenate([model.x, np.full(5, 1e-4)]),
+        covariance=1e-10 * np.eye(len(model.x) + 11),
+    )
+    prior = prior_of(longer, ARM, payload)
+    assert own not in prior.terms
+    assert ArrivalError("joint 2") in prior.terms
+    assert prior.expected.mean[-1] == 0.0
+    assert np.sqrt(prior.expected.covariance[-1, -1]) == pytest.approx(1e-4)
 
 
 def test_a_prior_of_another_arm_or_without_covariance_is_refused(arms):

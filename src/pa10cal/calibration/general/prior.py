@@ -19,6 +19,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.moved import JOINT_ZERO, STIFFNESS
 from pa10cal.fit.uncertain_weights import unknown_tool, weight_sizes
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_angle import ArrivalError
 from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Parameter, Term
@@ -147,7 +148,9 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     sizes: list[float] = []
     for term in model.model.terms:
         columns = np.arange(len(model.x))[model.model.columns_of(term)].tolist()
-        if not _of_arm(term):
+        if isinstance(term, ArrivalError):
+            term, columns = ArrivalError(term.of), [-1]
+        elif not of_arm(term):
             continue
         if isinstance(term, Weights):
             weights = _weights(term, arm, payload)
@@ -199,11 +202,11 @@ def _known(model: FittedModel, arm: Arm) -> Array:
     return model.covariance[: len(model.x), : len(model.x)].copy()
 
 
-def _of_arm(term: Term) -> bool:
-    """Return whether a term stays with the arm from campaign to campaign."""
+def of_arm(term: Term) -> bool:
+    """Return whether a term stays with the arm from campaign to campaign, its size as well."""
     if isinstance(term, Offsets):
         return term.of == "links"
-    if isinstance(term, OfCampaign):
+    if isinstance(term, OfCampaign | ArrivalError):
         return False
     if isinstance(term, Effect):
         moved = term.of in _OF_PLACE and term.goes_with_time
