@@ -10,12 +10,17 @@ import pyarrow.parquet as pq
 import pytest
 
 from made_up_records import accuracy, effect, made_up_gap, set_gap, stretches_deg, verdict_keys
+from pa10cal.campaign.read import read_campaign
+from pa10cal.campaign.table import write_pose_table
 from pa10cal.commands.command_line import run_command
+from pa10cal.datasets.campaign_folder import write_campaigns
+from pa10cal.datasets.readers.faro_irb120 import read as read_tables
 from pa10cal.figures.options import PictureOptions
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import looks
 from pa10cal.results.codec import write
 from pa10cal.results.discovery import AnglesSeen, VerdictRecord
+from pa10cal.studies.irb120 import write_tables
 
 CAMPAIGN = Path(__file__).parents[2] / "data/raw/cell-null"
 PLANES_MM = (300, 500, 700)
@@ -221,3 +226,16 @@ def changed_from(tmp_path):
         return replace(results, folder=folder)
 
     return copy
+
+
+@pytest.fixture(scope="session")
+def watched(tmp_path_factory) -> Results:
+    """Results of a small made-up campaign with targets on the base: the table of poses alone."""
+    place = tmp_path_factory.mktemp("watched")
+    write_tables(place / "tables", place / "truth.json", 6, 120)
+    (raw,) = write_campaigns(read_tables(place / "tables", 0.2), place / "raw")
+    campaign = read_campaign(raw)
+    (place / "results/ingest").mkdir(parents=True)
+    path = place / "results/ingest/poses.parquet"
+    write_pose_table(path, campaign.observations, campaign.arm.prismatic, campaign.name)
+    return _results(place / "results", raw)

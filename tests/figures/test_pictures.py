@@ -20,7 +20,9 @@ FIGURES = {name: entry for name, entry in entries("campaign").items() if entry.k
 GENERAL = [name for name in FIGURES if "general_calibration" in FIGURES[name].picture.needs]
 BLOCKS = ("joint_error_maps",)
 EVERYWHERE = ("health", "held_out_errors", "residual_field")
-PAPER = [name for name in FIGURES if name not in (*GENERAL, *BLOCKS)]
+#: Drawn where targets on the base were read.
+WATCHED = ("base_motion",)
+PAPER = [name for name in FIGURES if name not in (*GENERAL, *BLOCKS, *WATCHED)]
 #: Pictures of discovery are drawn where it named something as well.
 DISCOVERY = [
     name for name in PAPER if {"analysis", "verdict", "gap"} & set(FIGURES[name].picture.needs)
@@ -32,6 +34,7 @@ CASES = [
     *(("learnt", name) for name in (*GENERAL, *BLOCKS)),
     *(("points", name) for name in (*EVERYWHERE, "error_by_joint")),
     *(("distance", name) for name in EVERYWHERE),
+    *(("watched", name) for name in WATCHED),
 ]
 #: One of every kind of drawing: in space, with an image, with arrows, with thousands of points.
 KINDS = ("fig4_test_path", "montecarlo_map", "residual_field", "where_joints", "health")
@@ -52,11 +55,11 @@ for name in sys.argv[4:]:
 
 
 @pytest.fixture(scope="module")
-def drawn(results, named, sighted, learnt, tmp_path_factory):
+def drawn(results, named, sighted, learnt, watched, tmp_path_factory):
     """Write every figure; return the folder, and each one's texts with the boxes they fill."""
     place = tmp_path_factory.mktemp("drawn")
     texts = {case: {} for case in CASES}
-    sources = {"nothing": results, "named": named, "learnt": learnt, **sighted}
+    sources = {"nothing": results, "named": named, "learnt": learnt, "watched": watched, **sighted}
     draw_text = Text.draw
     with pytest.MonkeyPatch.context() as patch:
         for case in CASES:
@@ -108,6 +111,8 @@ def test_says_what_it_was_drawn_from(drawn, case):
     texts = [text.get_text() for text in drawn[1][case]]
     if case[0] in ("nothing", "named"):
         campaign, provenance = "cell-null", "virtual cell, independent of this project."
+    elif case[0] == "watched":
+        campaign, provenance = "irb120", "Synthetic: made up by this project's own"
     else:
         campaign = "pose" if case[0] == "learnt" else case[0]
         provenance = "synthetic: written by this project's own"

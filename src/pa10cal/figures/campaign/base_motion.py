@@ -59,7 +59,7 @@ def draw(results: Results) -> Figure:
     hours = (poses["time_s"] - poses["time_s"].min()).to_numpy() / 3600.0
     for k, (word, unit, column, scale, first) in enumerate(rows):
         up = len(rows) - 1 - k
-        axes = panel(figure, 17.0, _BELOW_MM + up * (_PANEL_MM + _APART_MM), 148.0, _PANEL_MM)
+        axes = panel(figure, 20.0, _BELOW_MM + up * (_PANEL_MM + _APART_MM), 146.0, _PANEL_MM)
         for i, axis in enumerate("xyz"):
             name = f"motion_{column.format(axis)}"
             value = scale * poses[name].to_numpy()
