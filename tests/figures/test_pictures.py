@@ -22,7 +22,9 @@ BLOCKS = ("joint_error_maps",)
 EVERYWHERE = ("health", "held_out_errors", "residual_field")
 #: Drawn where targets on the base were read.
 WATCHED = ("base_motion",)
-PAPER = [name for name in FIGURES if name not in (*GENERAL, *BLOCKS, *WATCHED)]
+#: Drawn of groups of campaigns alone.
+OF_GROUPS = ("campaigns_agree", "joint_errors_by_campaign")
+PAPER = [name for name in FIGURES if name not in (*GENERAL, *BLOCKS, *WATCHED, *OF_GROUPS)]
 #: Pictures of discovery are drawn where it named something as well.
 DISCOVERY = [
     name for name in PAPER if {"analysis", "verdict", "gap"} & set(FIGURES[name].picture.needs)
