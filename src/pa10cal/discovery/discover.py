@@ -21,6 +21,7 @@ from pa10cal.discovery.torque_check import stated_wrongly
 from pa10cal.discovery.verdict import Unexplained, is_named, label_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.uncertain_weights import open_unknowns
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,6 +38,11 @@ _ROWS_AN_UNKNOWN = 1.25
 _NO_ATTITUDE_RAD = 0.05
 #: Poses that carry a name alone and are left out, one after the other.
 _MOST_CARRIERS = 3
+#: A calibration that started from a model with maps, which searches would have to fit anew.
+_HAS_MAPS = TooLittle(
+    "the calibrated model has maps of joints already, of the model that it started from",
+    "calibrate without the prior to search; or use the model as it is",
+)
 
 
 def discover(
@@ -104,6 +110,8 @@ def _judged(campaign: Prepared, model: FittedModel, error_rate: float) -> Verdic
     """Return the verdict on a campaign made ready, before its gates."""
     if wrong_attitudes := attitudes_off(campaign.trusted, campaign.baseline):
         return not_sought(campaign, model, wrong_attitudes, error_rate)
+    if any(isinstance(term, JointErrorMap) for term in model.model.terms):
+        return not_sought(campaign, model, _HAS_MAPS, error_rate)
     if judged_by_blocks(campaign.trusted):
         from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
 

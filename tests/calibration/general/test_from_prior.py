@@ -14,6 +14,8 @@ from pa10cal.calibration.general.from_prior import calibrate_from
 from pa10cal.calibration.general.prior import prior_of, refuse_unsound
 from pa10cal.calibration.general.start import find_start
 from pa10cal.cell.options import TrackerOptions
+from pa10cal.discovery.discover import discover
+from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.expected import Disagreement, Expected
@@ -137,6 +139,10 @@ def test_a_map_of_the_prior_stays_where_no_pose_was(arms):
     assert effect in prior.terms
     found = fitted(from_prior(with_map, seen.take(slice(12)), payload))
     assert found.values_of(effect) == pytest.approx(knots, abs=1e-5)
+    setup = MeasurementSetup(payload, np.zeros((0, 3)), 20.0)
+    verdict = discover(seen, found, setup)
+    assert verdict.verdict == "not_sought"
+    assert "has maps of joints already" in verdict.why
 
 
 def test_what_is_a_campaigns_own_does_not_carry_over(arms):
