@@ -79,8 +79,10 @@ def test_the_command_says_so_in_one_line(work, tmp_path, capsys):
     words = [f"--{key}={tmp_path / name}" for key, name in OUTPUTS.items()]
     capsys.readouterr()
     code = run("discover", *table(work), "--calibration", work / "combined.json", *words)
-    (line,) = capsys.readouterr().out.splitlines()
+    line, seconds = capsys.readouterr().out.splitlines()
     assert code == 0
+    assert seconds.startswith(f"{NAME}: ")
+    assert seconds.endswith(" s")
     assert line.startswith(f"{NAME}: effects were not sought: 36 readings")
     assert "; measure at least 100 calibration poses" in line
 
