@@ -308,8 +308,9 @@ def _found(judged: Survey, shaped: tuple[ShapedEffect, ...], error_rate: float) 
     fine, finer_steps = finest(rows, searched.members)
     bands = in_bands(rows, fine)
     if bands is not None:
+        before, after = bands.of_time.T
+        finer_steps = (*finer_steps, Step(bands.level.members, fine.squares * after / before))
         fine = bands.level
-        finer_steps = (*finer_steps, Step(fine.members, fine.squares))
     effects = tuple(member.effect for member in fine.members)
     own, amounts = fine.fit(len(effects))
     if judged.wander is not None:
