@@ -42,6 +42,7 @@ def test_a_model_needs_few_poses_of_another_campaign(campaigns, tmp_path):
     assert [step.configurations for step in steps] == [15, 70]
     assert few.prior.rms_mm < 1.3 * many.prior.rms_mm
     assert few.prior.rms_mm < few.frames.rms_mm
+    assert many.prior.orientation_deg < 0.1
     assert few.prior.rms_mm < few.alone.rms_mm
     assert "the zero of joint 4" in few.line
     assert len(said) == 2

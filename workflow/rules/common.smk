@@ -198,6 +198,13 @@ def arm_of_campaign(wildcards):
     return arm_files(Path(campaign_folder(wildcards)))
 
 
+def campaign_if_there(wildcards):
+    """The description, the arm and the logs of a campaign, those that are there."""
+    folder = Path(campaign_folder(wildcards))
+    there = [path for path in (folder / "campaign.yaml",) if path.is_file()]
+    return [*there, *arm_files(folder), *raw_files(folder)]
+
+
 def name_of_campaign(wildcards):
     return campaign_name(Path(campaign_folder(wildcards)))
 

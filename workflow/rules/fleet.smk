@@ -7,13 +7,6 @@ FLEET_FILES = [
 ]
 
 
-def campaign_if_there(wildcards):
-    """The description, the arm and the logs of a campaign, those that are there."""
-    folder = Path(campaign_folder(wildcards))
-    there = [path for path in (folder / "campaign.yaml",) if path.is_file()]
-    return [*there, *arm_files(folder), *raw_files(folder)]
-
-
 rule chain:
     """One campaign of many from raw files to its model, in one process."""
     input:
@@ -45,7 +38,7 @@ rule fleet:
         campaigns=FLEET if isinstance(FLEET, str) else ",".join(SETTINGS.campaigns),
         out=lambda wildcards, output: os.path.dirname(output[0]),
         raw=SETTINGS.raw_dir,
-        results=SETTINGS.results_dir,
+        results=lambda wildcards, output: os.path.dirname(os.path.dirname(output[0])),
     shell:
         "python -m pa10cal fleet_summary --campaigns {params.campaigns:q} --raw-dir {params.raw:q}"
         " --results {params.results:q} --out {params.out:q} 2>&1 | tee {log:q} >&2"

@@ -32,7 +32,7 @@ rule import_faro_irb120:
         f"{IRB120_TABLES}.import.log",
     params:
         code=code_of("commands.import_data", "datasets.readers.faro_irb120"),
-        folder=IRB120_SOURCE or IRB120_TABLES,
+        folder=lambda wildcards, input: os.path.dirname(input[0]),
         out=lambda wildcards, output: os.path.dirname(os.path.dirname(output[0])),
         settings=settings_of("ingest"),
     shell:

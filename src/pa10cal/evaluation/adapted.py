@@ -51,7 +51,7 @@ def adapted_steps(
     total = len(fitted_poses) + len(away)
 
     def judged(found: FittedModel) -> Accuracy:
-        return summarise(found.deviations(found.as_modelled(away)))
+        return summarise(found.deviations(away.with_states(found.as_modelled(away).states)))
 
     steps = []
     for share in shares:
