@@ -76,8 +76,9 @@ def test_nor_of_one_load_alone(unfinished, results, name):
 
 
 @pytest.mark.parametrize("name", sorted(OF_NO_FIT))
-def test_what_is_of_no_fit_is_drawn(unfinished, results, project_looks, name):
-    made = make(name, unfinished(results, ""))
+def test_what_is_of_no_fit_is_drawn(unfinished, results, watched, project_looks, name):
+    source = watched if name == "base_motion" else results
+    made = make(name, unfinished(source, ""))
     assert made.axes if entries("campaign")[name].kind == "figure" else len(made.data)
 
 
