@@ -2,7 +2,7 @@
 # urdfs, commanded, plan, fleet, kill-trials, clean, and for maintainers: lock, schema.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup reproduce figures report docs test test-browser check bench peers urdfs commanded plan fleet \
+.PHONY: help setup reproduce figures report docs test test-browser test-slurm check bench peers urdfs commanded plan fleet \
   kill-trials clean lock schema
 
 PYTHON ?= python3
@@ -58,6 +58,10 @@ test: setup
 # Needs Chromium; make test does not.
 test-browser: setup
 	$(BIN)/pytest tests/browser
+
+# With the Slurm that `.ci/slurm start` brings up: workers and controller are killed.
+test-slurm: setup
+	PA10CAL_BREAK_SLURM=1 $(BIN)/pytest tests/running/test_slurm.py
 
 docs: setup
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --fresh-env \
