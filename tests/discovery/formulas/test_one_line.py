@@ -9,8 +9,8 @@ from made_up_survey import Hidden, at_joint, observe
 from pa10cal.discovery.formulas.one_line import with_lines_named
 from pa10cal.discovery.formulas.propose import with_proposals
 from pa10cal.terms.effects.periodic_error import PeriodicError
-from pa10cal.terms.forms import library
-from pa10cal.terms.forms.library import all_around
+from pa10cal.terms.forms import catalogue
+from pa10cal.terms.forms.catalogue import all_around
 
 
 def five_cycles(motion):
@@ -50,7 +50,7 @@ def test_repeats_fit_the_line_in_the_place_of_their_map_too(monkeypatch):
     proposed = with_proposals(measure(hidden).discovery)
     assert [each.id for each in proposed.effects] == ["joint_error_map"]
     assert with_lines_named(proposed) is proposed  # the window is part of a turn
-    monkeypatch.setattr(library, "WIDEST_GAP_RAD", 2.0 * np.pi)
+    monkeypatch.setattr(catalogue, "WIDEST_GAP_RAD", 2.0 * np.pi)
     found = with_lines_named(proposed)
     (finding,) = found.effects
     assert finding.effect == PeriodicError("joint 2", 3.0)

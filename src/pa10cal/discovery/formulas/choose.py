@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pa10cal.discovery.formulas.rows import Arena
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.forms.catalogue import further
 from pa10cal.terms.forms.form import Form
-from pa10cal.terms.forms.library import further
 
 Array = NDArray[np.float64]
 

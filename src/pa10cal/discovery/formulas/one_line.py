@@ -11,7 +11,7 @@ from pa10cal.discovery.harm import harmless
 from pa10cal.discovery.verdict import MAP, Finding, Verdict
 from pa10cal.terms.effects.effect import joint_of
 from pa10cal.terms.effects.periodic_error import PeriodicError
-from pa10cal.terms.forms.library import all_around
+from pa10cal.terms.forms.catalogue import all_around
 
 V = TypeVar("V", bound=Verdict[object])
 

@@ -10,8 +10,8 @@ from typing import TypeVar
 from pa10cal.discovery.formulas.choose import Proposal, choose
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.terms.effects.effect import Effect, turning_joints
+from pa10cal.terms.forms.catalogue import forms_at
 from pa10cal.terms.forms.form import Form
-from pa10cal.terms.forms.library import forms_at
 
 V = TypeVar("V", bound=Verdict[object])
 
