@@ -1,9 +1,9 @@
-# Targets for a newcomer: reproduce, test. The rest: setup, figures, report, docs, test-browser, check, bench, peers,
+# Targets for a newcomer: reproduce, test. The rest: setup, tools, figures, report, docs, test-browser, check, bench, peers,
 # urdfs, commanded, plan, fleet, kill-trials, clean, and for maintainers: lock, schema.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup reproduce figures report docs test test-browser test-slurm check bench peers urdfs commanded plan fleet \
-  kill-trials clean lock schema
+.PHONY: help setup tools reproduce figures report docs test test-browser test-slurm check bench peers urdfs commanded \
+  plan fleet kill-trials clean lock schema
 
 PYTHON ?= python3
 CORES ?= 2
@@ -26,21 +26,29 @@ help:
 	@echo "make plan        planned poses against the paper's grid, simulated: benchmarks/plan.md"
 	@echo "make fleet       time and memory of many campaigns: benchmarks/fleet.md"
 	@echo "make kill-trials   50 runs killed at random moments and called once more: nothing lost (half an hour)"
-	@echo "make clean       remove results/ (make setup builds .venv; make lock, make schema: maintainers)"
+	@echo "make clean       remove results/ (make setup builds .venv; make tools, make lock, make schema: maintainers)"
 
 setup: .venv/.complete
 
-.venv/.locked: requirements.lock
+tools: .venv/.tools
+
+.venv/.locked: users.lock
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 	  echo "make setup: $(PYTHON) is missing or older than Python 3.11;" \
 	    "name a newer one: make $(MAKECMDGOALS) PYTHON=python3.11" >&2; exit 1; }
-	@echo "Setting up .venv from requirements.lock (a minute, once) ..."
+	@echo "Setting up .venv from users.lock (a minute, once) ..."
 	@$(PYTHON) -m venv --clear .venv
-	@$(PIP) --require-hashes --requirement requirements.lock
+	@$(PIP) --require-hashes --requirement users.lock
 	@touch $@
 
 .venv/.complete: .venv/.locked pyproject.toml
 	@$(PIP) --no-deps --no-build-isolation --editable .
+	@touch $@
+
+# The same versions, and what tests, checks, documentation and benchmarks need besides.
+.venv/.tools: .venv/.complete requirements.lock
+	@echo "Adding the tools of requirements.lock to .venv ..."
+	@$(PIP) --require-hashes --requirement requirements.lock
 	@touch $@
 
 reproduce: setup
@@ -52,62 +60,66 @@ figures: setup
 report: setup
 	$(SNAKEMAKE) --report results/report.html
 
-test: setup
+test: tools
 	$(BIN)/pytest -n $(CORES) --dist loadfile --ignore tests/browser
 
 # Needs Chromium; make test does not.
-test-browser: setup
+test-browser: tools
 	$(BIN)/pytest tests/browser
 
 # With the Slurm that `.ci/slurm start` brings up: workers and controller are killed.
-test-slurm: setup
+test-slurm: tools
 	PA10CAL_BREAK_SLURM=1 $(BIN)/pytest tests/running/test_slurm.py
 
-docs: setup
+docs: tools
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --fresh-env \
 	  --doctree-dir build/doctrees docs build/site
 	@echo "build/site/index.html"
 
-check: setup
+check: tools
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
 
-bench: setup
+bench: tools
 	$(BIN)/python -m benchmarks
 
 # Each peer in an environment of its own under build/peers; a quarter of an hour.
-peers: setup
+peers: tools
 	$(BIN)/python -m benchmarks.peers
 
-urdfs: setup
+urdfs: tools
 	$(BIN)/python -m benchmarks.urdfs
 
-commanded: setup
+commanded: tools
 	$(BIN)/python -m benchmarks.commanded
 
-plan: setup
+plan: tools
 	$(BIN)/python -m benchmarks.plan
 
-# Half an hour.
-fleet: setup
+# Ten minutes.
+fleet: tools
 	$(BIN)/python -m benchmarks.fleet
 
-kill-trials: setup
+kill-trials: tools
 	$(BIN)/python -m benchmarks.kills
 
 clean:
 	rm -rf results
 
-# Universal: one lock for every platform and Python version. Pins and hashes only, no address.
+# Universal: one lock for every platform and Python version. Pins and hashes only, no address. Users' lock is a part of
+# the other.
+lock: LOCKED := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header \
+  --no-emit-index-url --no-emit-find-links
 lock:
 	@command -v uv >/dev/null || { echo "make lock: uv is needed (a maintainer's tool)" >&2; exit 1; }
-	uv pip compile --quiet --universal --python-version 3.11 --all-extras --generate-hashes \
-	  --no-header --no-emit-index-url --no-emit-find-links --output-file requirements.lock pyproject.toml
+	$(LOCKED) --all-extras --output-file requirements.lock pyproject.toml
+	$(LOCKED) --extra urdf --extra slurm --extra build --constraint requirements.lock \
+	  --output-file users.lock pyproject.toml
 
-schema: setup
+schema: tools
 	$(BIN)/python -m pa10cal.planning.schema
 	$(BIN)/python -m pa10cal.results.docs
 	$(BIN)/python -m pa10cal.planning.reference docs/python.md

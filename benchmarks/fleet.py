@@ -10,6 +10,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import wrap
 
 from pa10cal.commands.command_line import limit_threads
 from pa10cal.files.output import write_text
@@ -24,8 +25,9 @@ ON_PAPER = 100_000
 
 HEAD = f"""# Fleets: time and memory
 
-`make fleet`: simulated campaigns of {POSES} poses under a tracker that sees three reflectors, two
-campaigns an arm ({ROBOT}), from raw files to the fleet's page by `pa10cal fleet --cores {CORES}`.
+`make fleet`: simulated campaigns of {POSES} poses under a tracker that sees three reflectors, each
+of an {ROBOT} of its own and every two compared as if of one, from raw files to the fleet's page by
+`pa10cal fleet --cores {CORES}`.
 Work is the time on the processor of all processes below the run but Snakemake's own; overhead is
 what the cores were held for besides, as a share of the work. Times are of one machine, no other
 program running on it.
@@ -131,10 +133,13 @@ def _lines(runs: list[Run], plans: dict[int, float]) -> list[str]:
         hours = ON_PAPER * a_campaign / 3600
         lines += [
             "",
-            f"On paper: {ON_PAPER} campaigns like these are {hours:.0f} hours of one core at "
-            f"{a_campaign:.1f} s each. One plan of all would take about "
-            f"{plans[max(plans)] * ON_PAPER / max(plans) / 60:.0f} minutes if it grew in "
-            "proportion; tables of some thousand campaigns, one after the other, need no more.",
+            *wrap(
+                f"On paper: {ON_PAPER} campaigns like these are {hours:.0f} hours of one core at "
+                f"{a_campaign:.1f} s each. One plan of all would take about "
+                f"{plans[max(plans)] * ON_PAPER / max(plans) / 60:.0f} minutes if it grew in "
+                "proportion; tables of some thousand campaigns, one after the other, need no more.",
+                100,
+            ),
         ]
     return lines
 

@@ -3,7 +3,6 @@
 import ast
 import re
 import tomllib
-from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -269,8 +268,23 @@ def test_rules_only_call_commands():
         assert all(command.startswith("python -m pa10cal ") for command in commands), path
 
 
-def test_lock_pins_every_package_by_hash_and_names_no_address():
-    text = (ROOT / "requirements.lock").read_text("utf-8")
+LOCKS = "requirements.lock", "users.lock"
+
+
+def plain(name):
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def locked(name):
+    """Each package of a lock, with its version and hashes."""
+    text = (ROOT / name).read_text("utf-8")
+    found = re.findall(r"^([A-Za-z0-9._-]+)(?:\[[\w,-]+\])?(==[^#]*)", text, re.MULTILINE)
+    return {(plain(package), pinned) for package, pinned in found}
+
+
+@pytest.mark.parametrize("lock", LOCKS)
+def test_lock_pins_every_package_by_hash_and_names_no_address(lock):
+    text = (ROOT / lock).read_text("utf-8")
     assert "://" not in text
     assert not re.search(r"^-", text, re.MULTILINE), "an option of pip, such as an index"
     assert not re.search(r"\b[\w-]+\.(org|com|io|net)\b", text)
@@ -281,16 +295,19 @@ def test_lock_pins_every_package_by_hash_and_names_no_address():
         assert "--hash=sha256:" in requirement, requirement[:60]
 
 
-def test_lock_holds_every_dependency_of_the_project():
+def test_locks_hold_every_dependency_and_that_of_users_no_tool():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    wanted = {*project["dependencies"], *chain(*project["optional-dependencies"].values())}
-    text = (ROOT / "requirements.lock").read_text("utf-8")
-    locked = set(re.findall(r"^([A-Za-z0-9._-]+)(?:\[\w+\])?==", text, re.MULTILINE))
-
-    def plain(name):
-        return re.sub(r"[-_.]+", "-", name).lower()
-
-    assert {plain(name) for name in wanted} <= {plain(name) for name in locked}
+    extras = {
+        name: {plain(package) for package in packages}
+        for name, packages in project["optional-dependencies"].items()
+    }
+    everything, users = (locked(name) for name in LOCKS)
+    assert users < everything, "another version or other hashes"
+    tools = extras.pop("dev") | extras.pop("docs")
+    wanted = {plain(name) for name in project["dependencies"]}.union(*extras.values())
+    assert wanted <= {name for name, _ in users}
+    assert wanted | tools <= {name for name, _ in everything}
+    assert not (tools - wanted) & {name for name, _ in users}
 
 
 def test_one_version_stands_everywhere():
