@@ -131,9 +131,9 @@ def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
     if effect.positive and x.min() < 0.0:
         names = ", ".join(finding.parameters)
         yield f"its {names} would be negative, which is not physical"
-    sizes = np.abs(np.linalg.solve(effect.prior_factor, x))
-    if sizes.max() > MOST_SIZES:
-        yield f"it would be {sizes.max():.0f} times as large as is plausible"
+    size = effect.size(x)
+    if size > MOST_SIZES:
+        yield f"it would be {size:.0f} times as large as is plausible"
     if model.covariance is not None:
         covariance = model.covariance[columns, columns][linear, linear]
         scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))

@@ -158,12 +158,19 @@ def _harm(gap: Gap, rows: Rows) -> _Harm | None:
 
 
 def _beyond_uncertainty(found: Verdict[object], gap: Gap, rows: Rows) -> bool:
-    """Return whether errors exceed what noise and the uncertainty of the model explain."""
+    """Return whether errors exceed what noise and the uncertainty of the model explain.
+
+    Where single poses scatter by more than noise, as joints do that stop where friction lets them,
+    by that scatter: it is there in the poses of the fit as well.
+    """
     poses = gap.poses.take(rows)
     jacobian = residual_and_jacobian(found.extended.at, poses)[1]
     covariance = found.covariance[: jacobian.shape[2], : jacobian.shape[2]]
     spread = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+    floor_mm = gap.noise_floor_mm
+    if found.scatter is not None:
+        spread, floor_mm = spread + found.scatter.covariance(found.extended.at, poses), 0.0
     variance = np.trace(position_noise(poses.measured, spread), axis1=1, axis2=2)
-    expected_mm = np.hypot(gap.noise_floor_mm, 1e3 * np.sqrt(variance.mean()))
+    expected_mm = np.hypot(floor_mm, 1e3 * np.sqrt(variance.mean()))
     after_mm = summarise(gap.found_after, rows).rms_mm
     return bool(after_mm > CONTRADICTED * expected_mm)

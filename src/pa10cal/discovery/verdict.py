@@ -23,6 +23,7 @@ from pa10cal.discovery.gap import Gap, Named
 from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
 from pa10cal.discovery.next_poses.room import NextPose
 from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.scatter import Scatter
 from pa10cal.discovery.with_effects import ModelWithEffects
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FallBack, FittedModel
@@ -229,6 +230,11 @@ class Verdict(ABC, Generic[P_co]):
     @property
     def seen(self) -> AnglesSeen | None:
         """Return the joint positions that maps have learnt from; None without a map of its own."""
+        return None
+
+    @property
+    def scatter(self) -> Scatter | None:
+        """Return what single poses scatter by about the model; None where that is noise alone."""
         return None
 
     @property

@@ -122,10 +122,12 @@ def both_kinds_agree(before: Chosen, after: Chosen) -> bool:
     """
     positions = before.state.position_squares - after.state.position_squares
     attitudes = before.squares - after.squares - positions
-    return all(
-        float(gain.sum()) >= -_SURELY_WORSE * standard_error(gain)
-        for gain in (positions, attitudes)
-    )
+    return not (surely_worse(positions) or surely_worse(attitudes))
+
+
+def surely_worse(gain: Array) -> bool:
+    """Return whether a sum over blocks is below zero by more than its scatter between them."""
+    return float(gain.sum()) < -_SURELY_WORSE * standard_error(gain)
 
 
 def standard_error(gain: Array) -> float:

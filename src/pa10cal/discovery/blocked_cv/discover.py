@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.discovery import verdict
-from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
-from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate
+from pa10cal.discovery.blocked_cv.bands import InBands
 from pa10cal.discovery.blocked_cv.causes import with_causes
 from pa10cal.discovery.blocked_cv.compare import compare, errors_by_name
 from pa10cal.discovery.blocked_cv.family import computable
-from pa10cal.discovery.blocked_cv.finest import Level, finest, level
+from pa10cal.discovery.blocked_cv.finest import Level
 from pa10cal.discovery.blocked_cv.formulas import arena_by_blocks
+from pa10cal.discovery.blocked_cv.found import found_in, with_more
 from pa10cal.discovery.blocked_cv.judge import (
     Prediction,
     Remaining,
@@ -26,13 +26,8 @@ from pa10cal.discovery.blocked_cv.judge import (
     remaining_error,
     unexplained,
 )
-from pa10cal.discovery.blocked_cv.reference import weighted_rows
 from pa10cal.discovery.blocked_cv.refit import Refit, refit
-from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
-from pa10cal.discovery.blocked_cv.search import Step
-from pa10cal.discovery.blocked_cv.searched import Searched, searched_rows
-from pa10cal.discovery.blocked_cv.selection import Columns
-from pa10cal.discovery.blocked_cv.slow_drift import SlowDrift, slow_drift
+from pa10cal.discovery.blocked_cv.slow_drift import slow_drift
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.family import sought
 from pa10cal.discovery.formulas.rows import Arena
@@ -100,6 +95,7 @@ class VerdictByBlocks(Verdict[Prediction]):
         return _seen(self.survey, self.extended.effects)
 
     @cached_property
+    @override
     def scatter(self) -> Scatter | None:
         """Return what single poses scatter by about the model; None where no map has a band."""
         if self.bands is None:
@@ -213,16 +209,11 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         torques_logged=campaign.torques == "logged",
     )
     shaped, unknown = computable(judged)
-    found = _found(judged, shaped, error_rate)
+    found = found_in(judged, shaped, error_rate)
     wander = _in_time(found.rows.survey, found.extended).wander
     if wander is not None:
-        found = _found(judged.moving(wander), shaped, error_rate)
-    searched = found.searched
-    drift = slow_drift(
-        found.survey, found.extended, found.rows.weights, searched.least_gain, searched.noise
-    )
-    if drift is not None:
-        found = _with_drift(found, drift)
+        found = found_in(judged.moving(wander), shaped, error_rate)
+    found = with_more(found, slow_drift(found.survey, found.held_poses, found.extended.effects))
     judged, rows, searched = found.survey, found.rows, found.searched
     fine, extended = found.fine, found.extended
     effects = tuple(member.effect for member in fine.members)
@@ -249,6 +240,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         unexplained=(
             *unexplained(remaining, searched.nameless, searched.tried),
             *(() if judged.wander is None else wandering(judged.wander, floor_mm)),
+            *(() if judged.lag is None else (judged.lag.unexplained(remaining.mean_mm),)),
         ),
         not_testable=(*unknown, *searched.hidden),
         below_detection_limit=searched.below_detection_limit,
@@ -276,76 +268,6 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         bands=found.bands,
     )
     return with_causes(found_by_blocks)
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """What a survey comes to.
-
-    Attributes:
-        survey: the campaign, with the motion of its base as these effects leave it.
-        rows: by which it was searched.
-        searched: what the search found.
-        fine: the effects, by linear least squares.
-        finer_steps: steps to finer maps.
-        bands: of maps that have one; None where none has.
-        extended: the model with the effects.
-    """
-
-    survey: Survey
-    rows: Rows
-    searched: Searched
-    fine: Level
-    finer_steps: tuple[Step, ...]
-    bands: InBands | None
-    extended: Refit
-
-
-def _found(judged: Survey, shaped: tuple[ShapedEffect, ...], error_rate: float) -> _Found:
-    """Search a survey, and fit what was found."""
-    rows = weighted_rows(judged, shaped, SPACINGS[-1][0])
-    searched = searched_rows(rows, error_rate)
-    fine, finer_steps = finest(rows, searched.members)
-    bands = in_bands(rows, fine)
-    if bands is not None:
-        before, after = bands.of_time.T
-        finer_steps = (*finer_steps, Step(bands.level.members, fine.squares * after / before))
-        fine = bands.level
-    effects = tuple(member.effect for member in fine.members)
-    own, amounts = fine.fit(len(effects))
-    if judged.wander is not None:
-        moved = own[len(own) - len(judged.wander.sizes) :]
-        judged = replace(judged, wander=replace(judged.wander, amounts=moved))
-    widening = AS_FOUND if bands is None else bands.widening
-    extended = refit(judged, effects, amounts, rows.weights, widening)
-    return _Found(judged, rows, searched, fine, finer_steps, bands, extended)
-
-
-def _with_drift(found: _Found, drift: SlowDrift) -> _Found:
-    """Return what was found with a slow drift, in place of a constant one."""
-    searched = found.searched
-    stays = [k for k, each in enumerate(found.fine.members) if each.effect.id != drift.effect.id]
-    member = Candidate(ShapedEffect(drift.effect), Columns(np.zeros(0, np.intp), np.zeros(0)))
-    members = (*(found.fine.members[k] for k in stays), member)
-    shaped = tuple(each.shaped for each in members if not each.is_map)
-    fine = level(replace(found.rows, shaped=shaped), members)
-    _, amounts = fine.fit(len(members))
-    effects = tuple(each.effect for each in members)
-    widening = AS_FOUND if found.bands is None else found.bands.widening
-    return replace(
-        found,
-        searched=replace(
-            searched,
-            members=members,
-            # The same motion is not told twice.
-            nameless=tuple(each for each in searched.nameless if not each.goes_with_time),
-            predictions=(*(searched.predictions[k] for k in stays), drift.proof),
-            alternatives=(*(searched.alternatives[k] for k in stays), drift.alternatives),
-        ),
-        fine=fine,
-        finer_steps=(*found.finer_steps, Step(members, fine.squares)),
-        extended=refit(found.survey, effects, amounts, found.rows.weights, widening),
-    )
 
 
 def _in_time(judged: Survey, found: Refit) -> InTime:

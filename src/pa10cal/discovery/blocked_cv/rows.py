@@ -105,9 +105,9 @@ class Rows:
 
     @property
     def own(self) -> Index:
-        """Return the columns of the model's own parameters, and of the base's motion in time."""
-        wander = self.survey.wander
-        return np.arange(len(unknowns(self.place)) + (0 if wander is None else len(wander.sizes)))
+        """Return the columns of the model's own parameters, and of the survey's nuisances."""
+        beside = sum(len(each.sizes) for each in self.survey.nuisances)
+        return np.arange(len(unknowns(self.place)) + beside)
 
     @property
     def of_weights(self) -> Index:
@@ -203,9 +203,8 @@ class Rows:
         columns = by_terms(self.place, poses, model.terms, points)
         columns.append(by_targets(self.place, poses))
         found: Array = np.concatenate(columns, axis=2) * possible_sizes(model, poses.measured)
-        if self.survey.wander is None:
-            return found
-        return np.concatenate([found, self.survey.wander.columns(self.place, poses)], axis=2)
+        beside = [each.columns(self.place, poses) for each in self.survey.nuisances]
+        return np.concatenate([found, *beside], axis=2)
 
     def _effects(self, poses: Observations) -> Sequence[Array]:
         effects = [each.effect for each in self.shaped]

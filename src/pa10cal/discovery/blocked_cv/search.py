@@ -191,7 +191,8 @@ class Search:
             found = tried.state.with_each([name.columns for name in names])
             tried = tried.extended(names[int(np.argmin(found.sum(axis=1)))])
             if self._as_good(tried, chosen, candidate):
-                return tried if within_bounds(tried) and self._all_help(tried, there) else None
+                sound = within_bounds(tried) and both_kinds_agree(chosen.reduced(place), tried)
+                return tried if sound and self._all_help(tried, there) else None
         return None
 
     def _as_good(self, named: Chosen, chosen: Chosen, candidate: Candidate) -> bool:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.discovery.blocked_cv.attitude_lag import AttitudeLag, attitude_lag
 from pa10cal.discovery.in_time.wander import Wander
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
@@ -42,6 +44,7 @@ class Survey:
         torques_logged: whether the torques are those of a log, and not of described masses.
         wander: how the base moves in the course of time; None where the data prefer that it
             does not.
+        lag: of attitudes behind the motion; None where there can be none.
     """
 
     poses: Observations
@@ -51,6 +54,7 @@ class Survey:
     context: CandidateContext
     torques_logged: bool
     wander: Wander | None = None
+    lag: AttitudeLag | None = None
 
     @property
     def cells(self) -> Observations:
@@ -65,7 +69,7 @@ class Survey:
         return replace(self, wander=wander, block=np.arange(len(self.poses)) % BLOCKS)
 
     def left_by(self, at: FittedModel, poses: Observations | None = None) -> Array:
-        """Return predicted minus measured components, (P, b), without the motion of the base.
+        """Return predicted minus measured components, (P, b), without motion of the base or lag.
 
         Args:
             at: the model.
@@ -73,9 +77,26 @@ class Survey:
         """
         poses = self.poses if poses is None else poses
         left = residual(at, poses)
-        if self.wander is None or self.wander.amounts is None:
-            return left
-        return left + self.wander.shift(self.baseline, poses)
+        for own in self.nuisances:
+            if own.amounts is not None:
+                left = left + own.shift(self.baseline, poses)
+        return left
+
+    @property
+    def nuisances(self) -> tuple[Wander | AttitudeLag, ...]:
+        """Return what is found beside model and effects, and belongs to neither."""
+        return tuple(each for each in (self.wander, self.lag) if each is not None)
+
+    def with_amounts(self, found: Array) -> Survey:
+        """Return the survey with the amounts of these, one after the other (k,)."""
+        stops = np.cumsum([0, *(len(each.sizes) for each in self.nuisances)])
+        parts = [found[first:last] for first, last in pairwise(stops)]
+        own = [
+            replace(each, amounts=part) for each, part in zip(self.nuisances, parts, strict=True)
+        ]
+        wander = next((each for each in own if isinstance(each, Wander)), None)
+        lag = next((each for each in own if isinstance(each, AttitudeLag)), None)
+        return replace(self, wander=wander, lag=lag)
 
     def model(self, effects: tuple[Effect, ...] = ()) -> Model:
         """Return the calibrated model with effects, and small motions of the base last."""
@@ -112,13 +133,15 @@ def survey(
     poses = complete(poses, baseline, setup)
     if torques_logged:
         poses = _as_springs_take_them(poses)
+    context = context_of(poses, baseline, setup)
     return Survey(
         poses=poses,
         block=np.arange(len(poses)) * BLOCKS // len(poses),
         baseline=baseline,
         setup=setup,
-        context=context_of(poses, baseline, setup),
+        context=context,
         torques_logged=torques_logged,
+        lag=attitude_lag(context, poses),
     )
 
 

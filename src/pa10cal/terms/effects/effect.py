@@ -136,6 +136,10 @@ class Effect(ABC):
         sizes = [parameter.plausible for parameter in self.parameters[: self.linear]]
         return np.diag(np.array(sizes, dtype=float))
 
+    def size(self, x: Array) -> float:
+        """Return how large linear parameters (l,) are: the largest, in what is to be expected."""
+        return float(np.abs(np.linalg.solve(self.prior_factor, x)).max())
+
 
 @dataclass(frozen=True)
 class NamedEffect(Effect):

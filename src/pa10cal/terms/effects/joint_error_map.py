@@ -95,6 +95,13 @@ class JointErrorMap(JointEffect):
         factor = np.linalg.cholesky(correlation + _JITTER * np.eye(self.knots))
         return np.asarray(_PLAUSIBLE_RAD * factor, dtype=np.float64)
 
+    def size(self, x: Array) -> float:
+        """Return the root mean square of the errors at the knots, in what is plausible.
+
+        Of hundreds of waves some are always many times as large as was expected of them.
+        """
+        return float(np.sqrt(np.mean(x**2))) / _PLAUSIBLE_RAD
+
 
 def harmonic_orders(knots: int) -> Array:
     """Return the cycles a turn, (K,), of the columns of `harmonics_at_knots`: 0, 1, 1, 2, 2, …"""
