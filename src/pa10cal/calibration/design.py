@@ -54,30 +54,35 @@ def pose_design(white: Array, position: Array, scale: Array, unknowns: int) -> P
         unknowns: parameters that all poses together identify.
     """
     count = len(white)
-    white, position = white * scale, position * scale
+    scales = np.outer(scale, scale)
     pool = np.unique(np.linspace(0, count - 1, min(count, _POOL)).round().astype(np.intp))
     information = np.eye(len(scale)) / _POSSIBLE_SCALES**2
-    criterion = Criterion(white[pool] * _POSSIBLE_SCALES, [Share(1.0, len(scale))])
+    criterion = Criterion(white[pool] * scale * _POSSIBLE_SCALES, [Share(1.0, len(scale))])
     order = pool[one_by_one(criterion, min(len(pool), _MOST))]
-    spread = np.einsum("pck,pcl->kl", position, position, optimize=True) / count
+    spread = _gram(position) * scales / count
     numbers = np.unique(np.geomspace(1, len(order), 40).round().astype(np.intp))
-    measured = np.arange(count)
     enough = -(-unknowns // white.shape[1])
 
-    def expected(rows: Index) -> float:
-        if len(rows) < enough:
+    def expected(of_poses: Array) -> float:
+        if len(of_poses) < enough:
             return float("inf")
-        flat = white[rows].reshape(-1, len(scale))
-        covariance = np.linalg.inv(information + flat.T @ flat)
+        covariance = np.linalg.inv(information + _gram(of_poses) * scales)
         return float(np.sqrt(np.sum(covariance * spread)))
 
     return PoseDesign(
         order=order,
         numbers=numbers,
-        u_optimal_m=np.array([expected(order[:n]) for n in numbers]),
-        u_measured_m=np.array([expected(measured[:n]) for n in numbers]),
-        u_all_m=expected(measured),
+        u_optimal_m=np.array([expected(white[order[:n]]) for n in numbers]),
+        u_measured_m=np.array([expected(white[:n]) for n in numbers]),
+        u_all_m=expected(white),
     )
+
+
+def _gram(rows: Array) -> Array:
+    """Return the products (k, k) of the rows (P, b, k) of all poses."""
+    flat = rows.reshape(-1, rows.shape[2])
+    found: Array = flat.T @ flat
+    return found
 
 
 def poses_needed(design: PoseDesign, u_needed_m: float) -> int | None:

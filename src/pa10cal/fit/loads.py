@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE, TOOL
-from pa10cal.arm.state import PoseStates
+from pa10cal.arm.state import PoseStates, StaticLoads
 from pa10cal.arm.statics import Payload, Statics, statics
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+S = TypeVar("S", Statics, StaticLoads)
+
+#: Poses whose statics are worked out at once: it takes several times their size for a moment.
+_BLOCK = 10_000
 
 #: Where the torques of poses come from: a log, the masses described, or they are not known.
 TorqueSource = Literal["logged", "masses", "none"]
@@ -42,14 +47,17 @@ def with_torques(
     if payload is None or chain.arm.mass_kg is None:
         return states, "none"
     # What springs give way by needs torques itself: those of the nominal arm, near enough.
-    found = statics_of(Model(chain, ()), np.zeros(0), states, payload)
-    states = replace(states, tau_Nm=found.torque_Nm, static_loads=found.static_loads)
+    states = _under_weights(Model(chain, ()), np.zeros(0), states, payload)
     own = tuple(term for term in model.terms if not isinstance(term, Effect))
     if own:
         x = np.concatenate([x[model.columns_of(term)] for term in own])
-        found = statics_of(Model(chain, own), x, states, payload)
-        states = replace(states, tau_Nm=found.torque_Nm, static_loads=found.static_loads)
+        states = _under_weights(Model(chain, own), x, states, payload)
     return states, "masses"
+
+
+def _under_weights(model: Model, x: Array, states: PoseStates, payload: Payload) -> PoseStates:
+    found = _in_order((at, each.static_loads) for at, each in _blocks(model, x, states, payload))
+    return replace(states, tau_Nm=found.joint_Nm, static_loads=found)
 
 
 def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> Statics:
@@ -63,29 +71,43 @@ def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> 
         states: P states.
         payload: what the arm carries.
     """
+    return _in_order(_blocks(model, x, states, payload))
+
+
+def _blocks(
+    model: Model, x: Array, states: PoseStates, payload: Payload
+) -> Iterator[tuple[Index, Statics]]:
+    """Yield rows and their static loads, of one campaign and no more than `_BLOCK` at once."""
     coordinates = model.chain_coordinates(states, x)
     coordinates[:, model.chain.columns(BASE + TOOL)] = 0.0
-    if not payload.of_campaigns or states.campaign is None:
-        return statics(model.chain, coordinates, states.load_N, payload)
-    rows = [np.flatnonzero(states.campaign == k) for k in range(len(payload.of_campaigns))]
-    each = [
-        statics(model.chain, coordinates[at], states.load_N[at], own)
-        for at, own in zip(rows, payload.of_campaigns, strict=True)
-        if len(at)
-    ]
-    back = np.argsort(np.concatenate(rows))
-    together: Statics = _joined(each, back)
-    return together
+    of = [(np.arange(len(states)), payload)]
+    if payload.of_campaigns and states.campaign is not None:
+        every = enumerate(payload.of_campaigns)
+        of = [(np.flatnonzero(states.campaign == k), own) for k, own in every]
+    for rows, own in of:
+        for first in range(0, max(len(rows), 1), _BLOCK):
+            at = rows[first : first + _BLOCK]
+            yield at, statics(model.chain, coordinates[at], states.load_N[at], own)
 
 
-def _joined(each: Sequence[Any], back: NDArray[np.intp]) -> Any:
-    """Return groups of arrays as one, their rows in the order of the poses."""
-    values = zip(*([getattr(one, f.name) for f in fields(one)] for one in each), strict=True)
-    return type(each[0])(
-        *(
-            np.concatenate(found)[back]
-            if isinstance(found[0], np.ndarray)
-            else _joined(found, back)
-            for found in values
-        )
+def _in_order(parts: Iterable[tuple[Index, S]]) -> S:
+    """Return records of arrays as one, each row where it belongs."""
+    rows, each = zip(*parts, strict=True)
+    if len(each) == 1:
+        only: S = each[0]
+        return only
+    count = sum(map(len, rows))
+
+    def whole(found: tuple[Any, ...]) -> Any:
+        if not isinstance(found[0], np.ndarray):
+            return _in_order(zip(rows, found, strict=True))
+        values = np.empty((count, *found[0].shape[1:]))
+        for at, part in zip(rows, found, strict=True):
+            values[at] = part
+        return values
+
+    names = [field.name for field in fields(each[0])]
+    together: S = type(each[0])(
+        *(whole(tuple(getattr(one, name) for one in each)) for name in names)
     )
+    return together

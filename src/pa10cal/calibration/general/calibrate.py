@@ -64,6 +64,10 @@ class GeneralCalibration:
     fit: Fit
     moved: Moved | None = None
 
+    def without_rows(self) -> GeneralCalibration:
+        """Return the calibration without the rows of its fit."""
+        return replace(self, fit=self.fit.without_rows())
+
 
 def calibrate_general(
     arm: Arm,
@@ -105,7 +109,7 @@ def calibrate_general(
         if rigid:
             springs = tuple(joint for joint in springs if joint not in rigid)
             problem, kept = _rigid_at(problem, rigid)
-            x_start = found.x[kept]
+            x_start, found = found.x[kept], found.without_rows()
             found = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
     settled = tilts_not_shown(problem, found)
     by_masses = bool(springs) and source == "masses"
@@ -113,6 +117,7 @@ def calibrate_general(
         names = {each.parameter.name for each in settled}
         kept = np.array([parameter.name not in names for parameter in problem.parameters])
         problem, x_start = _without(problem, names), found.x[kept]
+        found = found.without_rows()
         unknowns = replace(unknowns, links=_links_of(problem))
         if by_masses:
             problem = _weighed(problem, x_start, unweighed, payload)
@@ -158,7 +163,8 @@ def at_rest(
         weighed = _weighed(problem, found.x, unweighed, payload)
         if weighed is problem:
             break
-        problem, before = weighed, found
+        problem, before = weighed, found.without_rows()
+        del found
         found = again(problem, before)
         found = replace(found, iterations=before.iterations + found.iterations)
     return problem, found

@@ -113,16 +113,16 @@ def work_out_general(
         CalibrationError: when there are too few poses, a spring lacks torques, the arm as described
             does not fit the readings at all, or the prior is of another arm.
     """
-    used = grid.take(rows)
+    used, rigid = grid.take(rows), options.with_springs(())
+    nominal = calibrate_general(arm, used, start, payload, rigid, links=False).without_rows()
     if prior is None:
         full = calibrate_general(arm, used, start, payload, options)
     else:
         known = prior_of(prior, arm, payload)
         full = calibrate_from(known, arm, used, start, payload, options)
-    nominal = calibrate_general(arm, used, start, payload, options.with_springs(()), links=False)
     geometry = full if prior is None else nominal
     if full.springs and prior is None:
-        geometry = calibrate_general(arm, used, start, payload, options.with_springs(()))
+        geometry = calibrate_general(arm, used, start, payload, rigid).without_rows()
     calibrated, load_N = fitted(full), grid.states.load_N
 
     def weighed(poses: Observations) -> Observations:

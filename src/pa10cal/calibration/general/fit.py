@@ -80,6 +80,11 @@ class Fit:
     reason: str
     widening: float = 1.0
 
+    def without_rows(self) -> Fit:
+        """Return the fit without its rows, the most of what it takes."""
+        none = np.zeros(0)
+        return replace(self, residual=none, jacobian=none, whitener=none)
+
 
 def fit(
     problem: Problem,
@@ -225,8 +230,12 @@ class _WeightedProblem:
         self._settled = self._turns = False
 
     def rows(self, x: Array) -> Rows:
-        """Return the rows at a point, those of the last one looked at kept."""
+        """Return the rows at a point, those of the last one looked at kept and no others.
+
+        Of large campaigns nothing takes as much room.
+        """
         if self._last is None or self._last[0] is not x:
+            self._last = None
             self._last = (x, self._problem.rows(x))
         return self._last[1]
 
@@ -243,7 +252,7 @@ class _WeightedProblem:
     def renewed(self, x: Array, taken: Step) -> Equations:
         """Renew scatter and weights about a point."""
         problem, span, rows = self._problem, self._span, self.rows(x)
-        weighted = weighted_rows(problem, rows, self.scatter, self._robust)
+        weighted = self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
         if span.expected is None:
             parts = span.reach[:, None] * _inverse_root(weighted.normal, span.reach)
         else:
