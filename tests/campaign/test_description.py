@@ -57,6 +57,7 @@ def change(description, key, value):
         ("files.cmm", None, r"files.cmm: the key is missing"),
         ("files.cmm", "elsewhere.csv", r"files.cmm: .*'elsewhere.csv'.*inside the campaign"),
         ("files.cmm", "../cmm.csv", r"files.cmm"),
+        ("files.cmm", 300 * "é" + ".csv", r"files.cmm: .*inside the campaign"),
         ("holdout", {"every": 5, "last_fraction": 0.3}, r"holdout: .*one of them"),
         ("holdout", {"last_fraction": 1.3}, r"holdout.last_fraction .*less than 1"),
     ],

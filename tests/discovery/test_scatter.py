@@ -9,6 +9,7 @@ from pa10cal.discovery.linear import by_joints
 from pa10cal.discovery.scatter import INSIDE95, Scatter, scatter_of, share_inside
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.group import joined
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.sensor_error import SensorError
@@ -16,7 +17,9 @@ from pa10cal.terms.effects.spectrum import Band
 from pa10cal.terms.model import Model
 
 BAND = Band(5e-5, 3e-5, 6e-5, 3.0, 8.0, 3.0, 1e-6)
-TRUE = Scatter(1e-6 * np.array([30.0, 40.0, 10.0, 80.0, 120.0, 20.0]), np.array([3e-5, 1e-4]))
+TRUE = Scatter(
+    1e-6 * np.array([30.0, 40.0, 10.0, 80.0, 120.0, 20.0]), {"position": 3e-5, "attitude": 1e-4}
+)
 
 
 @pytest.fixture(name="model", scope="module")
@@ -44,14 +47,14 @@ def seen_by(model, seed, count=1500):
     )
     turned = by_joints(model, poses, range(1, 7))
     off = (turned @ (TRUE.joints * rng.standard_normal((count, 6)))[:, :, None])[:, :, 0]
-    kinds = np.repeat(TRUE.kinds, 3)
+    kinds = np.repeat([*TRUE.kinds.values()], 3)
     return poses, off + kinds * rng.standard_normal((count, 6))
 
 
 def test_the_scatter_drawn_is_found(model):
     poses, left = seen_by(model, 1)
     found = scatter_of(model, poses, left)
-    np.testing.assert_allclose(found.kinds, TRUE.kinds, rtol=0.1)
+    assert found.kinds == pytest.approx(TRUE.kinds, rel=0.1)
     np.testing.assert_allclose(found.joints[[0, 1, 3, 4]], TRUE.joints[[0, 1, 3, 4]], rtol=0.2)
 
 
@@ -72,3 +75,13 @@ def test_intervals_hold_what_they_say(model):
         shares.append(share_inside(model, TRUE, poses, off))
     assert np.mean(shares) == pytest.approx(0.95, abs=0.02)
     assert pytest.approx(1.96) == INSIDE95
+
+
+def test_poses_of_one_campaign_of_a_group_scatter_as_that_one_does(model):
+    each = [seen_by(model, seed, 40)[0] for seed in (4, 5)]
+    every = joined(each, ("june", "july"))
+    names = [name for name, _ in every.measured.component_kinds]
+    scatter = Scatter(TRUE.joints, dict(zip(names, (1e-5, 2e-5, 3e-5, 4e-5), strict=True)))
+    found = scatter.covariance(model, every.take(np.arange(40, 80)))
+    own = Scatter(TRUE.joints, {"position": 3e-5, "attitude": 4e-5}).covariance(model, each[1])
+    np.testing.assert_allclose(found[:, 6:, 6:], own, rtol=1e-12)

@@ -229,12 +229,19 @@ def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
         name = getattr(campaign.files, key)
         if name is None:
             raise _unfit(folder, f"files.{key}", None, f"a file name, as the kind is {kind}")
-        if not (folder / name).is_file():
+        if not _is_there(folder / name):
             raise _unfit(folder, f"files.{key}", name, "a file inside the campaign's folder")
     mapped = set() if campaign.columns is None else campaign.columns.model_fields_set
     for key in sorted(mapped - set(needed)):
         allowed = " and ".join(f"columns.{each}" for each in needed)
         raise _unfit(folder, f"columns.{key}", key, f"{allowed}, as the kind is {kind}")
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # no name that this file system can have
+        return False
 
 
 def _check_holdout(holdout: Holdout, path: Path) -> None:

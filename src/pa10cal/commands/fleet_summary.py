@@ -6,18 +6,20 @@ from pathlib import Path
 
 
 def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) -> None:
-    """Summarise a fleet whose campaigns are done: table, record and page.
+    """Summarise a fleet whose campaigns are done: table, record, page and picture.
 
     Args:
         campaigns: table of campaigns (.csv), or a pattern of folders of --raw-dir.
         raw_dir: folder of the campaigns.
         results: holds a folder of results for each.
-        out: folder for fleet.csv, fleet.json and fleet.html.
+        out: folder for fleet.csv, fleet.json, fleet.html, and fleet.png, .svg and .pdf.
 
     Examples:
         pa10cal fleet_summary --campaigns arms.csv --raw-dir data/raw --results results \\
           --out results/fleet
     """
+    from pa10cal.figures.fleet import write_fleet
+    from pa10cal.figures.options import FigureOptions
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.fleet.campaigns import campaigns_of
     from pa10cal.fleet.standing import fleet_record
@@ -31,6 +33,7 @@ def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) ->
         write_text(table, fleet_csv(found))
         write_text(page, page_text(found))
         write(found, record)
+        write_fleet(found, out, "fleet", FigureOptions().png_dpi)
     words = ", ".join(f"{count} {word}" for word, count in found.counts.items())
     first = [each for each in found.arms if each.attention != "none"]
     print(f"fleet: {len(found.campaigns)} campaigns of {len(found.arms)} arms: {words}")

@@ -40,15 +40,12 @@ def bands_part(found: VerdictByBlocks | None) -> parts.Bands | None:
 
 def scatter_part(found: VerdictByBlocks | None) -> parts.PoseScatter | None:
     """Return what single poses scatter by; None where no map has a band."""
-    if found is None or found.scatter is None:
+    if found is None or found.bands is None or found.scatter is None:
         return None
-    kinds = found.survey.poses.measured.component_kinds
     train, holdout = found.inside95
     return parts.PoseScatter(
         joints=tuple(found.scatter.joints.tolist()),
-        kinds={
-            name: float(size) for (name, _), size in zip(kinds, found.scatter.kinds, strict=True)
-        },
+        kinds=dict(found.scatter.kinds),
         inside95_train=train,
         inside95_holdout=holdout,
     )

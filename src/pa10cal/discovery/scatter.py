@@ -8,6 +8,7 @@ With the uncertainty of the model it makes the interval in which a measured pose
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,19 +37,19 @@ class Scatter:
 
     Attributes:
         joints: (n,) of joint positions [rad, m].
-        kinds: of each kind of component, in the order of the instrument's kinds [m, rad].
+        kinds: of each kind of component, by its name [m, rad].
     """
 
     joints: Array
-    kinds: Array
+    kinds: Mapping[str, float]
 
     def covariance(self, at: FittedModel, poses: Observations) -> Array:
         """Return the covariance of the components of poses, (P, b, b)."""
         turned = by_joints(at, poses, range(1, at.arm.n + 1)) * self.joints
         found = turned @ np.swapaxes(turned, 1, 2)
-        for (_, kind), size in zip(poses.measured.component_kinds, self.kinds, strict=True):
+        for name, kind in poses.measured.component_kinds:
             own = np.arange(found.shape[1])[kind]
-            found[:, own, own] += size**2
+            found[:, own, own] += self.kinds[name] ** 2
         return np.asarray(found, dtype=np.float64)
 
 
@@ -96,7 +97,9 @@ def scatter_of(at: FittedModel, poses: Observations, left: Array) -> Scatter:
         options={"maxiter": 60},
     )
     sizes = np.exp(0.5 * found.x)
-    return Scatter(sizes[: turned.shape[2]], sizes[turned.shape[2] :])
+    names = [name for name, _ in poses.measured.component_kinds]
+    found_kinds = sizes[turned.shape[2] :].tolist()
+    return Scatter(sizes[: turned.shape[2]], dict(zip(names, found_kinds, strict=True)))
 
 
 def share_inside(

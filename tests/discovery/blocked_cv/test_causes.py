@@ -24,7 +24,6 @@ from pa10cal.files.arms import load_arm
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
 from pa10cal.settings_reading import parse_section
 from pa10cal.studies.judging import calibrated_campaign
-from pa10cal.terms.effects.sensor_error import TYPICAL
 from pa10cal.terms.effects.spectrum import Fading
 
 POSES, JOINT = 900, 3
@@ -89,10 +88,24 @@ def test_without_agreement_it_is_the_sensor_or_the_gear(found, monkeypatch):
     )
 
 
-def test_without_ripple_a_map_stays_a_map(found, monkeypatch):
-    said = causes.JointErrorMap("joint 3", *_form(found.effects[0].effect))
-    as_map = causes._renamed(found, {found.effects[0].effect: said}, {})
+@pytest.fixture
+def as_map(found, monkeypatch):
+    """The verdict before its map had a name, of a joint whose motor shows no ripple."""
+    effect = found.effects[0].effect
+    said = causes.JointErrorMap("joint 3", effect.knots, effect.spectrum)
     monkeypatch.setattr(causes, "witnesses", lambda *_: (None,) * 6)
+    return causes._renamed(found, {effect: said}, {})
+
+
+def test_fine_waves_that_turns_agree_on_are_a_sensor_or_a_gear(as_map):
+    (finding,) = causes.with_causes(as_map).effects
+    assert finding.id == "sensor_error"
+    assert [each.id for each in finding.alternatives] == ["gear_error"]
+
+
+@pytest.mark.parametrize(("name", "value"), [("agreement", lambda _: None), ("_FINE_KNOTS", 1000)])
+def test_without_agreement_or_fine_waves_a_map_stays_a_map(as_map, monkeypatch, name, value):
+    monkeypatch.setattr(causes, name, value)
     (finding,) = causes.with_causes(as_map).effects
     assert (finding.id, finding.alternatives) == ("joint_error_map", ())
 
@@ -117,19 +130,3 @@ def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
     assert set(keys.scatter.kinds) == {"position", "attitude"}
     smooth = replace(members[0], shaped=ShapedEffect(replace(effect, knots=72)))
     assert in_bands(rows, replace(rough, members=(smooth,))) is None
-
-
-def test_a_broad_band_that_turns_agree_on_is_a_sensor_or_a_gear(found, monkeypatch):
-    said = causes.JointErrorMap("joint 3", found.effects[0].effect.knots, TYPICAL)
-    as_map = causes._renamed(found, {found.effects[0].effect: said}, {})
-    monkeypatch.setattr(causes, "witnesses", lambda *_: (None,) * 6)
-    (finding,) = causes.with_causes(as_map).effects
-    assert finding.id == "sensor_error"
-    assert [each.id for each in finding.alternatives] == ["gear_error"]
-    monkeypatch.setattr(causes, "agreement", lambda _: None)
-    (finding,) = causes.with_causes(as_map).effects
-    assert (finding.id, finding.alternatives) == ("joint_error_map", ())
-
-
-def _form(effect):
-    return effect.knots, effect.spectrum

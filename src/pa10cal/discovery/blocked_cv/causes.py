@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pa10cal.discovery.blocked_cv.candidate import SPACINGS
 from pa10cal.discovery.blocked_cv.rows import ShapedEffect
 from pa10cal.discovery.joint_series import joint_series
 from pa10cal.discovery.motor_ripple import witnesses
@@ -15,13 +16,14 @@ from pa10cal.discovery.same_everywhere import agreement
 from pa10cal.discovery.sensor_or_gear import JointCause
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.sensor_error import GearError, SensorError
-from pa10cal.terms.effects.spectrum import Band
 from pa10cal.terms.model import Model
 
 if TYPE_CHECKING:
     from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
     from pa10cal.terms.effects.effect import Effect
 
+#: Knots of a map that follows ten waves a turn and more.
+_FINE_KNOTS = SPACINGS[1][0]
 _NAMES: Mapping[str, type[JointErrorMap]] = {"sensor": SensorError, "gear": GearError}
 
 
@@ -30,8 +32,9 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
 
     Where by the ripple both err, or campaigns and turns do not show that the error is the joint's
     own, a map is ambiguous between sensor and gear. So is, without a ripple, a map
-    of a broad band on which campaigns or turns agree, and one that was named already. Any other map
-    of a joint whose motor shows no ripple stays a map.
+    of fine waves on which campaigns or turns agree, and one that was named already: nothing beside
+    sensor and gear turns a joint to and fro ten times a turn. Any other map of a joint whose motor
+    shows no ripple stays a map.
     """
     causes = _causes(found)
     names: dict[Effect, Effect] = {}
@@ -42,7 +45,7 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
         cause = causes[effect.joint]
         heard = None if cause.witness is None else cause.witness.likely
         agreed = cause.agreement is not None and cause.agreement.holds
-        own = agreed and isinstance(effect.spectrum, Band)
+        own = agreed and effect.knots >= _FINE_KNOTS
         if cause.cause is None and not (heard or own) and effect.id == JointErrorMap.id:
             continue
         likely = cause.cause or heard or "sensor"

@@ -97,8 +97,8 @@ class VerdictByBlocks(Verdict[Prediction]):
     @cached_property
     @override
     def scatter(self) -> Scatter | None:
-        """Return what single poses scatter by about the model; None where no map has a band."""
-        if self.bands is None:
+        """Return what single poses scatter by about the model; None without a map."""
+        if not any(isinstance(effect, JointErrorMap) for effect in self.extended.effects):
             return None
         at, poses = self.extended.at, self.survey.poses
         return scatter_of(at, poses, self.survey.left_by(at))
