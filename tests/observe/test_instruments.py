@@ -172,3 +172,9 @@ def test_base_and_targets_are_found_from_poses(kind):
         np.testing.assert_allclose(start.T_instr_base[:3, :3], T_instr_base[:3, :3], atol=1e-6)
     assert found.misfit(T_base_ee, np.arange(60), np.ones(60)).size_m[0] < 1e-6
     assert found.scale(T_base_ee) == pytest.approx(1.0, rel=0.01)
+
+
+def test_targets_stand_in_the_order_of_their_names_not_of_their_columns():
+    header = [f"{name}_{axis}_mm" for name in ("T10", "T2", "T1") for axis in "zyx"]
+    columns = instruments()["points"].raw_columns(header)
+    assert [names[0] for names in columns.targets] == ["T1_x_mm", "T2_x_mm", "T10_x_mm"]

@@ -260,12 +260,12 @@ class Points(Instrument):
     @classmethod
     @override
     def raw_columns(cls, header: Sequence[str]) -> RawColumns:
-        """Return three columns a target, in the order of the file.
+        """Return three columns a target, T2 before T10, wherever their columns stand in the file.
 
         A file without any is taken to lack those of the target `T1`.
         """
         found = (_COORDINATE.fullmatch(name) for name in header)
-        names = tuple(dict.fromkeys(match.group(1) for match in found if match)) or ("T1",)
+        names = sorted({match.group(1) for match in found if match}, key=_by_number) or ["T1"]
         targets = tuple(tuple(f"{name}_{axis}_mm" for axis in AXES) for name in names)
         return RawColumns(targets, may_be_blank=True)
 
@@ -307,6 +307,10 @@ class Points(Instrument):
         u_m = np.where(np.isnan(u), stated.uncertainty_m, MM * u).reshape(p_m.shape)
         u_m[np.isnan(p_m)] = np.nan
         return Points(names, p_m, u_m[..., None] ** 2 * np.eye(3), stated.places_m(names))
+
+
+def _by_number(name: str) -> list[str | int]:
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
 
 
 def _names(columns: RawColumns) -> tuple[str, ...]:
