@@ -1,5 +1,6 @@
 import csv
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from pa10cal.commands import chain as chain_module
 from pa10cal.commands.command_line import main
 from pa10cal.errors import OutputError
+from pa10cal.fit.model_file import load_model
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import ChainRecord, FleetRecord
 
@@ -103,6 +105,23 @@ def test_a_fleet_is_summarised_and_its_campaigns_are_compared(done, capsys):
     with (done / "fleet/fleet.csv").open(encoding="utf-8") as file:
         assert [row["agrees_with_previous"] for row in csv.DictReader(file)] == ["yes", ""]
     assert "2 campaigns of 1 arms: 2 good" in capsys.readouterr().out
+
+
+def test_a_joint_zero_that_moved_between_campaigns_is_told(done, tmp_path):
+    results = shutil.copytree(done / "results", tmp_path / "results")
+    model = load_model(results / "second/model/model.yaml")
+    x, names = model.x.copy(), [each.name for each in model.model.parameters]
+    x[names.index("delta_theta_3")] += 2e-3
+    replace(model, x=x).save(results / "second/model/model.yaml")
+    table = tmp_path / "arms.csv"
+    table.write_text("campaign,arm,measured\nsecond,left,2026-02\nfirst,left,2026-01\n", "utf-8")
+    words = ["fleet_summary", "--campaigns", str(table), "--raw-dir", str(done / "raw")]
+    assert main([*words, "--results", str(results), "--out", str(tmp_path / "fleet")]) == 0
+    (left,) = read(FleetRecord, tmp_path / "fleet/fleet.json").arms
+    assert left.attention == "moved"
+    assert "joint zero moved: the zero of joint 3 by +2 mrad" in left.why
+    with (tmp_path / "fleet/fleet.csv").open(encoding="utf-8") as file:
+        assert "the zero of joint 3" in next(csv.DictReader(file))["moved"]
 
 
 def test_the_whole_way_is_one_command(tmp_path, capsys):

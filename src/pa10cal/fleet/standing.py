@@ -74,13 +74,14 @@ def _compared(
 
 
 def _moved(before: tuple[str, Path], now: tuple[str, Path]) -> tuple[bool | None, str]:
-    """Return whether two models of an arm agree, and the sentence that says so."""
+    """Return whether two models of an arm agree, and the sentences that say so and what moved."""
     try:
         models = load_model(before[1]), load_model(now[1])
         found = compare_models(*models, names=(before[0], now[0]))
     except Pa10calError as error:
         return None, str(error)
-    return found.agree, found.line
+    moved = () if found.agree or found.what_moved is None else (found.what_moved.line,)
+    return found.agree, "; ".join((*moved, found.line))
 
 
 def _standing(arm: str, campaigns: Sequence[FleetCampaign]) -> FleetArm:

@@ -10,7 +10,8 @@ from pa10cal.results.fleet import FleetRecord
 
 HEADER = (
     *("arm", "campaign", "measured", "status", "grade", "verdict", "effects_and_faults"),
-    *("before_mm", "after_mm", "over", "agrees_with_previous", "attention", "why"),
+    *("before_mm", "after_mm", "over", "agrees_with_previous", "moved"),
+    *("attention", "why"),
 )
 
 
@@ -26,6 +27,7 @@ def fleet_csv(fleet: FleetRecord) -> str:
             *(each.arm, each.campaign, each.measured, became.status, became.grade),
             *(became.verdict, "; ".join(became.notes or ())),
             *(_mm(became.before_mm), _mm(became.after_mm), became.over, _yes(each.agrees)),
+            each.moved,
             standing.attention if standing else None,
             standing.why if standing else became.message,
         )

@@ -46,7 +46,10 @@ class FleetCampaign(Part):
     measured: str | None = optional("when it was measured, as the table of campaigns says")
     became: ChainRecord = Field(description="its `chain.json`")
     agrees: bool | None = optional("whether its model agrees with the arm's campaign before it")
-    moved: str | None = optional("the sentence of the comparison with the arm's campaign before it")
+    moved: str | None = optional(
+        "which parameters moved since the arm's campaign before it, and by how much its model "
+        "differs"
+    )
 
 
 class FleetArm(Part):
