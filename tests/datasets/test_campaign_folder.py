@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import fcntl
 import gzip
+import os
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -118,6 +120,22 @@ def test_a_failure_leaves_the_former_campaigns(campaign, tmp_path, monkeypatch):
         write_campaigns([replace(campaign, provenance="another")], tmp_path)
     assert contents(tmp_path) == before
     assert [path.name for path in tmp_path.iterdir()] == ["made-up"]
+
+
+def test_what_a_killed_import_left_is_removed_and_what_a_living_one_writes_is_not(
+    campaign, tmp_path
+):
+    write_campaigns([campaign], tmp_path)
+    for name in (".1.partial.made-up", ".2.partial.made-up", ".3.partial.made-up.former"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "poses.csv").write_text("half")
+    living = os.open(tmp_path / ".2.partial.made-up", os.O_RDONLY)
+    fcntl.flock(living, fcntl.LOCK_SH)
+    try:
+        write_campaigns([campaign], tmp_path)
+    finally:
+        os.close(living)
+    assert {path.name for path in tmp_path.iterdir()} == {"made-up", ".2.partial.made-up"}
 
 
 def test_a_failed_exchange_puts_the_former_campaign_back(campaign, tmp_path, monkeypatch):

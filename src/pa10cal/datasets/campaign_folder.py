@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import os
 import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -17,7 +16,7 @@ from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, read_descript
 from pa10cal.campaign.quarantine import quarantine_csv
 from pa10cal.datasets.dataset import AsItIs, ImportedCampaign
 from pa10cal.errors import OutputError
-from pa10cal.files.output import writing_into
+from pa10cal.files.output import FORMER, folder_beside, writing_into
 
 POSES_FILE = "poses.csv.gz"
 LEFT_OUT_FILE = "left_out.csv"
@@ -51,13 +50,10 @@ def write_campaigns(campaigns: Sequence[ImportedCampaign], folder: Path) -> list
     for place, campaign in zip(places, campaigns, strict=True):
         _refuse_foreign(place, OWN_FILES | {_file(campaign)})
     with ExitStack() as stack:
-        besides = [place.with_name(f".{os.getpid()}.partial.{place.name}") for place in places]
-        for beside in besides:
-            stack.callback(shutil.rmtree, beside, ignore_errors=True)
         remedy = "give another folder, or remove what is in the way"
         with writing_into(folder, "the campaign", remedy):
+            besides = [stack.enter_context(folder_beside(place)) for place in places]
             for campaign, beside in zip(campaigns, besides, strict=True):
-                beside.mkdir(parents=True)
                 _write(campaign, beside)
             for place, beside in zip(places, besides, strict=True):
                 _replace(beside, place)
@@ -144,7 +140,7 @@ def _write(campaign: ImportedCampaign, folder: Path) -> None:
 
 def _replace(beside: Path, place: Path) -> None:
     """Put the new folder in the place of a former one, which stays until that is done."""
-    former = beside.with_name(beside.name + ".former")
+    former = beside.with_name(beside.name + FORMER)
     if place.is_dir():
         place.rename(former)
     try:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -16,6 +17,8 @@ from pathlib import Path
 from pa10cal.errors import OutputError
 
 _PARTIAL = ".partial."
+#: Ending of a folder that is being replaced.
+FORMER = ".former"
 #: What a full disk, or a limit on sizes, answers.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -105,6 +108,39 @@ def _move(beside: Path, path: Path) -> None:
 def _remove(beside: Path) -> None:
     with suppress(OSError):  # where nothing could be written there is nothing to remove
         beside.unlink()
+
+
+@contextmanager
+def folder_beside(place: Path) -> Iterator[Path]:
+    """Yield an empty folder beside a place; gone when the block ends, if it was not moved there.
+
+    It is locked while this process lives. What killed ones left beside the place is removed.
+    """
+    place.parent.mkdir(parents=True, exist_ok=True)
+    for left in place.parent.iterdir():
+        replaced = left.name.endswith(f"{_PARTIAL}{place.name}{FORMER}") and place.is_dir()
+        if replaced or left.name.endswith(_PARTIAL + place.name):
+            _remove_folder_of_dead(left)
+    beside = place.with_name(f".{os.getpid()}{_PARTIAL}{place.name}")
+    beside.mkdir()
+    lock = os.open(beside, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(lock, fcntl.LOCK_SH)
+        yield beside
+    finally:
+        os.close(lock)
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def _remove_folder_of_dead(partial: Path) -> None:
+    with suppress(OSError):
+        lock = os.open(partial, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by its writer
+            shutil.rmtree(partial)
+        finally:
+            os.close(lock)
 
 
 def remove_partials(folder: Path) -> None:
