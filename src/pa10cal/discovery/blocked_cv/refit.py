@@ -7,7 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, block_diag, cho_factor
+from scipy.linalg.lapack import dpotri
 
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.selection import no_wider_than
@@ -65,17 +66,25 @@ def refit(
     bounds = fit.bounds
     counts = weights.widened(widening)
 
+    known: tuple[Step, Array] | None = None
+
+    def covariance_before(taken: Step) -> Array:
+        """Return the covariance where a step set out from: both that ask for it ask in turn."""
+        nonlocal known
+        if known is None or known[0] is not taken:
+            known = (taken, _inverse(taken.before.normal, fit.prior, ~taken.held))
+        return known[1]
+
     def reweighted(x: Array, taken: Step) -> Equations:
         nonlocal counts
-        covariance = _inverse(taken.before.normal, fit.prior, ~taken.held)
         left = survey.left_by(fit.place(x))
-        found = pose_weights(left, fit.dof(covariance), survey.poses.measured)
+        found = pose_weights(left, fit.dof(covariance_before(taken)), survey.poses.measured)
         counts = found.widened(widening)
         return fit.equations(x, counts)
 
     def arrived(_: Array, taken: Step) -> bool:
         free = ~taken.held
-        variance = np.diag(_inverse(taken.before.normal, fit.prior, free))[free]
+        variance = np.diag(covariance_before(taken))[free]
         std = np.sqrt(np.maximum(variance, np.finfo(float).tiny))
         return taken.damping < _HARDLY and float(np.abs(taken.step[free] / std).max()) < _ARRIVED
 
@@ -204,8 +213,12 @@ def _inverse(information: Array, prior: Array, free: NDArray[np.bool_]) -> Array
     scale = 1.0 / np.sqrt(np.diag(information)[free])
     inverse = np.zeros_like(information)
     try:
-        factor = cho_factor(information[own] * np.outer(scale, scale))
-        inverse[own] = cho_solve(factor, np.diag(scale)) * scale[:, None]
+        scales = np.outer(scale, scale)
+        factor, _ = cho_factor(information[own] * scales, overwrite_a=True)
+        upper, wrong = dpotri(factor)
+        if wrong:
+            raise LinAlgError
+        inverse[own] = (np.triu(upper) + np.triu(upper, 1).T) * scales
     except LinAlgError:
         inverse[own] = no_wider_than(information[own], prior[own])
     return inverse
