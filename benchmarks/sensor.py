@@ -2,8 +2,8 @@
 
     PA10CAL_IPA_DATA=folder python -m benchmarks.sensor
 
-Each of the two series of the UR10, and both as one robot, is calibrated and searched; each is judged
-in the other with base and tool alone fitted there.
+Each of the two series of the UR10, and both as one robot, is calibrated and searched; each is
+judged in the other with base and tool alone fitted there.
 """
 
 from __future__ import annotations
