@@ -242,6 +242,7 @@ def test_files_that_are_no_descriptions_are_refused(tmp_path, text, message):
         ("gear_ratio: 80", "mass_kg: 2", r"row 1: mass_kg and com_m is missing"),
         ("gear_ratio: 80", "com_m: [0, 0, 0]", r"row 4: mass_kg is missing"),
         ("gear_ratio: 80", "mass_kg: -1", r"row 4: key mass_kg does not fit"),
+        ("gear_ratio: 80", "mass_kg: 12000", r"row 4: key mass_kg does not fit.*2000"),
         ("{gear_ratio: 80}", "7", r"row 4: a row is made of keys and values.*7"),
         ("name: small", "name: small\nconvention: craig", r"key convention does not fit.*modified"),
         ("name: small", "", r"missing key name"),

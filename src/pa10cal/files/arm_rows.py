@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from statistics import median
+from typing import Annotated
 
-from pydantic import FiniteFloat
+from pydantic import Field, FiniteFloat
 
 from pa10cal.errors import ArmError
-from pa10cal.settings_section import NonNegative, Positive, Section
+from pa10cal.settings_section import Positive, Section
 
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
@@ -19,6 +20,8 @@ _OUT_OF_PROPORTION = 20.0
 _LONG_M = 2.0
 #: No link is longer, and no centre of mass, slide or constant frame is further.
 _FAR_M = 10.0
+#: No link is heavier: whole arms that carry a ton weigh less than five.
+_HEAVY_KG = 2000.0
 #: How near a number of degrees lies to a quarter turn in radians that was written with few digits.
 _QUARTER_TURN_DIGITS = 6e-4
 
@@ -38,7 +41,7 @@ class ArmRow(Section):
     gear_ratio: Positive | None = None
     torque_limit_Nm: Positive | None = None
     force_limit_N: Positive | None = None
-    mass_kg: NonNegative | None = None
+    mass_kg: Annotated[float, Field(ge=0.0, le=_HEAVY_KG, allow_inf_nan=False)] | None = None
     com_m: Triple | None = None
 
     @property
