@@ -29,13 +29,15 @@ def test_the_posture_itself_is_among_the_branches_and_all_that_are_in_reach_are_
     found = branches_of(arm)(T)
     assert found.shape == (20, 8, 6)
     off = np.abs(chain.forward(found.reshape(-1, 6)).reshape(20, 8, 4, 4) - T[:, None])
-    solved = off.max(axis=(2, 3)) < 1e-8
+    off = off.max(axis=(2, 3))
+    solved = off < 1e-8
     near = apart(found, q[:, None]).min(axis=1)
     clear = np.abs(np.linalg.det(chain.forward_with_screws(q).screws[:, :, chain.joint_columns]))
     regular = clear > 1e-2
     assume(regular.sum() > 5)
     assert (near[regular] < 1e-6).all()
-    assert (near < 0.3).all()
+    # In a singularity joints may be anywhere along a line: there the pose alone is reached.
+    assert (off.min(axis=1) < 0.02).all()
     # Another branch of the same pose may be near a singularity, or out of reach (UR10).
     assert solved[regular].mean() > (0.6 if name == "ur10" else 0.95)
 
