@@ -3,7 +3,7 @@
 import pytest
 from matplotlib.figure import Figure
 
-from pa10cal.figures.fleet import judged_arms, write_fleet
+from pa10cal.figures.fleet import write_fleet
 from pa10cal.results.fleet import ChainRecord, FleetArm, FleetCampaign, FleetRecord
 
 
@@ -61,7 +61,7 @@ RECORD = fleet(
 
 
 def test_the_last_campaigns_of_arms_stand_in_order_of_their_error():
-    assert [each.campaign for each in judged_arms(RECORD)] == ["b-1", "a-2"]
+    assert [each.campaign for each in RECORD.judged] == ["b-1", "a-2"]
 
 
 def test_what_is_left_out_and_what_is_synthetic_is_said(tmp_path, drawn):

@@ -26,7 +26,7 @@ from pa10cal.figures.style import (
     write_beside,
     write_figure,
 )
-from pa10cal.results.fleet import FleetCampaign, FleetRecord
+from pa10cal.results.fleet import FleetRecord
 
 #: What asks for attention, the most urgent first, in words and in a colour.
 _ATTENTION = {
@@ -51,7 +51,7 @@ def write_fleet(record: FleetRecord, folder: Path, name: str, png_dpi: int) -> N
         name: of the files.
         png_dpi: resolution of the PNG.
     """
-    judged = judged_arms(record)
+    judged = record.judged
     with looks():
         synthetic = [_SYNTHETIC in (each.became.provenance or "").lower() for each in judged]
         told = f", {_SYNTHETIC} data" if all(synthetic) else f", partly {_SYNTHETIC} data"
@@ -96,16 +96,3 @@ def write_fleet(record: FleetRecord, folder: Path, name: str, png_dpi: int) -> N
         if left_out:
             footer += f" Left: without {left_out} of which no error is known."
         write_figure(figure, footer, folder, name, png_dpi)
-
-
-def judged_arms(record: FleetRecord) -> list[FleetCampaign]:
-    """Return the last campaign of every arm whose errors are known, the most accurate first."""
-    last = {each.last for each in record.arms}
-    known = [
-        each
-        for each in record.campaigns
-        if each.campaign in last
-        and each.became.before_mm is not None
-        and each.became.after_mm is not None
-    ]
-    return sorted(known, key=lambda each: (each.became.after_mm or 0.0, each.campaign))

@@ -28,7 +28,7 @@ _ROW_PX, _LEAST_PX, _MOST_PX = 16, 300, 1600
 def page_text(fleet: FleetRecord) -> str:
     """Return the page as HTML, everything in it that it needs."""
     sections = [Section("attention", "Arms that need attention", tuple(_first(fleet)))]
-    if _judged(fleet):
+    if fleet.judged:
         sections.append(Section("errors", "Errors before and after", (_errors(fleet),)))
     sections.append(Section("campaigns", "Every campaign", tuple(_campaigns(fleet))))
     told = [each.became.provenance for each in fleet.campaigns if each.became.provenance]
@@ -48,7 +48,7 @@ def _glances(fleet: FleetRecord) -> Iterator[Glance]:
     )
     kinds = [f"{sum(e.attention == kind for e in ill)} {ATTENTION[kind]}" for kind in _kinds(ill)]
     yield Glance("Need attention", str(len(ill)), f"{', '.join(kinds) or 'None of them'}.")
-    judged = _judged(fleet)
+    judged = fleet.judged
     if judged:
         before, after = (
             float(np.median([_error(each, name) for each in judged]))
@@ -78,27 +78,12 @@ def _first(fleet: FleetRecord) -> Iterator[Block]:
     )
 
 
-def _last(fleet: FleetRecord) -> list[FleetCampaign]:
-    last = {each.last for each in fleet.arms}
-    return [each for each in fleet.campaigns if each.campaign in last]
-
-
-def _judged(fleet: FleetRecord) -> list[FleetCampaign]:
-    """Return the last campaign of every arm of which both errors are known."""
-    known = [
-        each
-        for each in _last(fleet)
-        if each.became.before_mm is not None and each.became.after_mm is not None
-    ]
-    return sorted(known, key=lambda each: _error(each, "after_mm"))
-
-
 def _error(campaign: FleetCampaign, name: str) -> float:
     return float(getattr(campaign.became, name))
 
 
 def _errors(fleet: FleetRecord) -> Drawing:
-    judged = _judged(fleet)
+    judged = fleet.judged
     arms = [each.arm for each in judged]
     figure = new_figure(
         int(np.clip(_ROW_PX * len(arms) + 90, _LEAST_PX, _MOST_PX)),

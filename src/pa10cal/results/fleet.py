@@ -79,3 +79,16 @@ class FleetRecord(Record):
     )
     arms: tuple[FleetArm, ...] = Field(description="every arm, those first that need attention")
     campaigns: tuple[FleetCampaign, ...] = Field(description="every campaign, in the table's order")
+
+    @property
+    def judged(self) -> list[FleetCampaign]:
+        """Return the last campaign of every arm of which errors are known, most accurate first."""
+        last = {each.last for each in self.arms}
+        known = [
+            (each.became.after_mm, each.campaign, each)
+            for each in self.campaigns
+            if each.campaign in last
+            and each.became.before_mm is not None
+            and each.became.after_mm is not None
+        ]
+        return [each for *_, each in sorted(known, key=lambda row: row[:2])]
