@@ -1,9 +1,9 @@
 # Targets for a newcomer: reproduce, test. The rest: setup, tools, figures, report, docs, test-browser, check, bench, peers,
-# urdfs, commanded, plan, fleet, kill-trials, clean, and for maintainers: lock, schema.
+# urdfs, commanded, measured, plan, fleet, kill-trials, clean, and for maintainers: lock, schema.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help setup tools reproduce figures report docs test test-browser test-slurm check bench peers urdfs commanded \
-  plan fleet kill-trials clean lock schema
+  measured plan fleet kill-trials clean lock schema
 
 PYTHON ?= python3
 CORES ?= 2
@@ -23,6 +23,7 @@ help:
 	@echo "make peers       other packages on the same data: benchmarks/peers.md (PA10CAL_IPA_DATA=folder: real too)"
 	@echo "make urdfs       real URDFs imported, exported, loaded back: benchmarks/urdfs.md (235 MB, once)"
 	@echo "make commanded   simulated robots sent through their models: benchmarks/commanded.md"
+	@echo "make measured    the real robots in data/measured, and their table in docs/measured.md"
 	@echo "make plan        planned poses against the paper's grid, simulated: benchmarks/plan.md"
 	@echo "make fleet       time and memory of many campaigns: benchmarks/fleet.md"
 	@echo "make kill-trials   50 runs killed at random moments and called once more: nothing lost (half an hour)"
@@ -95,6 +96,10 @@ urdfs: tools
 
 commanded: tools
 	$(BIN)/python -m benchmarks.commanded
+
+measured: setup
+	$(SNAKEMAKE) measured
+	$(BIN)/python -m pa10cal.datasets.measured_table
 
 plan: tools
 	$(BIN)/python -m benchmarks.plan

@@ -14,7 +14,7 @@ report: "workflow/report/workflow.rst"
 
 # Campaigns that the workflow itself makes, of public data sets, and their files of readings.
 UR10 = {"ur10-a": "measurements_grid.csv", "ur10-c": "measurements_random_poses.csv"}
-IMPORTED = {**UR10, "irb120": "poses.csv.gz"}
+IMPORTED = UR10
 # One robot of them in several campaigns.
 IMPORTED_GROUPS = {"ur10": tuple(UR10)}
 
@@ -35,7 +35,7 @@ include: "workflow/rules/simulate.smk"
 include: "workflow/rules/coverage.smk"
 include: "workflow/rules/blind_trials.smk"
 include: "workflow/rules/ur10.smk"
-include: "workflow/rules/irb120.smk"
+include: "workflow/rules/measured.smk"
 include: "workflow/rules/curve.smk"
 include: "workflow/rules/fleet.smk"
 include: "workflow/rules/campaigns.smk"

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from made_up_datasets import write_titan
 from pa10cal.datasets.catalogue import dataset_named
 
 ROOT = Path(__file__).parents[1]
@@ -24,9 +27,9 @@ ENDS = {
 def snakemake(tmp_path):
     """Run the project's workflow with a folder of campaigns and results of its own."""
 
-    def run(*words, sources):
+    def run(*words, sources, more=()):
         pairs = [f"raw_dir={tmp_path / 'raw'}", f"results_dir={tmp_path / 'out'}", "campaigns=[x]"]
-        pairs += [f"dataset_sources={json.dumps(sources)}"]
+        pairs += [f"dataset_sources={json.dumps(sources)}", *more]
         (tmp_path / "raw/x").mkdir(parents=True, exist_ok=True)
         (tmp_path / "raw/x/campaign.yaml").write_text("name: x\n")
         command = [sys.executable, "-m", "snakemake", "--cores", "1", "--nocolor"]
@@ -71,11 +74,51 @@ def test_the_measured_robot_is_planned_from_the_fetch_to_the_transfer(snakemake,
     assert {"calibrate", "discover", "evaluate", "export", "transfer"} <= set(jobs[::2])
 
 
+def test_measured_robots_are_planned_of_folders_and_of_data_sets_that_were_fetched(
+    snakemake, tmp_path
+):
+    here = tmp_path / "measured"
+    for name in ("ma2010-0516", "ma2010-0801", "iiwa7-free"):
+        (here / name).mkdir(parents=True)
+        (here / name / "campaign.yaml").write_text(f"name: {name}\n")
+    write_titan(here / "titan-robot-accuracy")
+    code, text = snakemake("-n", "measured", sources={}, more=[f"measured_dir={here}"])
+    assert code == 0, text
+    jobs = re.search(r"^Job stats:\n.*\n-.*\n((?:\S+ +\d+\n)+)", text, re.MULTILINE)[1].split()
+    counts = dict(zip(jobs[::2], map(int, jobs[1::2]), strict=True))
+    assert counts == {"measured_campaign": 5, "measured_group": 1, "measured": 1, "total": 7}
+
+
+def test_what_fails_is_a_row_and_nothing_lands_among_raw_campaigns(snakemake, tmp_path):
+    here = tmp_path / "measured"
+    shutil.copytree(ROOT / "examples/irb120-points", here / "irb120-points")
+    write_titan(here / "titan-robot-accuracy")
+    code, text = snakemake("measured", sources={}, more=[f"measured_dir={here}"])
+    assert code == 0, text
+    with (tmp_path / "out/measured/measured.csv").open(encoding="utf-8") as file:
+        rows = {row["campaign"]: row for row in csv.DictReader(file)}
+    assert list(rows) == ["titan-fixed", "titan-rail", "irb120-points"]
+    assert "the checksum differs" in rows["titan-fixed"]["message"]
+    done = rows["irb120-points"]
+    assert float(done["geometry_rms_mm"]) < float(done["nominal_rms_mm"])
+    assert [path.name for path in (tmp_path / "raw").iterdir()] == ["x"]
+    _, text = snakemake("measured", sources={}, more=[f"measured_dir={here}"])
+    assert "Nothing to be done" in text
+
+
+def test_without_a_measured_campaign_one_line_says_what_to_do(snakemake, tmp_path):
+    code, text = snakemake("measured", sources={}, more=[f"measured_dir={tmp_path / 'none'}"])
+    assert code != 0
+    (line,) = {line for line in text.splitlines() if line.startswith("pa10cal measured:")}
+    assert "no measured campaign is at hand" in line
+    assert "pa10cal fetch titan-robot-accuracy" in line
+
+
 def test_an_unknown_data_set_is_refused_in_one_line(snakemake):
     code, text = snakemake("-n", sources={"ipa-robot": "."})
     assert code != 0
     (line,) = [line for line in text.splitlines() if line.startswith("pa10cal:")]
-    assert "'ipa-robot'; allowed: faro-irb120, ipa-robot-accuracy" in line
+    assert "'ipa-robot'; allowed: dlr-elastic-calibration, faro-irb120" in line
     assert "Traceback" not in text
 
 

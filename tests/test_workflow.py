@@ -248,6 +248,14 @@ def test_the_default_target_runs_a_few_blind_trials_and_their_own_target_all(pla
     assert code == 0, text
     assert planned(text)["judge_trials"] == 3 * jobs(trial_counts(SETTINGS.reflectors))
     assert planned(text)["score_trials"] == planned(text)["trial_pictures"] == 3
+    for target, counts in (
+        ("blind_trials_unstated", SETTINGS.unstated),
+        ("blind_trials_sorted", SETTINGS.sorted_by_joint),
+    ):
+        code, text = plan(target)
+        assert code == 0, text
+        assert planned(text)["judge_trials"] == jobs(trial_counts(counts))
+        assert planned(text)["score_trials"] == planned(text)["wild_pictures"] == 1
     assert full["null"] >= 200
     assert tracked["null"] >= 150
     assert all(few <= full[kind] for kind, few in reduced.items())
@@ -263,19 +271,6 @@ def test_blind_trials_are_divided_into_jobs_and_scored_together(checkout):
     assert (results / "figures/drawn.svg").exists()
     assert (results / "tables/drawn.html").exists()
     assert not (checkout.place / "results/c1").exists()
-
-
-def test_the_irb_120_is_made_up_or_taken_from_where_it_is(plan, tmp_path):
-    code, text = plan("irb120")
-    assert code == 0, text
-    jobs = planned(text)
-    assert jobs["made_up_irb120"] == jobs["import_faro_irb120"] == jobs["discover"] == 1
-    source = tmp_path / "tables"
-    source.mkdir()
-    (source / "joints.txt").write_text("0 0 0 0 0 0\n")
-    code, text = plan("irb120", dataset_sources=f"{{faro-irb120: {source}}}")
-    assert code == 0, text
-    assert "made_up_irb120" not in planned(text)
 
 
 def test_curves_are_laid_drawn_and_the_chain_is_calibrated(checkout):

@@ -30,6 +30,7 @@ RESERVED = (
     "datasets",
     "drive_trials",
     "fleet",
+    "measured",
     "simulated",
     "wild_trials",
 )
@@ -96,6 +97,10 @@ class Settings(Section):
         default_factory=dict,
         description="folder or address of a public data set by name, e.g. {ipa-robot-accuracy: "
         "../data}",
+    )
+    measured_dir: str = Field(
+        "data/measured",
+        description="campaigns and fetched data sets that `snakemake measured` runs",
     )
     simulate: dict[CampaignName, SimulateOptions] = Field(
         default_factory=dict,

@@ -31,7 +31,7 @@ def first_rows(arm, n):
     return replace(arm, **rows, T_row_n_ee=np.eye(4))
 
 
-OF_THE_ARM = ("name", "title", "convention", "T_base_row1", "T_row_n_ee")
+OF_THE_ARM = ("name", "title", "convention", "T_base_row1", "T_row_n_ee", "weights_known")
 ROW_FIELDS = [field.name for field in fields(Arm) if field.name not in OF_THE_ARM]
 
 

@@ -134,6 +134,93 @@ def test_a_knocked_target_is_warned_of(tmp_path):
     assert campaign.observations.base.found.knocked[0].targets == ("base2",)
 
 
+BASE = ["base1", "base2", "base3"]
+
+
+def place(name):
+    """Return the columns of a target."""
+    return [f"{name}_{axis}_mm" for axis in "xyz"]
+
+
+def measured_of(raw):
+    """Return the positions read from a folder, and their covariance."""
+    measured = read_campaign(raw).observations.measured
+    return measured.places_m, measured.stated_covariance
+
+
+def test_another_target_read_by_mistake_is_warned_of_and_changes_nothing_else(tmp_path):
+    raw = written(tmp_path / "c")
+    places_m, cov = measured_of(raw)
+    rows = [17, 60, 133]
+
+    def exchanged(table):
+        for axis in "xyz":
+            table.loc[rows, f"base3_{axis}_mm"] = table.loc[rows, f"base1_{axis}_mm"] + 40.0
+        return table
+
+    spoil(raw, exchanged)
+    campaign = read_campaign(raw)
+    (warning,) = campaign.warnings
+    assert "read wrongly: 3 readings of base3, the furthest" in warning
+    (misread,) = campaign.observations.base.found.misread
+    assert misread.target == "base3"
+    assert misread.pose in {"P018", "P061", "P134"}
+    others = np.setdiff1d(np.arange(200), rows)
+    measured = campaign.observations.measured
+    np.testing.assert_allclose(measured.places_m[others], places_m[others], atol=3e-6)
+    np.testing.assert_allclose(measured.stated_covariance, cov, atol=(5e-6) ** 2)
+
+
+def test_of_two_targets_a_turn_is_uncertain_and_the_note_says_so(tmp_path):
+    raw = written(tmp_path / "c", base=2)
+    campaign = read_campaign(raw)
+    assert any("a turn does not show, uncertain by 0.0" in note for note in campaign.notes)
+    base = campaign.observations.base
+    assert not base.found.turns
+    turn_rad = np.sqrt(base.motion_cov[:, 3, 3])
+    assert 2e-6 < turn_rad.max() < 3e-5
+
+
+@pytest.mark.parametrize("base", [1, 2, 3])
+@pytest.mark.parametrize("noise_mm", [0.01, 1.0])
+def test_targets_of_noise_alone_leave_the_readings_as_they_are(tmp_path, base, noise_mm):
+    raw = written(tmp_path / "c", base=base)
+    rng = np.random.default_rng(base)
+
+    def noisy(table):
+        for name in BASE[:base]:
+            values = table[place(name)].mean().to_numpy()
+            table[place(name)] = values + noise_mm * rng.standard_normal((len(table), 3))
+        return table
+
+    spoil(raw, noisy)
+    places_m, cov = measured_of(raw)
+    spoil(raw, lambda table: table.drop(columns=[c for c in table if "base" in c]))
+    without_m, without_cov = measured_of(raw)
+    np.testing.assert_array_equal(places_m, without_m)
+    np.testing.assert_array_equal(cov, without_cov)
+
+
+def test_targets_that_move_by_themselves_are_not_used(tmp_path):
+    raw = written(tmp_path / "c", disturbances=())
+    rng = np.random.default_rng(5)
+
+    def shaken(table):
+        by_mm = 0.8 * rng.standard_normal((len(table), 3))
+        for name in BASE:
+            table[place(name)] += by_mm
+        return table
+
+    without_m, without_cov = measured_of(raw)
+    spoil(raw, shaken)
+    campaign = read_campaign(raw)
+    (warning,) = campaign.warnings
+    assert "the readings of the arm do not move with them" in warning
+    assert campaign.observations.base is None
+    np.testing.assert_array_equal(campaign.observations.measured.places_m, without_m)
+    np.testing.assert_array_equal(campaign.observations.measured.stated_covariance, without_cov)
+
+
 def test_blank_fields_are_targets_not_seen(tmp_path):
     raw = written(tmp_path / "c")
 

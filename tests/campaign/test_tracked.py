@@ -269,3 +269,27 @@ def test_touches_are_counted_likewise(raw_campaign):
     raw_campaign.description["configurations"] = 36
     (said,) = ingest(raw_campaign).warnings
     assert said.startswith("cmm.csv has 34 of the 36 configurations")
+
+
+def test_rows_without_times_are_read_in_full_and_in_their_order(tracked):
+    timed = ingest(tracked).observations
+    column = tracked.poses[0].split(",").index("time_s")
+    tracked.poses[:] = [
+        ",".join(field for k, field in enumerate(line.split(",")) if k != column)
+        for line in tracked.poses
+    ]
+    ingested = ingest(tracked)
+    found = ingested.observations
+    assert list(found.pose) == list(timed.pose)
+    np.testing.assert_array_equal(found.states.q_rad, timed.states.q_rad)
+    assert (np.diff(found.states.time_s) > 0.0).all()
+    assert timed.states.tells_time
+    assert not found.states.tells_time
+    assert sum("time was not recorded" in note for note in ingested.notes) == 1
+
+
+def test_a_campaign_may_say_that_its_times_are_none(tracked):
+    tracked.description["time_recorded"] = False
+    ingested = ingest(tracked)
+    assert not ingested.observations.states.tells_time
+    assert sum("time was not recorded" in note for note in ingested.notes) == 1

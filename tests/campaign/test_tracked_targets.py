@@ -16,7 +16,7 @@ from spoiling import ingest, replace
 
 NO_TORQUES = {
     True: "no torques logged: those of the described masses are used",
-    False: "no torques logged: springs cannot be identified",
+    False: "no torques logged, no masses stated: those of assumed weights are used",
 }
 KINDS = ["pose", "points", "distance"]
 ROBOTS = ["ur10", "gx4_351s", "iiwa14"]

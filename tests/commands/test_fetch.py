@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from made_up_datasets import write_ipa
+from made_up_datasets import write_ipa, write_titan
 from pa10cal.__main__ import main
 from pa10cal.commands.command_line import REFUSED
 
@@ -19,6 +19,17 @@ def test_refuses_files_that_are_not_the_published_ones(tmp_path, capsys):
     assert message.startswith("pa10cal fetch: file:")
     assert "the checksum differs" in message
     assert message.count("\n") == 1
+    assert not out.exists()
+
+
+def test_says_that_no_licence_is_stated_before_it_fetches(tmp_path, capsys):
+    source = write_titan(tmp_path / "titan")
+    out = tmp_path / "copy"
+    words = ["fetch", "titan-robot-accuracy", "--out", str(out), "--source", str(source)]
+    assert main(words) == REFUSED
+    shown = capsys.readouterr()
+    assert shown.out.startswith("BotScutters/robot_accuracy: no licence is stated by the owner")
+    assert "the checksum differs" in shown.err
     assert not out.exists()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from made_up_datasets import edit, write_ipa, write_irb120
+from made_up_datasets import IRB120, edit, write_ipa, write_irb120, write_titan
 from pa10cal.__main__ import main
 from pa10cal.commands.command_line import REFUSED
 
@@ -46,24 +46,24 @@ def test_refuses_files_that_are_not_the_published_ones(folder, tmp_path, capsys)
 def irb120(tmp_path, *options):
     """Import the folder of text tables."""
     words = ["import", "faro-irb120", str(tmp_path / "irb"), "--out", str(tmp_path / "raw")]
-    return main([*words, *options])
+    return main([*words, "--any-version", *options])
 
 
 def test_shows_rows_left_out(tmp_path, capsys):
     folder = write_irb120(tmp_path / "irb")
-    edit(folder / "joints.txt", 5, 0, "?", separator=None)
+    edit(folder / IRB120 / "measured_joints.txt", 5, 0, "?", separator=None)
     assert irb120(tmp_path) == 0
     shown = capsys.readouterr().out
     assert "irb120: 1 rows left out; 9 configurations" in shown
-    assert "left out: joints.txt:5: not a finite number q1_deg = '?'" in shown
+    assert f"left out: {IRB120}/measured_joints.txt:5: not a finite number q1_deg = '?'" in shown
 
 
 def test_says_where_the_rest_of_many_is(tmp_path, capsys):
     folder = write_irb120(tmp_path / "irb")
-    for table in folder.iterdir():
+    for table in (folder / IRB120).iterdir():
         rows = table.read_text().splitlines()
         table.write_text(
-            "\n".join([*rows, *(["x"] * 12 if table.stem == "joints" else rows[:1] * 12)])
+            "\n".join([*rows, *(["x"] * 12 if table.stem == "measured_joints" else rows[:1] * 12)])
         )
     assert irb120(tmp_path, "--settings", '{"max_quarantined_fraction": 0.6}') == 0
     shown = capsys.readouterr().out
@@ -76,8 +76,8 @@ def test_says_where_the_rest_of_many_is(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["x", "."], "there is no reader of this data set (got 'x'); allowed: faro-irb120, ipa"),
-        (["faro-irb120", "."], "are missing in the folder (got 'joints.txt, reflector_1.txt"),
+        (["x", "."], "there is no reader of this data set (got 'x'); allowed: dlr-elastic"),
+        (["faro-irb120", "."], "are missing in the folder (got '3-Full Measurement/Output"),
         (["faro-irb120", "nowhere"], "there is no such folder (got 'nowhere')"),
     ],
 )
@@ -92,9 +92,19 @@ def test_refusals_are_one_line(words, message, tmp_path, capsys, monkeypatch):
 
 
 def test_the_second_layout(tmp_path, capsys):
-    folder = write_irb120(tmp_path / "irb")
-    assert main(["import", "faro-irb120", str(folder), "--out", str(tmp_path / "raw")]) == 0
+    write_irb120(tmp_path / "irb")
+    assert irb120(tmp_path) == 0
     assert "10 configurations, 2 places not seen" in capsys.readouterr().out
+
+
+def test_one_campaign_of_several_may_be_asked_for(tmp_path, capsys):
+    folder, out = write_titan(tmp_path / "titan"), tmp_path / "raw"
+    words = ["import", "titan-robot-accuracy", str(folder), "--out", str(out), "--any-version"]
+    assert main([*words, "--only", "titan-rail"]) == 0
+    assert [path.name for path in out.iterdir()] == ["titan-rail"]
+    assert (out / "titan-rail/titan_rail.yaml").is_file()
+    assert main([*words, "--only", "titan"]) == REFUSED
+    assert "no such campaign (got 'titan'); allowed: titan-fixed" in capsys.readouterr().err
 
 
 def test_the_real_data_set_gives_the_same_bytes_each_time(ipa_data, tmp_path, capsys):

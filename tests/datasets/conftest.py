@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from made_up_datasets import write_ipa, write_irb120
+from made_up_datasets import write_ipa
 
 
 @pytest.fixture
 def ipa_folder(tmp_path):
     return write_ipa(tmp_path / "ipa")
-
-
-@pytest.fixture
-def irb_folder(tmp_path):
-    return write_irb120(tmp_path / "irb")

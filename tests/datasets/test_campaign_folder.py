@@ -15,8 +15,7 @@ import pytest
 
 from pa10cal.campaign.description import read_description
 from pa10cal.campaign.quarantine import Quarantined
-from pa10cal.datasets.campaign_folder import table_bytes, write_campaigns
-from pa10cal.datasets.commands import command_columns
+from pa10cal.datasets.campaign_folder import description, table_bytes, write_campaigns
 from pa10cal.datasets.dataset import ImportedCampaign
 from pa10cal.errors import OutputError
 
@@ -25,7 +24,9 @@ OWN = ["campaign.yaml", "left_out.csv", "poses.csv.gz"]
 
 @pytest.fixture
 def campaign():
-    poses = command_columns(np.arange(3.0), np.array([[0.1], [-0.0], [0.3]]))
+    poses = pd.DataFrame({"time_s": np.arange(3.0), "kind": "grid"})
+    poses["pose"], poses["load_N"], poses["repeat"] = ["P00001", "P00002", "P00003"], 0, 1
+    poses["q1_deg"] = np.degrees([0.1, -0.0, 0.3])
     poses["x_mm"] = [1.0, np.nan, -2.5]
     poses["u_x_mm"] = [1.23456789e-4, 0.5, np.nan]
     poses["qw"] = [1.0, 0.5, 0.0]
@@ -36,7 +37,7 @@ def campaign():
         instrument="pose",
         uncertainty_mm=0.02,
         reference_temperature_C=21.5,
-        held_out_fraction=0.3,
+        holdout={"last_fraction": 0.3},
         readings=poses,
         files=("t.csv",),
         left_out=(Quarantined("t.csv", 7, "not a finite number", "a = 'x'"),),
@@ -59,6 +60,49 @@ def test_the_contracts_reader_takes_the_description(campaign, tmp_path):
     assert described.gravity_m_s2 == (0.0, 0.0, -9.81)
     assert described.tool.mass_kg == 0.0
     assert described.reference_temperature_C == 21.5
+
+
+def test_a_table_without_time_is_described_by_its_columns(campaign, tmp_path):
+    table = pd.DataFrame(
+        np.ones((2, 12)),
+        columns=[
+            "q1_mm",
+            "q2_deg",
+            "tau1_Nm",
+            "tau2_Nm",
+            "T1_x_mm",
+            "T1_y_mm",
+            "T1_z_mm",
+            "base1_x_mm",
+            "base1_y_mm",
+            "base1_z_mm",
+            "x_mm",
+            "qw",
+        ],
+    )
+    found = description(replace(campaign, readings=table, holdout={"every": 4}))
+    assert found["holdout"] == {"every": 4}
+    assert found["columns"]["poses"] == {
+        "joints": {"names": ["q1_mm", "q2_deg"]},
+        "torques": {"names": ["tau1_Nm", "tau2_Nm"]},
+        "position": {"names": ["x_mm", "y_mm", "z_mm"]},
+        "rotation": {"names": ["qw", "qx", "qy", "qz"], "convention": "quaternion_wxyz"},
+        "targets": {
+            name: {"names": [f"{name}_{axis}_mm" for axis in "xyz"]} for name in ("T1", "base1")
+        },
+    }
+    assert "columns" not in description(campaign)
+
+
+def test_an_arm_of_its_own_and_a_payload_come_along(campaign, tmp_path):
+    own = tmp_path / "own.yaml"
+    own.write_text("name: mine\nrows:\n  - {d_m: 0.1}\n")
+    asked = replace(campaign, robot="mine", arm=own, tool_mass_kg=1.25)
+    for _ in range(2):
+        (folder,) = write_campaigns([asked], tmp_path / "raw")
+        assert (folder / "mine.yaml").read_text() == own.read_text()
+        assert read_description(folder).tool.mass_kg == 1.25
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*OWN, "mine.yaml"])
 
 
 def test_rows_left_out_are_in_a_file(campaign, tmp_path):

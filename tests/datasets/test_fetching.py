@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from made_up_datasets import SERIES_A, SERIES_C
+from made_up_datasets import SERIES_A, SERIES_C, write_irb120
 from pa10cal.datasets.catalogue import dataset_named
 from pa10cal.datasets.checksums import sha256
 from pa10cal.datasets.dataset import Published
@@ -61,7 +61,16 @@ def test_a_file_that_cannot_be_had_leaves_nothing(published, tmp_path, source):
 
 def test_a_layout_without_one_place_is_refused(tmp_path):
     with pytest.raises(RawDataError, match="without an address to fetch it from"):
-        fetch(dataset_named("faro-irb120"), tmp_path)
+        fetch(replace(dataset_named("faro-irb120"), published=None), tmp_path)
+
+
+def test_names_with_blanks_are_fetched_from_an_address(tmp_path):
+    source = write_irb120(tmp_path / "a b")
+    dataset = dataset_named("faro-irb120")
+    sums = {name: sha256((source / name).read_bytes()) for name in dataset.files}
+    published = replace(dataset.published, sha256=sums)
+    assert fetch(replace(dataset, published=published), tmp_path / "copy", str(source))
+    assert (tmp_path / "copy" / dataset.files[0]).is_file()
 
 
 def test_a_folder_that_cannot_be_made_is_refused(published, tmp_path):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from made_up_datasets import SERIES_A, SERIES_C, edit
+from made_up_datasets import MADE_UP, SERIES_A, SERIES_C, edit
 from pa10cal.datasets.catalogue import dataset_named, dataset_names
 from pa10cal.datasets.checksums import sha256
 from pa10cal.datasets.dataset import Published
@@ -74,7 +74,7 @@ def test_another_version_may_be_asked_for_and_is_told(published, ipa_folder):
 
 
 def test_names_of_readers():
-    assert dataset_names() == ("faro-irb120", "ipa-robot-accuracy")
+    assert dataset_names() == tuple(sorted(MADE_UP))
     for name in dataset_names():
         dataset = dataset_named(name)
         assert dataset.name == name
@@ -82,5 +82,7 @@ def test_names_of_readers():
             assert set(dataset.files) <= set(dataset.published.sha256)
     with pytest.raises(RawDataError, match="is 'ipa-robot-accuracy' meant"):
         dataset_named("ipa-robot-acuracy")
-    with pytest.raises(RawDataError, match="allowed: faro-irb120, ipa-robot-accuracy; correct"):
+    with pytest.raises(
+        RawDataError, match=r"allowed: dlr-elastic-calibration, faro-irb120, .*; correct"
+    ):
         dataset_named("x")

@@ -7,25 +7,36 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.datasets.text_table import read_bare_table
+from pa10cal.datasets.text_table import read_bare_table, same_rows
 from pa10cal.errors import RawDataError
-
-
-def listed(table):
-    return [(row.line, row.reason, row.value) for row in table.left_out]
 
 
 def test_bare_rows_keep_their_lines(tmp_path):
     (tmp_path / "t.txt").write_text("1 2\n\n3  nan\n4\t-\n5 6,5\n7 8\n\n")
-    table = read_bare_table(tmp_path, "t.txt", ("x", "y"), may_be_blank=True)
-    np.testing.assert_array_equal(table.columns["y"], [2, np.nan, np.nan, 8])
-    assert list(table.line) == [1, 3, 4, 6]
-    assert listed(table) == [
+    table = read_bare_table(tmp_path, "t.txt", ("x", "y"))
+    np.testing.assert_array_equal(table.columns["y"], [2, 8])
+    assert list(table.line) == [1, 6]
+    assert {(row.line, row.reason, row.value) for row in table.left_out} == {
         (2, "the number of fields is not 2", "0"),
+        (3, "not a finite number", "y = 'nan'"),
+        (4, "not a finite number", "y = '-'"),
         (5, "not a finite number", "y = '6,5'"),
-    ]
-    strict = read_bare_table(tmp_path, "t.txt", ("x", "y"))
-    assert list(strict.line) == [1, 6]
+    }
+
+
+def test_a_separator_and_a_header(tmp_path):
+    (tmp_path / "t.csv").write_text("a,b\n1, 2\n3,\n5,6\n")
+    table = read_bare_table(tmp_path, "t.csv", ("x", "y"), separator=",", header=True)
+    np.testing.assert_array_equal(table.numbers(("x", "y")), [[1, 2], [5, 6]])
+    assert (list(table.line), table.total) == ([2, 4], 3)
+    assert [row.line for row in table.left_out] == [3]
+
+
+def test_tables_that_belong_together_line_by_line(tmp_path):
+    (tmp_path / "one.txt").write_text("1\n2\n3\n")
+    (tmp_path / "two.txt").write_text("4\nx\n6\n")
+    one, two = same_rows([read_bare_table(tmp_path, n, "v") for n in ("one.txt", "two.txt")], 0.5)
+    assert (one.columns["v"].tolist(), two.columns["v"].tolist()) == ([1, 3], [4, 6])
 
 
 def test_decimal_commas_where_points_are_expected(tmp_path):

@@ -1,5 +1,6 @@
 """The gap is paired over poses, and each load has its own."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy.stats import ttest_rel
 
 from made_up_poses import measured_poses
 from pa10cal.arm.state import PoseStates
-from pa10cal.discovery.gap import Gap, gap
+from pa10cal.discovery.gap import Gap, beside_motion, fallen_back, gap, trusted
 
 POSES, LOADS_N = 12, (0.0, 44.0)
 
@@ -36,12 +37,13 @@ def made(poses=POSES, loads_N=LOADS_N):
     return measured, models, off_mm
 
 
-def compared(measured, before, after) -> Gap:
+def compared(measured, before, after, T_moved=None) -> Gap:
     """Return the gap of two models that say where the end is."""
 
-    model = SimpleNamespace(as_read=lambda _: before, T_instr_base=np.eye(4), targets_m=np.zeros(0))
-    left = measured.measured.deviations(after, np.eye(4), np.zeros(0))
-    return gap(measured, model, left, FLOOR_MM)
+    def model(T):
+        return SimpleNamespace(as_read=lambda _: T, T_instr_base=np.eye(4), targets_m=np.zeros(0))
+
+    return gap(measured, model(before), model(after), FLOOR_MM, T_moved=T_moved)
 
 
 def test_the_reduction_has_the_interval_of_a_paired_t_test():
@@ -85,3 +87,35 @@ def test_one_pose_has_no_interval():
     found = compared(measured, *models).reduction
     assert found.low_mm == found.high_mm == found.mean_mm == pytest.approx((before - after).mean())
     assert found.poses == 1
+
+
+def test_motion_that_no_model_holds_is_in_no_number_but_its_own():
+    measured, models, off_mm = made()
+    moved = np.tile(np.eye(4), (len(measured), 1, 1))
+    moved[:, 1, 3] = 0.5e-3
+    plain, found = compared(measured, *models), compared(measured, *models, T_moved=moved)
+    assert (found.before, found.after) == (plain.before, plain.after)
+    for left, at_mm in zip(found.without_motion, off_mm, strict=True):
+        np.testing.assert_allclose(left.distance_mm, np.hypot(at_mm, 0.5))
+    beside = beside_motion(found)
+    assert beside.after.mean_mm == pytest.approx(np.hypot(off_mm[1], 0.5).mean())
+    assert beside_motion(plain) is plain
+    suspected = np.arange(len(measured)) < 6
+    rest = trusted(found, suspected)
+    assert len(rest.without_motion[0].distance_mm) == len(measured) - 6
+    fallen = fallen_back(found, suspected)
+    np.testing.assert_allclose(fallen.found_after.distance_mm[:6], off_mm[0][:6])
+    assert fallen.without_motion is found.without_motion
+    with_rivals = replace(plain, with_rivals=plain.found_after)
+    assert with_rivals.beside(found).with_rivals is plain.found_after
+    assert with_rivals.beside(found).without_motion is found.without_motion
+    assert len(trusted(with_rivals, suspected).with_rivals.distance_mm) == len(measured) - 6
+
+
+def test_noise_of_a_mean_has_the_root_mean_square_of_vectors_as_long():
+    measured, models, _ = made()
+    found = compared(measured, *models)
+    vectors = np.random.default_rng(0).standard_normal((200_000, 3))
+    lengths = np.linalg.norm(vectors, axis=1)
+    ratio = np.sqrt(np.mean(lengths**2)) / lengths.mean()
+    assert found.noise_rms_mm == pytest.approx(FLOOR_MM * ratio, rel=3e-3)

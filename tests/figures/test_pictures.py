@@ -113,8 +113,6 @@ def test_says_what_it_was_drawn_from(drawn, case):
     texts = [text.get_text() for text in drawn[1][case]]
     if case[0] in ("nothing", "named"):
         campaign, provenance = "cell-null", "virtual cell, independent of this project."
-    elif case[0] == "watched":
-        campaign, provenance = "irb120", "Synthetic: made up by this project's own"
     else:
         campaign = "pose" if case[0] == "learnt" else case[0]
         provenance = "synthetic: written by this project's own"

@@ -35,3 +35,5 @@ def test_the_studies_are_as_large_as_their_bars_need():
     assert trial_counts(options.full)["single"] >= 380
     assert trial_counts(options.reduced)["single"] == len(vocabulary())
     assert sum(trial_counts(options.wild).values()) >= 300
+    assert trial_counts(options.unstated) == {"unstated_masses": 210}
+    assert trial_counts(options.sorted_by_joint)["sorted_rows"] >= 100  # none may go wrong

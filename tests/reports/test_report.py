@@ -13,8 +13,12 @@ from itertools import pairwise
 import pytest
 
 import pa10cal
+from made_up_records import effect
+from made_up_results import with_verdict
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.results.codec import write
+from pa10cal.results.codec import read, write
+from pa10cal.results.discovery import VerdictRecord
+from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.results.iso9283 import (
     AccuracyRows,
     Iso9283Record,
@@ -130,6 +134,56 @@ def test_says_every_verdict_in_a_plain_sentence(judged, page):
         assert "Measure 100." in found.text
 
 
+def taken(of, share, before_mm, after_mm, *ids):
+    return ExplainedEffect(ids=ids, of=of, share=share, before_mm=before_mm, after_mm=after_mm)
+
+
+EXPLAINED = Explained(
+    share=0.97,
+    of=(
+        taken("joint 3", 0.9, 0.36, 0.17, "joint_compliance"),
+        taken("joint 2", 0.07, 0.17, 0.15, "encoder_eccentricity", "gear_ratio_error"),
+    ),
+    without_a_name=0.03,
+    over="held-out poses",
+    before_mm=0.36,
+    after_mm=0.15,
+    noise_mm=0.14,
+)
+PARTS = (
+    "97 % of the error beyond noise is explained: spring of joint 3; encoder eccentricity or gear "
+    "ratio of joint 2."
+)
+FALL = "Joint 3 gives way under the arm's weight: 0.36 mm becomes 0.17 mm."
+
+
+@pytest.mark.parametrize(
+    ("word", "answer"), [("ambiguous", "97 % explained"), ("check_the_log", "check the log")]
+)
+def test_leads_with_what_is_explained_and_by_what(copied, page, word, answer):
+    with_verdict(copied, word)
+    path = copied / VerdictRecord.FILE
+    record = read(VerdictRecord, path)
+    spring = effect("joint_compliance", "joint 3", {"K": (2e5, 1e3)})
+    write(
+        record.model_copy(update={"explained": EXPLAINED, "effects": (*record.effects, spring)}),
+        path,
+    )
+    text = page(copied).text
+    top, rest = text.split("What was measured", 1)
+    assert f"Verdict {answer} " in top
+    assert PARTS in top
+    assert PARTS in rest
+    assert FALL in rest
+    if word == "ambiguous":
+        assert FALL in top
+        assert "Verdict: ambiguous." in top
+    # The one that takes most away comes first, though it was found last.
+    table = rest[rest.index("Effects, those that take most away first") :]
+    assert table.index("joint compliance") < table.index("encoder eccentricity")
+    assert "0.360 → 0.170 90 %" in " ".join(table.split())
+
+
 @pytest.mark.parametrize(
     ("file", "said"),
     [
@@ -238,6 +292,20 @@ def test_measured_data_are_not_called_synthetic(copied, page):
     found = page(copied).text
     assert "Synthetic" not in found
     assert "In the campaign's own words: measured with a tracker." in found
+    assert "campaign's own words Measured" not in found
+
+
+def test_where_data_come_from_is_one_line_and_the_rest_folded_away(copied, page):
+    told = "Measured by A. Owner with a laser tracker in the year 2022. Fetched at a commit. "
+    told += "Angles of the controller, not read back, and so on for several lines of text."
+    for path in copied.rglob("*.json"):
+        record = json.loads(path.read_text("utf-8"))
+        path.write_text(json.dumps({**record, "provenance": told}))
+    found = page(copied)
+    fact = "in the year 2022. Fetched at a commit. Arm"
+    assert fact in found.text
+    assert found.text.count(told) == 1
+    assert any(name == "details" for name, _ in found.tags)
 
 
 def test_what_a_campaign_says_stays_text(copied, page):

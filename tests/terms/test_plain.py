@@ -38,7 +38,6 @@ def contexts(robot, seed):
         p_instr_middle_m=rng.uniform(-3.0, 3.0, 3),
         q_span_rad=np.column_stack([low, low + rng.uniform(0.1, 3.0, arm.n)]),
         time_span_s=(0.0, float(rng.uniform(1.0, 1e5))),
-        gravity_m_s2=np.array([0.0, 0.0, -9.81]),
         commanded=True,
     )
 

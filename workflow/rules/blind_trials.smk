@@ -43,6 +43,18 @@ rule drive_trials:
         expand(trial_result("scores.json"), study="drive_trials"),
 
 
+rule blind_trials_unstated:
+    """Arms whose masses nobody stated, with springs in some joints, none or all."""
+    input:
+        expand(trial_result("pictures.json"), study="blind_trials_unstated"),
+
+
+rule blind_trials_sorted:
+    """Files sorted by a joint, without a time: is a motion told that was none?"""
+    input:
+        expand(trial_result("pictures.json"), study="blind_trials_sorted"),
+
+
 rule judge_trials:
     """Some trials of one kind: hidden, measured, judged; the truth goes into a file apart."""
     output:
@@ -87,12 +99,8 @@ rule score_trials:
 
 
 for pictures_of, studies in {
-    "trials": [
-        study
-        for study in TRIAL_STUDIES
-        if study not in ("wild_trials", "wild_trials_outside", "drive_trials")
-    ],
-    "wild": ["wild_trials", "wild_trials_outside"],
+    "trials": [study for study in TRIAL_STUDIES if study not in (*WILD_STUDIES, "drive_trials")],
+    "wild": WILD_STUDIES,
 }.items():
 
     # The figures and the tables of a study that have something to show.

@@ -94,6 +94,8 @@ TRIAL_STUDIES = {
     "blind_trials_tracked": ("tracked", trial_counts(SETTINGS.blind_trials.tracked)),
     "wild_trials": ("wild", trial_counts(SETTINGS.blind_trials.wild)),
     "drive_trials": ("drives", trial_counts(SETTINGS.blind_trials.drives)),
+    "blind_trials_unstated": ("wild", trial_counts(SETTINGS.blind_trials.unstated)),
+    "blind_trials_sorted": ("wild", trial_counts(SETTINGS.blind_trials.sorted_by_joint)),
 }
 # The same of instruments that measure no attitude.
 REFLECTOR_STUDIES = {
@@ -111,6 +113,8 @@ OUTSIDE_STUDIES = {
     )
 }
 TRIAL_STUDIES |= OUTSIDE_STUDIES
+# Those whose pictures are those of wild trials.
+WILD_STUDIES = [study for study, (measured, _) in TRIAL_STUDIES.items() if measured == "wild"]
 
 
 def one_of(names):
@@ -289,3 +293,21 @@ def source_option(name):
     """What the fetch is told of a copy of a data set to take in place of the published one."""
     source = SETTINGS.dataset_sources.get(name)
     return f"--source {shlex.quote(source)}" if source else ""
+
+
+def measured_result(name):
+    """The path pattern of a result of the measured campaigns."""
+    return os.path.join(_literal(SETTINGS.results_dir), "measured", name)
+
+
+def import_option(hand):
+    """What a measured campaign is imported of, where it is not there already."""
+    if hand.dataset is None:
+        return ""
+    return f"--dataset {hand.dataset} --source {shlex.quote(str(hand.source))}"
+
+
+def folders_option(folders):
+    """The option that lists folders of raw files; nothing where there are none."""
+    words = [shlex.quote(str(folder)) for folder in folders]
+    return f"--campaign-dir {' '.join(words)}" if words else ""

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.weights import WeightsKnown
 from pa10cal.errors import ArmError
 
 Array = NDArray[np.float64]
@@ -59,6 +60,7 @@ class Arm:
         beta_rad: (n,) nominal beta of the rows; empty for none.
         T_base_row1: (4, 4) pose of the frame that the first row starts from, in the base [m].
         T_row_n_ee: (4, 4) pose of the end-effector in the frame of the last row [m].
+        weights_known: how well masses and centres are known; None as makers state them.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Arm:
     beta_rad: Array = field(default_factory=lambda: np.zeros(0))
     T_base_row1: Array = field(default_factory=lambda: np.eye(4))
     T_row_n_ee: Array = field(default_factory=lambda: np.eye(4))
+    weights_known: WeightsKnown | None = None
 
     @property
     def n(self) -> int:

@@ -240,7 +240,7 @@ def _left_out(tree: UrdfTree, path: tuple[UrdfJoint, ...], arm: Arm) -> list[str
     if held:
         notes.append(f"off the path, and held at zero: {', '.join(held)}")
     if arm.mass_kg is None:
-        notes.append("no link has a mass: springs need logged torques")
+        notes.append("no link has a mass: weights are assumed from the lengths of the links")
     elif not arm.mass_kg.all():
         massless = [str(row) for row in np.flatnonzero(arm.mass_kg == 0.0) + 1]
         notes.append(f"no mass of links {', '.join(massless)}")

@@ -63,12 +63,12 @@ class PoseStates:
         time_s: (P,) time of the reading.
         static_loads: what weights bend the structure with, where it was computed.
         seen: how the pose was read from the instrument's targets, where it was computed.
-        torque_by_mass: (P, n, 4 n) torques of weights by mass and first moment of every link, of an
-            arm whose masses are not known; None where they are, or where it was not computed.
         campaign: (P,) which campaign of a group each pose is of, from 0; None where there is one,
             or where no campaign is meant: then what belongs to a campaign is that of the first.
         moved: (P, n) direction in which each joint moved from the pose before: -1, 0 (it stayed) or
             +1; None where `arrival` says so.
+        timed: (P,) whether `time_s` tells time; where it does not, as where times were not recorded
+            or the order goes with a joint or a load, it gives an order alone. None where all do.
     """
 
     q_rad: Array
@@ -79,9 +79,9 @@ class PoseStates:
     time_s: Array
     static_loads: StaticLoads | None = None
     seen: ObservedTargets | None = None
-    torque_by_mass: Array | None = None
     campaign: NDArray[np.intp] | None = None
     moved: Array | None = None
+    timed: NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
         return len(self.q_rad)
@@ -96,13 +96,19 @@ class PoseStates:
         """Direction in which each joint moved from the pose before, 0 where it stayed, (P, n)."""
         return self.arrival if self.moved is None else self.moved
 
+    @property
+    def tells_time(self) -> bool:
+        """Whether what goes with time can be told from these poses."""
+        return self.timed is None or bool(self.timed.all())
+
     def take(self, rows: Rows) -> PoseStates:
         """Return the states of some poses."""
         return PoseStates(*(_rows(getattr(self, field.name), rows) for field in fields(self)))
 
 
 def _rows(
-    value: Array | NDArray[np.intp] | StaticLoads | ObservedTargets | None, rows: Rows
+    value: Array | NDArray[np.intp] | NDArray[np.bool_] | StaticLoads | ObservedTargets | None,
+    rows: Rows,
 ) -> Any:
     """Return some rows of an array, or of every array of a group of them."""
     if isinstance(value, StaticLoads | ObservedTargets):

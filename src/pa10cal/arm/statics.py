@@ -122,14 +122,6 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     return Statics(torque_Nm, by_mass, by_load, loads)
 
 
-def torque_by_mass(chain: Chain, coordinates: Array, gravity_m_s2: Array) -> Array:
-    """Return the torques by mass and first moment of every link, (P, n, 4 n); see `Statics`.
-
-    The masses themselves need not be known.
-    """
-    return _Levers(chain, frames(chain, coordinates), gravity_m_s2).by_mass_of_links()
-
-
 def _at_centres(by_mass: Array, com_m: Array | None) -> Array:
     """Return the torques by masses that sit at their centres, and by moments, (P, n, 4 n)."""
     links = by_mass.reshape(*by_mass.shape[:2], -1, 4).copy()

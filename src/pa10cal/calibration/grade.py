@@ -44,6 +44,9 @@ JOINT_RAD = 1e-5
 FAR_OFF = 20.0
 #: Remaining error, as part of the spread of the measured positions, that no calibrated arm has.
 FITS_NOT = 0.01
+#: Part of the squared error that springs leave where they explain the larger part of it. That of a
+#: robot soft by a hundredth of its reach counts as a missing effect, not as another robot.
+MOSTLY = 0.7
 #: Largest uncertainty of the model as part of the remaining error: it then adds 5 % to it.
 SMALL_SHARE = 0.3
 #: Condition number in scaled parameters above which some direction is poorly determined.
@@ -96,6 +99,10 @@ class Evidence:
         spread_mm: root mean square distance of the measured positions from their mean.
         suspected_outliers: poses far outside the scatter of the others.
         findings: what checks of the input found.
+        without_springs_mm: remaining error of the poses fitted with rigid joints; None where the
+            model has no springs.
+        weights: where weights come from that nobody stated: `assumed` from the lengths of the
+            links, or from the mass of the whole arm (`total`); else nothing.
     """
 
     converged: bool = True
@@ -122,6 +129,14 @@ class Evidence:
     spread_mm: float
     suspected_outliers: int = 0
     findings: tuple[InputFinding, ...] = ()
+    without_springs_mm: float | None = None
+    weights: str = ""
+
+    @property
+    def soft(self) -> bool:
+        """Return whether springs explain the larger part of what rigid joints leave."""
+        rigid_mm = self.without_springs_mm
+        return rigid_mm is not None and self.train_rms_mm**2 < MOSTLY * rigid_mm**2
 
     @property
     def error_mm(self) -> float:
@@ -224,7 +239,7 @@ def _errors(evidence: Evidence) -> str:
 
 def _suspected(evidence: Evidence) -> Iterator[InputFinding]:
     """Return what the fit itself shows to be wrong in the input."""
-    if evidence.train_rms_mm > FITS_NOT * evidence.spread_mm:
+    if evidence.train_rms_mm > FITS_NOT * evidence.spread_mm and not evidence.soft:
         yield InputFinding(
             "the arm as described does not fit the readings",
             "the whole campaign",
@@ -290,6 +305,11 @@ def _lacking(evidence: Evidence) -> str:
             f"{ratio:.2g} times the error that the fit promises for held-out poses: they differ "
             "from the poses fitted, or the model is missing an effect"
         )
+    if parts and evidence.soft and evidence.without_springs_mm is not None:
+        parts.append(
+            f"a soft arm: with rigid joints {evidence.without_springs_mm:.3f} mm remain, springs "
+            "explain the larger part"
+        )
     return "; ".join(parts) + "; see the verdict" if parts else ""
 
 
@@ -324,6 +344,16 @@ def _remarks(evidence: Evidence) -> Iterator[str]:
     held = tuple(name for name in evidence.at_bound if not name.startswith("windup"))
     if held:
         yield f"{_listed(held)} at the end of the physical range"
+    if evidence.weights:
+        yield (
+            "no masses are stated, so weights are assumed "
+            + (
+                "from the lengths of the links"
+                if evidence.weights == "assumed"
+                else "from the mass of the whole arm"
+            )
+            + ": stiffness is relative to them"
+        )
     if evidence.condition > ILL_CONDITIONED:
         yield f"condition number {evidence.condition:.1e}"
     if evidence.suspected_outliers:

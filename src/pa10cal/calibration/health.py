@@ -95,6 +95,9 @@ class Errors:
         apparatus_mm: error that the targets' places on an apparatus leave in all poses alike.
         repeats: what repeats show of the stated uncertainty, by kind.
         findings: what checks of the input found.
+        without_springs_mm: the same as `train_rms_mm` with rigid joints; None where the model has
+            no springs.
+        weights: where weights come from that nobody stated; else nothing.
     """
 
     train_rms_mm: float
@@ -106,6 +109,8 @@ class Errors:
     apparatus_mm: float = 0.0
     repeats: tuple[ScatterOfRepeats, ...] = ()
     findings: tuple[InputFinding, ...] = ()
+    without_springs_mm: float | None = None
+    weights: str = ""
 
 
 @dataclass(frozen=True)
@@ -249,6 +254,8 @@ def _evidence(ended: FitSummary, errors: Errors, design: PoseDesign) -> Evidence
         spread_mm=errors.spread_mm,
         suspected_outliers=errors.suspected_outliers,
         findings=errors.findings,
+        without_springs_mm=errors.without_springs_mm,
+        weights=errors.weights,
     )
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
+from pa10cal.arm.weights import weights_known
 from pa10cal.calibration.joint_checks import (
     above_noise,
     calibrated_rms_mm,
@@ -27,6 +28,7 @@ from pa10cal.campaign.conventions import better_convention
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.campaign.labels import exchange_text, stated_order, stated_shape
+from pa10cal.campaign.weighed_arm import weights_finding
 from pa10cal.errors import Pa10calError
 from pa10cal.fit.loads import statics_of
 from pa10cal.observe.averages import average_repeats
@@ -75,7 +77,11 @@ def check_input(
         )
     grid = average_repeats(every.of_kind("grid"))
     some = _some(grid)
-    found = (*_temperature(campaign, every), *_shape(campaign, arm, grid, options))
+    found = (
+        *_temperature(campaign, every),
+        *weights_finding(arm),
+        *_shape(campaign, arm, grid, options),
+    )
     others = _attitudes(arm, some) or signs_and_order(arm, some)
     if not others and campaign.payload(arm) is not None and _logs_torques(some):
         others = _gravity_by_torques(campaign, arm, some)
@@ -137,7 +143,8 @@ def _gravity(
     An arm that hangs or stands on a wall says so by `gravity_m_s2` in the frame of its base.
     """
     payload = campaign.payload(arm)
-    if payload is None or _logs_torques(some):
+    # Under weights that nobody stated, an error of joint 1 is as well one of an arm on a wall.
+    if payload is None or _logs_torques(some) or weights_known(arm).assumed:
         return ()
     others = _other_directions(payload)
     if not others:

@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.raw_file import RawFile
+from pa10cal.campaign.screens import robust_misfit
 from pa10cal.errors import RawDataError
 from pa10cal.frame.base_motion import BaseMotion, base_motion
-from pa10cal.observe.base_targets import BaseTargets, Knocked, MotionFound
+from pa10cal.observe.base_targets import BaseTargets, Knocked, Misread, MotionFound
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.raw import Misfit
 from pa10cal.observe.registry import instruments
 
 Array = NDArray[np.float64]
@@ -26,6 +29,10 @@ _SAME_M = 1e-3
 #: Motions are taken to be small: beyond these the instrument was set up anew.
 _LARGEST_M = 0.02
 _LARGEST_RAD = 5e-3
+#: Wrong readings further off than this many stated uncertainties are worth a warning.
+_GROSS = 20.0
+#: The arm fits worse where it does so by so many standard errors, found from so many stretches.
+_SURELY, _BLOCKS = 4.0, 10
 #: Configurations from which on a motion is looked for.
 _LEAST_ROWS = 20
 
@@ -90,13 +97,14 @@ def base_targets(names: tuple[str, ...], values: Array, u: Array, u_m: float) ->
 
 
 def steadied(
-    every: Observations, where: str
+    every: Observations, where: str, T_base_ee: Array
 ) -> tuple[Observations, tuple[str, ...], tuple[str, ...]]:
     """Take the motion that base targets show out of readings.
 
     Args:
         every: single readings in order of time.
         where: file, for messages.
+        T_base_ee: (P, 4, 4) poses of the nominal arm, which must not fit worse for it.
 
     Returns:
         The readings as of an instrument that stands still; notes; and warnings.
@@ -125,27 +133,83 @@ def steadied(
     )
     without = int((~moved.used.any(axis=1)).sum())
     x, y, z = (1e3 * moved.about_m).tolist()
-    found = MotionFound(moved.form, (x, y, z), moved.turns, moved.noise, knocked, without)
+    misread = _misread(base, moved, every)
+    found = MotionFound(moved.form, (x, y, z), moved.turns, moved.noise, knocked, misread, without)
     base = replace(base, motion=moved.motion, motion_cov=moved.cov, found=found)
     measured = every.measured if found.form == "still" else every.measured.steadied(base)
+    if found.form != "still" and _fits_worse(every.measured, measured, T_base_ee):
+        warning = (
+            f"targets on the base ({', '.join(base.names)}) move, and the readings of the arm do "
+            "not move with them: they are not used; check what they are fixed to"
+        )
+        return replace(every, base=None), (), (warning,)
     still = replace(every, base=base, measured=measured)
-    warnings = tuple(f"a target on the base moved: {each}; it is left out" for each in knocked)
-    return still, (_said(base, found),), warnings
+    warnings = [f"a target on the base moved: {each}; it is left out" for each in knocked]
+    gross_mm = 1e3 * _GROSS * float(np.nanmedian(base.u_m))
+    warnings += [
+        f"a target on the base was read wrongly: {each}; such readings are left out"
+        for each in misread
+        if each.off_mm > gross_mm
+    ]
+    return still, (_said(base, found),), tuple(warnings)
+
+
+def _fits_worse(before: Instrument, after: Instrument, T_base_ee: Array) -> bool:
+    """Return whether the nominal arm, however placed, surely fits worse without the motion."""
+    count = len(T_base_ee)
+    if count < before.least_rows:
+        return False
+
+    def misfit(measured: Instrument) -> Misfit | None:
+        return robust_misfit(lambda used, weights: measured.misfit(T_base_ee, used, weights), count)
+
+    moving, still = misfit(before), misfit(after)
+    if moving is None or still is None:
+        return False
+    gain_m = np.nanmean(moving.length_m - still.length_m, axis=1)
+    blocks = np.array([each.mean() for each in np.array_split(gain_m, _BLOCKS)])
+    surely = _SURELY * blocks.std(ddof=1) / np.sqrt(_BLOCKS)
+    return bool(blocks.mean() < -surely)
+
+
+def _misread(base: BaseTargets, moved: BaseMotion, every: Observations) -> tuple[Misread, ...]:
+    """Return the targets with wrong readings, and how far the furthest of each is off."""
+    found = []
+    for k in np.flatnonzero(moved.wrong.any(axis=0)):
+        place_m = np.nanmedian(
+            base.p_instr_m[moved.used[:, k] | ~moved.used[:, k].any(), k], axis=0
+        )
+        off_m = np.linalg.norm(base.p_instr_m[:, k] - place_m, axis=1)
+        off_m[~moved.wrong[:, k]] = 0.0
+        furthest = int(off_m.argmax())
+        found.append(
+            Misread(
+                base.names[k],
+                int(moved.wrong[:, k].sum()),
+                str(every.pose[furthest]),
+                1e3 * float(off_m[furthest]),
+            )
+        )
+    return tuple(found)
 
 
 def _said(base: BaseTargets, found: MotionFound) -> str:
     """Return in one clause what the base targets show."""
     names = ", ".join(base.names)
     if found.form == "still":
-        return f"targets on the base ({names}) stand still"
+        return f"targets on the base ({names}) stand still: nothing is taken out of the readings"
     shift_mm = 1e3 * np.linalg.norm(base.motion[:, :3], axis=1)
     turn_mrad = 1e3 * np.linalg.norm(base.motion[:, 3:], axis=1)
     turned = f" and {turn_mrad.max():.3f} mrad" if found.turns else ""
+    unknown_mrad = 1e3 * np.sqrt(base.motion_cov[:, 3:, 3:].max())
+    open_turn = (
+        "" if found.turns else f"; a turn does not show, uncertain by {unknown_mrad:.3f} mrad"
+    )
     by = "smoothed in time" if found.form == "walk" else "configuration by configuration"
     lost = f", {found.without} configurations without them" if found.without else ""
     return (
         f"targets on the base ({names}) move together by up to {shift_mm.max():.3f} mm{turned} "
-        f"about their mean: taken out of the readings, {by}{lost}"
+        f"about their mean: taken out of the readings, {by}{lost}{open_turn}"
     )
 
 

@@ -85,6 +85,14 @@ class Holdout(Section):
     every: Annotated[int, Field(ge=2)] | None = None
 
 
+class Masses(Section):
+    """What is known of the weight of an arm whose parts are not described."""
+
+    total_kg: Annotated[FiniteFloat, Field(gt=0, le=20_000)] = Field(
+        description="mass of the whole arm, as a catalogue states it"
+    )
+
+
 #: Where joint positions come from: read back from the joints, or those that they were sent to.
 JointPositions = Literal["logged", "commanded"]
 
@@ -108,6 +116,11 @@ class CampaignDescription(Section):
     configurations: Annotated[int, Field(ge=1)] | None = None
     columns: OwnColumns | None = None
     joints: JointPositions = "logged"
+    masses: Masses | None = None
+    time_recorded: bool = Field(
+        default=True,
+        description="whether time_s is the time of the readings; else the rows give an order alone",
+    )
 
     @property
     def campaigns(self) -> tuple[CampaignDescription, ...]:

@@ -45,12 +45,14 @@ class Ingested:
         quarantined: rows that are not used, each once.
         notes: what the reader should know, one clause each.
         warnings: what the reader should mend before going on, one sentence each.
+        timed: whether the file has a column of times.
     """
 
     observations: Observations
     quarantined: tuple[Quarantined, ...]
     notes: tuple[str, ...]
     warnings: tuple[str, ...] = ()
+    timed: bool = True
 
 
 def quarantined(

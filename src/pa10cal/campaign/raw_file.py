@@ -114,7 +114,7 @@ class RawFile:
             RawDataError: as `read_rows`; when `columns` maps nothing to a column that is required.
         """
         if self.columns is None:
-            return read_rows(self.path, required, optional, together)
+            return self._by_contract(required, optional, together)
         sources = self.sources
         filled = FILLED.get(self.key, ())
         needed = [*required, *(together if set(together) & set(sources) else ())]
@@ -130,6 +130,20 @@ class RawFile:
             value = {"load_N": 0.0 * counted, "repeat": 0.0 * counted + 1.0}.get(name, counted)
             found.columns[name] = _numbers(value)
         return found
+
+    def _by_contract(
+        self, required: Sequence[str], optional: Sequence[str], together: Sequence[str]
+    ) -> RawRows:
+        """Return rows under the contract's names; poses without times are numbered."""
+        there = [name for name in required if name != "time_s" or self._timed]
+        raw = read_rows(self.path, there, optional, together)
+        if len(there) < len(required):
+            raw.columns["time_s"] = _numbers(np.arange(len(raw.line), dtype=np.float64))
+        return raw
+
+    @property
+    def _timed(self) -> bool:
+        return self.key != "poses" or "time_s" in column_names(self.path)
 
     def _own_rows(self, columns: FileColumns) -> RawRows:
         names = dict.fromkeys(

@@ -23,10 +23,12 @@ from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.quarantine import Ingested, Quarantined
 from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
+from pa10cal.campaign.weighed_arm import weighed_arm
 from pa10cal.campaign.wrong_rows import wrong_rows
 from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.order import with_what_tells_time
 
 LINES = ("line_x", "line_y")
 
@@ -144,7 +146,7 @@ def read_campaign(folder: Path | str, options: IngestOptions | None = None) -> C
     return Campaign(
         folder,
         description,
-        arm,
+        weighed_arm(description, arm, found.observations),
         found.observations,
         found.quarantined,
         found.notes,
@@ -171,6 +173,8 @@ def ingest_campaign(
     every = ingested.observations
     if description.holdout is not None:
         every = hold_out(every, description.holdout, f"{folder / DESCRIPTION_FILE}: holdout")
+    recorded = ingested.timed and description.time_recorded
+    every, of_time = with_what_tells_time(every, arm.prismatic, recorded=recorded)
     kinds = set(every.kind)
     if "grid" not in kinds:
         raise RawDataError(
@@ -186,7 +190,7 @@ def ingest_campaign(
         ingested,
         observations=every,
         quarantined=tuple(sorted(ingested.quarantined)),
-        notes=(*ingested.notes, *(f"no {kind} rows" for kind in missing)),
+        notes=(*ingested.notes, *of_time, *(f"no {kind} rows" for kind in missing)),
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from pa10cal.campaign.group import MemberRead, describe_group, start_by_nominal
 from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.read import Campaign, read_campaign
+from pa10cal.campaign.weighed_arm import arm_of
 from pa10cal.observe.group import Member, join
 
 
@@ -38,14 +39,15 @@ def read_group(
         Member(each.name, each.observations, start_by_nominal(member))
         for each, member in zip(read, members, strict=True)
     ]
+    together = join(placed)
     quarantined = (
         replace(row, file=f"{each.name}/{row.file}") for each in read for row in each.quarantined
     )
     return Campaign(
         read[0].folder,
         description,
-        read[0].arm,
-        join(placed),
+        arm_of(description, read[0].folder, together),
+        together,
         tuple(quarantined),
         tuple(f"{each.name}: {note}" for each in read for note in each.notes),
         tuple(f"{each.name}: {warning}" for each in read for warning in each.warnings),

@@ -29,6 +29,8 @@ SCHEMA = "pa10cal-poses/1"
 #: The column that says which campaign of a group a row is of, and beginnings of those that hold
 #: what an instrument measured.
 _CAMPAIGN, _MEASURED = "campaign", ("ball", "ee_", "d_", "shared_cov_")
+#: Whether `time_s` tells time, and not an order alone; there where it does not in some row.
+_TIMED = "tells_time"
 
 
 def write_pose_table(
@@ -154,6 +156,7 @@ def _observations(
         load_N=columns["load_N"].astype(float),
         temperature_C=columns["temperature_C"].astype(float),
         time_s=columns["time_s"].astype(float),
+        timed=columns[_TIMED].astype(bool) if _TIMED in columns else None,
     )
     return Observations(
         pose=columns["pose"].astype(str),
@@ -180,6 +183,7 @@ def _columns(every: Observations, prismatic: NDArray[np.bool_]) -> dict[str, obj
         "load_N": states.load_N,
         "repeat": every.repeat,
         "time_s": states.time_s,
+        **({} if states.timed is None else {_TIMED: states.timed}),
     }
     for names, values in (
         (_position_columns(prismatic), states.q_rad),

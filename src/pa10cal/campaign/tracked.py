@@ -58,7 +58,7 @@ from pa10cal.observe.raw import Misfit, RawColumns
 
 Array = NDArray[np.float64]
 
-NO_TORQUES = "no torques logged: springs cannot be identified"
+NO_TORQUES = "no torques logged, no masses stated: those of assumed weights are used"
 THOSE_OF_MASSES = "no torques logged: those of the described masses are used"
 #: The nominal model fitted in another unit of joint positions must be this much nearer to count,
 #: and as logged be further off than this.
@@ -113,12 +113,20 @@ def read_tracked(
     where = configurations(found.take(off))
     listed += quarantined(read.file, rows.line[off], OTHER_COMMAND, found.pose[off], where)
     refuse_too_many(listed, totals, most)
-    found, moved, of_base = steadied(found.take(~off), str(file.path))
+    found = found.take(~off)
+    T_base_ee = Chain.of(arm).forward(found.states.q_rad)
+    found, moved, of_base = steadied(found, str(file.path), T_base_ee)
     notes = [*read.notes, *instrument.raw_notes(columns, stated), *moved]
     if np.isnan(found.states.tau_Nm).all():
         notes.append(NO_TORQUES if arm.mass_kg is None else THOSE_OF_MASSES)
     missing = count_warnings(description.configurations, logged, read.file)
-    return Ingested(found, tuple(listed), tuple(notes), (*missing, *screened.warnings, *of_base))
+    return Ingested(
+        found,
+        tuple(listed),
+        tuple(notes),
+        (*missing, *screened.warnings, *of_base),
+        timed="time_s" in file.names,
+    )
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from pa10cal.cell.tool import (
     ring_of_targets,
     tool_payload,
 )
+from pa10cal.cell.unstated import described, weighed
 from pa10cal.errors import SimulationError
 
 Array = NDArray[np.float64]
@@ -119,6 +120,8 @@ def _before_tracker(
 ) -> Robot:
     """Draw geometry, springs, base, and where the targets are."""
     geometry, stiffness = rng.spawn(2)  # springs or none, the geometry is the same
+    own = plan.unstated
+    arm = arm if own is None else described(arm, own)
     springs = _springs_before_tracker(arm, plan, stiffness)
     departures = draw_departures(arm, geometry) if plan.departs == "rows" else None
     mechanism = Mechanism.of(
@@ -127,6 +130,7 @@ def _before_tracker(
         tool_payload(plan.tool_mass_kg),
         _masses_kg(arm, mass_factor),
     )
+    mechanism = mechanism if own is None else weighed(mechanism, own)
     if departures is None:
         turn_rad = np.array([plan.axis_rad, plan.axis_rad, plan.zero_rad])
         axes = _small_motions(arm.n, plan.axis_m, turn_rad, geometry)

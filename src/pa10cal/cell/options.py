@@ -95,6 +95,18 @@ class CellNoiseOptions(Section):
     )
 
 
+class UnstatedOptions(Section):
+    """What an arm weighs of which a campaign describes the geometry alone, and its own lengths."""
+
+    lengths: Annotated[tuple[Positive, ...], Field(min_length=1)] = Field(
+        description="lengths, offsets and stroke of each row over those of `robot`"
+    )
+    mass_kg: tuple[NonNegative, ...] = Field(description="masses of the links")
+    com_m: tuple[tuple[FiniteFloat, FiniteFloat, FiniteFloat], ...] = Field(
+        description="their centres of mass in the frame that the joint carries along, z its axis"
+    )
+
+
 class TrackerOptions(Section):
     """A simulated campaign of any arm under an instrument that does not touch it.
 
@@ -183,6 +195,17 @@ class TrackerOptions(Section):
     resolver_rad: NonNegative = Field(0.0, description="noise of a logged angle")
     resolver_mm: NonNegative = Field(0.0, description="noise of a sliding joint's logged position")
     logs_torques: bool = Field(False, description="whether torques are logged; needs masses")
+    unstated: UnstatedOptions | None = Field(
+        None,
+        description="true lengths and weights of an arm that is described without masses, rated "
+        "torques and gear ratios, under a name of its own, with a tool of unknown mass",
+    )
+    clock: Literal["time", "row", "none"] = Field(
+        "time", description="what stands for the time of a row: it, its number, or no column"
+    )
+    holdout_every: Annotated[int, Field(ge=0)] = Field(
+        0, description="every n-th pose is held out, in place of the last ones; 0: none"
+    )
     torque_fraction: NonNegative = Field(
         1.7e-3, description="noise of a logged torque, as a fraction of the joint's rated torque"
     )

@@ -94,7 +94,7 @@ def one_after_another(commands: Array, plan: TrackerOptions, rng: np.random.Gene
         rng: draws the order where it is drawn.
     """
     count = len(commands)
-    holdout = round(plan.holdout_share * count)
+    holdout = 0 if plan.holdout_every else round(plan.holdout_share * count)
     grid = count - holdout
     if plan.by_first_joint:
         first = np.argsort(commands[:grid, 0], kind="stable")

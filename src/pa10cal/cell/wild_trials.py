@@ -19,6 +19,13 @@ from pa10cal.cell.disturbances.faults_of_logs import DirectionReversed
 from pa10cal.cell.disturbances.stressors import TemperatureRamp
 from pa10cal.cell.effects.effect import Effect, TorqueLogEffect
 from pa10cal.cell.effects.vocabulary import nameless, vocabulary
+from pa10cal.cell.measured_trials import (
+    SORTED,
+    UNSTATED,
+    draw_measured_trial,
+    measured_benches,
+    subjects_in_turn,
+)
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.tracker_trials import (
     ATTITUDE_RAD,
@@ -47,8 +54,10 @@ from pa10cal.settings_reading import parse_section
 
 #: `right`: nothing wrong; `stressed`: a stressor, nothing hidden; `effect`: one effect of the
 #: vocabulary at its plausible size, among a stressor or a joint zero that is off; `beyond`: one
-#: that has no name; `fault`: an error in the log, nothing hidden.
-WildKind = Literal["right", "stressed", "effect", "beyond", "fault"]
+#: that has no name; `fault`: an error in the log, nothing hidden; the others: `measured_trials`.
+WildKind = Literal[
+    "right", "stressed", "effect", "beyond", "fault", "unstated_masses", "sorted_rows"
+]
 WILD_KINDS: tuple[WildKind, ...] = get_args(WildKind)
 _FIRST_SEED = 900  #: apart from those of the other trials
 
@@ -98,15 +107,16 @@ def draw_wild_trials(
         count: how many.
         random_seed: draws them.
         benches: `ur10-pose` and so on, or `pa10-touched`; none for all.
-        only: one disturbance or effect; empty for all in turn.
+        only: one disturbance or effect, or another subject; empty for all in turn.
 
     Raises:
         SettingsError: for a kind, a bench, a disturbance or an effect that does not exist, or one
             that means nothing at any of the benches.
     """
     _refuse_unless(kind, WILD_KINDS, "kind")
+    measured = kind in (UNSTATED, SORTED)
     for bench in benches:
-        _refuse_unless(bench, _bench_names(), "benches")
+        _refuse_unless(bench, measured_benches() if measured else _bench_names(), "benches")
     subjects = subjects_of(kind)
     if only:
         _refuse_unless(only, subjects, "only")
@@ -115,6 +125,9 @@ def draw_wild_trials(
     for number in range(count):
         rng = np.random.default_rng([random_seed, _FIRST_SEED + WILD_KINDS.index(kind), number])
         subject = subjects[number % len(subjects)]
+        if measured:
+            trials.append(draw_measured_trial(kind, number, subject, benches, rng))
+            continue
         trials.append(_drawn(kind, number, subject, benches or _bench_names(), rng))
     return tuple(trials)
 
@@ -129,7 +142,7 @@ def subjects_of(kind: WildKind) -> tuple[str, ...]:
         "beyond": tuple(nameless()),
         "fault": tuple(name for name, each in every.items() if not each.stressor),
     }
-    return by_kind[kind]
+    return by_kind[kind] if kind in by_kind else subjects_in_turn(kind)
 
 
 @dataclass(frozen=True)

@@ -35,9 +35,9 @@ def adapt(
     from pa10cal.calibration.general.prior import refuse_unsound
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
+    from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.errors import SettingsError
     from pa10cal.evaluation.adapted import adapted_steps
-    from pa10cal.files.arms import load_arm
     from pa10cal.fit.model_file import load_model
     from pa10cal.results.adaptation import AdaptationRecord
     from pa10cal.results.codec import write
@@ -51,10 +51,10 @@ def adapt(
             remedy="correct the list",
         )
     campaign = read_description(campaign_dir)
-    arm = load_arm(campaign.robot, campaign_dir)
     model = load_model(prior)
     refuse_unsound(model, force=force)
     every = read_observations(poses, campaign)
+    arm = arm_of(campaign, campaign_dir, every)
     say = partial(print, flush=True)
     steps = adapted_steps(model, arm, every, campaign.payload(arm), shares, say)
     record = AdaptationRecord(

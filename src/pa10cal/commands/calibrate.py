@@ -59,16 +59,16 @@ def calibrate(
     from pa10cal.calibration.options import takes_general_model
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
+    from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.errors import CalibrationError, DiscoveryError
-    from pa10cal.files.arms import load_arm
     from pa10cal.fit.model_file import load_model
     from pa10cal.results.calibration import GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
     from pa10cal.results.seed import BaseFrameRecord
 
     campaign = read_description(campaign_dir)
-    arm = load_arm(campaign.robot, campaign_dir)
     every = read_observations(poses, campaign)
+    arm = arm_of(campaign, campaign_dir, every)
     seed = read(BaseFrameRecord, base_frame, campaign.name)
     general = takes_general_model(settings.model, from_touches=campaign.from_touches)
     beside = () if general else (GENERAL,)

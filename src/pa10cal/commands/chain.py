@@ -9,6 +9,8 @@ from pa10cal.fleet.options import ChainOptions
 
 #: Stages, as messages call them, and what each writes under the results of the campaign.
 STAGES = {
+    "import": (),
+    "join": ("ingest",),
     "ingest": ("ingest",),
     "seed": ("seed",),
     "calibrate": ("baseline", "calibration"),
@@ -20,23 +22,28 @@ STAGES = {
 
 def chain(
     *,
-    campaign_dir: Path,
+    campaign_dir: tuple[Path, ...],
     results: Path,
+    dataset: str = "",
+    source: Path | None = None,
     settings: ChainOptions = ChainOptions(),
 ) -> None:
-    """Take a campaign from raw files to its model in one process, as one of many.
+    """Take a campaign, or a group of several, from raw files to its model in one process.
 
-    Writes the same files as the single stages. A campaign that is refused, or that a fault of the
-    program ends, stops no other: `chain.json` says so, and what earlier runs left of the stages
-    that did not come about is removed.
+    Writes the same files as the single stages, as one of many: a campaign that is refused, or that
+    a fault of the program ends, stops no other. `chain.json` says so, and what earlier runs left of
+    the stages that did not come about is removed.
 
     Args:
-        campaign_dir: folder of raw files.
+        campaign_dir: folder of raw files; of a group several, whose results lie beside --results.
         results: folder of the campaign's results.
+        dataset: public data set that the folder of raw files is imported of first.
+        source: folder of that data set.
         settings: sections ingest, base_frame, calibration, evaluation and discovery.
 
     Examples:
         pa10cal chain --campaign-dir data/raw/mine --results results/mine
+        pa10cal chain --campaign-dir data/raw/may data/raw/june --results results/both
     """
     import sys
     import traceback
@@ -46,9 +53,10 @@ def chain(
     from pa10cal.results.codec import write
     from pa10cal.results.fleet import ChainRecord
 
-    name, record = campaign_dir.name, ChainRecord.FILE
-    _remove(results, record, *(part for parts in STAGES.values() for part in parts))
-    for stage, run in _stages(campaign_dir, results, settings):
+    name, record = results.name if len(campaign_dir) > 1 else campaign_dir[0].name, ChainRecord.FILE
+    _remove(results, record, *dict.fromkeys(part for parts in STAGES.values() for part in parts))
+    bring = _imported(dataset, source, campaign_dir[0], settings) if dataset and source else ()
+    for stage, run in (*bring, *_stages(campaign_dir, results, settings)):
         try:
             run()
         except (OutputError, OSError, MemoryError):  # of the machine, not of the campaign
@@ -70,9 +78,39 @@ def chain(
         print(f"pa10cal chain: {name}: {found.stage}: {found.message}", file=sys.stderr)
 
 
-def _stages(
-    raw: Path, results: Path, settings: ChainOptions
-) -> Iterator[tuple[str, Callable[[], None]]]:
+_Stage = tuple[str, Callable[[], None]]
+
+
+def _imported(dataset: str, source: Path, raw: Path, settings: ChainOptions) -> Iterator[_Stage]:
+    """Yield the import of a campaign from a public data set."""
+    from pa10cal.commands.import_data import import_data
+
+    yield (
+        "import",
+        lambda: import_data(
+            dataset, source, out=raw.parent, only=(raw.name,), settings=settings.ingest
+        ),
+    )
+
+
+def _joined(folders: tuple[Path, ...], results: Path) -> Iterator[_Stage]:
+    """Yield the join of campaigns to a group; their own results lie beside those of the group."""
+    from pa10cal.commands.join import join
+
+    own = [results.parent / folder.name for folder in folders]
+    yield (
+        "join",
+        lambda: join(
+            name=results.name,
+            campaign_dir=folders,
+            poses=tuple(each / "ingest/poses.parquet" for each in own),
+            base_frame=tuple(each / "seed/base_frame.json" for each in own),
+            out_dir=results / "ingest",
+        ),
+    )
+
+
+def _stages(folders: tuple[Path, ...], results: Path, settings: ChainOptions) -> Iterator[_Stage]:
     """Yield every stage by name: the functions of the single commands, one after the other."""
     from pa10cal.commands.calibrate import calibrate
     from pa10cal.commands.discover import discover
@@ -99,15 +137,20 @@ def _stages(
             settings=settings.calibration.model_copy(update=bare),
         )
 
-    yield (
-        "ingest",
-        lambda: ingest(
-            campaign_dir=raw,
-            out=poses,
-            quarantine=results / "ingest/quarantine.csv",
-            settings=settings.ingest,
-        ),
-    )
+    if len(folders) > 1:
+        raw = results / "ingest"
+        yield from _joined(folders, results)
+    else:
+        (raw,) = folders
+        yield (
+            "ingest",
+            lambda: ingest(
+                campaign_dir=raw,
+                out=poses,
+                quarantine=results / "ingest/quarantine.csv",
+                settings=settings.ingest,
+            ),
+        )
     yield (
         "seed",
         lambda: seed(campaign_dir=raw, poses=poses, out=base_frame, settings=settings.base_frame),

@@ -53,12 +53,12 @@ GROUPS = {
         "export",
         "figures",
         "fleet_summary",
+        "measured",
     ),
     "arms, effects and public data": ("effects", "import_arm", "fetch", "import"),
     "for maintainers: simulations and studies": (
         "reproduce",
         "simulate",
-        "made_up_irb120",
         "coverage",
         "changes",
         "draw_trials",

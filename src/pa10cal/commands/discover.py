@@ -40,10 +40,10 @@ def discover(
     from pa10cal.calibration.records import calibration_options, models_of
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_findings, read_observations
+    from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.discovery import discover as search
     from pa10cal.discovery.records import discovery_records, summary
     from pa10cal.discovery.setup import setup_of
-    from pa10cal.files.arms import load_arm
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.fit.covariance_file import covariance_path, write_covariance
     from pa10cal.results.calibration import CalibrationRecord
@@ -52,12 +52,13 @@ def discover(
 
     began = time.perf_counter()
     campaign = read_description(campaign_dir)
-    arm = load_arm(campaign.robot, campaign_dir)
+    every = read_observations(poses, campaign)
+    arm = arm_of(campaign, campaign_dir, every)
     record = read(CalibrationRecord, calibration, campaign.name)
     used = calibration_options(record, str(calibration))
     *_, fitted = models_of(record, str(calibration)).values()
     found = search.discover(
-        read_observations(poses, campaign),
+        every,
         fitted,
         setup_of(campaign, arm, used, settings),
         read_findings(poses),

@@ -19,7 +19,7 @@ def draw_trials(
     """Write the raw folders of wild trials, and what is in them apart.
 
     Args:
-        kind: right, stressed, effect, beyond or fault.
+        kind: right, stressed, effect, beyond, fault, unstated_masses or sorted_rows.
         count: how many.
         random_seed: draws robots, poses, noise, and what is put in.
         raw: gets one raw folder a trial.
@@ -27,7 +27,8 @@ def draw_trials(
         first: number of the first of them.
         benches: arms under instruments such as ur10-pose, or pa10-touched, with commas between
             them; all of them where none are given.
-        only: one disturbance or effect; all in turn where none is given.
+        only: one disturbance or effect, or what unstated_masses hide, such as some_springs; all in
+            turn where none is given.
 
     Examples:
         pa10cal draw_trials --kind fault --count 3 --random-seed 1 --raw wild --truths truths

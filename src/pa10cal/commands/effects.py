@@ -35,7 +35,11 @@ def _cells(places: tuple[Effect, ...]) -> tuple[str, ...]:
     first = places[0]
     meaning = (type(first).__doc__ or "").splitlines()[0].removesuffix(".")
     reported = first.report(first.starts[0]).parameters
-    shown = [f"{each.name} [{each.unit}]" for each in reported]
+    signed = first.linear if first.positive else 0
+    shown = [
+        f"{each.name}{' > 0' if k < signed else ''} [{each.unit}]"
+        for k, each in enumerate(reported)
+    ]
     if len(shown) > _MOST_NAMES:
         shown[1:-1] = ["…"]
     size = first.parameters[0]

@@ -31,26 +31,33 @@ def evaluate(
     from pa10cal.calibration.records import calibration_options, models_of
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
+    from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.commands.extended import read_extended
     from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.discovery.setup import setup_of
-    from pa10cal.evaluation.compared import judged_models, judged_where_repeated
+    from pa10cal.evaluation.compared import (
+        judged_by_parts,
+        judged_models,
+        judged_where_repeated,
+    )
     from pa10cal.evaluation.iso9283 import iso9283_record
-    from pa10cal.evaluation.records import holdout_record, summary
-    from pa10cal.files.arms import load_arm
+    from pa10cal.evaluation.records import holdout_record, said_of_parts, summary
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read, write
 
     campaign = read_description(campaign_dir)
-    arm = load_arm(campaign.robot, campaign_dir)
     every = read_observations(poses, campaign)
+    arm = arm_of(campaign, campaign_dir, every)
     record = read(CalibrationRecord, calibration, campaign.name)
     options = calibration_options(record, str(calibration))
     fitted = models_of(record, str(calibration))
     with_effects = None if extended is None else read_extended(extended, campaign.name)
     setup = setup_of(campaign, arm, options, DiscoveryOptions())
     models = judged_models(every, fitted, with_effects, setup)
-    found = holdout_record(campaign, record.load, models)
+    by_parts = None
+    if with_effects is not None and with_effects.steps_s:
+        by_parts = judged_by_parts(every, fitted, with_effects, setup)
+    found = holdout_record(campaign, record.load, models, by_parts)
     write(found, out)
     if iso9283 is not None:
         *_, last = fitted.values()
@@ -63,3 +70,9 @@ def evaluate(
         )
         write(repeated, iso9283)
     print(f"{campaign.name}: {summary(found, springs=record.has_springs)}")
+    if found.parts and found.by_parts:
+        errors = ", ".join(
+            f"{name} {model.mean_mm:.3f}/{model.peak_mm:.3f} mm"
+            for name, model in found.by_parts.items()
+        )
+        print(f"{said_of_parts(found.parts)}: mean/peak {errors}")

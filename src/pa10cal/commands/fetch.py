@@ -6,7 +6,9 @@ from pathlib import Path
 
 
 def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
-    """Fetch a public data set, of the pinned version, and check it.
+    """Fetch a public data set from its owner, of the pinned version, and check it.
+
+    Under which licence it is, or that none is stated, is said before anything is fetched.
 
     Args:
         dataset: name of the data set.
@@ -20,5 +22,8 @@ def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
     from pa10cal.datasets.catalogue import dataset_named
     from pa10cal.datasets.fetching import fetch as fetch_files
 
-    fetched = fetch_files(dataset_named(dataset), out, source or None)
+    asked = dataset_named(dataset)
+    if asked.published is not None:
+        print(asked.published.terms, flush=True)
+    fetched = fetch_files(asked, out, source or None)
     print(f"{out}: {', '.join(fetched) or 'nothing to fetch'}; all checksums are right")

@@ -16,6 +16,7 @@ def import_data(
     *,
     out: Path,
     any_version: bool = False,
+    only: tuple[str, ...] = (),
     settings: IngestOptions = IngestOptions(),
 ) -> None:
     """Turn a data set of another layout into campaigns.
@@ -25,6 +26,7 @@ def import_data(
         folder: folder of its files.
         out: folder of campaigns to write to.
         any_version: accept files that are not the published ones, and note it in the provenance.
+        only: names of the campaigns to write; all of them unless given.
         settings: section ingest.
 
     Examples:
@@ -34,6 +36,7 @@ def import_data(
     from pa10cal.datasets.catalogue import dataset_named
     from pa10cal.datasets.dataset import AsItIs
     from pa10cal.datasets.importing import import_campaigns
+    from pa10cal.errors import RawDataError
 
     campaigns = import_campaigns(
         dataset_named(dataset),
@@ -41,6 +44,16 @@ def import_data(
         max_left_out=settings.max_quarantined_fraction,
         any_version=any_version,
     )
+    names = [campaign.name for campaign in campaigns]
+    if unknown := [name for name in only if name not in names]:
+        raise RawDataError(
+            "the data set has no such campaign",
+            where="--only",
+            value=", ".join(unknown),
+            allowed=", ".join(names),
+            remedy="correct the name",
+        )
+    campaigns = tuple(each for each in campaigns if not only or each.name in only)
     places = write_campaigns(campaigns, out)
     for campaign, place in zip(campaigns, places, strict=True):
         readings = campaign.readings

@@ -27,8 +27,8 @@ def score_trials(
         pa10cal score_trials --verdicts v.jsonl --truths t.jsonl --scores scores.json \\
           --trials trials.csv
     """
-    from pa10cal.evaluation import drive_scores, trial_records, wild_scores
-    from pa10cal.evaluation.blind_trial import DRIVES, WILD
+    from pa10cal.evaluation import drive_scores, measured_scores, trial_records, wild_scores
+    from pa10cal.evaluation.blind_trial import DRIVES, SORTED, UNSTATED, WILD
     from pa10cal.files.output import write_text
     from pa10cal.results.codec import write
     from pa10cal.results.drive_trials import DriveTrial
@@ -43,7 +43,8 @@ def score_trials(
         write(drives, scores)
         bars = drives.bars
     elif any(trial.measured == WILD for trial in known):
-        wild = wild_scores.scores_record(known)
+        measured = all(trial.kind in (UNSTATED, SORTED) for trial in known)
+        wild = (measured_scores if measured else wild_scores).scores_record(known)
         write_text(trials, _table(WildTrial.model_fields, map(dict, wild.per_trial)))
         write(wild, scores)
         bars = (*wild.bars, *wild.proposed.bars)

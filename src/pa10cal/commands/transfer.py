@@ -15,6 +15,9 @@ def transfer(
 ) -> None:
     """Judge a model of one campaign in another; only base and tool are fitted there.
 
+    Where the calibration poses show that instrument or base moved at once, every part before and
+    after has a base of its own.
+
     Args:
         calibration: combined calibration of the campaign that the model is of (.json).
         campaign_dir: folder of raw files of the campaign to judge it in.
@@ -30,19 +33,19 @@ def transfer(
     from pa10cal.calibration.records import calibration_options, models_of
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
+    from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.commands.extended import read_extended
     from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.discovery.setup import setup_of
     from pa10cal.errors import CalibrationError, RecordError
-    from pa10cal.evaluation.compared import judged_models
-    from pa10cal.files.arms import load_arm
+    from pa10cal.evaluation.compared import judged_elsewhere
+    from pa10cal.evaluation.records import said_of_parts, transfer_record
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
-    from pa10cal.results.evaluation import TransferRecord
 
     campaign = read_description(campaign_dir)
-    arm = load_arm(campaign.robot, campaign_dir)
     every = read_observations(poses, campaign)
+    arm = arm_of(campaign, campaign_dir, every)
     record = read(CalibrationRecord, calibration)
     if not isinstance(record, GeneralCalibrationRecord) or record.robot != campaign.robot:
         raise RecordError(
@@ -61,20 +64,15 @@ def transfer(
             remedy="raise calibration.max_iterations, or look at its warnings",
         )
 
-    judged = judged_models(
+    carried = judged_elsewhere(
         every,
         models_of(record, str(calibration)),
         None if extended is None else read_extended(extended, record.campaign),
         setup_of(campaign, arm, calibration_options(record, str(calibration)), DiscoveryOptions()),
-        elsewhere=True,
     )
-    found = TransferRecord(
-        campaign=campaign.name,
-        provenance=campaign.provenance,
-        from_=record.campaign,
-        configurations=max((model.configurations for model in judged.values()), default=0),
-        models=judged,
-    )
-    write(found, out)
-    summary = ", ".join(f"{name} {model.rms_mm:.3f} mm" for name, model in judged.items())
+    write(transfer_record(campaign, record.campaign, carried), out)
+    summary = ", ".join(f"{name} {model.rms_mm:.3f} mm" for name, model in carried.models.items())
     print(f"{campaign.name}: model of {record.campaign}, base and tool fitted: rms {summary}")
+    if carried.parts:
+        whole = ", ".join(f"{name} {each.rms_mm:.3f} mm" for name, each in carried.one_base.items())
+        print(f"{said_of_parts(carried.parts)} (with one base: rms {whole})")

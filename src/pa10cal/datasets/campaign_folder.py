@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -21,11 +22,13 @@ from pa10cal.files.output import FORMER, folder_beside, writing_into
 POSES_FILE = "poses.csv.gz"
 LEFT_OUT_FILE = "left_out.csv"
 OWN_FILES = frozenset({DESCRIPTION_FILE, POSES_FILE, LEFT_OUT_FILE})
+#: What a target is called whose place stands in columns of its own.
+_TARGET = re.compile(r"(\w+)_x_mm")
 #: Gravity in the base frame of an arm that stands upright.
 UPRIGHT_GRAVITY_M_S2 = (0.0, 0.0, -9.81)
 #: How a column's numbers are written, by how its name begins or ends; the first that fits.
 _STARTS = {"u_": "%.6g", "time_s": "%.1f"}
-_ENDS = {"_deg": "%.8f", "_mm": "%.6f", "_C": "%.3f", "_N": "%g"}
+_ENDS = {"_deg": "%.8f", "_mm": "%.6f", "_C": "%.3f", "_N": "%g", "_Nm": "%.6f"}
 _QUATERNION = "%.10f"
 
 
@@ -48,7 +51,8 @@ def write_campaigns(campaigns: Sequence[ImportedCampaign], folder: Path) -> list
     """
     places = [folder / campaign.name for campaign in campaigns]
     for place, campaign in zip(places, campaigns, strict=True):
-        _refuse_foreign(place, OWN_FILES | {_file(campaign)})
+        arm = {f"{campaign.robot}.yaml"} if campaign.arm else set()
+        _refuse_foreign(place, OWN_FILES | {_file(campaign), *arm})
     with ExitStack() as stack:
         remedy = "give another folder, or remove what is in the way"
         with writing_into(folder, "the campaign", remedy):
@@ -71,18 +75,43 @@ def description(campaign: ImportedCampaign) -> dict[str, Any]:
             "kind": campaign.instrument,
             "uncertainty_mm": campaign.uncertainty_mm,
         },
-        "tool": {"mass_kg": 0.0, "com_mm": [0.0, 0.0, 0.0], "load_point_mm": [0.0, 0.0, 0.0]},
+        "tool": {
+            "mass_kg": campaign.tool_mass_kg,
+            "com_mm": [0.0, 0.0, 0.0],
+            "load_point_mm": [0.0, 0.0, 0.0],
+        },
         "gravity_m_s2": list(UPRIGHT_GRAVITY_M_S2),
         "reference_temperature_C": campaign.reference_temperature_C,
         "files": {"poses": _file(campaign)},
-        "holdout": {"last_fraction": campaign.held_out_fraction},
+        "holdout": dict(campaign.holdout),
         **({} if campaign.joints == "logged" else {"joints": campaign.joints}),
-        **(
-            {"columns": {"poses": dict(campaign.readings.columns)}}
-            if isinstance(campaign.readings, AsItIs)
-            else {}
-        ),
+        **({"columns": {"poses": columns}} if (columns := _columns(campaign)) else {}),
     }
+
+
+def _columns(campaign: ImportedCampaign) -> dict[str, Any]:
+    """Return `columns.poses`: of a file as it is, and of a table that states no time."""
+    if isinstance(campaign.readings, AsItIs):
+        return dict(campaign.readings.columns)
+    names = list(campaign.readings.columns)
+    if "time_s" in names:
+        return {}
+    found: dict[str, Any] = {
+        "joints": {"names": [name for name in names if re.fullmatch(r"q\d+_(deg|mm)", name)]}
+    }
+    if torques := [name for name in names if re.fullmatch(r"tau\d+_Nm", name)]:
+        found["torques"] = {"names": torques}
+    if "x_mm" in names:
+        found["position"] = {"names": ["x_mm", "y_mm", "z_mm"]}
+    if "qw" in names:
+        rotation = {"names": ["qw", "qx", "qy", "qz"], "convention": "quaternion_wxyz"}
+        found["rotation"] = rotation
+    targets = [match[1] for name in names if (match := _TARGET.fullmatch(name))]
+    if targets:
+        found["targets"] = {
+            target: {"names": [f"{target}_{axis}_mm" for axis in "xyz"]} for target in targets
+        }
+    return found
 
 
 def _file(campaign: ImportedCampaign) -> str:
@@ -135,6 +164,8 @@ def _write(campaign: ImportedCampaign, folder: Path) -> None:
         allow_unicode=True,
     )
     (folder / DESCRIPTION_FILE).write_text(text, encoding="utf-8", newline="\n")
+    if campaign.arm is not None:
+        shutil.copyfile(campaign.arm, folder / f"{campaign.robot}.yaml")
     read_description(folder)
 
 

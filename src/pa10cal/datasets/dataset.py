@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pa10cal.campaign.description import JointPositions
 from pa10cal.campaign.quarantine import Quarantined
@@ -21,11 +24,33 @@ class Published:
         version: the version meant, such as a commit.
         address: what stands in front of a file's path.
         sha256: checksum of every file that is fetched, by its path.
+        repository: the owner's, as `owner/name`.
+        licence: that which the owner states; None where none is.
     """
 
     version: str
     address: str
     sha256: Mapping[str, str]
+    repository: str = ""
+    licence: str | None = None
+
+    @classmethod
+    def on_github(
+        cls, repository: str, commit: str, sha256: Mapping[str, str], licence: str | None = None
+    ) -> Published:
+        """Return files of a commit of a public repository."""
+        address = f"https://raw.githubusercontent.com/{repository}/{commit}/"
+        return cls(commit, address, sha256, repository, licence)
+
+    @property
+    def terms(self) -> str:
+        """Return under which licence the files are, in a sentence."""
+        if self.licence is not None:
+            return f"{self.repository}: {self.licence}."
+        return (
+            f"{self.repository}: no licence is stated by the owner. The files are fetched from the "
+            "owner for you alone; ask the owner before you pass them on."
+        )
 
 
 @dataclass(frozen=True)
@@ -45,6 +70,9 @@ class AsItIs:
 class ImportedCampaign:
     """One campaign of a data set, as docs/raw-data.md specifies it.
 
+    A table of readings without `time_s` says that no time was recorded: its rows are in the order
+    of the file, and poses of equal joint positions are repeats.
+
     Attributes:
         name: name of the campaign and of its folder.
         robot: name of the arm description.
@@ -52,12 +80,14 @@ class ImportedCampaign:
         instrument: kind of the instrument.
         uncertainty_mm: standard uncertainty of one measured place, per axis.
         reference_temperature_C: temperature at which lengths are nominal.
-        held_out_fraction: part of the poses, the last in time, that is held out.
-        readings: a file that is read as it is; or columns of `files.poses`, rows in order of time.
+        holdout: which poses are held out, as campaign.yaml has it.
+        readings: a file that is read as it is; or columns of `files.poses`.
         files: paths of the files read, inside the data set's folder.
         left_out: rows omitted.
         notes: what the reader should know, one clause each.
         joints: whether joint positions are `logged`, or those `commanded`.
+        arm: description of the arm where it is not a shipped one; its path.
+        tool_mass_kg: what the flange carries; 0 where it is not known.
     """
 
     name: str
@@ -66,18 +96,30 @@ class ImportedCampaign:
     instrument: str
     uncertainty_mm: float
     reference_temperature_C: float
-    held_out_fraction: float
+    holdout: Mapping[str, float]
     readings: AsItIs | pd.DataFrame
     files: tuple[str, ...]
     left_out: tuple[Quarantined, ...] = ()
     notes: tuple[str, ...] = ()
     joints: JointPositions = "logged"
+    arm: Path | None = None
+    tool_mass_kg: float = 0.0
 
     @property
     def poses(self) -> pd.DataFrame:
         """Return the columns of `files.poses` of a campaign that is not read as it is."""
         assert isinstance(self.readings, pd.DataFrame)
         return self.readings
+
+
+#: Descriptions of arms that are measured in data sets and are not shipped as arms of their own.
+ARMS = Path(__file__).with_name("arms")
+
+
+def rotation_columns(R_instr_target: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Return attitudes (N, 3, 3) as the columns qw to qz, qw not negative."""
+    quaternions = Rotation.from_matrix(R_instr_target).as_quat(canonical=True, scalar_first=True)
+    return dict(zip(("qw", "qx", "qy", "qz"), quaternions.T, strict=True))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import urllib.request
 from http.client import HTTPException
 from pathlib import Path
+from urllib.parse import quote
 
 from pa10cal.datasets.checksums import Differing, refusal_of, sha256
 from pa10cal.datasets.dataset import DataSet
@@ -48,7 +49,7 @@ def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[st
         if not (folder / name).is_file() or sha256((folder / name).read_bytes()) != checksum
     }
     base = published.address if source is None else _address(source)
-    contents = {name: _content(base + name) for name in expected}
+    contents = {name: _content(base + quote(name)) for name in expected}
     differing = tuple(
         Differing(base + name, sha256(content), expected[name])
         for name, content in contents.items()

@@ -1,14 +1,15 @@
-"""Text tables without names, as data sets publish them: numbers by column, unusable rows listed.
+"""Text tables, as data sets publish them: numbers by column, unusable rows listed.
 
 A row with a field too many or too few, or with a field that is no number, is omitted and listed
-with its line. Decimal commas throughout stop with one message. Tables with names are read as they
-are, by `columns` of campaign.yaml.
+with its line. Decimal commas throughout stop with one message. A table whose columns need no change
+is read as it is, by `columns` of campaign.yaml.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,6 @@ from pa10cal.errors import RawDataError
 Array = NDArray[np.float64]
 
 NOT_A_NUMBER = "not a finite number"
-#: Words for a value that is not there, where one may be missing.
-BLANK = frozenset({"", "-", "nan"})
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class TextTable:
     Attributes:
         file: its path inside the data set's folder.
         line: (N,) line of every row.
-        columns: (N,) numbers of every column by name; nan where one may be blank and is.
+        columns: (N,) numbers of every column by name.
         total: rows in the file.
         left_out: rows omitted.
     """
@@ -67,9 +66,14 @@ class TextTable:
 
 
 def read_bare_table(
-    folder: Path, file: str, names: Sequence[str], *, may_be_blank: bool = False
+    folder: Path,
+    file: str,
+    names: Sequence[str],
+    *,
+    separator: str | None = None,
+    header: bool = False,
 ) -> TextTable:
-    """Read a table of numbers between blanks, without a header and with decimal points.
+    """Read a table of numbers with decimal points.
 
     Every line is a row, a blank one too: tables of one campaign belong together line by line.
 
@@ -77,13 +81,15 @@ def read_bare_table(
         folder: the data set's folder.
         file: path of the table in it.
         names: what its columns are to be called.
-        may_be_blank: whether `nan` or `-` is a value that is not there, rather than unreadable.
+        separator: what stands between fields; None for blanks.
+        header: whether the first line holds names, which are not read.
 
     Raises:
         RawDataError: when the file as a whole cannot be used.
     """
     path, width = folder / file, len(names)
-    rows = [(number, text.split()) for number, text in _numbered_lines(path)]
+    lines = _numbered_lines(path)[int(header) :]
+    rows = [(number, text.split(separator)) for number, text in lines]
     widths = np.array([len(words) for _, words in rows])
     line = np.array([number for number, _ in rows], dtype=np.int64)
     fits = widths == width
@@ -94,7 +100,7 @@ def read_bare_table(
     values = np.full(len(words), "", dtype=object)
     columns: dict[str, Array] = {}
     for place, name in enumerate(names):
-        columns[name], readable = _numbers(words[:, place], may_be_blank)
+        columns[name], readable = _numbers(words[:, place])
         values[good & ~readable] = [f"{name} = {w!r}" for w in words[good & ~readable, place]]
         good &= readable
     wrong_width = f"the number of fields is not {width}"
@@ -112,12 +118,10 @@ def _numbered_lines(path: Path) -> list[tuple[int, str]]:
     return lines
 
 
-def _numbers(words: NDArray[np.object_], may_be_blank: bool) -> tuple[Array, NDArray[np.bool_]]:
+def _numbers(words: NDArray[np.object_]) -> tuple[Array, NDArray[np.bool_]]:
     """Return numbers, and whether each can be used."""
     found = np.array(pd.to_numeric(pd.Series(words, dtype=object), errors="coerce"), dtype=float)
-    blank = np.array([word.lower() in BLANK for word in words], dtype=bool) & may_be_blank
-    readable = np.asarray(np.isfinite(found) | blank, dtype=bool)
-    return np.where(blank, np.nan, found), readable
+    return found, np.isfinite(found)
 
 
 def _refuse_decimal_commas(path: Path, line: NDArray[np.int64], words: NDArray[np.object_]) -> None:
@@ -141,3 +145,23 @@ def _refusal(
     path: Path, line: int, what: str, value: object, allowed: str, remedy: str
 ) -> RawDataError:
     return RawDataError(what, where=f"{path}:{line}", value=value, allowed=allowed, remedy=remedy)
+
+
+def same_rows(tables: Sequence[TextTable], max_fraction: float) -> list[TextTable]:
+    """Return the rows that can be used in every one of some tables, which belong together by line.
+
+    Raises:
+        RawDataError: when they have different numbers of rows, or too many of one cannot be used.
+    """
+    if len({table.total for table in tables}) > 1:
+        raise RawDataError(
+            "the tables have different numbers of rows",
+            where=tables[0].file,
+            value=", ".join(f"{table.file} {table.total}" for table in tables),
+            allowed="one row a configuration in each table",
+            remedy="fetch the data set again, or complete the shorter table",
+        )
+    for table in tables:
+        table.refuse_too_many(max_fraction)
+    line = reduce(np.intersect1d, [table.line for table in tables])
+    return [table.take(np.flatnonzero(np.isin(table.line, line))) for table in tables]

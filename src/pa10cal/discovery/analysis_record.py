@@ -61,7 +61,7 @@ def analysis_keys(found: Verdict[object]) -> AnalysisKeys:
                 train=step.train,
                 holdout=step.holdout,
             )
-            for step in found.errors_by_name()
+            for step in found.naming
         ),
         parameter_shifts=parameter_shifts(baseline, model_parameters(found)),
         gap=GapField(

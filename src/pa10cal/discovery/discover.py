@@ -9,6 +9,7 @@ import numpy as np
 
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
+from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.formulas.one_line import with_lines_named
 from pa10cal.discovery.formulas.propose import with_proposals
 from pa10cal.discovery.gates import gated
@@ -79,9 +80,9 @@ def discover(
         without = _judged(campaign, model, error_rate)
         if without.unexplained:
             # The rest does not fit either: nothing says that this pose is worse than the others.
-            return _with_formulas(gated(without_names(found, carried)))
+            return with_compliance(_with_formulas(gated(without_names(found, carried))))
         found = without
-    return _with_formulas(gated(found))
+    return with_compliance(_with_formulas(gated(found)))
 
 
 def _with_formulas(found: Verdict[object]) -> Verdict[object]:

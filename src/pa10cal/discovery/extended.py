@@ -17,8 +17,11 @@ class Extended:
         seen: joint angles that its maps have learnt from; None where it has learnt nothing that
             stops there.
         arrival_from_order: whether directions of arrival are those of the order of poses.
+        steps_s: times at which the verdict has it that instrument or base moved at once [s], the
+            most certain first.
     """
 
     model: FittedModel
     seen: AnglesSeen | None = None
     arrival_from_order: bool = False
+    steps_s: tuple[float, ...] = ()

@@ -38,6 +38,8 @@ class Fault:
             was not tried.
         decides: whether the verdict is `check_the_log` whatever else was found; a reading with a
             gross error, once excluded, leaves the effects found standing.
+        at_s: of a step that is told as a fact, its most likely time; readings before and after have
+            bases of their own.
     """
 
     kind: FaultKind
@@ -46,9 +48,15 @@ class Fault:
     remedy: str
     gain: float | None = None
     decides: bool = True
+    at_s: float | None = None
 
     def __str__(self) -> str:
         return f"{self.where}: {self.what}; {self.remedy}"
+
+
+def steps_told(faults: Sequence[Fault]) -> tuple[float, ...]:
+    """Return the times of the steps that are told as facts [s], the most certain first."""
+    return tuple(fault.at_s for fault in faults if fault.at_s is not None)
 
 
 def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) -> Fault:

@@ -25,6 +25,40 @@ class ReportedValue:
 
 
 @dataclass(frozen=True, eq=False)
+class GivesWay:
+    """The statistics that decided about the spring of a joint.
+
+    Attributes:
+        nats: log evidence lost without it, its weights and all else fitted anew.
+        needed_nats: log evidence needed.
+        sag_rad: largest deflection over the poses fitted.
+        sag_std_rad: its standard uncertainty.
+        without_mm, with_mm: root mean square position error of the poses fitted, with the joint
+            rigid and as it is.
+        held_out_without_mm, held_out_with_mm: of those held out; None without any.
+        all_rigid_mm: of those held out, or else fitted, with all joints rigid that give way.
+        without_each_mm, all_rigid_each_mm: (P,) the errors of these poses, one by one.
+        weights: where the weights come from: `assumed`, `total` or `logged`.
+    """
+
+    nats: float
+    needed_nats: float
+    sag_rad: float
+    sag_std_rad: float
+    without_mm: float
+    with_mm: float
+    held_out_without_mm: float | None
+    held_out_with_mm: float | None
+    all_rigid_mm: float
+    without_each_mm: Array
+    all_rigid_each_mm: Array
+    weights: str
+
+    #: Not carried by a single pose: it acts in all of them.
+    carrier: None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Finding(Generic[P_co]):
     """One effect that was found.
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
+from scipy.special import gammaln, stdtrit
 
 from pa10cal.calibration.accuracy import Accuracy, summarise
 from pa10cal.fit.angles_seen import AnglesSeen
@@ -66,6 +67,11 @@ class Gap:
         poses: the configurations.
         noise_floor_mm: mean error that their noise alone would leave.
         parts: inside and beyond what the fit has seen; None where it is not needed.
+        without_motion: deviations before and after with the motion of the base that was found taken
+            out of the readings. It is in no model, and in none of the other numbers. None where no
+            motion was found.
+        with_rivals: deviations with all that the search held and has no name in the model as well,
+            which is not the one that is written; None where it held nothing of the kind.
     """
 
     before: Accuracy
@@ -78,6 +84,25 @@ class Gap:
     poses: Observations
     noise_floor_mm: float
     parts: Parts | None = None
+    without_motion: tuple[Deviations, Deviations] | None = None
+    with_rivals: Deviations | None = None
+
+    def beside(self, other: Gap) -> Gap:
+        """Return it with what another has that is in no model, where it has none of its own."""
+        return replace(
+            self,
+            without_motion=self.without_motion or other.without_motion,
+            with_rivals=self.with_rivals or other.with_rivals,
+        )
+
+    @property
+    def noise_rms_mm(self) -> float:
+        """Return the root mean square error that noise alone would leave, equal along all axes."""
+        measured = self.poses.measured
+        count = np.median(measured.components_seen[:, measured.position_columns].sum(axis=1))
+        d = max(float(count), 1.0)
+        of_mean = np.sqrt(d / 2.0) * np.exp(gammaln(d / 2.0) - gammaln((d + 1.0) / 2.0))
+        return float(of_mean * self.noise_floor_mm)
 
 
 @dataclass(frozen=True)
@@ -85,43 +110,90 @@ class Named:
     """The model with the first few of the effects.
 
     Attributes:
-        effects: those that are in it, in the order found.
-        train, holdout: its errors; None without held-out poses.
+        effects: those that are in it, in the order of what they take away.
+        on_train, on_holdout: its deviations; None without held-out poses.
+        without: of the model with all effects, the model without each of them.
     """
 
     effects: tuple[Effect, ...]
-    train: Accuracy
-    holdout: Accuracy | None
+    on_train: Deviations
+    on_holdout: Deviations | None
+    without: tuple[Named, ...] = ()
+
+    @property
+    def left_mm(self) -> float:
+        """Return the root mean square error that remains, held out where there are such poses."""
+        return summarise(self.on_train if self.on_holdout is None else self.on_holdout).rms_mm
+
+    @property
+    def train(self) -> Accuracy:
+        """Return its errors over the poses fitted."""
+        return summarise(self.on_train)
+
+    @property
+    def holdout(self) -> Accuracy | None:
+        """Return its errors over held-out poses; None without any."""
+        return None if self.on_holdout is None else summarise(self.on_holdout)
+
+    def falling_back(self, within: AnglesSeen, gaps: Mapping[str, Gap | None]) -> Named:
+        """Return it with the calibrated model beyond some joint positions."""
+
+        def fallen(left: Deviations | None, found: Gap | None) -> Deviations | None:
+            if left is None or found is None:
+                return left
+            outside = ~within.inside(found.poses.states.q_rad)
+            return left.with_others(outside, found.found_before)
+
+        on_train = fallen(self.on_train, gaps["train"])
+        assert on_train is not None
+        without = tuple(each.falling_back(within, gaps) for each in self.without)
+        return Named(self.effects, on_train, fallen(self.on_holdout, gaps["holdout"]), without)
 
 
 def gap(
     poses: Observations,
     before: FittedModel,
-    after: Deviations,
+    after: FittedModel,
     noise_floor_mm: float,
     seen: AnglesSeen | None = None,
     T_moved: Array | None = None,
 ) -> Gap:
-    """Compare two models on averaged poses.
+    """Compare two models on averaged poses, as each predicts them by itself.
 
     Args:
         poses: P measured configurations, complete.
         before: the calibrated model.
-        after: what the extended model leaves of them.
+        after: the extended model, as it is exported.
         noise_floor_mm: mean error that the noise of these configurations would leave.
         seen: joint positions that the fit of the extended model has seen; None where it has seen
             all that it may predict.
-        T_moved: (P, 4, 4) how the base had moved at each; None where it had not.
+        T_moved: (P, 4, 4) how the base had moved at each, which neither model holds; None where it
+            had not.
     """
     inside = None if seen is None else seen.inside(poses.states.q_rad)
-    return gap_of(poses, [left_by(before, poses, T_moved), after], noise_floor_mm, inside)
+    found = gap_of(
+        poses, [left_by(each, poses) for each in (before, after)], noise_floor_mm, inside
+    )
+    if T_moved is None:
+        return found
+    still = left_by(before, poses, T_moved), left_by(after, poses, T_moved)
+    return replace(found, without_motion=still)
+
+
+def beside_motion(found: Gap) -> Gap:
+    """Return the gap with the motion of the base taken out of the readings, where it was found."""
+    if found.without_motion is None:
+        return found
+    inside = None if found.parts is None else found.parts.inside
+    return gap_of(found.poses, list(found.without_motion), found.noise_floor_mm, inside)
 
 
 def fallen_back(found: Gap, outside: NDArray[np.bool_]) -> Gap:
     """Return the gap where some configurations (P,) are left to the calibrated model."""
     after = found.found_after.with_others(outside, found.found_before)
     inside = None if found.parts is None else found.parts.inside
-    return gap_of(found.poses, [found.found_before, after], found.noise_floor_mm, inside)
+    fallen = gap_of(found.poses, [found.found_before, after], found.noise_floor_mm, inside)
+    return fallen.beside(found)
 
 
 def trusted(found: Gap | None, suspected: NDArray[np.bool_] | None) -> Gap | None:
@@ -132,13 +204,58 @@ def trusted(found: Gap | None, suspected: NDArray[np.bool_] | None) -> Gap | Non
         return None
     inside = None if found.parts is None else found.parts.inside[~suspected]
     deviations = [found.found_before.take(~suspected), found.found_after.take(~suspected)]
-    return gap_of(found.poses.take(~suspected), deviations, found.noise_floor_mm, inside)
+    rest = gap_of(found.poses.take(~suspected), deviations, found.noise_floor_mm, inside)
+    if found.with_rivals is not None:
+        rest = replace(rest, with_rivals=found.with_rivals.take(~suspected))
+    if found.without_motion is None:
+        return rest
+    before, after = (each.take(~suspected) for each in found.without_motion)
+    return replace(rest, without_motion=(before, after))
 
 
 def reduction(found: Gap, rows: NDArray[np.bool_]) -> Paired:
     """Return the mean reduction over some configurations (P,), paired over their poses."""
     saved_mm = found.found_before.distance_mm - found.found_after.distance_mm
     return _paired(saved_mm[rows], found.poses.pose[rows])
+
+
+def in_order(
+    train: Gap,
+    holdout: Gap | None,
+    effects: tuple[Effect, ...],
+    with_only: Callable[[tuple[Effect, ...]], Named],
+) -> tuple[Named, ...]:
+    """Return the errors of the calibrated model, and as effects join it, the largest first.
+
+    They join in the order of what the model with all of them loses without each: alone, an effect
+    may be masked by another.
+
+    Args:
+        train, holdout: the gap before and with all effects.
+        effects: all of them.
+        with_only: fits the model with some of them.
+    """
+
+    def ends(after: bool) -> tuple[Deviations, Deviations | None]:
+        pairs = [
+            None if each is None else (each.found_after if after else each.found_before)
+            for each in (train, holdout)
+        ]
+        assert pairs[0] is not None
+        return pairs[0], pairs[1]
+
+    steps = [Named((), *ends(after=False))]
+    without = dict.fromkeys(effects, steps[0])
+    if len(effects) > 1:
+        rest = {each: tuple(other for other in effects if other != each) for each in effects}
+        without = {each: with_only(rest[each]) for each in effects}
+        effects = tuple(sorted(effects, key=lambda each: -without[each].left_mm))
+        steps += [with_only(effects[:count]) for count in range(1, len(effects) - 1)]
+        steps.append(replace(without[effects[-1]], effects=effects[:-1]))
+    if effects:
+        every = tuple(without[each] for each in effects)
+        steps.append(Named(effects, *ends(after=True), every))
+    return tuple(steps)
 
 
 def gap_of(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pa10cal.calibration.accuracy import summarise
 from pa10cal.discovery.gap import Gap, Paired
 from pa10cal.results import discovery as parts
 from pa10cal.results.accuracy import Accuracy, BeforeAfter
@@ -32,6 +33,10 @@ def set_gap(found: Gap, without: Gap | None = None) -> parts.SetGap:
         inside=None if seen is None else _pair(seen.before_inside, seen.after_inside),
         outside=None if seen is None else _pair(seen.before_beyond, seen.after_beyond),
         trusted=None if less is None else _pair(less.before, less.after),
+        without_motion=None
+        if found.without_motion is None
+        else _pair(*map(summarise, found.without_motion)),
+        with_rivals=None if found.with_rivals is None else summarise(found.with_rivals),
     )
 
 

@@ -16,10 +16,13 @@ from pa10cal.calibration.grade import JOINT_RAD, most_stated
 from pa10cal.discovery.gap import trusted
 from pa10cal.discovery.harm import harmless
 from pa10cal.discovery.linear import mean_error_of_noise_mm
+from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.verdict import Finding, Unexplained, Verdict, is_named, label_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
-from pa10cal.terms.effects.joint_angle import GearRatioError
+from pa10cal.observe.order import drivers, measured_again, slow_joints
+from pa10cal.terms.effects.in_time import BaseDrift
+from pa10cal.terms.effects.joint_angle import ArrivalError, Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.weights import Weights
 
@@ -50,7 +53,7 @@ def gated(found: V) -> V:
     """Return a verdict whose names and whose `none` have passed the gates."""
     if found.method is None:
         return found
-    found = harmless(with_pulls(_with_names_that_pass(found)))
+    found = _without_names_that_move_nothing(with_pulls(_with_names_that_pass(found)))
     if found.verdict == "none" and (reasons := tuple(doubts(found))):
         why = f"no effect was found, yet {'; '.join(reasons)}"
         unknown = Unexplained(None, None, found.train.after.mean_mm, why)
@@ -64,9 +67,10 @@ def _with_names_that_pass(found: V) -> V:
     for finding in found.effects:
         if not is_named(finding.effect):
             continue
-        reasons = tuple(unfit(finding, found.model))
+        reasons = (*unfit(finding, found.model), *of_order(finding, found.prepared))
         if not reasons:
             continue
+        found, finding = _with_other_reading(found, finding)
         label, better = label_of(finding.effect, None), _alternative(found, finding)
         if better is not None:
             found = better
@@ -78,6 +82,62 @@ def _with_names_that_pass(found: V) -> V:
         left_mm = found.train.after.mean_mm
         unknown.append(Unexplained(finding.of, finding.id, left_mm, why))
     return replace(found, unexplained=(*found.unexplained, *unknown)) if unknown else found
+
+
+def _with_other_reading(found: V, finding: Finding[object]) -> tuple[V, Finding[object]]:
+    """Return lost motion with what else goes with the direction of arrival as an alternative.
+
+    Where joints are commanded and not read back, a controller stops short of its command, or
+    beyond: by either sign, which lost motion has not.
+    """
+    context = found.context
+    if finding.id != Backlash.id or not context.commanded:
+        return found, finding
+    stops = ArrivalError(finding.of, context.campaigns)
+    if stops in finding.alternatives:
+        return found, finding
+    wider = replace(finding, alternatives=(stops, *finding.alternatives))
+    findings = tuple(wider if each.effect == finding.effect else each for each in found.findings)
+    return replace(found, findings=findings), wider
+
+
+def _without_names_that_move_nothing(found: V) -> V:
+    """Return a harmless verdict, without names that take nothing away.
+
+    Where the extended model is the calibrated one everywhere, and the poses of the fit themselves
+    come out no better by it than chance makes, what is named moves nothing.
+    """
+    safe, names = harmless(found), [each for each in found.findings if is_named(each.effect)]
+    if safe.falls_back is None or not safe.falls_back.everywhere or not names:
+        return safe
+    if found.train.reduction.low_mm > 0.0:
+        return safe
+    before_mm, after_mm = found.train.before.mean_mm, found.train.after.mean_mm
+    why = (
+        f"fits best, and is no name: it takes nothing away, {before_mm:.4g} mm before and "
+        f"{after_mm:.4g} mm with it at the poses of the fit, and no less at others"
+    )
+    rest = [each for each in found.findings if each not in names]
+    safe = harmless(found.with_findings(rest))
+    unknown = (
+        Unexplained(
+            each.of, each.id, safe.train.after.mean_mm, f"{label_of(each.effect, None)} {why}"
+        )
+        for each in names
+    )
+    return replace(safe, unexplained=(*safe.unexplained, *unknown))
+
+
+def of_order(finding: Finding[object], campaign: Prepared) -> Iterator[str]:
+    """Return why a drift is none: the poses came in the order of a joint or a rail."""
+    states, slides = campaign.readings.states, campaign.baseline.arm.prismatic
+    if finding.id != BaseDrift.id or measured_again(campaign.readings):
+        return
+    slow = slow_joints(states)
+    along = [each for each in drivers(states, slides) if each.joint and slow[each.joint - 1]]
+    if along:
+        named = " and ".join(map(str, along))
+        yield f"the order of the poses goes with {named}, of which an error may be alike"
 
 
 def with_pulls(found: V) -> V:

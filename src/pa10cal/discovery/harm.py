@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import summarise
-from pa10cal.discovery.gap import Gap, fallen_back, reduction, trusted
+from pa10cal.discovery.gap import Gap, beside_motion, fallen_back, reduction, trusted
 from pa10cal.discovery.linear import position_noise, residual_and_jacobian
 from pa10cal.discovery.verdict import FallsBack, Finding, Unexplained, Verdict, is_named, label_of
 from pa10cal.fit.angles_seen import AnglesSeen, nothing_seen, span_visited
@@ -27,7 +27,9 @@ V = TypeVar("V", bound=Verdict[object])
 Rows = NDArray[np.bool_]
 
 #: Errors larger than before by this factor are worse, whatever chance may do.
-WORSE = 1.05
+WORSE = 1.02
+#: By this factor they speak against a name.
+MUCH_WORSE = 1.05
 #: Errors larger by less than this are the same, however sure it is.
 TRIFLING = 1.005
 #: Errors over what noise and the model's own uncertainty explain by which a name is contradicted.
@@ -41,12 +43,11 @@ class _Harm:
     before: Accuracy
     after: Accuracy
 
-    @property
-    def much(self) -> bool:
-        """Whether they are worse by more than a few parts in a hundred."""
+    def over(self, factor: float) -> bool:
+        """Return whether their mean or their root mean square is larger by more than a factor."""
         return (
-            self.after.mean_mm > WORSE * self.before.mean_mm
-            or self.after.rms_mm > WORSE * self.before.rms_mm
+            self.after.mean_mm > factor * self.before.mean_mm
+            or self.after.rms_mm > factor * self.before.rms_mm
         )
 
     @property
@@ -97,14 +98,20 @@ def _falling_back(found: V, within: AnglesSeen, harm: _Harm | None) -> V:
 
 
 def _without_contradicted(found: V, visited: AnglesSeen) -> V:
-    """Return the verdict without names that held-out poses contradict."""
+    """Return the verdict without names that held-out poses contradict.
+
+    Motion of the base that was found is no fault of a name: it is taken out of the readings here.
+    """
     unknown: list[Unexplained] = []
     while (held_out := trusted(found.holdout, found.prepared.suspected)) is not None:
+        held_out = beside_motion(held_out)
         q_rad = held_out.poses.states.q_rad
         every: Rows = np.ones(len(q_rad), dtype=bool)
         for rows in (~visited.inside(q_rad), every):
             harm = _harm(held_out, rows)
-            if harm is not None and harm.much and _beyond_uncertainty(found, held_out, rows):
+            if harm is None or not harm.over(MUCH_WORSE):
+                continue
+            if _beyond_uncertainty(found, held_out, rows):
                 break
         else:
             break
@@ -146,7 +153,7 @@ def _suspects(findings: Sequence[Finding[object]], left: Rows) -> list[Finding[o
 def _harm(gap: Gap, rows: Rows) -> _Harm | None:
     """Return how much worse some configurations (P,) are predicted; None where they are not.
 
-    They are by more than chance, or by more than a few parts in a hundred.
+    They are by more than chance, or by more than two parts in a hundred.
     """
     if not rows.any():
         return None
@@ -154,7 +161,7 @@ def _harm(gap: Gap, rows: Rows) -> _Harm | None:
     paired = reduction(gap, rows)
     worse = harm.after.mean_mm > TRIFLING * harm.before.mean_mm
     surely = worse and paired.poses > 1 and paired.high_mm < 0.0
-    return harm if harm.much or surely else None
+    return harm if harm.over(WORSE) or surely else None
 
 
 def _beyond_uncertainty(found: Verdict[object], gap: Gap, rows: Rows) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from pa10cal.discovery.gap import Gap, Named, gap, left_by
+from pa10cal.discovery.gap import Gap, Named, gap
 from pa10cal.discovery.lack_of_fit import CellResiduals, LackOfFit, lack_of_fit
 from pa10cal.discovery.linear import mean_error_of_noise_mm, residual
 from pa10cal.discovery.noise import Noise, mean_covariance, noise_of_near_poses
@@ -106,7 +106,11 @@ class NotSought(Verdict[object]):
     def errors_by_name(self) -> tuple[Named, ...]:
         """Return the errors of the calibrated model."""
         return (
-            Named((), self.train.before, None if self.holdout is None else self.holdout.before),
+            Named(
+                (),
+                self.train.found_before,
+                None if self.holdout is None else self.holdout.found_before,
+            ),
         )
 
     @override
@@ -137,7 +141,7 @@ def not_sought(
     floor_mm = mean_error_of_noise_mm(poses.measured, cov)
 
     def unchanged(poses: Observations) -> Gap:
-        return gap(poses, baseline, left_by(baseline, poses), floor_mm)
+        return gap(poses, baseline, baseline, floor_mm)
 
     held_out = campaign.held_out
     x = np.concatenate([baseline.x, np.zeros(6)])

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arm.state import PoseStates
-from pa10cal.arm.statics import Payload, Statics, torque_by_mass
+from pa10cal.arm.statics import Payload, Statics
 from pa10cal.discovery.faults import Fault, faults_of_input
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.row_faults import RowFaults, held_out_faults, row_faults
@@ -39,7 +38,6 @@ class MeasurementSetup:
             calibration.
         reference_temperature_C: temperature at which lengths are nominal.
         apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
-        gravity_m_s2: gravity along the base's axes, where no payload says so; None: not known.
         options: standard uncertainties of what else repeats cannot show, and how to search.
         commanded: whether joint positions are those commanded, and not read back.
     """
@@ -49,7 +47,6 @@ class MeasurementSetup:
     reference_temperature_C: float
     apparatus_m: float = 5e-6
     options: DiscoveryOptions = field(default_factory=DiscoveryOptions)
-    gravity_m_s2: Array | None = None
     commanded: bool = False
 
 
@@ -179,12 +176,6 @@ def complete(poses: Observations, baseline: FittedModel, setup: MeasurementSetup
             states = replace(states, static_loads=states.static_loads or nominal.static_loads)
         loads = static_loads(states, baseline, setup.payload)
         states = replace(states, static_loads=loads.static_loads)
-    elif setup.gravity_m_s2 is not None:
-        chain = baseline.model.chain
-        coordinates = baseline.model.chain_coordinates(states, baseline.x)
-        coordinates[:, chain.columns(BASE + TOOL)] = 0.0
-        by_mass = torque_by_mass(chain, coordinates, setup.gravity_m_s2)
-        states = replace(states, torque_by_mass=by_mass)
     T_instr_ee = baseline.T_instr_base @ baseline.model.predict(states, baseline.x)
     states = replace(states, seen=poses.measured.readout(T_instr_ee, targets_m(baseline, setup)))
     return poses.with_states(states)
@@ -232,7 +223,6 @@ def context_of(
         loads_N=tuple(np.unique(states.load_N).tolist()),
         tool_kg=0.0 if setup.payload is None else setup.payload.mass_kg,
         torques=_source(states, baseline),
-        gravity_m_s2=setup.gravity_m_s2,
         commanded=setup.commanded,
         campaigns=tuple(name for name, _ in cells.measured.campaigns),
     )

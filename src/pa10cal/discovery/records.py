@@ -19,7 +19,9 @@ from pa10cal.discovery.evidence.confirm import Confirmation
 from pa10cal.discovery.evidence.discover import VerdictByRepeats
 from pa10cal.discovery.evidence.judge import FLIP_RATE, shared_error_mm
 from pa10cal.discovery.evidence.search import threshold
-from pa10cal.discovery.faults import Fault
+from pa10cal.discovery.explained import explained
+from pa10cal.discovery.faults import Fault, steps_told
+from pa10cal.discovery.finding import GivesWay
 from pa10cal.discovery.formulas.record import proposed_formula
 from pa10cal.discovery.gap import trusted
 from pa10cal.discovery.gap_record import set_gap
@@ -94,6 +96,7 @@ def discovery_records(
             calibration=calibration,
             verdict=keys.verdict,
             arrival_from_order=from_order,
+            steps_s=steps_told(found.faults) or None,
             named=tuple(
                 NamedEffect(
                     id=effect.id,
@@ -117,7 +120,10 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
         why=found.why,
         remedy=found.remedy,
         method=found.method,
-        effects=tuple(found_effect(finding, found) for finding in found.effects),
+        explained=explained(found),
+        effects=tuple(
+            found_effect(finding, found) for finding in (*found.gives_way, *found.effects)
+        ),
         faults=tuple(map(_fault, found.faults)),
         unexplained=all_unexplained(found.effects, found.unexplained),
         proposed=tuple(map(proposed_formula, found.proposed)) or None,
@@ -234,7 +240,19 @@ def _remaining(found: VerdictByBlocks) -> parts.Remaining:
 
 def _evidence(
     proof: object, found: Verdict[object]
-) -> parts.EvidenceByRepeats | parts.EvidenceByBlocks:
+) -> parts.EvidenceByRepeats | parts.EvidenceByBlocks | parts.EvidenceOfSag:
+    if isinstance(proof, GivesWay):
+        return parts.EvidenceOfSag(
+            lost_without_it_nats=proof.nats,
+            needed_nats=proof.needed_nats,
+            sag_mrad=1e3 * proof.sag_rad,
+            sag_u_mrad=1e3 * proof.sag_std_rad,
+            rigid_mm=proof.without_mm,
+            gives_way_mm=proof.with_mm,
+            held_out_rigid_mm=proof.held_out_without_mm,
+            held_out_gives_way_mm=proof.held_out_with_mm,
+            all_rigid_mm=proof.all_rigid_mm,
+        )
     if isinstance(proof, Prediction):
         # A name that one pose carries is none: the carrier of one that stands is not told.
         told = {key: value for key, value in asdict(proof).items() if key != "carrier"}
@@ -293,8 +311,10 @@ def summary(verdict: VerdictKeys) -> list[str]:
     told = [f"  {fault.where}: {fault.what}; {fault.remedy}" for fault in verdict.faults]
     if verdict.verdict == "not_sought":
         return [f"effects were not sought: {verdict.why}; {verdict.remedy}", *told]
-    lines: list[str] = [verdict.verdict, *told]
-    for effect in verdict.effects:
+    word, lead = verdict.verdict, verdict.explained
+    lines = [word if lead is None else f"{lead.headline} (verdict: {word})", *told]
+    lines += [] if lead is None else [f"  {each}" for each in lead.sentences]
+    for effect in verdict.effects_by_share:
         values = sized(effect.parameters) or f"{len(effect.parameters)} knots a turn"
         rivals = " or ".join(f"{rival.id} of {rival.of}" for rival in effect.alternatives)
         lines.append(
@@ -351,6 +371,7 @@ def found_effect(finding: Finding[object], found: Verdict[object]) -> FoundEffec
         alternatives=tuple(name_of(other) for other in finding.alternatives),
         evidence=_evidence(finding.proof, found),
         witness=witness_of(finding.effect, found),
+        weights=finding.proof.weights if isinstance(finding.proof, GivesWay) else None,
     )
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
@@ -26,6 +24,5 @@ def setup_of(
         reference_temperature_C=campaign.reference_temperature_C,
         apparatus_m=MM * calibration.apparatus_uncertainty_mm,
         options=discovery,
-        gravity_m_s2=np.array(campaign.gravity_m_s2, dtype=float),
         commanded=campaign.joints == "commanded",
     )

@@ -50,6 +50,11 @@ class FallsBack:
     within: AnglesSeen
     why: str
 
+    @property
+    def everywhere(self) -> bool:
+        """Return whether they hold nowhere."""
+        return not any(len(stretches) for stretches in self.within.intervals)
+
 
 @dataclass(frozen=True)
 class Separation:
@@ -132,6 +137,8 @@ class Verdict(ABC, Generic[P_co]):
         faults_of_rows: faults of single rows or poses that were found after the search.
         falls_back: where the effects do not hold; None where nothing speaks against them.
         proposed: formulas for what has no name; they name nothing.
+        gives_way: joints that give way under weights that nobody stated. Their springs are part of
+            the calibrated model already.
     """
 
     prepared: Prepared
@@ -151,6 +158,7 @@ class Verdict(ABC, Generic[P_co]):
     faults_of_rows: tuple[Fault, ...] = ()
     falls_back: FallsBack | None = None
     proposed: tuple[Proposal, ...] = ()
+    gives_way: tuple[Finding[object], ...] = ()
 
     #: How effects are judged; None where they are not sought.
     method: ClassVar[str | None]
@@ -158,9 +166,10 @@ class Verdict(ABC, Generic[P_co]):
     @property
     def verdict(self) -> Word:
         """Return the verdict in a word."""
-        if to_check(self.faults, effects=bool(self.effects)):
+        named = (*self.gives_way, *self.effects)
+        if to_check(self.faults, effects=bool(named)):
             return "check_the_log"
-        return word_of(self.effects, self.unexplained)
+        return word_of(named, self.unexplained)
 
     @property
     def effects(self) -> tuple[Finding[P_co], ...]:
@@ -313,6 +322,14 @@ class Verdict(ABC, Generic[P_co]):
     @abstractmethod
     def errors_by_name(self) -> tuple[Named, ...]:
         """Return the errors that remain as the effects join the model one by one."""
+
+    @cached_property
+    def naming(self) -> tuple[Named, ...]:
+        """Return `errors_by_name` of models that fall back where the extended model does."""
+        steps = self.errors_by_name()
+        if self.falls_back is None:
+            return steps
+        return tuple(each.falling_back(self.falls_back.within, self.gap) for each in steps)
 
 
 def label_of(effect: Effect, rival: Effect | None) -> str:

@@ -14,7 +14,7 @@ from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.from_prior import calibrate_from
 from pa10cal.calibration.general.prior import prior_of
 from pa10cal.calibration.general.start import find_start
-from pa10cal.calibration.general.transfer import refit_frames
+from pa10cal.calibration.general.transfer import refit_frames, with_tool_of
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.arrivals import with_arrivals
@@ -49,6 +49,7 @@ def adapted_steps(
     fitted_poses, away = average_repeats(every.of_kind("grid")), _held_out(every)
     in_time = fitted_poses.take(np.argsort(fitted_poses.states.time_s, kind="stable"))
     total = len(fitted_poses) + len(away)
+    logged = bool(np.isfinite(every.states.tau_Nm).all())
 
     def judged(found: FittedModel) -> Accuracy:
         return summarise(found.deviations(away.with_states(found.as_modelled(away).states)))
@@ -60,7 +61,8 @@ def adapted_steps(
         general = calibrate_from(prior_of(model, arm, payload), arm, some, start, payload)
         frames = alone = None
         try:
-            frames = judged(refit_frames(model, model.as_modelled(some)))
+            there = with_tool_of(model, payload, logged=logged)
+            frames = judged(refit_frames(there, there.as_modelled(some)))
             alone = judged(fitted(calibrate_general(arm, some, start, payload)))
         except CalibrationError:
             pass  # too few poses for these; a prior needs fewer

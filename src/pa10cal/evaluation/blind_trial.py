@@ -18,6 +18,8 @@ OUTSIDE = "outside"
 TRACKED = "tracked"
 #: Trials with stressors and faults in the raw files.
 WILD = "wild"
+#: Kinds of these that are as measured robots come.
+UNSTATED, SORTED = "unstated_masses", "sorted_rows"
 #: Trials of sensors and gears that err.
 DRIVES = "drives"
 #: Root mean square over mean of the length of a vector with independent, equal normal components.
@@ -26,7 +28,7 @@ _RMS_OVER_MEAN = float(np.sqrt(3.0 * np.pi / 8.0))
 _TORQUE_ALONE = "torque_gain"
 _TORQUE_BY_SPRING = "friction_torque"
 #: What the springs of the judged model are.
-_IN_THE_MODEL = "joint_compliance"
+SPRING = "joint_compliance"
 #: Effects outside the vocabulary that are an error depending on the joint's angle, so that a map at
 #: their joint gives the place and leaves the cause open.
 _OF_ANGLE = ("third_harmonic", "dress_pack", "sawtooth", "soft_by_angle")
@@ -50,12 +52,15 @@ class Hidden:
         parameters: as the cell has them; vectors are lists.
         moved_mm: how far it moves what the calibrated baseline leaves at averaged poses, root mean
             square; None where the trial failed.
+        apart_mm: the same once the sizes of all else that is hidden are fitted; None where that is
+            not known.
     """
 
     name: Name
     size: float
     parameters: Mapping[str, object]
     moved_mm: float | None
+    apart_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -87,11 +92,13 @@ class Told:
         faults: kind and place of each fault of the verdict.
         grade: of the calibration.
         left_out: poses with quarantined rows, or that are suspected outliers.
+        motions: what is said of each motion in the course of time, in words.
     """
 
     faults: tuple[tuple[str, str], ...] = ()
     grade: str = ""
     left_out: frozenset[str] = frozenset()
+    motions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -188,6 +195,8 @@ class BlindTrial:
         failed: the message where it failed.
         refused: whether that is a command's, that the campaign is not fit to be calibrated.
         put_in: stressors and faults in its raw files.
+        noise_mm: what noise alone leaves of positions, root mean square, by the truth; None where
+            the verdict's noise floor stands for it.
     """
 
     campaign: str
@@ -202,6 +211,7 @@ class BlindTrial:
     failed: str | None
     refused: bool = False
     put_in: tuple[Disturbed, ...] = ()
+    noise_mm: float | None = None
 
     def moved_over_floor(self, hidden: Hidden | Disturbed) -> float | None:
         """Return how far an effect moves the residual, relative to that of noise alone.
@@ -213,8 +223,17 @@ class BlindTrial:
             return None
         return hidden.moved_mm / (_RMS_OVER_MEAN * self.verdict.noise_floor_mm)
 
-    def ratio(self, hidden: Hidden) -> float | None:
-        """Return the residual that an effect makes of the floor, in floors: sqrt(1 + moved²)."""
+    def ratio(self, hidden: Hidden, *, apart: bool = False) -> float | None:
+        """Return the residual that an effect makes of the floor, in floors: sqrt(1 + moved²).
+
+        Args:
+            hidden: the effect.
+            apart: whether the sizes of all else that is hidden are fitted as well; where the truth
+                says the noise.
+        """
+        if self.noise_mm is not None:
+            moved_mm = hidden.apart_mm if apart else hidden.moved_mm
+            return None if moved_mm is None else float(np.hypot(1.0, moved_mm / self.noise_mm))
         moved = self.moved_over_floor(hidden)
         return None if moved is None else float(np.hypot(1.0, moved))
 
@@ -232,7 +251,7 @@ class BlindTrial:
         if self.verdict is None or hidden.name in self.verdict.not_testable:
             return False
         springs = {f"joint {joint}" for joint in self.verdict.springs}
-        return hidden.name.id != _IN_THE_MODEL or hidden.name.of not in springs
+        return hidden.name.id != SPRING or hidden.name.of not in springs
 
     def is_separable(self, hidden: Hidden) -> bool:
         """Return whether an effect is testable and distinguishable from others by the verdict.

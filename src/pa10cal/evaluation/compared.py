@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from pa10cal.calibration.accuracy import align_nominal, summarise
-from pa10cal.calibration.general.transfer import refit_frames
+from pa10cal.calibration.accuracy import align_nominal
 from pa10cal.discovery.extended import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.preparation import prepared as made_ready
 from pa10cal.evaluation.holdout import judged, prepared
+from pa10cal.evaluation.in_parts import (
+    Placed,
+    parts_of,
+    placed,
+    steps_elsewhere,
+    worth_cutting,
+)
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.averages import poses_of, reading_groups
 from pa10cal.observe.observations import Observations
-from pa10cal.results.evaluation import HeldOutModel
+from pa10cal.results.evaluation import HeldOutModel, PartOfCampaign
 from pa10cal.terms.baseline import nominal
 
 #: Kinds of poses that are repeated.
@@ -33,6 +40,7 @@ def judged_models(
     *,
     kind: str = "holdout",
     elsewhere: bool = False,
+    cuts_s: Sequence[float] = (),
 ) -> dict[str, HeldOutModel]:
     """Judge models on poses of a campaign.
 
@@ -45,6 +53,7 @@ def judged_models(
         kind: of the poses to judge by: `holdout`, or `grid` for those of the calibration.
         elsewhere: whether the models are of another campaign, so that base and tool are fitted
             anew.
+        cuts_s: times at which the base moved, in order: it is then fitted part by part.
 
     Returns:
         Errors by model; none where there are no such poses. Elsewhere the extended model is never
@@ -69,7 +78,7 @@ def judged_models(
         suspected = made_ready(every, best, setup).suspected
 
     def judge(model: FittedModel, every: Observations, seen: AnglesSeen | None) -> HeldOutModel:
-        poses = prepared(every, kind, model, setup)
+        poses = prepared(every, kind, model, setup, cuts_s)
         beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
         return judged(model, poses, beyond, suspected)
 
@@ -80,24 +89,99 @@ def judged_models(
             found[EXTENDED] = judge(extended.model, with_arrivals(every)[0], learnt)
         return found
 
-    def placed(model: FittedModel, every: Observations) -> tuple[FittedModel, float]:
-        poses = prepared(every, "grid", model, setup)
-        there = refit_frames(model, poses)
-        return there, summarise(there.deviations(poses)).rms_mm
-
     # In another campaign what is new is told by the same angles for all models.
     learnt = learnt or best.seen
     found, left_mm = {}, np.inf
     for name, model in models.items():
-        there, left_mm = placed(model, every)
-        found[name] = judge(there, every, learnt)
+        there = placed(model, every, setup, cuts_s)
+        found[name], left_mm = judge(there.model, every, learnt), there.rms_mm
     if extended is not None:
         arrived = with_arrivals(every)[0]
-        there, with_effects_mm = placed(extended.model, arrived)
+        there = placed(extended.model, arrived, setup, cuts_s)
         # Effects that do not even help in the poses to which base and tool were fitted stay away.
         *_, last = found.values()
-        found[EXTENDED] = judge(there, arrived, learnt) if with_effects_mm < left_mm else last
+        found[EXTENDED] = judge(there.model, arrived, learnt) if there.rms_mm < left_mm else last
     return found
+
+
+@dataclass(frozen=True)
+class Carried:
+    """Models carried to a campaign: base and tool fitted there, part by part where it moved.
+
+    Attributes:
+        models: errors by model.
+        parts: of the campaign, each with its own base; none where nothing moved.
+        one_base: errors by model with one base for all; empty where nothing moved.
+    """
+
+    models: dict[str, HeldOutModel]
+    parts: tuple[PartOfCampaign, ...] = ()
+    one_base: Mapping[str, HeldOutModel] = field(default_factory=dict)
+
+
+def judged_elsewhere(
+    every: Observations,
+    models: Mapping[str, FittedModel],
+    extended: Extended | None,
+    setup: MeasurementSetup,
+) -> Carried:
+    """Judge models of one campaign in another, part by part where instrument or base moved there.
+
+    Args:
+        every, models, extended, setup: see `judged_models`.
+
+    Raises:
+        CalibrationError: when base and tool are not determined by the poses.
+    """
+    if not len(every.of_kind("holdout")):
+        return Carried({})
+    at_once = judged_models(every, models, extended, setup, elsewhere=True)
+    best, arrived = _best(every, models, extended, setup)
+    cuts_s = steps_elsewhere(best.model, arrived, setup)
+    if not cuts_s:
+        return Carried(at_once)
+    found = judged_models(every, models, extended, setup, elsewhere=True, cuts_s=cuts_s)
+    best, arrived = _best(every, models, extended, setup, cuts_s)
+    return Carried(found, parts_of(best, arrived, cuts_s), at_once)
+
+
+def judged_by_parts(
+    every: Observations,
+    models: Mapping[str, FittedModel],
+    extended: Extended,
+    setup: MeasurementSetup,
+) -> Carried:
+    """Judge models in their own campaign where its verdict tells steps: a base for every part.
+
+    Args:
+        every, models, extended, setup: see `judged_models`.
+
+    Raises:
+        CalibrationError: when base and tool are not determined by the poses.
+    """
+    cuts_s = () if every.measured.campaigns else worth_cutting(every, extended.steps_s)
+    if not cuts_s or not len(every.of_kind("holdout")):
+        return Carried({})
+    found = judged_models(every, models, extended, setup, elsewhere=True, cuts_s=cuts_s)
+    best, arrived = _best(every, models, extended, setup, cuts_s)
+    return Carried(found, parts_of(best, arrived, cuts_s))
+
+
+def _best(
+    every: Observations,
+    models: Mapping[str, FittedModel],
+    extended: Extended | None,
+    setup: MeasurementSetup,
+    cuts_s: Sequence[float] = (),
+) -> tuple[Placed, Observations]:
+    """Return what leaves least of the calibration poses, and the readings as it takes them."""
+    *_, last = models.values()
+    best = placed(last, every, setup, cuts_s)
+    if extended is None:
+        return best, every
+    arrived = with_arrivals(every)[0]
+    with_effects = placed(extended.model, arrived, setup, cuts_s)
+    return (with_effects, arrived) if with_effects.rms_mm < best.rms_mm else (best, every)
 
 
 def judged_where_repeated(

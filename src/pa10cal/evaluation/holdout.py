@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +23,11 @@ _MOST_POINTS = 500
 
 
 def prepared(
-    every: Observations, kind: str, model: FittedModel, setup: MeasurementSetup
+    every: Observations,
+    kind: str,
+    model: FittedModel,
+    setup: MeasurementSetup,
+    cuts_s: Sequence[float] = (),
 ) -> Observations:
     """Return averaged poses of one kind, with what the terms of a model need in their states.
 
@@ -30,8 +36,9 @@ def prepared(
         kind: `grid` or `holdout`.
         model: the model that is to predict them.
         setup: what is known of the campaign besides the poses.
+        cuts_s: times that part the campaign.
     """
-    poses = average_repeats(every.of_kind(kind))
+    poses = average_repeats(every.of_kind(kind), cuts_s)
     states, _ = with_torques(model.model, model.x, poses.states, setup.payload)
     poses = poses.with_states(states)
     read = measured_as_poses(poses) if poses.measured.measures_pose else poses

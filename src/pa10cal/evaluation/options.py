@@ -67,6 +67,22 @@ class DriveCounts(Section):
     neither: NonNegativeInt = Field(40, description="none; motors ripple all the same")
 
 
+class UnstatedCounts(Section):
+    """How many trials of arms whose masses are not stated."""
+
+    unstated_masses: NonNegativeInt = Field(
+        210, description="springs in no joint, in some or in all, alone or with one other effect"
+    )
+
+
+class SortedCounts(Section):
+    """How many trials of files that are sorted by a joint."""
+
+    sorted_rows: NonNegativeInt = Field(
+        104, description="nothing hidden, or an effect that goes with that joint; no time"
+    )
+
+
 class BlindTrialsOptions(Section):
     """Campaigns of the virtual cell judged without their truth, and scored apart."""
 
@@ -99,6 +115,16 @@ class BlindTrialsOptions(Section):
     drives: DriveCounts = Field(
         DriveCounts(),
         description="what `snakemake --cores 2 drive_trials` runs: sensors and gears that err",
+    )
+    unstated: UnstatedCounts = Field(
+        UnstatedCounts(),
+        description="what `snakemake --cores 2 blind_trials_unstated` runs: arms described without "
+        "masses, of any length",
+    )
+    sorted_by_joint: SortedCounts = Field(
+        SortedCounts(),
+        description="what `snakemake --cores 2 blind_trials_sorted` runs: rows sorted by a joint, "
+        "without a time",
     )
 
 

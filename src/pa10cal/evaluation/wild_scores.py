@@ -198,7 +198,7 @@ def scores_record(trials: Sequence[BlindTrial]) -> WildScoresRecord:
             for kind, name in subjects
         ),
         proposed=score_formulas(trials),
-        per_trial=tuple(map(_trial, trials)),
+        per_trial=tuple(trial_row(trial, failings(trial)) for trial in trials),
     )
 
 
@@ -264,7 +264,8 @@ def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
     )
 
 
-def _trial(trial: BlindTrial) -> WildTrial:
+def trial_row(trial: BlindTrial, counts_against: tuple[str, ...]) -> WildTrial:
+    """Return a trial, what was said of it, and the bars that it counts against."""
     return WildTrial(
         campaign=trial.campaign,
         kind=trial.kind,
@@ -274,7 +275,7 @@ def _trial(trial: BlindTrial) -> WildTrial:
             *(f"{each.id} at {', '.join(each.where)}" for each in trial.put_in),
         ),
         said=_said(trial)[:_SAYS_MOST],
-        failings=failings(trial),
+        failings=counts_against,
         seconds=None if trial.verdict is None else trial.verdict.seconds,
     )
 

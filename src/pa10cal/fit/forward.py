@@ -111,6 +111,22 @@ def _of_every_pose(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array
         ) from None
 
 
+def _with_its_weights(model: FittedModel) -> FittedModel:
+    """Return a model with its weights unknown, where logged torques have set them.
+
+    Predictions take the torques of the weights, and a fit to the log knows nothing of how
+    uncertain these are.
+    """
+    from pa10cal.fit.uncertain_weights import with_uncertain_weights  # late: it imports the model
+
+    known, soft = model.arm.weights_known, any(yields(term) for term in model.model.terms)
+    if known is None or known.origin != "logged" or not soft:
+        return model
+    if model.payload is None or model.covariance is None:
+        return model
+    return with_uncertain_weights(model, model.payload)
+
+
 @dataclass(frozen=True)
 class Forward:
     """Forward kinematics of a frame of a fitted model.
@@ -147,6 +163,7 @@ class Forward:
                 allowed=", ".join(model.frames),
                 remedy="correct the name",
             )
+        model = _with_its_weights(model)
         moving = [
             term
             for term in model.model.terms

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import BASE, TOOL, Chain
 from pa10cal.arm.description import ROW_FIELDS, Arm
 from pa10cal.arm.statics import Payload
+from pa10cal.arm.weights import WeightsKnown
 from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
 from pa10cal.fit.angles_seen import AnglesSeen
@@ -284,6 +285,7 @@ def _arm_to_plain(model: FittedModel) -> dict[str, Any]:
         ],
         "T_base_row1": arm.T_base_row1.tolist(),
         "T_row_n_flange": arm.T_row_n_ee.tolist(),
+        **({} if arm.weights_known is None else {"weights": _weights_to_plain(arm.weights_known)}),
     }
 
 
@@ -312,7 +314,24 @@ def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
         beta_rad=column("beta_rad"),
         T_base_row1=_frame(content["T_base_row1"], "T_base_row1"),
         T_row_n_ee=_frame(content["T_row_n_flange"], "T_row_n_flange"),
+        weights_known=_weights_from_plain(content.get("weights")),
     )
+
+
+def _weights_to_plain(known: WeightsKnown) -> dict[str, Any]:
+    return {
+        "from": known.origin,
+        "why": known.why,
+        "mass_u": known.mass.tolist(),
+        "com_u_m": known.com_m.tolist(),
+    }
+
+
+def _weights_from_plain(content: Mapping[str, Any] | None) -> WeightsKnown | None:
+    if content is None:
+        return None
+    mass, com_m = (np.array(content[key], dtype=float) for key in ("mass_u", "com_u_m"))
+    return WeightsKnown(content["from"], mass, com_m, str(content["why"]))
 
 
 def _fitted_to(content: Mapping[str, Any]) -> FittedTo:

@@ -12,15 +12,15 @@ from dataclasses import replace
 import numpy as np
 
 from pa10cal.arm.description import Arm
+from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
+from pa10cal.arm.weights import weights_known
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import Weights, WeightSizes
 
-#: Standard uncertainty of a link's mass, relative, and of its centre, per axis [m].
-LINK_MASS = 0.06
-LINK_COM_M = 0.01
-#: The same of a tool whose mass is stated.
+#: Standard uncertainty of the mass of a tool that is stated, relative, and of its centre, per axis
+#: [m].
 TOOL_MASS = 0.12
 TOOL_COM_M = 0.02
 #: A tool of unknown mass weighs some part of the arm, and sits so far from the flange [m].
@@ -28,6 +28,8 @@ UNKNOWN_TOOL_MASS = 0.1
 UNKNOWN_TOOL_COM_M = 0.1
 #: Standard uncertainty of the direction of gravity in the base frame [rad].
 LEVEL_RAD = 1e-3
+#: The same of an arm of which no weights are stated: nobody levelled it for them.
+LEVEL_ASSUMED_RAD = 5e-3
 
 
 def weight_sizes(arm: Arm, payload: Payload) -> WeightSizes:
@@ -39,19 +41,45 @@ def weight_sizes(arm: Arm, payload: Payload) -> WeightSizes:
         total_kg = 0.0 if arm.mass_kg is None else float(arm.mass_kg.sum())
         tool_kg = size_kg = UNKNOWN_TOOL_MASS * total_kg
         com_m = UNKNOWN_TOOL_COM_M
+    known = weights_known(arm)
     return WeightSizes(
-        link_mass=LINK_MASS,
-        link_com_m=LINK_COM_M,
+        link_mass=known.mass,
+        link_com_m=known.com_m,
         payload_kg=size_kg,
         payload_kg_m=tool_kg * com_m,
-        level_rad=LEVEL_RAD,
+        level_rad=LEVEL_ASSUMED_RAD if known.assumed else LEVEL_RAD,
     )
 
 
 def unknown_tool(arm: Arm, payload: Payload) -> Weights:
     """Return mass and first moment of a tool of which nothing is known."""
-    sizes = replace(weight_sizes(arm, payload), link_mass=0.0, link_com_m=0.0, level_rad=0.0)
+    none = np.zeros(arm.n)
+    sizes = replace(weight_sizes(arm, payload), link_mass=none, link_com_m=none, level_rad=0.0)
     return replace(Weights.about(arm, sizes), unknown_tool=True)
+
+
+def unknown_weights(arm: Arm, payload: Payload, states: PoseStates) -> tuple[Weights, ...]:
+    """Return the weights that a calibration fits with the springs: those nobody stated.
+
+    Args:
+        arm: the nominal arm.
+        payload: what it carries.
+        states: poses with calculated torques.
+    """
+    known = weights_known(arm)
+    if known.origin == "stated":
+        return () if payload.known else (unknown_tool(arm, payload),)
+    weights = Weights.about(arm, weight_sizes(arm, payload))
+    loads = states.static_loads
+    if known.assumed and not scale_is_known(payload, states) and loads is not None:
+        weights = weights.relative(loads.joint_Nm, loads.by_weights)
+    return (weights,)
+
+
+def scale_is_known(payload: Payload, states: PoseStates) -> bool:
+    """Return whether loads of known size set the scale of weights that nobody stated."""
+    masses_kg = {each.mass_kg for each in payload.of_campaigns if each.known}
+    return len(masses_kg) > 1 or bool(np.ptp(states.load_N) > 0.0)
 
 
 def with_uncertain_weights(model: FittedModel, payload: Payload) -> FittedModel:
@@ -60,6 +88,8 @@ def with_uncertain_weights(model: FittedModel, payload: Payload) -> FittedModel:
     What it has found of some of them already is kept.
     """
     arm, terms = model.arm, model.model.terms
+    if any(isinstance(term, Weights) and 0 in term.columns for term in terms):
+        return model  # all of them are unknowns already
     weights = Weights.about(arm, weight_sizes(arm, payload))
     weights = replace(weights, unknown_tool=not payload.known)
     found: dict[int, float] = {}

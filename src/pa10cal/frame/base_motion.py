@@ -2,14 +2,18 @@
 
 A target k at b_k is read at b_k + s + w x (b_k - c), where s and w are the small shift and turn of
 the reading's configuration about the middle c of the targets. One target or two show a shift, three
-that are not in line a turn as well. Two forms of motion are tried against none: a random walk in
-time, whose steps are estimated with it, so that neighbours are averaged as far as they agree; and
-motions of each configuration by itself. The one under which the readings are most probable is
-taken. About a set of places all is linear and Gaussian, its normal equations a band.
+that are not in line a turn as well; a turn that is not shown counts as uncertain by what else shows
+of it. Wrong readings and knocked targets go first, one by one: about a set of places all is linear
+and Gaussian, its normal equations a band, and one reading of another target would be a motion of
+them all. Two forms of motion are tried against none: a random walk in time, whose steps are
+estimated with it, so that neighbours are averaged as far as they agree; and motions of each
+configuration by itself. The one under which the readings are most probable is taken. Along what is
+known of a motion no better than the readings spread, it is left out.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -22,9 +26,11 @@ from scipy.special import chdtri
 
 from pa10cal.frame.knocked_targets import (
     Knock,
+    misfits,
     rigid_modes,
-    rows_off_shape,
     without_knocked,
+    wrong_by_themselves,
+    wrong_in_shape,
 )
 
 Array = NDArray[np.float64]
@@ -46,6 +52,15 @@ _SAME_M = 1e-9
 _SIZES = (-9.0, 12.0)
 #: Targets thinner than this part of their length are in line.
 _IN_LINE = 0.02
+#: Share of the configurations that must show a turn, or a pair, for it to be looked for.
+_MOSTLY = 0.5
+#: Products of a configuration's readings worse conditioned than this do not show its motion.
+_CONDITION = 1e6
+#: Motions smaller than this are none [m, rad].
+_NOTHING = 1e-12
+#: An instrument nearer to the targets is taken to be this far off, where its turn is judged by
+#: their shift [m].
+_NEAR_M = 1.0
 
 
 @dataclass(frozen=True)
@@ -56,10 +71,11 @@ class BaseMotion:
         form: `still`: nothing moved; `walk`: smoothed in time; `each`: reading by reading.
         about_m: (3,) middle of the targets, about which they turn.
         motion: (P, 6) shift [m] and turn [rad], zero on average.
-        cov: (P, 6, 6) their covariance.
+        cov: (P, 6, 6) their covariance; of a turn that does not show, how large it may be.
         noise: standard deviation of the readings over that stated.
         turns: whether the targets show turns.
         knocked: targets that moved against the others.
+        wrong: (P, K) single readings that are not of their target.
         used: (P, K) readings that the motion rests on.
     """
 
@@ -70,6 +86,7 @@ class BaseMotion:
     noise: float
     turns: bool
     knocked: tuple[Knock, ...]
+    wrong: Mask
     used: Mask
 
 
@@ -81,30 +98,49 @@ def base_motion(time_s: Array, p_m: Array, u_m: Array) -> BaseMotion:
         p_m: (P, K, 3) readings in the instrument's frame, nan where a target was not seen.
         u_m: (P, K, 3) their stated standard uncertainties.
     """
-    knocked, kept_m = without_knocked(p_m, u_m)
-    kept_m[rows_off_shape(kept_m, u_m)] = np.nan
+    ever: Mask = np.asarray(np.isfinite(p_m[..., 0]).any(axis=0))
+    if not ever.all():
+        return _of_all_targets(base_motion(time_s, p_m[:, ever], u_m[:, ever]), ever)
+    wrong = wrong_by_themselves(p_m, u_m)
+    knocked, kept_m = without_knocked(np.where(wrong[..., None], np.nan, p_m), u_m)
+    wrong |= (off := wrong_in_shape(kept_m, u_m))
+    kept_m[off] = np.nan
     readings = _Readings.of(time_s, kept_m, u_m)
     found = readings.best()
     for _ in range(_ROUNDS):
         off = readings.off(found)
         if not off.any():
             break
+        wrong |= off
         readings = readings.without(off)
         found = readings.again(found)
     motion, cov = np.zeros((len(p_m), 6)), np.zeros((len(p_m), 6, 6))
     d = readings.components
-    motion[:, :d] = found.motion - found.motion.mean(axis=0)
-    cov[:, :d, :d] = found.covariance()
+    if found.form != "still":
+        motion[:, :d], cov[:, :d, :d] = readings.worth_taking(found)
+        cov[:, d:, d:] = readings.turn_variance(found) * np.eye(6 - d)
     return BaseMotion(
-        found.form,
+        found.form if motion.any() else "still",
         readings.about_m,
         motion,
-        cov,
+        cov if motion.any() else np.zeros_like(cov),
         float(np.sqrt(found.variance)),
         d == 6,
         knocked,
+        wrong,
         readings.seen,
     )
+
+
+def _of_all_targets(found: BaseMotion, ever: Mask) -> BaseMotion:
+    """Return what was found of the targets that were ever seen (K,), numbered among all."""
+    number = np.flatnonzero(ever)
+    wrong, used = (np.zeros((len(found.used), len(ever)), dtype=bool) for _ in range(2))
+    wrong[:, ever], used[:, ever] = found.wrong, found.used
+    knocked = tuple(
+        replace(each, targets=tuple(int(number[k]) for k in each.targets)) for each in found.knocked
+    )
+    return replace(found, wrong=wrong, used=used, knocked=knocked)
 
 
 @dataclass(frozen=True)
@@ -130,12 +166,10 @@ class _Readings:
         between = np.diff(time_s)
         usual = np.median(between[between > 0.0]) if (between > 0.0).any() else 1.0
         b_m = np.nanmean(p_m, axis=0)
-        b_m = b_m[np.isfinite(b_m[:, 0])]
         about_m = b_m.mean(axis=0)
-        thickness = np.linalg.svd(b_m - about_m, compute_uv=False)
-        turns = len(b_m) > 2 and thickness[1] > _IN_LINE * thickness[0]
-        places = np.nan_to_num(np.nanmean(p_m, axis=0) - about_m)
-        modes = rigid_modes(places)[..., : 6 if turns else 3]
+        seen = np.isfinite(p_m[..., 0])
+        turns = _share(seen, lambda pattern: _not_in_line(b_m[pattern])) >= _MOSTLY
+        modes = rigid_modes(b_m - about_m)[..., : 6 if turns else 3]
         return cls(np.clip(between / usual, *_STEPS), p_m, u_m, about_m, modes)
 
     @property
@@ -190,11 +224,77 @@ class _Readings:
     def off(self, fit: _Fit) -> Mask:
         """Return readings (P, K) too far from the motion to be of it, the furthest of each row."""
         left = np.nan_to_num(self.p_m - fit.places_m - _moved(self.modes, fit.motion))
-        square = np.sum(left**2 * self.weight, axis=2) / fit.variance
+        # Readings that agree better than stated are no reason to reject one within its uncertainty.
+        square = np.sum(left**2 * self.weight, axis=2) / max(fit.variance, 1.0)
         limit = chdtri(3, _ERROR_RATE / max(int(self.seen.sum()), 1))
         furthest = square == square.max(axis=1, keepdims=True)
         found: Mask = (square > limit) & furthest
         return found
+
+    def worth_taking(self, fit: _Fit) -> tuple[Array, Array]:
+        """Return motions (P, d) and their covariance, zero where they are worse known than large.
+
+        To leave a motion out costs its spread, which is no more than the readings of the targets
+        themselves show, configuration by configuration. Along a direction in which a motion is
+        known no better than that, it is left out, and is uncertain by the spread.
+        """
+        motion, cov = fit.motion - fit.motion.mean(axis=0), fit.covariance()
+        left = np.nan_to_num(self.p_m - fit.places_m)
+        pulled = np.einsum("kxa,pkx->pa", self.modes, self.weight * left)
+        whole: Mask = np.asarray(self.seen.any(axis=1))
+        whole[whole] = np.linalg.cond(self.own[whole]) < _CONDITION
+        if not whole.any():
+            return np.zeros_like(motion), np.zeros_like(cov)
+        shown = np.linalg.solve(self.own[whole], pulled[whole][..., None])[..., 0]
+        spread = np.cov(shown.T, bias=True).reshape(self.components, self.components)
+        root = np.linalg.cholesky(spread + _NOTHING**2 * np.eye(self.components))
+        back = np.linalg.inv(root)
+        parts, axes = np.linalg.eigh(back @ cov @ back.T)
+        along = np.einsum("pji,jk,pk->pi", axes, back, motion)
+        along[parts >= 1.0] = 0.0
+        outward = root @ axes
+        parts = np.minimum(parts, 1.0)
+        bounded = np.einsum("pai,pi,pbi->pab", outward, parts, outward)
+        return np.einsum("pai,pi->pa", outward, along), bounded
+
+    def turn_variance(self, fit: _Fit) -> float:
+        """Return the variance of the turn about each axis that the targets do not show.
+
+        Two targets, or more in line, show how far they turn across their line; about it the
+        instrument is taken to turn as much. One shows no turn: then a shift as large as was found
+        may come of an instrument that turns where it stands.
+        """
+        seen = self.seen
+        if _share(seen, lambda pattern: pattern.sum() > 1) < _MOSTLY:
+            shift2 = float(np.mean(np.sum(fit.motion**2, axis=1)))
+            return shift2 / (2.0 * max(float(np.linalg.norm(self.about_m)), _NEAR_M) ** 2)
+        square, count = misfits(self.p_m, self.u_m, fit.places_m)
+        noise = float(square.sum() / max(count.sum(), 1))
+        rows = seen.sum(axis=1) > 1
+        arms = rigid_modes(fit.places_m - self.about_m)[..., 3:]
+        by_turn = np.einsum("kxa,pkx,kxb->pab", arms, self.weight[rows], arms, optimize=True)
+        left = np.nan_to_num(self.p_m - fit.places_m - _moved(self.modes, fit.motion))[rows]
+        inverse = np.linalg.pinv(by_turn, rcond=_IN_LINE**2, hermitian=True)
+        pulled = np.einsum("kxa,pkx->pa", arms, self.weight[rows] * left)
+        turn = np.einsum("pab,pb->pa", inverse, pulled)
+        expected = 0.5 * noise * float(np.mean(np.trace(inverse, axis1=1, axis2=2)))
+        shown = 0.5 * float(np.mean(np.sum(turn**2, axis=1)))
+        return max(shown - expected, 0.0) + expected / float(np.sqrt(rows.sum()))
+
+
+def _share(seen: Mask, able: Callable[[Mask], bool]) -> float:
+    """Return the share of configurations (P, K) with readings whose targets are able to show it."""
+    patterns, times = np.unique(seen[seen.any(axis=1)], axis=0, return_counts=True)
+    count = sum(int(n) for pattern, n in zip(patterns, times, strict=True) if able(pattern))
+    return count / max(int(times.sum()), 1)
+
+
+def _not_in_line(b_m: Array) -> bool:
+    """Return whether targets (K, 3) are three or more, not in line."""
+    if len(b_m) < 3:
+        return False
+    thickness = np.linalg.svd(b_m - b_m.mean(axis=0), compute_uv=False)
+    return bool(thickness[1] > _IN_LINE * thickness[0])
 
 
 @dataclass(frozen=True)

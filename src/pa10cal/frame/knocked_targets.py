@@ -1,7 +1,9 @@
-"""Fixed targets that moved against each other: which, when, by how much.
+"""Fixed targets that were read wrongly, or moved against each other: which, when, by how much.
 
 Whatever the instrument did, the shape that the targets make stays as it is. What of the readings no
-rigid motion makes is therefore noise, and a step in it shows that one of them was knocked.
+rigid motion makes is therefore noise: a single reading far out of it is wrong, and a step in it
+shows that a target was knocked. Neither counts where it is smaller than the stated uncertainty:
+what is within that is expected of good readings.
 """
 
 from __future__ import annotations
@@ -10,20 +12,26 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 from scipy.special import chdtri
 
 from pa10cal.frame.pose_error import cross_matrix
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 #: Half the gain in squares that a step needs, in nats, and readings on either side of it.
 _NEEDED = 20.0
 _EITHER_SIDE = 5
 #: Another target explains a step as well where it is worse by less than this.
 _AS_WELL = 12.0
-#: A step counts from so many standard deviations of a reading.
+#: A step counts from so many standard deviations of a reading, stated or found, the larger.
 _LEAST = 1.0
+#: A reading is expected in the median of so many around it of the same target, and is far off it
+#: from so many times the usual distance.
+_AROUND = 11
+_FAR_OFF = 8.0
 #: Readings further off than this many standard deviations count as this far.
 _FAR = 5.0
 #: Directions that rigid motions move less than this part are left to noise.
@@ -56,15 +64,90 @@ def rigid_modes(offset_m: Array) -> Array:
     return modes
 
 
-def rows_off_shape(p_m: Array, u_m: Array) -> NDArray[np.bool_]:
-    """Return configurations (P,) in which some target was read wrongly: the shape is another."""
-    shape, _, rows = _shape(p_m, u_m)
+def wrong_by_themselves(p_m: Array, u_m: Array) -> Mask:
+    """Return readings (P, K) far from those of the same target around them, where others are not.
+
+    Targets that are far off together, in the shape that they always make, were moved together.
+
+    Args:
+        p_m: (P, K, 3) readings in order of time, nan where a target was not seen.
+        u_m: (P, K, 3) stated standard uncertainties.
+    """
+    off_m = np.full(p_m.shape, np.nan)
+    for k in range(p_m.shape[1]):
+        seen = np.isfinite(p_m[:, k, 0])
+        around = median_filter(p_m[seen, k], size=(_AROUND, 1), mode="nearest")
+        off_m[seen, k] = p_m[seen, k] - around
+    usual = _MEDIAN_TO_SIGMA * np.nanmedian(np.abs(off_m), axis=0)
+    size = np.linalg.norm(off_m / np.maximum(usual, np.nan_to_num(u_m)), axis=2)
+    far: Mask = np.asarray(size > _FAR_OFF * np.sqrt(3.0))
+    together = np.flatnonzero(far.sum(axis=1) > 1)
+    square, count = misfits(p_m[together], u_m[together], np.nanmedian(p_m, axis=0))
+    far[together[square < _FAR_OFF**2 * count]] = False
+    return far
+
+
+def wrong_in_shape(p_m: Array, u_m: Array) -> Mask:
+    """Return readings (P, K) that make the targets' shape another one.
+
+    Of three targets or more the one without which the shape is right, if there is no other such;
+    else all of a configuration.
+    """
+    wrong = np.zeros(p_m.shape[:2], dtype=bool)
+    places_m = np.nanmedian(p_m, axis=0)
+    square, count = misfits(p_m, u_m, places_m)
+    shown = count > 0
+    if not shown.any():
+        return wrong
+    usual = float(np.median(square[shown] / chdtri(count[shown], 0.5)))
+    variance = max(usual, 1.0)
     off = np.zeros(len(p_m), dtype=bool)
-    if shape.size < 2 * _EITHER_SIDE:
-        return off
-    square = np.sum((shape / _scale(shape)) ** 2, axis=1)
-    off[rows] = square > chdtri(shape.shape[1], _ERROR_RATE / len(shape))
-    return off
+    off[shown] = square[shown] > variance * chdtri(count[shown], _ERROR_RATE / shown.sum())
+    for row in np.flatnonzero(off):
+        wrong[row] = np.isfinite(p_m[row, :, 0])
+        if (alone := _the_wrong_one(p_m[row], u_m[row], places_m, variance)) is not None:
+            wrong[row] = np.arange(len(places_m)) == alone
+    return wrong
+
+
+def _the_wrong_one(p_m: Array, u_m: Array, places_m: Array, variance: float) -> int | None:
+    """Return the one target without which a configuration's shape is right; None if several are."""
+    seen = np.flatnonzero(np.isfinite(p_m[:, 0]))
+    if len(seen) < 3:
+        return None
+    without = np.repeat(p_m[None], len(seen), axis=0)
+    without[range(len(seen)), seen] = np.nan
+    square, count = misfits(without, np.broadcast_to(u_m, without.shape), places_m)
+    best, second = np.argsort(square)[:2]
+    right = square[best] <= variance * chdtri(max(int(count[best]), 1), _ERROR_RATE)
+    if not right or square[second] - square[best] < 2.0 * _AS_WELL * variance:
+        return None
+    return int(seen[best])
+
+
+def misfits(p_m: Array, u_m: Array, places_m: Array) -> tuple[Array, Index]:
+    """Return what no rigid motion makes of the readings (R, K, 3) of each configuration.
+
+    Returns:
+        (R,) sums of its squares in stated standard deviations, and of how many components.
+    """
+    seen = np.isfinite(p_m[..., 0])
+    square, count = np.zeros(len(p_m)), np.zeros(len(p_m), dtype=np.intp)
+    patterns, of = np.unique(seen, axis=0, return_inverse=True)
+    for number, pattern in enumerate(patterns):
+        if pattern.sum() < 2:
+            continue
+        rows = np.flatnonzero(of.ravel() == number)
+        middle_m = places_m[pattern].mean(axis=0)
+        modes = rigid_modes(places_m[pattern] - middle_m).reshape(-1, 6)
+        rank = np.linalg.matrix_rank(modes, tol=_RANK * np.linalg.norm(modes, 2))
+        over = u_m[rows][:, pattern].reshape(len(rows), -1)
+        left = np.linalg.svd(modes / over[..., None], full_matrices=False)[0][..., :rank]
+        off = (p_m[rows][:, pattern] - places_m[pattern]).reshape(len(rows), -1) / over
+        off -= np.einsum("rij,rkj,rk->ri", left, left, off, optimize=True)
+        square[rows] = np.sum(off**2, axis=1)
+        count[rows] = over.shape[1] - rank
+    return square, count
 
 
 def without_knocked(p_m: Array, u_m: Array) -> tuple[tuple[Knock, ...], Array]:
@@ -112,7 +195,7 @@ def knocks(p_m: Array, u_m: Array) -> Knock | None:
     shift_m = np.linalg.lstsq(across[k], within, rcond=1e-3)[0]
     said_m = float(np.nanmedian(u_m))
     size_m = float(np.linalg.norm(shift_m)) * said_m
-    if 0.5 * best[k] < _NEEDED or size_m < _LEAST * sigma * said_m:
+    if 0.5 * best[k] < _NEEDED or size_m < _LEAST * max(sigma, 1.0) * said_m:
         return None
     as_well = tuple(int(j) for j in np.flatnonzero(best > best[k] - 2.0 * _AS_WELL))
     return Knock(as_well, int(rows[at]), size_m)

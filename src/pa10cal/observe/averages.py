@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar, cast
 
@@ -40,18 +41,19 @@ class RepeatScatter:
         return self.dof >= LEAST_DOF
 
 
-def average_repeats(single: Observations[M]) -> Observations[M]:
+def average_repeats(single: Observations[M], cuts_s: Sequence[float] = ()) -> Observations[M]:
     """Average the readings of the same pose and load.
 
     Args:
         single: one reading a row; covariances are those of the reading.
+        cuts_s: times that part the campaign: readings on either side are not averaged.
 
     Returns:
         One row for each pose and load, ordered by them: means of joints, torques, arrivals (a joint
         that arrived from either side has one between -1 and 1), temperature and time, and of what
         was measured, with the covariance of that mean for independent readings.
     """
-    return average_groups(single, reading_groups(single))
+    return average_groups(single, reading_groups(single, cuts_s))
 
 
 def average_groups(single: Observations[M], code: Index) -> Observations[M]:
@@ -87,6 +89,7 @@ def average_states(states: PoseStates, code: Index) -> PoseStates:
         time_s=group_means(states.time_s, code),
         campaign=None if states.campaign is None else states.campaign[first],
         moved=None if states.moved is None else group_means(states.moved, code),
+        timed=None if states.timed is None else states.timed[first],
     )
 
 
@@ -164,9 +167,15 @@ def with_scatter(poses: Observations[Pose], scatter: RepeatScatter) -> Observati
     return poses.with_measured(cov=covariance / poses.readings[:, None, None])
 
 
-def reading_groups(single: Observations) -> Index:
-    """Return, for every reading, its row in `average_repeats`: by pose label, then load."""
+def reading_groups(single: Observations, cuts_s: Sequence[float] = ()) -> Index:
+    """Return, for every reading, its row in `average_repeats`: by pose label, load, then part."""
     _, label = np.unique(single.pose, return_inverse=True)
     loads, load = np.unique(single.states.load_N, return_inverse=True)
-    _, code = np.unique(label * len(loads) + load, return_inverse=True)
-    return np.asarray(code, dtype=np.intp)
+    part = part_of(single.states.time_s, cuts_s)
+    code = (label * len(loads) + load) * (len(cuts_s) + 1) + part
+    return np.asarray(np.unique(code, return_inverse=True)[1], dtype=np.intp)
+
+
+def part_of(time_s: Array, cuts_s: Sequence[float]) -> Index:
+    """Return in which part of a campaign each time lies, from 0, (P,)."""
+    return np.searchsorted(np.sort(np.asarray(cuts_s, dtype=float)), time_s, side="left")

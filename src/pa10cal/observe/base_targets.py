@@ -50,6 +50,28 @@ class Knocked:
 
 
 @dataclass(frozen=True)
+class Misread:
+    """Single readings that are not of their base target.
+
+    Attributes:
+        target: its name.
+        readings: how many of them.
+        pose: label of the configuration of the furthest.
+        off_mm: how far that is from where the target stands.
+    """
+
+    target: str
+    readings: int
+    pose: str
+    off_mm: float
+
+    def __str__(self) -> str:
+        times = f"{self.readings} readings" if self.readings > 1 else "one reading"
+        most = ", the furthest" if self.readings > 1 else ""
+        return f"{times} of {self.target}{most} {self.off_mm:.3g} mm off (pose {self.pose})"
+
+
+@dataclass(frozen=True)
 class MotionFound:
     """How the motion of base targets was found.
 
@@ -60,6 +82,7 @@ class MotionFound:
         noise: scatter of their readings over the stated uncertainty.
         knocked: targets that moved against the others; their readings of the shorter stretch are
             not used.
+        misread: targets with wrong readings, which are not used.
         without: configurations without a reading that could be used.
     """
 
@@ -68,6 +91,7 @@ class MotionFound:
     turns: bool
     noise: float
     knocked: tuple[Knocked, ...]
+    misread: tuple[Misread, ...]
     without: int
 
     def plain(self) -> dict[str, Any]:
@@ -81,8 +105,9 @@ class MotionFound:
             Knocked(tuple(each["targets"]), each["pose"], each["time_s"], each["shift_mm"])
             for each in plain["knocked"]
         )
+        misread = tuple(Misread(**each) for each in plain["misread"])
         x, y, z = plain["about_mm"]
-        return cls(**{**plain, "about_mm": (x, y, z), "knocked": knocked})
+        return cls(**{**plain, "about_mm": (x, y, z), "knocked": knocked, "misread": misread})
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.observe.arrivals import with_arrivals
@@ -115,7 +116,16 @@ def _states(each: Sequence[PoseStates], campaign: Index) -> PoseStates:
         temperature_C=np.concatenate([states.temperature_C for states in each]),
         time_s=np.concatenate([states.time_s for states in each]),
         campaign=campaign,
+        timed=_timed(each),
     )
+
+
+def _timed(each: Sequence[PoseStates]) -> NDArray[np.bool_] | None:
+    """Return which poses of all campaigns have a time; None where all do."""
+    if all(states.tells_time for states in each):
+        return None
+    known = [np.ones(len(s), dtype=bool) if s.timed is None else s.timed for s in each]
+    return np.concatenate(known)
 
 
 def _log(logs: Sequence[JointLog | None]) -> JointLog | None:

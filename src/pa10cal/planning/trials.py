@@ -6,12 +6,20 @@ import ast
 from functools import cache
 from pathlib import Path
 
-from pa10cal.evaluation.options import DriveCounts, TrialCounts, WildCounts
+from pa10cal.evaluation.options import (
+    DriveCounts,
+    SortedCounts,
+    TrialCounts,
+    UnstatedCounts,
+    WildCounts,
+)
 
 _CELL = Path(__file__).parents[1] / "cell"
 
 
-def trial_counts(counts: TrialCounts | WildCounts | DriveCounts) -> dict[str, int]:
+def trial_counts(
+    counts: TrialCounts | WildCounts | DriveCounts | UnstatedCounts | SortedCounts,
+) -> dict[str, int]:
     """Return the number of trials of each kind.
 
     Args:

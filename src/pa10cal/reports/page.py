@@ -19,7 +19,7 @@ from pa10cal.reports.model_errors import headline
 from pa10cal.reports.sections.accuracy import accuracy
 from pa10cal.reports.sections.measured import measured
 from pa10cal.reports.sections.missing import missing, next_poses
-from pa10cal.reports.sections.outcome import grade, grade_sentence, verdict, verdict_sentence
+from pa10cal.reports.sections.outcome import grade, grade_sentence, verdict, verdict_glance
 from pa10cal.reports.sections.parameters import parameters
 from pa10cal.reports.sections.repeats import repeats
 from pa10cal.reports.sections.residuals import residuals
@@ -139,8 +139,7 @@ def _glances(found: Gathered) -> Iterator[Glance]:
     if found.verdict is None:
         yield Glance("Verdict", "none yet", "What the model lacks was not looked for.")
     else:
-        word = found.verdict.verdict.replace("_", " ")
-        yield Glance("Verdict", word, verdict_sentence(found.verdict))
+        yield Glance("Verdict", *verdict_glance(found.verdict))
     ends = headline(found)
     if ends is not None:
         before, after = ends

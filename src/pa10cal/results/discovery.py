@@ -7,12 +7,13 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, JsonValue
 
-from pa10cal.results.accuracy import BeforeAfter, EffectParameter, Parameter
+from pa10cal.results.accuracy import Accuracy, BeforeAfter, EffectParameter, Parameter
 from pa10cal.results.angles import AnglesSeen as AnglesSeen
 from pa10cal.results.angles import FallsBack as FallsBack
 from pa10cal.results.bands import Bands as Bands
 from pa10cal.results.bands import PoseScatter as PoseScatter
 from pa10cal.results.effect_name import EffectName as EffectName
+from pa10cal.results.explained import Explained as Explained
 from pa10cal.results.fault_kind import FaultKind
 from pa10cal.results.group import EffectByCampaign
 from pa10cal.results.map_form import MapForm as MapForm
@@ -72,6 +73,41 @@ class EvidenceByBlocks(Part):
     )
 
 
+class EvidenceOfSag(Part):
+    """Statistics that decided about a joint that gives way under weights that nobody stated."""
+
+    lost_without_it_nats: float = Field(description="log evidence lost with the joint rigid")
+    needed_nats: float = Field(description="log evidence needed")
+    sag_mrad: float = Field(description="largest deflection over the poses fitted [mrad]")
+    sag_u_mrad: float = Field(description="its standard uncertainty [mrad]")
+    rigid_mm: float = Field(
+        description="root mean square position error of the poses fitted, the joint rigid [mm]"
+    )
+    gives_way_mm: float = Field(description="the same as the joint is [mm]")
+    held_out_rigid_mm: float | None = Field(
+        description="of held-out poses, the joint rigid [mm]; null without any"
+    )
+    held_out_gives_way_mm: float | None = Field(description="the same as the joint is [mm]")
+    all_rigid_mm: float = Field(
+        description="of held-out poses, or else of those fitted, with all joints rigid that give "
+        "way [mm]"
+    )
+
+    @property
+    def words(self) -> str:
+        """Return it in words: how far the joint sags, and what is left with it rigid."""
+        rigid_mm, now_mm, which = self.rigid_mm, self.gives_way_mm, "poses fitted"
+        if self.held_out_rigid_mm is not None and self.held_out_gives_way_mm is not None:
+            rigid_mm, now_mm = self.held_out_rigid_mm, self.held_out_gives_way_mm
+            which = "held-out poses"
+        return (
+            f"sags by up to {self.sag_mrad:.2f} ± {1.96 * self.sag_u_mrad:.2g} mrad under the "
+            f"arm's weight; held rigid it leaves {rigid_mm:.3f} mm rms of {which}, as it is "
+            f"{now_mm:.3f} mm; log evidence {self.lost_without_it_nats:.3g} nats, "
+            f"{self.needed_nats:.3g} needed"
+        )
+
+
 class NamedEffect(EffectName):
     """An effect that was named."""
 
@@ -87,12 +123,16 @@ class FoundEffect(NamedEffect):
     form: MapForm | None = Field(
         description="form of a map that has its own; null for every other effect"
     )
-    evidence: EvidenceByRepeats | EvidenceByBlocks = Field(
+    evidence: EvidenceByRepeats | EvidenceByBlocks | EvidenceOfSag = Field(
         description="the statistics that decided"
     )
     witness: JointWitness | None = optional(
         "whether the joint's sensor or its gear errs; of errors by its angle, where anything is "
         "known of it"
+    )
+    weights: Literal["assumed", "total", "logged"] | None = optional(
+        "where the weights come from under which a joint gives way, where the arm's description "
+        "states none: its stiffness is known relative to assumed ones"
     )
 
 
@@ -161,12 +201,21 @@ class SetGap(LoadGap):
     trusted: BeforeAfter | None = optional(
         "without configurations that have a suspected reading (`faults`); not given where none has"
     )
+    without_motion: BeforeAfter | None = optional(
+        "the same with the motion of base or instrument that was found taken out of the readings: "
+        "no model holds it, and no other number here is without it; not given where none was found"
+    )
+    with_rivals: Accuracy | None = optional(
+        "errors of a model that is not written: with the smooth unknown functions, too, that the "
+        "search held and that are no names; not given where it held none"
+    )
 
 
 class Gap(Part):
     """The error before (calibrated model) and after (with the named effects).
 
-    Where effects were not sought, both are those of the calibrated model.
+    Both models are those that are written: the calibration's and `extended.json`'s. Where effects
+    were not sought, both are those of the calibrated model.
     """
 
     noise_floor_mm: float = Field(
@@ -291,6 +340,11 @@ class VerdictKeys(Part):
     method: Literal["evidence of repeats", "cross-validation over blocks"] | None = Field(
         description="how effects were judged; null where they were not sought"
     )
+    explained: Explained | None = optional(
+        "how much of the position error beyond noise the effects found take away, and each of "
+        "them; not given where the calibrated model errs by no more than noise, the verdict is "
+        "`none`, or effects were not sought"
+    )
     effects: tuple[FoundEffect, ...] = Field(description="effects named, in the order found")
     faults: tuple[Fault, ...] = Field(
         description="faults of the log; `effects` then holds those that stand whatever becomes of "
@@ -337,6 +391,17 @@ class VerdictKeys(Part):
     separations: tuple[Separation, ...] | None = optional(
         "how far apart the suggested poses are expected to bring each pair"
     )
+
+    @property
+    def effects_by_share(self) -> tuple[FoundEffect, ...]:
+        """Return the effects in the order of what they take away, where that is known."""
+        if self.explained is None:
+            return self.effects
+        places = [(each.ids[0], each.of) for each in self.explained.of]
+        known = {name: k for k, name in enumerate(places)}
+        return tuple(
+            sorted(self.effects, key=lambda each: known.get((each.id, each.of), len(places)))
+        )
 
 
 class VerdictRecord(VerdictKeys, MeasuredRecord):
@@ -386,6 +451,10 @@ class ExtendedRecord(ExtendedKeys, MeasuredRecord):
     verdict: Verdict = Field(description="the verdict")
     arrival_from_order: bool = Field(
         description="whether directions of arrival come from the order of the poses"
+    )
+    steps_s: tuple[float, ...] | None = optional(
+        "times at which instrument or base moved at once, the most certain first [s]; not given "
+        "where they did not"
     )
     named: tuple[NamedEffect, ...] = Field(description="effects named, with uncertainties")
     warnings: tuple[str, ...] = Field(description="what to know before the model is trusted")

@@ -32,6 +32,7 @@ from pa10cal.results.drift import DriftRecord
 from pa10cal.results.evaluation import HoldoutRecord, TransferRecord
 from pa10cal.results.fleet import ChainRecord, FleetRecord
 from pa10cal.results.iso9283 import Iso9283Record
+from pa10cal.results.measured import MeasuredRobotsRecord
 from pa10cal.results.montecarlo import PlaneRecord
 from pa10cal.results.pictures import PicturesRecord
 from pa10cal.results.plan import PlanRecord
@@ -63,6 +64,7 @@ RECORDS: tuple[type[Record], ...] = (
     PicturesRecord,
     ChainRecord,
     FleetRecord,
+    MeasuredRobotsRecord,
     CurveRecord,
     CurveCalibrationRecord,
     CoverageRecord,

@@ -73,6 +73,22 @@ class HeldOutModel(Accuracy):
 _Models = Mapping[Annotated[str, Key("model")], HeldOutModel]
 
 
+class PartOfCampaign(Part):
+    """A part of a campaign in which instrument or base moved at once; it has its own base."""
+
+    from_s: float = Field(alias="from", description="time of its first reading [s]")
+    to_s: float = Field(alias="to", description="time of its last reading [s]")
+    poses: int = Field(description="calibration poses, to which its base was fitted")
+    held_out: int = Field(description="configurations held out")
+    moved_by_mm: float | None = Field(
+        description="how far positions moved from the part before, root mean square over all "
+        "calibration poses [mm]; null of the first"
+    )
+    turned_by_mrad: float | None = Field(
+        description="by how much the base turned then [mrad]; null of the first"
+    )
+
+
 class HoldoutRecord(MeasuredRecord):
     """`evaluation/holdout.json`."""
 
@@ -85,6 +101,12 @@ class HoldoutRecord(MeasuredRecord):
     models: _Models = Field(
         description="errors by model: `uncalibrated`, `geometry` (without springs), `linear`, "
         "`cubic`, `extended` (with the effects that discovery named)"
+    )
+    parts: tuple[PartOfCampaign, ...] | None = optional(
+        "parts before and after steps in time that the verdict tells; not given where it tells none"
+    )
+    by_parts: Mapping[Annotated[str, Key("model")], Accuracy] | None = optional(
+        "errors by model with base and tool fitted anew, a base for every part"
     )
     note: str | None = optional("why there is no model in it")
 
@@ -100,5 +122,12 @@ class TransferRecord(MeasuredRecord):
     configurations: int = Field(description="held-out configurations of this campaign")
     models: _Models = Field(
         description="errors by model, base and tool fitted in this campaign: `uncalibrated`, "
-        "`geometry`, `linear`, `extended`"
+        "`geometry`, `linear`, `extended`; a base for every one of `parts`"
+    )
+    parts: tuple[PartOfCampaign, ...] | None = optional(
+        "parts before and after instrument or base moved at once, as the calibration poses show; "
+        "not given where nothing moved"
+    )
+    one_base: Mapping[Annotated[str, Key("model")], Accuracy] | None = optional(
+        "errors by model with one base for all parts"
     )

@@ -33,6 +33,10 @@ class HiddenEffect(EffectName):
         description="root mean square by which it moves the residual of the calibrated model [mm]; "
         "null where the trial failed"
     )
+    apart_mm: float | None = optional(
+        "the same once the sizes of all else that is hidden are fitted, too; of trials whose "
+        "`moved_mm` is worked out from the truth (`unstated_masses`, `sorted_rows`)"
+    )
 
 
 class PutIn(Part):
@@ -73,6 +77,10 @@ class TrialTruthRecord(CampaignRecord):
     )
     mass_factor: tuple[float, ...] = Field(description="factors of the masses that are stated")
     seconds_twin: float = Field(description="processor time to find `moved_mm` [s]")
+    noise_mm: float | None = optional(
+        "what noise alone leaves of positions [mm], root mean square, averaged over repeats; where "
+        "`moved_mm` is worked out from the truth"
+    )
 
 
 class TrialVerdictRecord(CampaignRecord):

@@ -23,8 +23,14 @@ class WildSubject(Part):
         description="those with a name that is not hidden; a confident one where a fault, or an "
         "effect outside the vocabulary, is in them"
     )
-    above_noise: int = Field(description="faults in them above three times the noise")
-    told: int = Field(description="of these faults, those told, refused or suspected")
+    above_noise: int = Field(
+        description="faults in them above three times the noise; of `unstated_masses` and "
+        "`sorted_rows`, effects with which the residual is 1.5 times the noise or more"
+    )
+    told: int = Field(
+        description="of these faults, those told, refused or suspected; of these effects, those "
+        "named or among the alternatives"
+    )
     found: int = Field(description="hidden effects named or among the alternatives")
     false_comfort: int = Field(description="trials with `none` where something is wrong, untold")
     worse: int = Field(description="trials whose held-out error the effects found make worse")

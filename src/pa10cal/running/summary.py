@@ -101,8 +101,10 @@ def notes(verdict: VerdictKeys) -> tuple[str, ...]:
     """Return what a verdict says beside its word, in one line each."""
     effects = [
         " or ".join(f"{name.id} of {name.of}" for name in (each, *each.alternatives))
-        for each in verdict.effects
+        for each in verdict.effects_by_share
     ]
+    lead = verdict.explained
+    explained = [lead.headline, *lead.sentences[:1]] if lead is not None and lead.of else []
     named = [f"{verdict.verdict}: {', '.join(effects)}"] if effects else []
     unsought = [f"not_sought: {verdict.why}; {verdict.remedy}"] if verdict.why else []
     nameless = [
@@ -112,7 +114,7 @@ def notes(verdict: VerdictKeys) -> tuple[str, ...]:
     faults = [
         f"the log: {fault.where}: {fault.what}; {fault.remedy}" for fault in verdict.faults or ()
     ]
-    return (*named, *unsought, *nameless, *faults)
+    return (*explained, *named, *unsought, *nameless, *faults)
 
 
 def table(campaigns: Sequence[CampaignSummary]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -28,6 +29,10 @@ from pa10cal.results.trials import (
     TrialTruthRecord,
     TrialVerdictRecord,
 )
+
+#: Fault and effect that are motions in the course of time, and the words of one without a name.
+IN_TIME, DRIFT = "step_in_time", "base_drift"
+_OF_MOTION = re.compile(r"\b(moved|wander|drift|crept|creep)", re.I)
 
 _R = TypeVar("_R", bound=CampaignRecord)
 
@@ -111,7 +116,7 @@ def joined(record: TrialVerdictRecord, truth: TrialTruthRecord) -> BlindTrial:
         measured=truth.measured,
         flexible_joints=truth.flexible_joints,
         hidden=tuple(
-            Hidden(_name(effect), effect.size, effect.parameters, effect.moved_mm)
+            Hidden(_name(effect), effect.size, effect.parameters, effect.moved_mm, effect.apart_mm)
             for effect in truth.hidden_effects
         ),
         seconds_twin=truth.seconds_twin,
@@ -122,6 +127,7 @@ def joined(record: TrialVerdictRecord, truth: TrialTruthRecord) -> BlindTrial:
             Disturbed(each.id, each.where, each.stressor, each.kinds, each.measured, each.moved_mm)
             for each in truth.put_in
         ),
+        noise_mm=truth.noise_mm,
     )
 
 
@@ -153,6 +159,7 @@ def _verdict(record: JudgedTrialRecord) -> Verdict:
             faults=tuple((fault.kind, fault.where) for fault in record.faults),
             grade="" if record.health is None else record.health.grade,
             left_out=frozenset(() if record.health is None else record.health.left_out),
+            motions=_motions(record),
         ),
         proposed=tuple(Formula(each.form, each.of, each.numbers) for each in record.proposed or ()),
     )
@@ -163,6 +170,20 @@ def _places(record: JudgedTrialRecord) -> tuple[str | None, ...]:
     if record.verdict != "unexplained" or record.unexplained is None:
         return ()
     return tuple(place.of for place in record.unexplained.all)
+
+
+def _motions(record: JudgedTrialRecord) -> tuple[str, ...]:
+    """Return what a verdict says of motions in the course of time, with a name or without."""
+    unexplained = () if record.unexplained is None else record.unexplained.all
+    return (
+        *(fault.what for fault in record.faults if fault.kind == IN_TIME),
+        *(each.why for each in unexplained if _OF_MOTION.search(each.why)),
+        *(
+            " or ".join(f"{name.id} of {name.of}" for name in (effect, *effect.alternatives))
+            for effect in record.effects
+            if effect.id == DRIFT
+        ),
+    )
 
 
 def _name(effect: EffectName) -> Name:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.springs import UnitDeflection, deflection_rad, unit_deflection
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.term import Parameter, Report
+from pa10cal.terms.term import OPTIONAL, Parameter, Report
 
 Array = NDArray[np.float64]
 
@@ -59,11 +59,13 @@ class JointSpring:
         joint: 1 … n.
         tau_ref_Nm: reference torque, best the largest that the joint carried.
         cubic: whether K_cub is an unknown; a linear spring has K_cub = 0.
+        plausible_rad: windup to be expected; None where any is as likely.
     """
 
     joint: int
     tau_ref_Nm: float
     cubic: bool = True
+    plausible_rad: float | None = field(default=None, metadata={OPTIONAL: True})
     id: ClassVar[str] = "joint_spring"
 
     @property
@@ -85,6 +87,7 @@ class JointSpring:
             _WINDUP_SCALE_RAD,
             lower=_RIGID_RAD,
             upper=_SOFTEST_RAD,
+            plausible=self.plausible_rad,
         )
         share = Parameter(
             f"cubic_share_{self.joint}", "1", _SHARE_SCALE, lower=0.0, upper=_LARGEST_SHARE

@@ -1,4 +1,4 @@
-"""A term that holds in the poses of one campaign of a group: its base, its tool, its arrivals."""
+"""A term that holds in some poses alone: of a campaign of a group, or of a part of a campaign."""
 
 from __future__ import annotations
 
@@ -22,8 +22,69 @@ Array = NDArray[np.float64]
 OF = "@"
 
 
+class _InSomePoses:
+    """Adds what another term does, in some poses alone.
+
+    Attributes:
+        term: the term; it neither yields to torques nor shows in them.
+        name: of those poses, which the parameters bear.
+    """
+
+    term: Term
+    name: str
+
+    def __post_init__(self) -> None:
+        if yields(self.term) or shows_torque(self.term):
+            raise TermError(
+                "a term of torques cannot belong to one campaign",
+                where=f"{self.term.id} of {self.term.of}",
+                allowed="terms that move the chain alone",
+                remedy="give the term to all campaigns of the group",
+            )
+
+    @property
+    def of(self) -> str:
+        """Return the place of the term, and the name of the poses."""
+        return f"{self.term.of}{OF}{self.name}"
+
+    @property
+    def formula(self) -> str:
+        """Return the form of the term."""
+        return f"in the poses of {self.name}: {self.term.formula}"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the parameters of the term, each with the name of the poses."""
+        return self._named(self.term.parameters)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the chain coordinates it adds to."""
+        return self.term.coordinates
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        """Return what the term adds, nothing in other poses, (P, m) or (1, m)."""
+        return np.asarray(self._here(states)[:, None] * self.term.shift(states, x))
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the derivative of `shift` by x, (P, m, k) or (1, m, k)."""
+        return np.asarray(self._here(states)[:, None, None] * self.term.derivative(states, x))
+
+    def report(self, x: Array) -> Report:
+        """Return the parameters as the term does, each with the name of the poses."""
+        found = self.term.report(x)
+        return replace(found, parameters=self._named(found.parameters))
+
+    def _named(self, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+        return tuple(replace(each, name=of_campaign(each.name, self.name)) for each in parameters)
+
+    def _here(self, states: PoseStates) -> NDArray[np.bool_]:
+        """Return which poses it holds in, (P,) or (1,)."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class OfCampaign:
+class OfCampaign(_InSomePoses):
     """Adds what another term does, in the poses of one campaign alone.
 
     Attributes:
@@ -37,55 +98,32 @@ class OfCampaign:
     name: str
     id: ClassVar[str] = "of_campaign"
 
-    def __post_init__(self) -> None:
-        if yields(self.term) or shows_torque(self.term):
-            raise TermError(
-                "a term of torques cannot belong to one campaign",
-                where=f"{self.term.id} of {self.term.of}",
-                allowed="terms that move the chain alone",
-                remedy="give the term to all campaigns of the group",
-            )
-
-    @property
-    def of(self) -> str:
-        """Return the place of the term, and the campaign."""
-        return f"{self.term.of}{OF}{self.name}"
-
-    @property
-    def formula(self) -> str:
-        """Return the form of the term."""
-        return f"in the poses of {self.name}: {self.term.formula}"
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Return the parameters of the term, each with the name of the campaign."""
-        return self._named(self.term.parameters)
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Return the chain coordinates it adds to."""
-        return self.term.coordinates
-
-    def shift(self, states: PoseStates, x: Array) -> Array:
-        """Return what the term adds, nothing in the poses of others, (P, m) or (1, m)."""
-        return np.asarray(self._here(states)[:, None] * self.term.shift(states, x))
-
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the derivative of `shift` by x, (P, m, k) or (1, m, k)."""
-        return np.asarray(self._here(states)[:, None, None] * self.term.derivative(states, x))
-
-    def report(self, x: Array) -> Report:
-        """Return the parameters as the term does, each with the name of the campaign."""
-        found = self.term.report(x)
-        return replace(found, parameters=self._named(found.parameters))
-
-    def _named(self, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
-        return tuple(replace(each, name=of_campaign(each.name, self.name)) for each in parameters)
-
     def _here(self, states: PoseStates) -> NDArray[np.bool_]:
         """Return which poses are of the campaign, (P,); (1,) where no campaign is meant."""
         campaign = np.zeros(1) if states.campaign is None else states.campaign
         return np.asarray(campaign == self.campaign)
+
+
+@dataclass(frozen=True)
+class OfPart(_InSomePoses):
+    """Adds what another term does, in the poses of one part of a campaign alone.
+
+    Attributes:
+        term: the term; it neither yields to torques nor shows in them.
+        from_s: the part begins after this time.
+        to_s: and ends with this one; infinite of the last.
+        name: its name, which the parameters bear.
+    """
+
+    term: Term
+    from_s: float
+    to_s: float
+    name: str
+    id: ClassVar[str] = "of_part"
+
+    def _here(self, states: PoseStates) -> NDArray[np.bool_]:
+        """Return which poses are of the part, (P,)."""
+        return np.asarray((states.time_s > self.from_s) & (states.time_s <= self.to_s))
 
 
 def of_campaign(name: str, campaign: str) -> str:
@@ -95,14 +133,14 @@ def of_campaign(name: str, campaign: str) -> str:
 
 def is_constant(term: Term) -> bool:
     """Return whether a term is the same in every pose, or in every pose of a campaign."""
-    return isinstance(term.term if isinstance(term, OfCampaign) else term, Offsets)
+    return isinstance(term.term if isinstance(term, OfCampaign | OfPart) else term, Offsets)
 
 
 def about_moved_base(terms: Sequence[Term], x: Array, small: Array) -> Array:
     """Return the parameters of terms (k,) once the motion of the base has become its frame.
 
-    How the base of another campaign departs is added to that motion; about the frame moved by it
-    the departure is a little different.
+    How the base of another campaign or part departs is added to that motion; about the frame moved
+    by it the departure is a little different.
 
     Args:
         terms: without the motion of the base itself.
@@ -114,7 +152,7 @@ def about_moved_base(terms: Sequence[Term], x: Array, small: Array) -> Array:
     for term in terms:
         columns = slice(first, first + len(term.parameters))
         first = columns.stop
-        if not (isinstance(term, OfCampaign) and set(term.coordinates) <= set(BASE)):
+        if not (isinstance(term, OfCampaign | OfPart) and set(term.coordinates) <= set(BASE)):
             continue
         at = [BASE.index(name) for name in term.coordinates]
         whole = small.copy()

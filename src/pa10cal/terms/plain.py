@@ -20,7 +20,7 @@ from pa10cal.terms.faults.family import every_fault
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.offsets import Offsets
-from pa10cal.terms.term import Term
+from pa10cal.terms.term import OPTIONAL, Term
 from pa10cal.terms.weights import Weights
 
 
@@ -36,6 +36,10 @@ def term_to_plain(term: Term) -> dict[str, Any]:
         return {"id": term.id, "of": term.of, "form": own}
     form: dict[str, Any] = _adapter(type(term)).dump_python(term, mode="json")
     form.pop("of", None)
+    kind: Any = type(term)
+    for each in fields(kind):
+        if each.metadata.get(OPTIONAL) and getattr(term, each.name) == each.default:
+            del form[each.name]
     return {"id": term.id, "of": term.of, "form": form}
 
 

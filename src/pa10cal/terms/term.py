@@ -12,6 +12,9 @@ from pa10cal.arm.state import PoseStates
 
 Array = NDArray[np.float64]
 
+#: In the metadata of a field of a term: omitted from files where it has its default.
+OPTIONAL = "optional"
+
 
 @dataclass(frozen=True)
 class Parameter:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.errors import CalibrationError
-from pa10cal.terms.term import Parameter, Report, report_as_solved
+from pa10cal.terms.term import OPTIONAL, Parameter, Report, report_as_solved
 from pa10cal.terms.torque_only import TorqueOnly
 
 Array = NDArray[np.float64]
@@ -26,15 +26,15 @@ class WeightSizes:
     """Standard uncertainties of the weights of an arm.
 
     Attributes:
-        link_mass: of a link's mass, relative.
-        link_com_m: of a link's centre of mass, per axis.
+        link_mass: (n,) of the links' masses, relative.
+        link_com_m: (n,) of their centres of mass, per axis.
         payload_kg: of the mass that the last link carries.
         payload_kg_m: of its first moment in the end-effector frame, per axis.
         level_rad: of the direction of gravity in the base frame.
     """
 
-    link_mass: float
-    link_com_m: float
+    link_mass: Array
+    link_com_m: Array
     payload_kg: float
     payload_kg_m: float
     level_rad: float
@@ -42,7 +42,8 @@ class WeightSizes:
     def columns(self, arm: Arm) -> Array:
         """Return the uncertainty of each column of `StaticLoads.by_weights`, (4 n + 3,)."""
         mass_kg = np.zeros(arm.n) if arm.mass_kg is None else arm.mass_kg
-        sizes = np.tile(mass_kg[:, None], (1, 4)) * [self.link_mass, *[self.link_com_m] * 3]
+        relative = np.column_stack([self.link_mass, *[self.link_com_m] * 3])
+        sizes = mass_kg[:, None] * relative
         sizes[-1, 1:] = np.hypot(sizes[-1, 1:], self.payload_kg_m)
         return np.concatenate([sizes.ravel(), [self.payload_kg], np.full(2, self.level_rad)])
 
@@ -59,12 +60,18 @@ class Weights(TorqueOnly):
         columns: which columns of `StaticLoads.by_weights` are unknowns.
         sizes: standard uncertainty of each, about what is described.
         unknown_tool: whether the mass of the tool is not known at all.
+        held: column that follows the others, so that the weights as a whole stay as heavy as they
+            are described: stiffness is then known relative to these. None where some load of known
+            size sets the scale, and no column is held.
+        by_held: how much it follows each of the columns.
     """
 
     n: int
     columns: tuple[int, ...]
     sizes: tuple[float, ...]
     unknown_tool: bool = False
+    held: int | None = field(default=None, metadata={OPTIONAL: True})
+    by_held: tuple[float, ...] = field(default=(), metadata={OPTIONAL: True})
     id: ClassVar[str] = "weights"
     of: ClassVar[str] = "arm"
     #: Whether calculated torques alone are off by it: it plays a part wherever they are predicted.
@@ -80,7 +87,42 @@ class Weights(TorqueOnly):
     @property
     def formula(self) -> str:
         """Return the form in words a reader can type."""
-        return "tau_j = calculated tau_j + derivative of tau_j by masses, moments and level"
+        formula = "tau_j = calculated tau_j + derivative of tau_j by masses, moments and level"
+        if self.held is None:
+            return formula
+        factors = " + ".join(
+            f"({factor:.6g}) {self._name(column)[0]}"
+            for factor, column in zip(self.by_held, self.columns, strict=True)
+            if factor
+        )
+        return f"{formula}; {self._name(self.held)[0]} = {factors}"
+
+    def relative(self, torque_Nm: Array, by_weights: Array) -> Weights:
+        """Return the weights of which only the shape is unknown, not how heavy they are.
+
+        With springs of unknown stiffness poses show torque over stiffness. So the torques that
+        weights lead to are kept as large as those calculated: what they add is at right angles to
+        these, over poses and joints.
+
+        Args:
+            torque_Nm: (P, n) calculated torques.
+            by_weights: (P, n, 4 n + 3) their derivative, see `StaticLoads.by_weights`.
+        """
+        grows = np.einsum("pj,pjc->c", torque_Nm, by_weights)[list(self.columns)]
+        of_links = np.array(self.columns) <= 4 * self.n
+        size = np.where(of_links, np.abs(grows) * self.sizes, 0.0)
+        held = int(np.argmax(size))
+        if size[held] <= 0.0:
+            return self
+        kept = [k for k in range(len(self.columns)) if k != held]
+        by_held = np.where(of_links, -grows / grows[held], 0.0)[kept]
+        return replace(
+            self,
+            columns=tuple(self.columns[k] for k in kept),
+            sizes=tuple(self.sizes[k] for k in kept),
+            held=self.columns[held],
+            by_held=tuple(by_held.tolist()),
+        )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -124,7 +166,11 @@ class Weights(TorqueOnly):
                 allowed="poses of an arm whose masses are known",
                 remedy="describe the masses",
             )
-        return -states.static_loads.by_weights[:, :, list(self.columns)]
+        every = states.static_loads.by_weights
+        by_weights: Array = every[:, :, list(self.columns)]
+        if self.held is not None:
+            by_weights = by_weights + every[:, :, self.held, None] * np.array(self.by_held)
+        return -by_weights
 
     def report(self, x: Array) -> Report:
         """Return what each weight differs by."""

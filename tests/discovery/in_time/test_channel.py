@@ -7,7 +7,7 @@ import pytest
 
 from made_up_survey import POSITION_M, observe
 from pa10cal.discovery.blocked_cv.discover import discover_by_blocks
-from pa10cal.discovery.in_time.channel import in_time_of
+from pa10cal.discovery.in_time.channel import in_time_of, told_with_rivals
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.weights import unweighted
 from pa10cal.discovery.with_effects import with_base_term
@@ -30,8 +30,8 @@ def shifted(surveyed, shift_m):
     return replace(surveyed, readings=readings.with_measured(T_instr_target=T))
 
 
-def shown(surveyed):
-    at, poses = surveyed.baseline, surveyed.survey.poses
+def shown(surveyed, poses=None):
+    at, poses = surveyed.baseline, surveyed.survey.poses if poses is None else poses
     return in_time_of(
         replace(at, model=with_base_term(at), x=np.concatenate([at.x, np.zeros(6)])),
         poses,
@@ -75,3 +75,48 @@ def test_nothing_is_said_where_time_goes_with_place(small):
         np.outer(np.arange(POSES) >= 70, [0.0, 10 * POSITION_M, 0.0]),
     )
     assert shown(moved).wander is None
+
+
+def in_order_of(surveyed, key):
+    """Return the poses of a survey, measured in the order of a key (P,)."""
+    poses = surveyed.survey.poses
+    rank = np.argsort(np.argsort(key, kind="stable"), kind="stable")
+    states = replace(poses.states, time_s=np.sort(poses.states.time_s)[rank])
+    return poses.with_states(states)
+
+
+def seen_of_time(surveyed, poses, shift_m):
+    """Return what poses show of time, each shifted by (P, 3)."""
+    T = poses.measured.T_instr_target.copy()
+    T[:, :3, 3] += shift_m
+    poses = poses.with_measured(T_instr_target=T)
+    return shown(surveyed, poses)
+
+
+@pytest.mark.parametrize("order", ["random", "one side, then the other"])
+def test_a_jump_is_told_of_time_only_where_no_joint_goes_with_it(small, order):
+    states = small.survey.poses.states
+    key = states.time_s if order == "random" else states.time_s - 1e9 * (states.q_rad[:, 1] < 0.0)
+    poses = in_order_of(small, key)
+    first = np.sum(poses.states.q_rad[:, 1] < 0.0) if order != "random" else 70
+    later = np.argsort(np.argsort(poses.states.time_s)) >= first
+    found = seen_of_time(small, poses, np.outer(later, [0.0, 10.0 * POSITION_M, 0.0]))
+    if order == "random":
+        assert len(found.wander.jumps) == 1
+        assert found.rivals == ()
+    else:
+        assert found.wander is None
+        assert found.rivals == ("joint 2",)
+        (told,) = told_with_rivals(found, 0.0)
+        assert "joint 2" in told.why
+        assert "in random order" in told.why
+
+
+def test_nothing_moves_where_time_was_not_recorded(small):
+    poses = small.survey.poses
+    unknown = replace(poses.states, timed=np.zeros(POSES, dtype=bool))
+    poses = poses.with_states(unknown)
+    later = np.arange(POSES) >= 70
+    found = seen_of_time(small, poses, np.outer(later, [0.0, 10.0 * POSITION_M, 0.0]))
+    assert found.wander is None
+    assert found.rivals == ()

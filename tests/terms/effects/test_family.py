@@ -2,10 +2,13 @@ import re
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from pa10cal.discovery.finding import Finding
+from pa10cal.discovery.gates import unfit
 from pa10cal.terms import effects
 from pa10cal.terms.effects.family import candidates, every_effect
 from pa10cal.terms.term import shows_torque, yields
@@ -40,7 +43,36 @@ UNNAMED = {
     "windup_map": JOINTS,
     "direction_map": JOINTS,
     "drift_map": ("base",),
-    "gravity_sag": (),  # of an arm without masses
+}
+#: Named effects whose parameters have a sign by physics: things give way, rub, lag and grow.
+ONE_SIGN = {
+    "backlash",
+    "base_compliance",
+    "friction_torque",
+    "joint_compliance",
+    "link_bending",
+    "link_torsion",
+    "soft_windup",
+    "thermal_growth",
+    "tool_sag",
+}
+#: Those of either sign: amplitudes have a phase, errors of ratios, scales and reading any sign, a
+#: controller stops short or beyond, and a base drifts any way.
+EITHER_SIGN = {
+    "arrival_error",
+    "base_drift",
+    "cmm_scale",
+    "cmm_squareness",
+    "encoder_eccentricity",
+    "encoder_ellipticity",
+    "gear_error",
+    "gear_ratio_error",
+    "joint_error_map",
+    "periodic_error",
+    "sensor_error",
+    "torque_gain",
+    "transmission_error",
+    "wrist_coupling",
 }
 PAGE = Path(__file__).parents[3] / "docs/discovery.md"
 
@@ -61,6 +93,34 @@ def test_every_effect_sits_where_it_may_and_reports_what_readers_know(context):
         if not effect.generic:
             names = [p.name for p in effect.report(effect.starts[0]).parameters]
             assert names == VOCABULARY.get(effect.id, (None, names))[1]
+
+
+def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
+    """A new class of the folder is in one of the two lists, and a wrong sign is no name."""
+    named = {kind.id: kind for kind in every_effect() if not kind.generic}
+    assert set(named) == ONE_SIGN | EITHER_SIGN
+    assert not ONE_SIGN & EITHER_SIGN
+    for kind in named.values():
+        effect = next(iter(kind.everywhere(replace(context, commanded=True))))
+        assert effect.positive == (effect.id in ONE_SIGN)
+        plausible = np.array([each.plausible for each in effect.parameters[: effect.linear]])
+        for k in range(effect.linear):
+            for sign in (1.0, -1.0):
+                x = np.concatenate([plausible, np.ones(len(effect.parameters) - effect.linear)])
+                x[k] *= sign
+                amounts = SimpleNamespace(
+                    values_of=lambda _, x=x: x,
+                    model=SimpleNamespace(columns_of=lambda _: slice(0, 0)),
+                    covariance=None,
+                )
+                finding = Finding(effect, *_reported(effect, x), (), None)
+                refused = any("not physical" in why for why in unfit(finding, amounts))
+                assert refused == (sign < 0.0 and effect.id in ONE_SIGN), (effect.id, k, sign)
+
+
+def _reported(effect, x):
+    values = effect.report(x).values
+    return values, np.eye(len(values))
 
 
 def test_parameters_are_told_apart(context):

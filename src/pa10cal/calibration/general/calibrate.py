@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.general.fit import Fit, fit
+from pa10cal.arm.weights import weights_known
+from pa10cal.calibration.general.fit import Fit, fit, reach_of
 from pa10cal.calibration.general.prior import Moved
 from pa10cal.calibration.general.problem import check_enough, general_problem, loaded_joints
 from pa10cal.calibration.general.tilts import Settled, tilts_not_shown
@@ -24,6 +25,8 @@ from pa10cal.observe.quantities import Start
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.term import Term
+from pa10cal.terms.weights import WEIGHT, Weights
 
 Array = NDArray[np.float64]
 
@@ -34,6 +37,8 @@ _FULL_TORQUE_SHARE = 0.02
 _MOVES_NOTHING_M = 1e-7
 #: ... and one fit more brings them to rest: what sag moves weights by is a thousandth of the sag.
 _MOST_REFITS = 3
+#: A joint counts as rigid at this windup [rad].
+_RIGID_RAD = 1e-9
 
 
 @dataclass(frozen=True)
@@ -102,15 +107,17 @@ def calibrate_general(
     check_enough(problem)
     found = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
     if options.general.springs == "auto":
-        sure = loaded_joints(arm, tau_Nm, _FULL_TORQUE_SHARE)
-        rigid = {
-            joint for joint in springs if joint not in sure and not _shown(problem, found, joint)
-        }
-        if rigid:
+        # Under weights that nobody stated no spring is sure to be there, and any may stand in for
+        # another: they go one by one, each with what it takes along.
+        assumed = source == "masses" and weights_known(arm).assumed
+        sure = () if assumed else loaded_joints(arm, tau_Nm, _FULL_TORQUE_SHARE)
+        while rigid := _not_shown(problem, found, springs, sure, one_by_one=assumed):
             springs = tuple(joint for joint in springs if joint not in rigid)
             problem, kept = _rigid_at(problem, rigid)
             x_start, found = found.x[kept], found.without_rows()
             found = fit(problem, x_start, robust=robust, max_iterations=max_iterations)
+            if not assumed:
+                break
     settled = tilts_not_shown(problem, found)
     by_masses = bool(springs) and source == "masses"
     if settled:
@@ -192,6 +199,63 @@ def _links_of(problem: Problem) -> Offsets:
     return links
 
 
+def _not_shown(
+    problem: Problem,
+    found: Fit,
+    springs: tuple[int, ...],
+    sure: tuple[int, ...],
+    *,
+    one_by_one: bool,
+) -> set[int]:
+    """Return the joints whose springs readings do not show: all, or the one that they show least.
+
+    Args:
+        problem: what was solved.
+        found: where that ended.
+        springs: joints with a spring.
+        sure: those of which it is there, whatever readings show.
+        one_by_one: whether weights are unknown too, so that springs stand in for each other.
+    """
+    if not one_by_one:
+        return {
+            joint for joint in springs if joint not in sure and not _shown(problem, found, joint)
+        }
+    if not springs:
+        return set()
+    left = {joint: _left_without(problem, found, joint) for joint in springs}
+    least = min(left, key=lambda joint: left[joint])
+    return {least} if left[least] < np.log(problem.readings) else set()
+
+
+def _left_without(problem: Problem, found: Fit, joint: int) -> float:
+    """Return by how much the weighted squares grow with a joint rigid, all else fitted anew.
+
+    To first order, about the fit: the weights act through the joint no more, and their own columns
+    say what they can make up for elsewhere.
+    """
+    at = [parameter.name for parameter in problem.parameters].index(f"windup_{joint}")
+    root = np.sqrt(found.weights)[:, None, None] * found.whitener
+    reach = reach_of(problem)
+    weights = np.array([each.name.startswith(WEIGHT) for each in problem.parameters])
+
+    def squares(x: Array, free: NDArray[np.bool_]) -> float:
+        rows = problem.rows(x)
+        white = (root @ rows.jacobian).reshape(-1, len(x))[:, free] * reach[free]
+        data = (root @ rows.residual[:, :, None]).ravel()
+        off = np.where(weights, x / reach, 0.0)[free]
+        gradient = white.T @ data + off
+        normal = white.T @ white + np.eye(white.shape[1])
+        step = np.linalg.solve(normal, gradient)
+        return float(data @ data + off @ off - gradient @ step)
+
+    free = ~found.at_bound
+    with_it = squares(found.x, free)
+    free[at] = False
+    rigid = found.x.copy()
+    rigid[at] = _RIGID_RAD
+    return squares(rigid, free) - with_it
+
+
 def _shown(problem: Problem, found: Fit, joint: int) -> bool:
     """Return whether readings show the spring of a joint that weights hardly load (Schwarz)."""
     at = [parameter.name for parameter in problem.parameters].index(f"windup_{joint}")
@@ -202,8 +266,11 @@ def _shown(problem: Problem, found: Fit, joint: int) -> bool:
 
 def _rigid_at(problem: Problem, joints: set[int]) -> tuple[Problem, NDArray[np.bool_]]:
     """Return the problem without the springs of some joints, and which unknowns are left."""
-    springs = [t for t in problem.model.terms if isinstance(t, JointSpring) and t.joint in joints]
-    terms = tuple(term for term in problem.model.terms if term not in springs)
-    gone = {parameter.name for term in springs for parameter in term.parameters}
+    every = [term for term in problem.model.terms if isinstance(term, JointSpring)]
+    off: list[Term] = [term for term in every if term.joint in joints]
+    if len(off) == len(every):  # weights act by way of the springs alone
+        off += [term for term in problem.model.terms if isinstance(term, Weights)]
+    terms = tuple(term for term in problem.model.terms if term not in off)
+    gone = {parameter.name for term in off for parameter in term.parameters}
     kept = np.array([parameter.name not in gone for parameter in problem.parameters])
     return replace(problem, model=Model(problem.model.chain, terms)), kept

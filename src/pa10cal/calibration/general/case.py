@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
+from pa10cal.arm.weights import weights_known
 from pa10cal.calibration.accuracy import Accuracy, summarise, summarise_by_load
 from pa10cal.calibration.general.apart import Apart, apart
 from pa10cal.calibration.general.calibrate import (
@@ -34,9 +35,12 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations, Start
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
+from pa10cal.terms.weights import Weights
 
 Array = NDArray[np.float64]
 
+#: Standard uncertainty of a windup, in its size, below which poses show it.
+_SHOWN = 0.5
 #: Part of the spread of the places seen that no calibrated arm is off by.
 _NO_FIT = 0.05
 
@@ -118,8 +122,8 @@ def work_out_general(
     if prior is None:
         full = calibrate_general(arm, used, start, payload, options)
     else:
-        known = prior_of(prior, arm, payload)
-        full = calibrate_from(known, arm, used, start, payload, options)
+        expected = prior_of(prior, arm, payload)
+        full = calibrate_from(expected, arm, used, start, payload, options)
     geometry = full if prior is None else nominal
     if full.springs and prior is None:
         geometry = calibrate_general(arm, used, start, payload, rigid).without_rows()
@@ -147,8 +151,8 @@ def work_out_general(
         )
     parameters = full.problem.parameters
     names = {parameter.name for parameter in parameters}
-    openly = not_identifiable(full.fit.identifiability, parameters) & names
-    doubts = suspected_outliers(full.problem, full.fit)
+    openly = not_identifiable(full.fit.identifiability, parameters) & names - _sags(full)
+    doubts, known = suspected_outliers(full.problem, full.fit), weights_known(arm)
     trusted = np.setdiff1d(np.flatnonzero(rows), np.flatnonzero(rows)[[d.row for d in doubts]])
     alone = apart(full.problem, full.fit)
     if alone is not None:
@@ -161,6 +165,10 @@ def work_out_general(
         suspected_outliers=len(doubts),
         repeats=() if readings is None else scatter_of_repeats(readings, calibrated),
         findings=findings,
+        without_springs_mm=summarise(fitted(geometry).deviations(grid).take(trusted)).rms_mm
+        if geometry is not full
+        else None,
+        weights=known.origin if known.assumed and full.springs else "",
     )
     return GeneralCase(
         load=load,
@@ -248,7 +256,33 @@ def _fit_summary(general: GeneralCalibration, openly: frozenset[str]) -> FitSumm
         position=_position(general.problem, fit.jacobian),
         not_identifiable=openly,
         x=fit.x,
+        hidden=_assumed_weights(general),
     )
+
+
+def _sags(general: GeneralCalibration) -> frozenset[str]:
+    """Return the springs under weights that nobody stated whose sag poses show all the same.
+
+    What poses leave open of those weights goes with the springs by a little, and these with them.
+    """
+    if not weights_known(general.arm).assumed:
+        return frozenset()
+    std = np.sqrt(np.maximum(np.diag(general.fit.covariance), 0.0))
+    return frozenset(
+        parameter.name
+        for parameter, value, sigma in zip(
+            general.problem.parameters, general.fit.x, std, strict=True
+        )
+        if parameter.name.startswith("windup") and sigma < _SHOWN * value
+    )
+
+
+def _assumed_weights(general: GeneralCalibration) -> frozenset[str]:
+    """Return the weights that nobody stated: what poses leave open of them is no lack of poses."""
+    if not weights_known(general.arm).assumed:
+        return frozenset()
+    weights = (term for term in general.problem.model.terms if isinstance(term, Weights))
+    return frozenset(parameter.name for term in weights for parameter in term.parameters)
 
 
 def _position(problem: Problem, jacobian: Array) -> Array:

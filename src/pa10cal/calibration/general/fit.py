@@ -21,6 +21,7 @@ from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, identify
 from pa10cal.fit.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.fit.problem import Problem, Rows
 from pa10cal.fit.robust_weights import WeightedRows, first_scatter, refreshed, weighted_rows
+from pa10cal.terms.weights import Weights
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,9 @@ Array = NDArray[np.float64]
 _ARRIVED = 1e-4
 #: ... and so does one that leads nowhere if it is this small.
 _NEARLY = 1e-3
+#: Weights that nobody stated and springs make a curved valley, along which stiffness and weights
+#: change and no prediction does: there steps a little longer than these end the search.
+_ALONG_A_VALLEY = 200.0
 #: Growth of the weighted squares that counts as rounding, relative.
 _NO_WORSE = 1e-9
 #: Reach of an unknown in its scale, where it has no physical range that bounds it.
@@ -147,7 +151,7 @@ def fit(
         cost=float(np.sum(weighted.residual**2)),
         dof=problem.readings + span.known - identifiability.rank,
         iterations=found.iterations,
-        converged=found.converged and _length(found.equations, held) < _NEARLY,
+        converged=found.converged and _length(found.equations, held) < _NEARLY * weighting.patience,
         reason=found.reason,
         widening=scatter.widening,
     )
@@ -228,6 +232,9 @@ class _WeightedProblem:
         self._before = self.scatter
         self._length = np.inf
         self._settled = self._turns = False
+        valley = any(isinstance(t, Weights) and t.held is not None for t in problem.model.terms)
+        #: How much longer than usual the last step may be.
+        self.patience = _ALONG_A_VALLEY if valley else 1.0
 
     def rows(self, x: Array) -> Rows:
         """Return the rows at a point, those of the last one looked at kept and no others.
@@ -271,7 +278,7 @@ class _WeightedProblem:
     def arrived(self, x: Array, taken: Step) -> bool:
         """Return whether step and weights have converged."""
         del x, taken
-        return bool(self._length < _ARRIVED and self._settled)
+        return bool(self._length < _ARRIVED * self.patience and self._settled)
 
 
 def _length(at: Equations, held: NDArray[np.bool_]) -> float:

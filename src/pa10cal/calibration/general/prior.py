@@ -220,6 +220,10 @@ def _weights(term: Weights, arm: Arm, payload: Payload | None) -> Weights | None
         return None
     if any(column <= 4 * (term.n - 1) for column in term.columns):
         weights = Weights.about(arm, weight_sizes(arm, payload))
+        if term.held is not None:  # stiffness is relative to weights as heavy as these
+            size = dict(zip(weights.columns, weights.sizes, strict=True))
+            sizes = tuple(size.get(column, 0.0) for column in term.columns)
+            weights = replace(term, sizes=sizes)
         return replace(weights, unknown_tool=not payload.known)
     return None if payload.known else unknown_tool(arm, payload)
 

@@ -12,12 +12,13 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
+from pa10cal.arm.weights import weights_known
 from pa10cal.calibration.general.unknowns import Unknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.loads import TorqueSource, with_torques
 from pa10cal.fit.problem import Problem
-from pa10cal.fit.uncertain_weights import unknown_tool
+from pa10cal.fit.uncertain_weights import unknown_weights
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.terms.joint_spring import JointSpring
@@ -34,6 +35,10 @@ _LEAST_TORQUE_SHARE = 0.005
 _NO_TORQUE_NM = 1e-9
 #: A usual stiffness, from which springs start [N m/rad].
 _USUAL_STIFFNESS = 5e4
+#: A usual sag, from which springs under assumed weights start [rad].
+_USUAL_SAG_RAD = 3e-4
+#: A large one, about which that of any robot lies: a 3 m robot sags by milliradians [rad].
+_LARGE_SAG_RAD = 5e-3
 
 
 @dataclass(frozen=True)
@@ -81,9 +86,9 @@ def general_problem(
     states, source = with_torques(Model(chain, ()), np.zeros(0), observations.states, payload)
     observations = observations.with_states(states)
     unknown: tuple[Weights, ...] = ()
-    if source == "masses" and payload is not None and not payload.known:
-        unknown = (unknown_tool(arm, payload),)
-    torques_Nm = _with_tool(states, unknown)
+    if source == "masses" and payload is not None:
+        unknown = unknown_weights(arm, payload, states)
+    torques_Nm = _with_tool(arm, states, unknown)
     springs = _springs(arm, torques_Nm, source, options.general.springs)
     tau_Nm = np.abs(torques_Nm).max(axis=0)
     observations = observations.turned(start.R_ee_target)
@@ -92,7 +97,11 @@ def general_problem(
     )
     if not links:
         unknowns = replace(unknowns, links=Offsets((), ()))
-    terms = tuple(JointSpring(joint, float(tau_Nm[joint - 1]), cubic=False) for joint in springs)
+    sag_rad = _LARGE_SAG_RAD if source == "masses" and weights_known(arm).assumed else None
+    terms = tuple(
+        JointSpring(joint, float(tau_Nm[joint - 1]), cubic=False, plausible_rad=sag_rad)
+        for joint in springs
+    )
     weights = unknown if terms else ()
     model = Model(chain, (unknowns.links, *terms, *weights, *unknowns.frames, unknowns.base))
     problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, observations)
@@ -100,13 +109,12 @@ def general_problem(
     return GeneralProblem(problem, x_start, unknowns, springs, source)
 
 
-def _with_tool(states: PoseStates, unknown: tuple[Weights, ...]) -> Array:
+def _with_tool(arm: Arm, states: PoseStates, unknown: tuple[Weights, ...]) -> Array:
     """Return the torques of poses (P, n), a tool of unknown mass as heavy as it may well be."""
     tau_Nm: Array = states.tau_Nm
     for weights in unknown:
-        mass = np.array(
-            [part.plausible if part.unit == "kg" else 0.0 for part in weights.parameters]
-        )
+        of_tool = np.array(weights.columns) == 4 * arm.n
+        mass = np.where(of_tool & weights.unknown_tool, weights.sizes, 0.0)
         tau_Nm = tau_Nm - weights.torque_Nm(states, mass)
     return tau_Nm
 
@@ -169,7 +177,9 @@ def _model_start(model: Model, start: Start) -> Array:
     parts = []
     for term in model.terms:
         if isinstance(term, JointSpring):
-            parts.append(term.solved(_USUAL_STIFFNESS, 0.0))
+            known = weights_known(model.chain.arm)
+            soft = term.tau_ref_Nm / _USUAL_SAG_RAD if known.assumed else _USUAL_STIFFNESS
+            parts.append(term.solved(soft, 0.0))
         else:
             values = np.zeros(len(term.parameters))
             for k, parameter in enumerate(term.parameters):

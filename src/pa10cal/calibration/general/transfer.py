@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE
+from pa10cal.arm.statics import Payload
 from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.general.case import base_motion
 from pa10cal.calibration.general.fit import fit
@@ -17,10 +20,13 @@ from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FallBack, FittedModel
 from pa10cal.fit.problem import Problem
+from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.fixed import fixed
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OF, about_moved_base, motion_of_base
+from pa10cal.terms.of_campaign import OF, OfPart, about_moved_base, motion_of_base
+from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.weights import Weights, WeightSizes
 
 Array = NDArray[np.float64]
 
@@ -29,12 +35,15 @@ _ENOUGH_POSES = 2000
 _AT_ONCE = 300
 
 
-def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
+def refit_frames(
+    model: FittedModel, observations: Observations, cuts_s: Sequence[float] = ()
+) -> FittedModel:
     """Fit base and tool, or targets, of a calibrated model to other observations of the same arm.
 
     Args:
         model: the calibrated model; everything in it but base, tool and targets stays.
         observations: P poses of the arm, with what its terms need.
+        cuts_s: times at which the base moved: each part has a base of its own, and all one tool.
 
     Raises:
         CalibrationError: when the fit does not converge, or the poses do not fix the frames.
@@ -53,7 +62,8 @@ def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
             columns.append(own)
     of_arm = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
     chain = model.model.chain
-    with_frames = Model(chain, (*known, *unknowns.frames, unknowns.base))
+    own_frames = (*unknowns.frames, *_of_parts(unknowns.base, cuts_s))
+    with_frames = Model(chain, (*known, *own_frames, unknowns.base))
     problem = Problem(
         with_frames,
         unknowns.places,
@@ -73,7 +83,8 @@ def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
         )
     of_model = problem.of_model(found.x)
     away = model.falls_back
-    terms, frames = (*arm_terms, *unknowns.frames), len(unknowns.frame_names)
+    terms = (*arm_terms, *own_frames)
+    frames = sum(len(each.parameters) for each in own_frames)
     small = base_motion(with_frames, of_model[frames:])
     covariance = None
     if model.covariance is not None:
@@ -92,7 +103,101 @@ def refit_frames(model: FittedModel, observations: Observations) -> FittedModel:
         targets_m=problem.places_at(found.x),
         falls_back=None
         if away is None
-        else FallBack(away.within, refit_frames(away.model, observations)),
+        else FallBack(away.within, refit_frames(away.model, observations, cuts_s)),
+    )
+
+
+def with_tool_of(
+    model: FittedModel, payload: Payload | None, *, logged: bool = False
+) -> FittedModel:
+    """Return a calibrated model with what the arm carries in another campaign.
+
+    Weights found beside springs go with the arm. Those of the tool belong to the campaign: where it
+    states its tool, the model takes that; where not, the tool of the model's own campaign is the
+    best guess. What the last link's moment differs by is shared with the tool's by their
+    uncertainties. The direction of gravity in the base frame is that of another base. Logged
+    torques have all weights in them, as they are.
+
+    Args:
+        model: the calibrated model.
+        payload: what the arm carries there; None where it is not known.
+        logged: whether torques are logged there.
+    """
+    away = model.falls_back
+    if logged:
+        model = _without_weights(model)
+    x, covariance = model.x.copy(), model.covariance
+    for term in model.model.terms:
+        if payload is None or not isinstance(term, Weights):
+            continue
+        columns = np.arange(len(x))[model.model.columns_of(term)]
+        before = None if model.payload is None else weight_sizes(model.arm, model.payload)
+        kept, left = _of_link(term, before, weight_sizes(model.arm, payload), payload)
+        x[columns] *= kept
+        if covariance is not None:
+            shrink = np.ones(len(covariance))
+            shrink[columns] = kept
+            covariance = covariance * np.outer(shrink, shrink)
+            covariance[columns, columns] += left
+    return replace(
+        model,
+        x=x,
+        covariance=covariance,
+        payload=model.payload if payload is None else payload,
+        falls_back=None
+        if away is None
+        else FallBack(away.within, with_tool_of(away.model, payload, logged=logged)),
+    )
+
+
+def _without_weights(model: FittedModel) -> FittedModel:
+    """Return a model whose torques are not calculated from weights."""
+    terms = tuple(term for term in model.model.terms if not isinstance(term, Weights))
+    every, count = np.arange(len(model.x)), len(model.x)
+    own = [every[model.model.columns_of(term)] for term in terms]
+    at = np.concatenate([np.zeros(0, dtype=np.intp), *own])
+    with_base = np.concatenate([at, np.arange(count, count + len(BASE))])
+    covariance = model.covariance
+    return replace(
+        model,
+        model=Model(model.model.chain, terms),
+        x=model.x[at],
+        covariance=None if covariance is None else covariance[np.ix_(with_base, with_base)],
+    )
+
+
+def _of_link(
+    term: Weights, before: WeightSizes | None, there: WeightSizes, payload: Payload
+) -> tuple[Array, Array]:
+    """Return which part of each weight goes with the arm, (k,), and the variance of the rest, (k,).
+
+    Args:
+        term: the weights.
+        before: their uncertainties in the campaign of the model; None where not known.
+        there: their uncertainties in the other campaign.
+        payload: what the arm carries there.
+    """
+    kept, left = np.ones(len(term.columns)), np.zeros(len(term.columns))
+    tool_kg_m = 0.0 if before is None else before.payload_kg_m
+    for k, (column, size) in enumerate(zip(term.columns, term.sizes, strict=True)):
+        beyond = column - 4 * term.n
+        if beyond > 0:
+            kept[k], left[k] = 0.0, there.level_rad**2
+        elif payload.known and beyond == 0:
+            kept[k], left[k] = 0.0, there.payload_kg**2
+        elif payload.known and -4 < beyond < 0:  # first moment of the last link, and of the tool
+            own = max(0.0, size**2 - tool_kg_m**2)
+            kept[k] = own / size**2
+            left[k] = own * (1.0 - kept[k]) + there.payload_kg_m**2
+    return kept, left
+
+
+def _of_parts(base: Offsets, cuts_s: Sequence[float]) -> tuple[OfPart, ...]:
+    """Return the motions of the base in every part but the first."""
+    ends_s = (*sorted(cuts_s), float("inf"))
+    return tuple(
+        OfPart(base, from_s, to_s, f"part {number}")
+        for number, (from_s, to_s) in enumerate(pairwise(ends_s), start=2)
     )
 
 

@@ -20,6 +20,7 @@ from pa10cal.cell.effects.effect import (
     TorqueLogEffect,
     WindupEffect,
     draws,
+    either_sign,
     signed,
     sized,
 )
@@ -149,10 +150,11 @@ class GearRatioError(JointDriveEffect):
 
 
 class Backlash(JointDriveEffect):
-    """Lost motion: the link leads or lags by the direction in which the joint arrived."""
+    """Lost motion: the link turns on by the direction in which the joint arrived."""
 
     id = "backlash"
-    usual = draws(b=signed(20.0 * ARC_SECOND))
+    # A sign is drawn and not taken, so that what is drawn after it stays as it was.
+    usual = draws(b=lambda _site, size, rng: abs(either_sign(20.0 * ARC_SECOND * size, rng)))
     plausible_size = 3.1
 
     b: Finite = Field(description="half the lost motion [rad]")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from pa10cal.cell.instruments.instrument import Array, Streams, Truth
 from pa10cal.cell.instruments.tracker import Tracker
+from pa10cal.cell.robot import Robot
 
 
 class Distance(Tracker):
@@ -21,3 +22,8 @@ class Distance(Tracker):
         d_m = np.linalg.norm(truth.as_read(p_m), axis=1)
         d_m = d_m + 1e-3 * self.plan.position_mm * streams["position"].standard_normal(d_m.shape)
         return {"d_mm": (1e3 * d_m, self.stated_mm)}
+
+    def read_columns(self, robot: Robot) -> dict[str, Any]:
+        """Return the distance."""
+        del robot
+        return {"distance": {"names": "d_mm", "u": "u_d_mm"}}

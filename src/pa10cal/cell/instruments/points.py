@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.cell.instruments.instrument import Array, Streams, Truth
-from pa10cal.cell.instruments.tracker import Tracker
+from pa10cal.cell.instruments.tracker import Tracker, xyz_columns
+from pa10cal.cell.robot import Robot
 
 
 class Points(Tracker):
@@ -27,6 +28,10 @@ class Points(Tracker):
             for b, name in enumerate(truth.robot.targets.names)
             for k, axis in enumerate("xyz")
         }
+
+    def read_columns(self, robot: Robot) -> dict[str, Any]:
+        """Return the position of each target."""
+        return {"targets": {name: xyz_columns(f"{name}_") for name in robot.targets.names}}
 
 
 def _unseen(shape: tuple[int, ...], share: float, rng: np.random.Generator) -> NDArray[np.bool_]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from scipy.spatial.transform import Rotation
 
 from pa10cal.cell.instruments.instrument import Array, Streams, Truth
-from pa10cal.cell.instruments.tracker import Tracker
+from pa10cal.cell.instruments.tracker import Tracker, xyz_columns
+from pa10cal.cell.robot import Robot
 
 _QUATERNION = ("qw", "qx", "qy", "qz")
 
@@ -39,5 +40,17 @@ class Pose(Tracker):
             **{
                 name: (quaternion[:, k], 0.5 * plan.attitude_rad)
                 for k, name in enumerate(_QUATERNION)
+            },
+        }
+
+    def read_columns(self, robot: Robot) -> dict[str, Any]:
+        """Return position and attitude of the target."""
+        del robot
+        return {
+            "position": xyz_columns(""),
+            "rotation": {
+                "names": list(_QUATERNION),
+                "convention": "quaternion_wxyz",
+                "u": [f"u_{name}" for name in _QUATERNION],
             },
         }

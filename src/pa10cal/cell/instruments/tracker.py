@@ -108,8 +108,9 @@ class Tracker(Instrument):
         arm, schedule = truth.robot.arm, truth.schedule
         off = np.where(arm.prismatic, 1e-3 * self.plan.resolver_mm, self.plan.resolver_rad)
         logged = truth.q_motor + off * streams["resolver"].standard_normal(truth.q_motor.shape)
+        time_s = schedule.start_s + self.at_rest_s
         columns: dict[str, Any] = {
-            "time_s": schedule.start_s + self.at_rest_s,
+            "time_s": np.arange(len(schedule)) if self.plan.clock == "row" else time_s,
             "kind": schedule.kind,
             "pose": schedule.pose,
             "load_N": schedule.load_N,
@@ -125,20 +126,40 @@ class Tracker(Instrument):
         read = self.readings(truth, streams) | self._base_readings(truth, streams["base"])
         columns |= {name: values for name, (values, _) in read.items()}
         columns |= {f"u_{name}": np.full(len(schedule), u) for name, (_, u) in read.items()}
+        if self.plan.clock == "none":
+            del columns["time_s"]
+        if self.plan.holdout_every:  # the description says which
+            del columns["kind"]
         return {"poses": pd.DataFrame(columns)}
 
     def description(self, robot: Robot) -> dict[str, Any]:
         """Return the description in campaign.yaml of instrument and tool."""
         payload, targets = robot.mechanism.payload, robot.targets
         stated = points_mm(targets.names, targets.p_ee_stated_m)
+        known = 0.0 if self.plan.unstated is not None else 1.0  # a mass of 0 is one not stated
+        every = self.plan.holdout_every
         return {
             "instrument": {"kind": self.kind, "uncertainty_mm": self.stated_mm},
             "tool": {
-                "mass_kg": payload.mass_kg,
-                "com_mm": (1e3 * payload.com_m).round(MM_DECIMALS).tolist(),
+                "mass_kg": known * payload.mass_kg,
+                "com_mm": (1e3 * known * payload.com_m).round(MM_DECIMALS).tolist(),
                 "load_point_mm": (1e3 * payload.load_point_m).round(MM_DECIMALS).tolist(),
                 **({"balls_mm": stated} if self.states_targets else {}),
             },
+            **({"holdout": {"every": every}} if every else {}),
+            **({"columns": {"poses": self._layout(robot)}} if self.plan.clock == "none" else {}),
+        }
+
+    @abstractmethod
+    def read_columns(self, robot: Robot) -> dict[str, Any]:
+        """Return what the columns of `readings` are, as under `columns` of campaign.yaml."""
+
+    def _layout(self, robot: Robot) -> dict[str, Any]:
+        """Return which columns are read of a file that has no time, as in the raw-data contract."""
+        count = np.zeros((0, robot.arm.n))
+        return {
+            "joints": {"names": list(position_columns(robot.arm, count))},
+            **self.read_columns(robot),
         }
 
     def _base_readings(
@@ -181,3 +202,9 @@ class Tracker(Instrument):
         )
         logged: Array = (tau_Nm + noise_Nm).round(3)
         return logged
+
+
+def xyz_columns(prefix: str) -> dict[str, list[str]]:
+    """Return the columns of a position and its uncertainties, as under `columns`."""
+    names = [f"{prefix}{axis}_mm" for axis in "xyz"]
+    return {"names": names, "u": [f"u_{name}" for name in names]}

@@ -1,102 +1,105 @@
-"""An IRB 120 and three reflectors seen by a laser tracker: tables of numbers between blanks.
+"""An IRB 120 and three reflectors under a FARO tracker, three more on its base.
 
-`joints.txt` has six joint angles [deg] a row, `reflector_1.txt` to `reflector_3.txt` the place of a
-reflector [mm] for the same row; `nan` or `-` is one that was not seen. Reflectors on the base, read
-with every row, may be in `base_1.txt`, `base_2.txt` and so on, and whose measurements they are in
-`provenance.txt`.
+Tables of numbers between blanks, without headers, which belong together line by line: six joint
+angles [deg] in `measured_joints.txt`, the place of a reflector [mm] in `measured_SMR_1.txt` to
+`_3.txt`, of one on the base in `measured_base_1.txt` to `_3.txt`. Three zeros stand for a reflector
+that was not seen.
 """
 
 from __future__ import annotations
 
-from functools import reduce
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from pa10cal.campaign.quarantine import quarantined
-from pa10cal.datasets.commands import command_columns
-from pa10cal.datasets.dataset import DataSet, ImportedCampaign
-from pa10cal.datasets.text_table import TextTable, read_bare_table
-from pa10cal.errors import RawDataError
+from pa10cal.datasets.dataset import DataSet, ImportedCampaign, Published
+from pa10cal.datasets.text_table import read_bare_table, same_rows
 
+_FOLDER = "3-Full Measurement/Output/Backup"
+PUBLISHED = Published.on_github(
+    "icelinker/Robot-Calibration-LaserTracker",
+    "188abd2d773b26dd32bafe50943c3ab0044a72d8",
+    {
+        f"{_FOLDER}/measured_joints.txt": (
+            "87fc42231d4c61ecebd3db7b716f3af5ad346538c01fb36c29beebc22c9db3a1"
+        ),
+        f"{_FOLDER}/measured_SMR_1.txt": (
+            "293aadc0017c02e314b23b549d7f51f129bfab3a3adf65c04fddcad6676a9bc0"
+        ),
+        f"{_FOLDER}/measured_SMR_2.txt": (
+            "6bd480669b5dbd798150297b14547ed9b027c25909233d35dd71df51970c2772"
+        ),
+        f"{_FOLDER}/measured_SMR_3.txt": (
+            "ff4ecb1edffef871c7184b43461df32fd91ee9d0bde7bb5405f8793a179fb688"
+        ),
+        f"{_FOLDER}/measured_base_1.txt": (
+            "c560d8b7723309498b353f589dcdba0441a3da38453a7af75e3cc7bba88e38c2"
+        ),
+        f"{_FOLDER}/measured_base_2.txt": (
+            "d76441a62762845016cd03ac9d0eb9f4c20aa2cc75b6ad0dff7aa9319b44af2b"
+        ),
+        f"{_FOLDER}/measured_base_3.txt": (
+            "c234dc42785290342c0185b1d64733a072e2ef0028182093a03a2b6cc05448e0"
+        ),
+    },
+)
 JOINTS = tuple(f"q{joint}_deg" for joint in range(1, 7))
-REFLECTORS = {"T1": "reflector_1.txt", "T2": "reflector_2.txt", "T3": "reflector_3.txt"}
-FILES = ("joints.txt", *REFLECTORS.values())
-#: Tables that need not be there: reflectors on the base.
-BASE = {f"base{k}": f"base_{k}.txt" for k in range(1, 10)}
-PROVENANCE = "provenance.txt"
+FILES = tuple(PUBLISHED.sha256)
+#: Targets by their file: three at the flange, then three on the base.
+TARGETS = dict(zip(("T1", "T2", "T3", "base1", "base2", "base3"), FILES[1:], strict=True))
+AT_FLANGE = 3
 #: What the tables do not state.
 ASSUMED_MM, ASSUMED_C = 0.05, 20.0
-
-_UNKNOWN = "Whose measurements they are, the tables do not say."
 _TOLD = (
-    "Places of three reflectors on an IRB 120 by a laser tracker, from tables of joint angles and "
-    "places in the layout faro-irb120. The tables do not state uncertainty, temperature, load, "
-    "time and where the reflectors sit: uncertainty_mm "
-    f"{ASSUMED_MM} and reference temperature {ASSUMED_C} are assumed, mass 0 stands for a tool not "
-    "described, gravity is that of an upright arm, time_s is the number of the row."
+    "Measured, not simulated: ABB IRB 120 with three reflectors under a FARO laser tracker, "
+    f"three more on its base read with every configuration; {_FOLDER} of the repository "
+    f"{PUBLISHED.repository}, commit {PUBLISHED.version}. Not stated, hence assumed: "
+    f"uncertainty_mm {ASSUMED_MM}, reference temperature, an upright arm, no load, mass 0 for a "
+    "tool not described. No time was recorded. No licence is stated by the owner."
 )
 
 
 def read(folder: Path, max_left_out: float) -> tuple[ImportedCampaign, ...]:
     """Read the tables; see `DataSet.read`."""
-    joints = read_bare_table(folder, FILES[0], JOINTS)
-    base = {name: file for name, file in BASE.items() if (folder / file).is_file()}
-    places = [
-        read_bare_table(folder, file, [f"{name}_{axis}_mm" for axis in "xyz"], may_be_blank=True)
-        for name, file in {**REFLECTORS, **base}.items()
-    ]
-    tables: list[TextTable] = [joints, *places]
-    if len({table.total for table in tables}) > 1:
-        raise RawDataError(
-            "the tables have different numbers of rows",
-            where=str(folder),
-            value=", ".join(f"{table.file} {table.total}" for table in tables),
-            allowed="one row a configuration in each table",
-            remedy="complete the shorter table, with nan where a reflector was not observed",
-        )
-    for table in tables:
-        table.refuse_too_many(max_left_out)
-    line = reduce(np.intersect1d, [table.line for table in tables])
-    joints, *places = (table.take(np.flatnonzero(np.isin(table.line, line))) for table in tables)
+    tables = [read_bare_table(folder, FILES[0], JOINTS)]
+    for name, file in TARGETS.items():
+        tables.append(read_bare_table(folder, file, [f"{name}_{axis}_mm" for axis in "xyz"]))
+    joints, *places = same_rows(tables, max_left_out)
     p_mm = np.stack([table.numbers(list(table.columns)) for table in places], axis=1)
-    seen = np.asarray(np.isfinite(p_mm).all(axis=2), dtype=bool)
-    flange = seen[:, : len(REFLECTORS)]
-    some = np.asarray(flange.any(axis=1), dtype=bool)
-    unseen = quarantined(FILES[1], line[~some], "no reflector was observed")
-    q_rad = np.deg2rad(joints.numbers(JOINTS)[some])
-    poses = command_columns(np.asarray(line[some] - 1, dtype=np.float64), q_rad)
+    seen = np.asarray((p_mm != 0.0).any(axis=2), dtype=bool)
+    some = np.asarray(seen[:, :AT_FLANGE].any(axis=1), dtype=bool)
+    unseen = quarantined(FILES[1], joints.line[~some], "no reflector was observed")
+    columns = {name: joints.columns[name][some] for name in JOINTS}
     for b, table in enumerate(places):
         place_mm = np.where(seen[some, b, None], p_mm[some, b], np.nan)
-        poses[[*table.columns]] = place_mm
+        columns |= dict(zip(table.columns, place_mm.T, strict=True))
+    not_seen = [int(part.sum()) for part in np.split(~seen[some], [AT_FLANGE], axis=1)]
     return (
         ImportedCampaign(
             name="irb120",
             robot="irb120",
-            provenance=f"{_whose(folder)} {_TOLD}",
+            provenance=_TOLD,
             instrument="points",
             uncertainty_mm=ASSUMED_MM,
             reference_temperature_C=ASSUMED_C,
-            held_out_fraction=0.3,
-            readings=poses,
-            files=(*FILES, *base.values()),
+            holdout={"last_fraction": 0.3},
+            readings=pd.DataFrame(columns),
+            files=FILES,
             left_out=(*(row for table in tables for row in table.left_out), *unseen),
-            notes=(f"{len(poses)} configurations, {int((~flange[some]).sum())} places not seen",),
+            notes=(
+                f"{int(some.sum())} configurations, {not_seen[0]} places not seen at the flange "
+                f"and {not_seen[1]} on the base",
+            ),
         ),
     )
 
 
-def _whose(folder: Path) -> str:
-    """Return whose measurements they are, as the folder says."""
-    path = folder / PROVENANCE
-    if not path.is_file():
-        return _UNKNOWN
-    return " ".join(path.read_text(encoding="utf-8", errors="replace").split()) or _UNKNOWN
-
-
 DATASET = DataSet(
     name="faro-irb120",
-    title="IRB 120 with three reflectors and a laser tracker, as text tables",
+    title="ABB IRB 120 with three reflectors and three on its base, FARO (real measurements)",
     files=FILES,
     read=read,
+    published=PUBLISHED,
 )

@@ -43,7 +43,7 @@ UNSTATED_MM = 0.02
 #: Root mean square of the deviations of series C per axis, and mean temperatures of both.
 STATED_MM = 0.0129
 MEAN_C = {"ur10-a": 23.209, "ur10-c": 21.964}
-HELD_OUT = 0.3
+HELD_OUT = {"last_fraction": 0.3}
 
 _OF_ALL = (
     "Real measurements of a UR10 with a laser tracker and its T-Mac, not simulated: {file} of the "
@@ -99,7 +99,7 @@ def _campaign(
         instrument="pose",
         uncertainty_mm=uncertainty_mm,
         reference_temperature_C=MEAN_C[name],
-        held_out_fraction=HELD_OUT,
+        holdout=HELD_OUT,
         readings=AsItIs(folder / SERIES[name], columns),
         files=(SERIES[name],),
         joints="commanded",
@@ -111,13 +111,14 @@ DATASET = DataSet(
     title="UR10 with a 6-D laser tracker, series A and C (real measurements)",
     files=tuple(SERIES.values()),
     read=read,
-    published=Published(
-        version=COMMIT,
-        address=f"https://raw.githubusercontent.com/christianlandgraf/ipa-robot-accuracy/{COMMIT}/",
-        sha256={
+    published=Published.on_github(
+        "christianlandgraf/ipa-robot-accuracy",
+        COMMIT,
+        {
             "LICENSE.md": "2597e491177bda28228ec1e6d1966b58e01d21a2891c524e781289b32f629e3a",
             SERIES["ur10-a"]: "84d5c81234cab58ebe88b4c73c582c26ad0e407f0de5350571c91f5ce6f28b76",
             SERIES["ur10-c"]: "904a1d195e558315bd21469abb02bfcc000dd1296c0cd68eb86c62e95f7ba160",
         },
+        licence="MIT licence",
     ),
 )

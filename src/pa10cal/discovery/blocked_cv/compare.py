@@ -6,22 +6,26 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
-from pa10cal.calibration.accuracy import Accuracy, summarise
-from pa10cal.discovery.blocked_cv.finest import Level
+from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.gap import Gap, Named, gap, left_by
+from pa10cal.discovery.gap import Gap, Named, gap, in_order, left_by
 from pa10cal.discovery.in_time.wander import moved_frames
-from pa10cal.discovery.linear import possible_sizes
+from pa10cal.discovery.linear import by_targets, by_terms, possible_sizes
 from pa10cal.discovery.preparation import complete_about
-from pa10cal.discovery.with_effects import moved_base
+from pa10cal.discovery.with_effects import at_unknowns
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.model import Model
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 Array = NDArray[np.float64]
+
+#: Steps of a fit that sets out nearby.
+_STEPS = 3
 
 
 def compare(
@@ -42,8 +46,7 @@ def compare(
     """
     poses = complete_about(poses, campaign.baseline, extended, campaign.setup)
     T_moved = _moved(campaign, poses)
-    after = left_by(extended, poses, T_moved)
-    return gap(poses, campaign.baseline, after, noise_floor_mm, seen, T_moved)
+    return gap(poses, campaign.baseline, extended, noise_floor_mm, seen, T_moved)
 
 
 def _moved(campaign: Survey, poses: Observations) -> Array | None:
@@ -54,53 +57,65 @@ def _moved(campaign: Survey, poses: Observations) -> Array | None:
 
 
 def errors_by_name(
-    campaign: Survey,
-    level: Level,
-    effects: tuple[Effect, ...],
-    train: Gap,
-    holdout: Gap | None,
+    campaign: Survey, extended: Refit, train: Gap, holdout: Gap | None
 ) -> tuple[Named, ...]:
     """Return the errors of the calibrated model, and as each effect joins it.
 
-    Between the first and the last, which are the fits themselves, parameters are by linear least
-    squares.
+    What all together would miss most joins first. Between first and last, which are the fits
+    themselves, maps are as the extended model has them, and all else is fitted again.
 
     Args:
         campaign: whose model it is.
-        level: the effects, in the order found.
-        effects: those of the fit itself.
+        extended: the model with all effects.
         train, holdout: the gap before and with all effects.
     """
-    every = [train] if holdout is None else [train, holdout]
-    baseline = campaign.baseline
-    sizes = possible_sizes(campaign.model(), campaign.poses.measured)
-    steps = [_named((), [found.before for found in every])]
-    for count in range(1, len(level.members)):
-        own, amounts = level.fit(count)
-        of_terms, base, targets = np.split(
-            sizes * own[: len(sizes)], [len(baseline.x), len(baseline.x) + 6]
-        )
-        joined = tuple(member.effect for member in level.members[:count])
-        model = replace(
-            baseline,
-            model=Model(baseline.model.chain, (*baseline.model.terms, *joined)),
-            x=np.concatenate([baseline.x + of_terms, *amounts]),
-            T_instr_base=moved_base(baseline.T_instr_base, base),
-            targets_m=baseline.targets_m + targets,
-        )
-        steps.append(
-            _named(
-                joined,
-                [
-                    summarise(left_by(model, found.poses, _moved(campaign, found.poses)))
-                    for found in every
-                ],
-            )
-        )
-    if effects:
-        steps.append(_named(effects, [found.after for found in every]))
-    return tuple(steps)
+
+    def with_only(some: tuple[Effect, ...]) -> Named:
+        model = _with_only(campaign, extended, some)
+        held_out = None if holdout is None else left_by(model, holdout.poses)
+        return Named(some, left_by(model, train.poses), held_out)
+
+    return in_order(train, holdout, extended.effects, with_only)
 
 
-def _named(effects: tuple[Effect, ...], errors: list[Accuracy]) -> Named:
-    return Named(effects, errors[0], errors[1] if len(errors) > 1 else None)
+def _with_only(campaign: Survey, extended: Refit, some: tuple[Effect, ...]) -> FittedModel:
+    """Return the model with some of its effects, maps as they are, all else fitted again."""
+    poses, own = campaign.poses, extended.own_columns()
+    x = extended.x.copy()
+    for effect in extended.effects:
+        if effect not in some:
+            first = extended.columns_of(effect).start
+            x[first : first + effect.linear] = 0.0
+    # Maps stay as they are; an effect of few parameters takes other amounts beside others.
+    joined = [each for each in some if not isinstance(each, JointErrorMap)]
+    terms = [term for term in extended.model.terms if term not in extended.effects]
+    places = [
+        np.arange(first, first + each.linear)
+        for each in joined
+        for first in [extended.columns_of(each).start]
+    ]
+    baseline, measured = campaign.baseline, poses.measured
+    expected = np.diag(possible_sizes(campaign.model(), measured))
+    middle = np.zeros(len(own) + sum(map(len, places)))
+    middle[: len(baseline.x)] = baseline.x
+    middle[len(own) - len(baseline.targets_m) : len(own)] = baseline.targets_m
+    sizes = block_diag(expected, *(each.prior_factor for each in joined))
+    free = np.concatenate([own, *places])
+    whiten = extended.weights.whiteners(np.arange(len(poses)))
+    bounds = Bounds.of((*extended.model.parameters, *measured.target_parameters))
+    for _ in range(_STEPS):
+        at = at_unknowns(extended.at, x)
+        points = [at.x[at.model.columns_of(term)] for term in (*terms, *joined)]
+        found = by_terms(at, poses, (*terms, *joined), points)
+        amounts = [
+            columns[:, :, : each.linear]
+            for columns, each in zip(found[len(terms) :], joined, strict=True)
+        ]
+        columns = [*found[: len(terms)], by_targets(at, poses), *amounts]
+        rows = (whiten @ np.concatenate(columns, axis=2)).reshape(-1, len(free)) @ sizes
+        left = (whiten @ campaign.left_by(at)[:, :, None]).ravel()
+        off = np.linalg.solve(sizes, x[free] - middle)
+        step = np.linalg.solve(rows.T @ rows + np.eye(len(free)), rows.T @ left + off)
+        x[free] -= sizes @ step
+        x = bounds.clip(x)
+    return replace(extended, at=at_unknowns(extended.at, x)).fitted()

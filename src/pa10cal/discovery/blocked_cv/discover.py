@@ -31,14 +31,20 @@ from pa10cal.discovery.blocked_cv.slow_drift import slow_drift
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.family import sought
 from pa10cal.discovery.formulas.rows import Arena
-from pa10cal.discovery.gap import Gap, Named
-from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, wandering
+from pa10cal.discovery.gap import Gap, Named, left_by
+from pa10cal.discovery.harm import WORSE
+from pa10cal.discovery.in_time.channel import (
+    in_time_of,
+    steps_in_time,
+    told_with_rivals,
+    wandering,
+)
 from pa10cal.discovery.in_time.wander import InTime
 from pa10cal.discovery.lack_of_fit import CellResiduals, LackOfFit, lack_of_fit
 from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.next_poses.fill import fill
 from pa10cal.discovery.noise import Noise, noise_of_near_poses
-from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.preparation import Prepared, complete_about
 from pa10cal.discovery.scatter import Scatter, scatter_of, share_inside
 from pa10cal.discovery.sensor_or_gear import JointCause
 from pa10cal.discovery.torque_noise import with_torque_noise
@@ -50,6 +56,9 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 Array = NDArray[np.float64]
+
+#: Most of the squared error that parameters are thought to take up by chance.
+_MOST_BY_CHANCE = 0.9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -162,7 +171,7 @@ class VerdictByBlocks(Verdict[Prediction]):
             return compare(self.survey, fitted, seen, poses, self.noise_floor_mm)
 
         held_out = self.prepared.held_out
-        return replace(
+        refitted = replace(
             self,
             findings=tuple(anew),
             extended=extended,
@@ -170,6 +179,14 @@ class VerdictByBlocks(Verdict[Prediction]):
             holdout=None if held_out is None else gap_on(held_out),
             finest=self.finest.with_only(effects),
         )
+        return refitted.beside(self)
+
+    def beside(self, other: VerdictByBlocks) -> VerdictByBlocks:
+        """Return the verdict with what another has that is in no model: motion and rivals."""
+        held_out = None
+        if self.holdout is not None and other.holdout is not None:
+            held_out = self.holdout.beside(other.holdout)
+        return replace(self, train=self.train.beside(other.train), holdout=held_out)
 
     @override
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
@@ -188,8 +205,7 @@ class VerdictByBlocks(Verdict[Prediction]):
     @override
     def errors_by_name(self) -> tuple[Named, ...]:
         """Return the errors of the calibrated model, and as each effect joins it."""
-        effects = self.extended.effects
-        return errors_by_name(self.survey, self.finest, effects, self.train, self.holdout)
+        return errors_by_name(self.survey, self.extended, self.train, self.holdout)
 
 
 def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks:
@@ -210,7 +226,8 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
     )
     shaped, unknown = computable(judged)
     found = found_in(judged, shaped, error_rate)
-    wander = _in_time(found.rows.survey, found.extended).wander
+    in_time = _in_time(found.rows.survey, found.extended)
+    wander = in_time.wander
     if wander is not None:
         found = found_in(judged.moving(wander), shaped, error_rate)
     found = with_more(found, slow_drift(found.survey, found.held_poses, found.extended.effects))
@@ -240,6 +257,7 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         unexplained=(
             *unexplained(remaining, searched.nameless, searched.tried),
             *(() if judged.wander is None else wandering(judged.wander, floor_mm)),
+            *told_with_rivals(in_time, floor_mm),
             *(() if judged.lag is None else (judged.lag.unexplained(remaining.mean_mm),)),
         ),
         not_testable=(*unknown, *searched.hidden),
@@ -267,7 +285,52 @@ def discover_by_blocks(campaign: Prepared, error_rate: float) -> VerdictByBlocks
         finest=fine,
         bands=found.bands,
     )
-    return with_causes(found_by_blocks)
+    return with_causes(_motion_aside(_with_rivals(found_by_blocks)))
+
+
+def _with_rivals(found: VerdictByBlocks) -> VerdictByBlocks:
+    """Return the verdict with what a model leaves that holds what has no name, too."""
+    if not found.nameless:
+        return found
+    extended = found.extended
+    effects = (*extended.effects, *found.nameless)
+    starts = (*map(extended.of, extended.effects), *(each.starts[0] for each in found.nameless))
+    model = refit(found.survey, effects, starts, extended.weights).fitted()
+
+    def told(gap: Gap) -> Gap:
+        poses = complete_about(gap.poses, found.baseline, model, found.survey.setup)
+        return replace(gap, with_rivals=left_by(model, poses))
+
+    held_out = found.holdout
+    return replace(
+        found, train=told(found.train), holdout=None if held_out is None else told(held_out)
+    )
+
+
+def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
+    """Return the verdict, its model fitted anew without motion where that stood for the arm.
+
+    A model is taken away without the motion of the base. Fitted beside it, the arm's parameters
+    are nearer to the truth where poses and time have nothing in common. Where they have, as where
+    rows go with a joint, the motion takes what the arm does: then the model without it explains
+    more of the readings than so many parameters do by chance.
+    """
+    wander = found.survey.wander
+    if wander is None:
+        return found
+    own = len(found.baseline.x) + 6 + len(found.baseline.targets_m)
+    of_motion = np.arange(own, own + len(wander.sizes))
+    still = replace(
+        found,
+        survey=replace(found.survey, wander=None),
+        finest=found.finest.without(of_motion),
+    ).with_findings(found.findings)
+    components = max(int(found.survey.poses.measured.components_seen.sum()), 1)
+    by_chance = min(2.0 * len(found.extended.x) / components, _MOST_BY_CHANCE)
+    least_mm = np.sqrt(1.0 - by_chance) / WORSE * found.train.after.rms_mm
+    if still.train.after.rms_mm > least_mm:
+        return found
+    return still.beside(found)
 
 
 def _in_time(judged: Survey, found: Refit) -> InTime:

@@ -50,20 +50,26 @@ class Level:
         """Return the level with some of its members alone; of held-out blocks it knows no more."""
         stay = [k for k, member in enumerate(self.members) if member.effect in effects]
         gone = [self.at[k] for k in range(len(self.members)) if k not in stay]
-        columns = np.setdiff1d(
-            np.arange(len(self.prior)), np.concatenate([np.zeros(0, int), *gone])
+        fewer = replace(
+            self,
+            members=tuple(self.members[k] for k in stay),
+            at=tuple(self.at[k] for k in stay),
         )
-        there = np.ix_(columns, columns)
-        return Level(
-            tuple(self.members[k] for k in stay),
-            self.squares,
-            replace(
+        return fewer.without(np.concatenate([np.zeros(0, int), *gone]))
+
+    def without(self, columns: Index) -> Level:
+        """Return the level without some columns, none of them a member's."""
+        rest = np.setdiff1d(np.arange(len(self.prior)), columns)
+        there = np.ix_(rest, rest)
+        return replace(
+            self,
+            total=replace(
                 self.total,
                 gram=self.total.gram[there],
-                projection=self.total.projection[columns],
+                projection=self.total.projection[rest],
             ),
-            self.prior[there],
-            tuple(np.searchsorted(columns, self.at[k]) for k in stay),
+            prior=self.prior[there],
+            at=tuple(np.searchsorted(rest, columns) for columns in self.at),
         )
 
     def fit(self, count: int) -> tuple[Array, tuple[Array, ...]]:

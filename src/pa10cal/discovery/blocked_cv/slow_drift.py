@@ -37,7 +37,7 @@ def slow_drift(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tupl
     known = len(np.unique(time_s)) > _OWN_TIMES * len(poses)
     if survey.wander is not None or poses.states.campaign is not None or not known:
         return ()
-    if like_a_scan(poses):
+    if like_a_scan(poses) or not poses.states.tells_time:
         return ()
     drift = BaseDrift("base", float(time_s.min()), float(time_s.max()), WAVES)
     without, with_drift = held.squares(), held.squares([drift])

@@ -136,13 +136,27 @@ def survey(
     context = context_of(poses, baseline, setup)
     return Survey(
         poses=poses,
-        block=np.arange(len(poses)) * BLOCKS // len(poses),
+        block=_stretches(poses),
         baseline=baseline,
         setup=setup,
         context=context,
         torques_logged=torques_logged,
         lag=attitude_lag(context, poses),
     )
+
+
+def _stretches(poses: Observations) -> Index:
+    """Return the block of each pose (P,): stretches of time, in a group one of every campaign.
+
+    Campaigns show an effect more or less; in blocks of one campaign each, that difference would
+    count as chance.
+    """
+    block = np.zeros(len(poses), dtype=np.intp)
+    campaign = poses.states.campaign
+    for own in [None] if campaign is None else np.unique(campaign):
+        rows = np.arange(len(poses)) if own is None else np.flatnonzero(campaign == own)
+        block[rows] = np.arange(len(rows)) * BLOCKS // len(rows)
+    return block
 
 
 def _as_springs_take_them(poses: Observations) -> Observations:

@@ -24,8 +24,13 @@ from pa10cal.discovery.evidence.search import EndOfSearch, search, threshold
 from pa10cal.discovery.family import effects_in, is_fault, sought
 from pa10cal.discovery.faults import Fault
 from pa10cal.discovery.formulas.rows import Arena
-from pa10cal.discovery.gap import Gap, Named, gap
-from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, wandering
+from pa10cal.discovery.gap import Gap, Named, gap, in_order, left_by
+from pa10cal.discovery.in_time.channel import (
+    in_time_of,
+    steps_in_time,
+    told_with_rivals,
+    wandering,
+)
 from pa10cal.discovery.in_time.running import moved_between_repeats
 from pa10cal.discovery.in_time.wander import STILL, moved_frames
 from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
@@ -36,6 +41,7 @@ from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import Prepared, complete, complete_about
 from pa10cal.discovery.verdict import Finding, Plan, Unexplained, Verdict, reported
 from pa10cal.errors import DiscoveryError
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import average_repeats, reading_groups
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations
@@ -174,14 +180,18 @@ class VerdictByRepeats(Verdict[Confirmation]):
             at, effect = slice(*columns), finding.effect
             x, of_x = reported(effect, extended.of(effect), covariance[at, at])
             anew.append(replace(finding, x=x, covariance=of_x))
-        held_out = self.prepared.held_out
+        held_out, searched = self.prepared.held_out, self.judgement.found.fit
+
+        def gap_on(poses: Observations) -> Gap:
+            return _with_rivals(self.problem, searched, compare(self.problem, extended, poses))
+
         return replace(
             self,
             findings=tuple(anew),
             judgement=replace(self.judgement, findings=tuple(anew)),
             extended=extended,
-            train=compare(self.problem, extended, average_repeats(self.prepared.trusted)),
-            holdout=None if held_out is None else compare(self.problem, extended, held_out),
+            train=gap_on(average_repeats(self.prepared.trusted)),
+            holdout=None if held_out is None else gap_on(held_out),
         )
 
     def unresolved(self) -> tuple[Pair, ...]:
@@ -221,6 +231,11 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
     problem = judgement.found.problem
     extended = _extended(problem, judgement)
     held_out = campaign.held_out
+
+    def gap_on(poses: Observations) -> Gap:
+        found = compare(problem, extended, poses)
+        return _with_rivals(problem, judgement.found.fit, found)
+
     return VerdictByRepeats(
         prepared=campaign,
         context=problem.context,
@@ -232,8 +247,8 @@ def discover_by_repeats(campaign: Prepared, error_rate: float) -> VerdictByRepea
         indistinguishable=_groups(judgement.found),
         extended=extended,
         noise_floor_mm=floor_mm(problem),
-        train=compare(problem, extended, average_repeats(readings)),
-        holdout=None if held_out is None else compare(problem, extended, held_out),
+        train=gap_on(average_repeats(readings)),
+        holdout=None if held_out is None else gap_on(held_out),
         steps=judgement.found.steps,
         faults_of_rows=_steps_in_time(problem, extended),
         problem=problem,
@@ -288,8 +303,9 @@ def _whitener(problem: Problem) -> Array:
 
 
 def _wandering(problem: Problem) -> tuple[Unexplained, ...]:
-    wander = problem.in_time.wander
-    return () if wander is None else wandering(wander, floor_mm(problem))
+    found, floor = problem.in_time, floor_mm(problem)
+    moved = () if found.wander is None else wandering(found.wander, floor)
+    return (*moved, *told_with_rivals(found, floor))
 
 
 def _steps_in_time(problem: Problem, found: Fit) -> tuple[Fault, ...]:
@@ -298,17 +314,24 @@ def _steps_in_time(problem: Problem, found: Fit) -> tuple[Fault, ...]:
 
 
 def compare(problem: Problem, extended: Fit, poses: Observations) -> Gap:
-    """Return the gap of baseline and extended model on averaged poses, the base where it was."""
+    """Return the gap of baseline and extended model on averaged poses."""
     poses = complete_about(poses, problem.baseline, extended.at, problem.setup)
-    at, T_moved = extended.at, _moved(problem, poses)
-    T_base_ee = poses.measured.as_read(
-        at.model.predict(poses.states, at.x), at.T_instr_base, apparatus_m(problem, extended)
-    )
-    if T_moved is not None:
-        T_base_ee = T_moved @ T_base_ee
-    after = poses.measured.deviations(T_base_ee, at.T_instr_base, at.targets_m)
     floor = floor_mm(problem, poses.readings)
+    after, T_moved = _exported(problem, extended), _moved(problem, poses)
     return gap(poses, problem.baseline, after, floor, T_moved=T_moved)
+
+
+def _with_rivals(problem: Problem, searched: Fit, found: Gap) -> Gap:
+    """Return the gap with what a model leaves that holds what has no name, too."""
+    if not any(effect.generic for effect in searched.effects):
+        return found
+    poses = complete_about(found.poses, problem.baseline, searched.at, problem.setup)
+    return replace(found, with_rivals=left_by(_exported(problem, searched), poses))
+
+
+def _exported(problem: Problem, found: Fit) -> FittedModel:
+    """Return a fit as the model that is exported, its covariance aside."""
+    return replace(found.fitted(), targets_off_m=apparatus_m(problem, found))
 
 
 def _moved(problem: Problem, poses: Observations) -> Array | None:
@@ -328,27 +351,23 @@ def errors_by_name(
 ) -> tuple[Named, ...]:
     """Return the errors of the calibrated baseline, and as each effect is added, all refitted.
 
+    What all together would miss most is added first.
+
     Args:
         problem: the campaign.
         extended: the model with all effects.
         train, holdout: the gap on averaged poses, before and with all effects.
     """
     variances = (extended.pose_variance, extended.torque_variance)
-    steps = [Named((), train.before, None if holdout is None else holdout.before)]
-    for count in range(1, len(extended.effects)):
-        effects = extended.effects[:count]
-        partial = fit(problem, effects, extended.sizes[:count], variances, extended)
-        steps.append(
-            Named(
-                effects,
-                compare(problem, partial, train.poses).after,
-                None if holdout is None else compare(problem, partial, holdout.poses).after,
-            )
-        )
-    if extended.effects:
-        after = None if holdout is None else holdout.after
-        steps.append(Named(extended.effects, train.after, after))
-    return tuple(steps)
+    size = dict(zip(extended.effects, extended.sizes, strict=True))
+
+    def with_only(some: tuple[Effect, ...]) -> Named:
+        partial = fit(problem, some, tuple(size[each] for each in some), variances, extended)
+        model = _exported(problem, partial)
+        held_out = None if holdout is None else left_by(model, holdout.poses)
+        return Named(some, left_by(model, train.poses), held_out)
+
+    return in_order(train, holdout, extended.effects, with_only)
 
 
 def _extended(problem: Problem, judgement: Judgement) -> Fit:

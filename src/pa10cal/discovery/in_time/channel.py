@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import rankdata
 
+from pa10cal.arm.state import PoseStates
 from pa10cal.discovery.family import why_unknown
 from pa10cal.discovery.faults import Fault
 from pa10cal.discovery.in_time.find import find_in_time
-from pa10cal.discovery.in_time.wander import STILL, InTime, Wander, by_base
+from pa10cal.discovery.in_time.wander import (
+    STILL,
+    InTime,
+    Wander,
+    by_base,
+    motions_along,
+    sizes_of_six,
+)
 from pa10cal.discovery.linear import by_joints, by_targets, by_terms, error_mm, possible_sizes
 from pa10cal.discovery.verdict import Unexplained
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.order import Driver, Parting, drivers, measured_again, partings, slow_joints
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
@@ -32,9 +43,11 @@ _BY_LOAD = 1e-3
 _TARGET_M = 3e-2
 #: Of more readings so many, spread evenly over time, stand for all.
 _MOST_READINGS = 1200
-#: Moves from one pose to the next, in those between any two, that are small: time then goes with
-#: the joint's angle.
-_SMALL_MOVES = 0.3
+#: Waves of the base's motion over the positions of a joint that goes with the order, that motion,
+#: and how often what is found of time is held against errors that go with more joints.
+_RIVAL_WAVES = 8
+_RIVAL_M = 1e-3
+_MOST_RIVALS = 4
 _SECONDS_AN_HOUR = 3600.0
 
 
@@ -49,8 +62,11 @@ def in_time_of(
 ) -> InTime:
     """Find how the base moves in time, beside what effects and loads can explain.
 
-    Nothing is found where poses are read once and follow each other like those of a scan: what
-    goes with time and what goes with place are then the same.
+    Nothing is found where times were not recorded, where the order goes with a joint or a load, and
+    where poses are read once and follow each other like those of a scan: what goes with time and
+    what goes with place are then the same. What is found where a joint or the load goes from one
+    side to the other is held against errors that go with it, and so is a walk where a joint moves
+    slowly: only what these do not take is told of time.
 
     Args:
         at: the model, with a term of its own for the base.
@@ -61,8 +77,8 @@ def in_time_of(
         weights: whether the torques of the weights are known.
     """
     once = len(np.unique(poses.pose)) == len(poses)
-    slow = _slow_joints(poses)
-    if once and like_a_scan(poses):
+    slow = slow_joints(poses.states)
+    if not poses.states.tells_time or (once and like_a_scan(poses)):
         return STILL
     if len(poses) > _MOST_READINGS:
         order = np.argsort(poses.states.time_s, kind="stable")
@@ -95,14 +111,31 @@ def in_time_of(
     if once:
         static.append(_waves(at, poses, slow))
     none = np.zeros((*whitener.shape[:2], 0))
-    return find_in_time(
-        at,
-        poses,
-        whitener,
-        np.concatenate(held, axis=2),
-        np.concatenate([none, *static], axis=2),
-        np.concatenate([none, *in_time], axis=2),
-    )
+    static_columns = np.concatenate([none, *static], axis=2)
+    of_time = np.concatenate([none, *in_time], axis=2)
+
+    def find(rivals: Rivals) -> InTime:
+        own = np.concatenate([*held, *rivals.columns(at, poses)], axis=2)
+        walks = not rivals.walks
+        return find_in_time(at, poses, whitener, own, static_columns, of_time, walks=walks)
+
+    shows = find(Rivals())
+    if measured_again(poses):
+        return shows
+    rivals, first_mm = Rivals(), shows.rms_mm
+    prismatic = at.model.chain.arm.prismatic
+    for _ in range(_MOST_RIVALS):
+        more = rivals_of(shows, poses.states, prismatic)
+        if more == Rivals():
+            break
+        if more <= rivals:  # beside them as well: what is left of them still goes with the order
+            shows = STILL
+            break
+        rivals = rivals + more
+        shows = find(rivals)
+    else:
+        shows = STILL
+    return shows if rivals == Rivals() else replace(shows, rivals=rivals.said, rivals_mm=first_mm)
 
 
 def steps_in_time(wander: Wander, at: FittedModel, readings: Observations) -> tuple[Fault, ...]:
@@ -125,9 +158,80 @@ def steps_in_time(wander: Wander, at: FittedModel, readings: Observations) -> tu
                 f"the instrument or the base moved by {size_mm:.2g} mm and {turn_mrad:.2f} mrad",
                 "measure reference targets before and after, or calibrate the readings before and "
                 "after as two campaigns",
+                at_s=jump.time_s,
             )
         )
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """Errors that go with joints or the load, where these go with the order: rivals of time.
+
+    Attributes:
+        partings: places of joints and loads that part the rows as a jump does.
+        walks: joints that move slowly, where a walk was found: it is one of theirs as well.
+    """
+
+    partings: tuple[Parting, ...] = ()
+    walks: tuple[Driver, ...] = ()
+
+    def __add__(self, other: Rivals) -> Rivals:
+        """Return both, each once."""
+        return Rivals(
+            tuple(dict.fromkeys((*self.partings, *other.partings))),
+            tuple(dict.fromkeys((*self.walks, *other.walks))),
+        )
+
+    def __le__(self, other: Rivals) -> bool:
+        """Return whether all of these are among others."""
+        return set(self.partings) <= set(other.partings) and set(self.walks) <= set(other.walks)
+
+    def columns(self, at: FittedModel, poses: Observations) -> Iterator[Array]:
+        """Yield how the base's motion by them moves the components of poses, (P, b, c)."""
+        courses: list[Array] = [
+            (each.driver.of(poses.states) > each.at).astype(np.float64)[:, None]
+            for each in self.partings
+        ]
+        parting = (each.driver for each in self.partings)
+        for driver in dict.fromkeys((*parting, *self.walks)):
+            rank = rankdata(driver.of(poses.states)) / len(poses)
+            waves = np.arange(1, _RIVAL_WAVES + 1)
+            courses.append(np.cos(np.pi * np.outer(rank, waves)) / waves)
+        if courses:
+            together = np.column_stack(courses) - np.mean(np.column_stack(courses), axis=0)
+            six = np.tile(sizes_of_six(_RIVAL_M, 1.0), together.shape[1])
+            yield motions_along(by_base(at, poses), together) * six
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """Return the joints and the load, in words, each once."""
+        named = (str(each.driver) for each in self.partings)
+        return tuple(dict.fromkeys([*named, *map(str, self.walks)]))
+
+
+def rivals_of(found: InTime, states: PoseStates, prismatic: NDArray[np.bool_]) -> Rivals:
+    """Return the errors by joints and the load that explain as well what was found of time."""
+    if found.wander is None:
+        return Rivals()
+    parted = [
+        each for jump in found.wander.jumps for each in partings(states, jump.time_s, prismatic)
+    ]
+    slow = slow_joints(states)
+    walks = [each for each in drivers(states, prismatic) if each.joint and slow[each.joint - 1]]
+    return Rivals(tuple(dict.fromkeys(parted)), tuple(walks) if found.wander.walk_m else ())
+
+
+def told_with_rivals(found: InTime, floor_mm: float) -> tuple[Unexplained, ...]:
+    """Return what goes with time and with joints or the load alike, where it exceeds noise."""
+    if not found.rivals or found.rivals_mm <= floor_mm:
+        return ()
+    why = (
+        f"{found.rivals_mm:.3g} mm (root mean square) go with the order of the poses, and with "
+        f"{' and '.join(found.rivals)} alike: the arm errs by that, or the instrument or the base "
+        "moved; measure the poses in random order"
+    )
+    return (Unexplained(None, None, found.rivals_mm, why),)
 
 
 def wandering(wander: Wander, floor_mm: float) -> tuple[Unexplained, ...]:
@@ -153,15 +257,7 @@ def _by_load(at: FittedModel, poses: Observations) -> Array:
 
 def like_a_scan(poses: Observations) -> bool:
     """Return whether poses follow each other so closely that time and place go together."""
-    return float(_slow_joints(poses).mean()) > 0.5
-
-
-def _slow_joints(poses: Observations) -> NDArray[np.bool_]:
-    """Return (n,) which joints move little from one pose to the next."""
-    q_rad = poses.states.q_rad[np.argsort(poses.states.time_s, kind="stable")]
-    steps = np.median(np.abs(np.diff(q_rad, axis=0)), axis=0)
-    spread = np.median(np.abs(q_rad - np.median(q_rad, axis=0)), axis=0)
-    return np.asarray(steps < _SMALL_MOVES * spread)
+    return float(slow_joints(poses.states).mean()) > 0.5
 
 
 def _waves(at: FittedModel, poses: Observations, slow: NDArray[np.bool_]) -> Array:

@@ -67,6 +67,8 @@ def find_in_time(
     own: Array,
     static: Array,
     in_time: Array,
+    *,
+    walks: bool = True,
 ) -> InTime:
     """Find how the base moves in the course of time.
 
@@ -77,6 +79,7 @@ def find_in_time(
         own: (P, b, k) columns of the model's own parameters, at their possible size.
         static: (P, b, s) columns of effects that do not go with time, at their plausible size.
         in_time: (P, b, t) columns of effects of time, at their possible size.
+        walks: whether a walk is sought; else jumps alone.
     """
     left = -residual(at, poses)
     rows = _Rows(at, poses, whitener, (own, static, in_time), left)
@@ -88,7 +91,7 @@ def find_in_time(
     needed_walk = float(np.log(len(_WALKS_M) * len(_TURNS) / _FALSE_RATE))
     while len(jumps) < _MOST_JUMPS:
         tried: list[tuple[float, tuple[Jump, ...], tuple[float, float], float]] = []
-        if not walk[0]:
+        if walks and not walk[0]:
             value, found = rows.best_walk(jumps)
             tried.append((value, jumps, found, value - best - needed_walk))
         value, more = rows.best_jump(jumps, walk)
@@ -100,7 +103,7 @@ def find_in_time(
         best, jumps, walk, _ = max(tried, key=lambda each: each[3])
     for jump in jumps:  # a first jump may have stood for a walk
         less = tuple(each for each in jumps if each != jump)
-        value, without = rows.best_walk(less)
+        value, without = rows.best_walk(less) if walks else (-np.inf, walk)
         if best - value < needed_jump - needed_walk:
             best, jumps, walk = value, less, without
     drifts = rows.loses(jumps, walk) > _DRIFTS if in_time.shape[2] else False

@@ -107,10 +107,20 @@ class InTime:
     Attributes:
         wander: jumps and walk; None where the data prefer neither.
         drifts: whether an effect of time shows beside them.
+        rivals: joints, rails and loads, in words, that the order goes with where more was seen:
+            errors that go with them explain that as well.
+        rivals_mm: root mean square of all that was seen before they were held against it.
     """
 
     wander: Wander | None
     drifts: bool
+    rivals: tuple[str, ...] = ()
+    rivals_mm: float = 0.0
+
+    @property
+    def rms_mm(self) -> float:
+        """Return the root mean square of jumps and walk at the readings."""
+        return 0.0 if self.wander is None else self.wander.rms_mm[0]
 
 
 STILL = InTime(None, drifts=False)

@@ -32,13 +32,14 @@ PICTURE = Picture(
     needs=("analysis", "verdict"),
     caption="""
 Gap between model and measurement in ``{name}`` as the effects of the verdict are added to the
-model in the order found, all parameters fitted again each time: blue for fitted poses, orange
-for held-out poses and loads. A marker is the mean, the bar on the line the root mean square,
-the end of the line the largest error; the axis is logarithmic. Dashed: the mean error that
-noise alone leaves, as successive readings from one direction of arrival scatter (unidirectional
-repeatability) or, without repeats, as stated; an error common to all poses, such as a target
-position, adds to it. Effects that mask each other may bring little one by one and much
-together. Where orange falls with blue, the names hold beyond the fitted poses.
+model, first those without which the model with all of them loses most, all parameters fitted
+again each time: blue for fitted poses, orange for held-out poses and loads. A marker is the
+mean, the bar on the line the root mean square, the end of the line the largest error; the axis
+is logarithmic. Dashed: the mean error that noise alone leaves, as successive readings from one
+direction of arrival scatter (unidirectional repeatability) or, without repeats, as stated; an
+error common to all poses, such as a target position, adds to it. Effects that mask each other
+may bring little one by one and much together. Where orange falls with blue, the names hold
+beyond the fitted poses.
 """,
 )
 

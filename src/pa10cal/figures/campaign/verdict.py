@@ -14,6 +14,7 @@ from pa10cal.results.discovery import (
     EffectName,
     EvidenceByBlocks,
     EvidenceByRepeats,
+    EvidenceOfSag,
     Fault,
     FoundEffect,
     LoadGap,
@@ -21,6 +22,7 @@ from pa10cal.results.discovery import (
     SetGap,
     VerdictRecord,
 )
+from pa10cal.results.explained import ExplainedEffect, percent
 from pa10cal.results.proposed import ProposedFormula
 
 PICTURE = Picture(
@@ -65,6 +67,8 @@ _PROPOSED = (
 )
 _ERROR_HEADER = ("poses", "load", "mean", "rms", "peak")
 _PARTS = {"inside": "angles seen in the fit", "extrapolated": "extrapolated"}
+_WITHOUT_MOTION = "the motion of the base taken out"
+_WITH_RIVALS = "with what has no name, not written"
 _BY_REPEATS = (
     "Evidence: log evidence lost without the effect (nats); the probability that sign flips over "
     "poses give any candidate as much (max T); and the share of the error of poses and loads held "
@@ -109,10 +113,16 @@ def _shown(found: VerdictRecord) -> Iterator[Shown]:
         noise = f"noise alone leaves a mean of {found.gap.noise_floor_mm:.4f} mm"
         yield shown(_ERROR_HEADER, errors, f"Position error [mm] as calibrated; {noise}")
         return
+    lead = found.explained
+    if lead is not None:
+        rows = [(each.of, "; ".join(each.ids), *_taken(each)) for each in lead.of]
+        rows.append(("", "no name", "", percent(lead.without_a_name)))
+        header = ("of", "effect", "rms before → after [mm]", "of the error beyond noise")
+        yield shown(header, rows, f"{lead.headline[:1].upper()}{lead.headline[1:]}")
     yield shown(
         ("effect", "of", "parameters, with 95 % intervals", "alternatives", "evidence"),
-        map(_effect_row, found.effects),
-        "Effects found",
+        map(_effect_row, found.effects_by_share),
+        "Effects found, those that take most away first" if lead else "Effects found",
     )
     if found.unexplained is not None:
         places = [(place.of or "not known", place.why) for place in found.unexplained.all]
@@ -183,6 +193,10 @@ def _effect_row(effect: FoundEffect) -> Row:
     return (effect.id, effect.of, parameters, alternatives, _evidence(effect.evidence))
 
 
+def _taken(each: ExplainedEffect) -> tuple[str, str]:
+    return (f"{each.before_mm:.4f} → {each.after_mm:.4f}", percent(each.share))
+
+
 def _proposed_row(each: ProposedFormula) -> Row:
     alike = _together(each.does_as_well_as) or "noise alone"
     return (each.of, each.formula, _in_words(each.parameters), alike, f"{100 * each.gain:.0f} %")
@@ -196,8 +210,10 @@ def _in_words(parameters: Mapping[str, EffectParameter]) -> str:
     )
 
 
-def _evidence(found: EvidenceByRepeats | EvidenceByBlocks) -> str:
+def _evidence(found: EvidenceByRepeats | EvidenceByBlocks | EvidenceOfSag) -> str:
     """Describe what decided about an effect, in words."""
+    if isinstance(found, EvidenceOfSag):
+        return found.words
     if isinstance(found, EvidenceByBlocks):
         blocks = found.cross_validation_over_blocks
         return (
@@ -253,6 +269,11 @@ def _gap_rows(found: VerdictRecord) -> Iterator[Row]:
             yield _gap_row(poses, load, at_load)
         for part, within in _parts(gap):
             yield (f"{poses}, {_PARTS[part]}", "all", *_errors(within), "")
+        if gap.without_motion is not None:
+            yield (f"{poses}, {_WITHOUT_MOTION}", "all", *_errors(gap.without_motion), "")
+        if gap.with_rivals is not None:
+            rivals = BeforeAfter(before=gap.before, after=gap.with_rivals)
+            yield (f"{poses}, {_WITH_RIVALS}", "all", *_errors(rivals), "")
 
 
 def _gap_row(poses: str, load: str, gap: LoadGap) -> Row:
@@ -288,6 +309,16 @@ def _data_rows(found: VerdictRecord) -> Iterator[Row]:
             yield ("effect", effect.id, effect.of, name, value, std, parameter.unit, remark)
         for name, number in _statistics(effect.evidence.model_dump()):
             yield ("evidence", effect.id, effect.of, name, f"{number:.6g}", "", "", "")
+    if found.explained is not None:
+        over = found.explained.over
+        for each in found.explained.of:
+            share = f"{each.share:.6g}"
+            yield ("explained", "; ".join(each.ids), each.of, "share", share, "", "", over)
+            for when, left_mm in (("before", each.before_mm), ("after", each.after_mm)):
+                rms, name = f"{left_mm:.6g}", f"{when}_rms_mm"
+                yield ("explained", "; ".join(each.ids), each.of, name, rms, "", "mm", over)
+        share = f"{found.explained.share:.6g}"
+        yield ("explained", "", "", "share", share, "", "", f"all effects, over {over}")
     for fault in found.faults:
         gain = "" if fault.gain is None else f"{fault.gain:.6g}"
         where, what, remedy = _of_fault(fault)
@@ -300,6 +331,8 @@ def _data_rows(found: VerdictRecord) -> Iterator[Row]:
         yield ("below_detection_limit", entry.id, entry.of, "", "", "", "", entry.why)
     for poses, gap in _sets(found):
         parts: dict[str, BeforeAfter] = {"all": gap, **gap.per_load, **dict(_parts(gap))}
+        if gap.without_motion is not None:
+            parts["motion taken out"] = gap.without_motion
         for load, at_load in parts.items():
             for when, errors in (("before", at_load.before), ("after", at_load.after)):
                 for name in ("mean_mm", "rms_mm", "peak_mm"):
@@ -318,7 +351,9 @@ def _notes(found: VerdictRecord) -> tuple[str, ...]:
         meaning,
         "Before: the calibrated model. After: the same with the effects found, recalibrated, and "
         "with the positions of the targets on the apparatus from that fit; without an effect the "
-        "whole difference is due to them. Held-out poses are used for nothing else.",
+        "whole difference is due to them. Both are the models that are written: motion of the base "
+        "that was found is in neither, and has a row of its own. Held-out poses are used for "
+        "nothing else but to leave out effects that would make them worse.",
         _BY_REPEATS if found.method == "evidence of repeats" else _BY_BLOCKS,
         "The unit of the reduction's interval is the pose: loads and repeats of a pose share its "
         "errors and count once.",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from textwrap import fill
+
 from matplotlib.figure import Figure
 
 from pa10cal.figures.rates import draw_rates
@@ -15,7 +17,8 @@ PICTURE = Picture(
     needs=(),
     caption="""
 Rates of wild trials with exact intervals ({name}): simulated campaigns of several arms and
-instruments, with stressors of ordinary logs or faults in their raw files. Every command runs on
+instruments, with stressors of ordinary logs or faults in their raw files, without stated masses, or
+with rows that are sorted. Every command runs on
 these files alone; what was put in is compared afterwards. The dash is the largest rate allowed, for
 faults told and effects listed the least required. A fault counts where it is above three times the
 noise. Synthetic data.
@@ -23,7 +26,9 @@ noise. Synthetic data.
 )
 
 _ROW_MM = 9.0
-#: Names of the bars short enough to stand beside them, in their order.
+#: Names of the bars of stressors and faults short enough to stand beside them, in their order;
+#: those of other kinds stand as they are, in lines of so many characters.
+_WIDTH = 30
 _NAMES = (
     "crash, or discovery\nwithheld",
     "no fault: a false name",
@@ -42,7 +47,8 @@ _NAMES = (
 def draw(scores: WildScoresRecord) -> Figure:
     """Draw the shares with their intervals."""
     shares = [bar for bar in scores.bars if bar.share]
-    rows = [(name, bar) for name, bar in zip(_NAMES, shares, strict=True) if bar.trials]
+    names = _NAMES if len(shares) == len(_NAMES) else [fill(bar.what, _WIDTH) for bar in shares]
+    rows = [(name, bar) for name, bar in zip(names, shares, strict=True) if bar.trials]
     if not rows:
         raise NothingToShowError("no trial counts")
     height = _ROW_MM * len(rows)

@@ -14,7 +14,9 @@ Wild trials by what was put into their raw files ({name}): how many there are, a
 were refused before calibration, were given a false name (a confident one where a fault or an effect
 outside the vocabulary is in them), were told of the fault or named the effect, got *none* where
 something above three times the noise is wrong, predict held-out poses worse than before, were left
-unexplained, or were called suspect. Synthetic data.
+unexplained, or were called suspect. Of unstated masses and sorted rows, effects count as above the
+noise where they leave half as much again, and as told where they are named or listed. Synthetic
+data.
 """,
 )
 
@@ -33,7 +35,7 @@ _HEADER = (
     "unexplained",
     "suspect",
 )
-_FOUND_IN = ("effect", "beyond")
+_FOUND_IN = ("effect", "beyond", "unstated_masses", "sorted_rows")
 
 
 def tabulate(scores: WildScoresRecord) -> Table:

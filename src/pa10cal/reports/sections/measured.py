@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from textwrap import shorten
 
 import numpy as np
 import pandas as pd
 
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.reports.blocks import Block, Callout, Facts, Section, grid
+from pa10cal.reports.blocks import Block, Callout, Facts, Folded, Paragraph, Section, grid
 from pa10cal.reports.gathered import POSES, Gathered
-from pa10cal.reports.written import count, listed, mm
+from pa10cal.reports.written import count, listed, mm, sentence
 
+#: Characters that a line of a fact holds.
+_ONE_LINE = 90
+#: Where a sentence ends: not after an initial, nor within `Fig. 4` or a name of a file.
+_SENTENCE = re.compile(r"(?<=[a-z\d)\]][a-z\d)\]][.;])\s+(?=[A-Z])")
 _KINDS = {
     "grid": "to fit",
     "holdout": "held out",
@@ -26,6 +32,8 @@ _FRAMES = {
     "ranging": "all measured distances at once",
     "nominal_arm": "the nominal arm",
 }
+#: What follows where rows give an order and no time.
+_NOT_SOUGHT = "; rows give an order alone, and no step, drift or wander is sought"
 
 
 def measured(found: Gathered) -> Section:
@@ -35,6 +43,10 @@ def measured(found: Gathered) -> Section:
 
 def _blocks(found: Gathered) -> Iterator[Block]:
     yield Facts(tuple(_facts(found)))
+    words = _provenance(found)
+    if words is not None and _in_one_line(words) != words:
+        told = (Paragraph(sentence(words)),)
+        yield Folded("Where the data come from, in the campaign's own words", told)
     if found.poses is None:
         yield Callout("missing", found.why_absent(POSES))
         return
@@ -52,14 +64,15 @@ def _blocks(found: Gathered) -> Iterator[Block]:
 
 def _facts(found: Gathered) -> Iterator[tuple[str, str]]:
     yield "Campaign", found.campaign
-    if found.provenance is not None:
+    words = _provenance(found)
+    if words is not None:
         kind = "Synthetic data. " if found.synthetic else ""
-        words = found.provenance.strip().removesuffix(".")
-        yield "Where the data come from", f"{kind}In the campaign's own words: {words}."
+        told = f"{kind}In the campaign's own words: {_in_one_line(words)}"
+        yield "Where the data come from", told if told.endswith((".", "…")) else f"{told}."
     yield "Arm", _arm(found)
     yield "Instrument", _instrument(found)
     if found.poses is not None:
-        yield "Duration", _duration(found.poses["time_s"].dropna(), found.description)
+        yield "Duration", _duration(found.poses, found.description)
         if "motion_x_mm" in found.poses:
             yield "Targets on the base", _base_motion(found.poses)
         warm = found.poses["temperature_C"].dropna()
@@ -68,6 +81,21 @@ def _facts(found: Gathered) -> Iterator[tuple[str, str]]:
     if (frame := found.base_frame) is not None:
         scatter = f"positions scatter by {frame.origin_scatter_mm:.3f} mm about it"
         yield "Base frame found from", f"{_FRAMES.get(frame.method, frame.method)}; {scatter}"
+
+
+def _provenance(found: Gathered) -> str | None:
+    return None if found.provenance is None else " ".join(found.provenance.split())
+
+
+def _in_one_line(words: str) -> str:
+    """Return the sentences that fill one line; where they do not, the beginning of the text."""
+    first, *others = _SENTENCE.split(words)
+    for each in others:
+        if len(first) + len(each) >= _ONE_LINE:
+            break
+        first = f"{first} {each}"
+    whole = _ONE_LINE / 2 < len(first) <= _ONE_LINE
+    return first if whole else shorten(words, _ONE_LINE, placeholder=" …")
 
 
 def _base_motion(poses: pd.DataFrame) -> str:
@@ -84,10 +112,17 @@ def _base_motion(poses: pd.DataFrame) -> str:
     )
 
 
-def _duration(times_s: pd.Series, description: CampaignDescription | None) -> str:
+def _duration(poses: pd.DataFrame, description: CampaignDescription | None) -> str:
     own = None if description is None else description.columns
-    if own is not None and own.poses is not None and own.poses.time is None:
-        return "not known: no column of times was read, so rows are numbered"
+    no_column = own is not None and own.poses is not None and own.poses.time is None
+    if no_column or (description is not None and not description.time_recorded):
+        return f"not known: time was not recorded{_NOT_SOUGHT}"
+    if "tells_time" in poses and not poses["tells_time"].all():
+        return f"time was not recorded, or rows follow a joint, a rail or the load{_NOT_SOUGHT}"
+    return _long(poses["time_s"].dropna())
+
+
+def _long(times_s: pd.Series) -> str:
     seconds = float(times_s.max() - times_s.min()) if len(times_s) else 0.0
     long = f"{seconds / 3600.0:.1f} h" if seconds >= 3600.0 else f"{seconds / 60.0:.0f} min"
     return f"{long} from the first reading to the last" if seconds else ""

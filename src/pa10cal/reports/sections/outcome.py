@@ -17,6 +17,7 @@ from pa10cal.reports.written import (
     unbroken,
 )
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
+from pa10cal.results.explained import percent
 from pa10cal.results.health import UNRESERVED, Health
 from pa10cal.results.proposed import ProposedFormula
 
@@ -84,7 +85,12 @@ def _verdict(found: Gathered) -> Iterator[Block]:
     if record is None:
         yield Callout("missing", found.why_absent(VerdictRecord.FILE))
         return
-    yield Paragraph(verdict_sentence(record), lead=True)
+    lead = record.explained
+    if lead is not None:
+        yield Paragraph(sentence(lead.headline), lead=True)
+        if lead.sentences:
+            yield Items(lead.sentences)
+    yield Paragraph(verdict_sentence(record), lead=lead is None)
     if record.faults:
         yield grid(
             "Faults of the log",
@@ -97,8 +103,8 @@ def _verdict(found: Gathered) -> Iterator[Block]:
     if record.effects:
         formulas = _formulas(found)
         yield grid(
-            "Effects in the order found, with 95 % intervals",
-            ("effect", "at", "size", "what it adds", "could also be"),
+            "Effects, those that take most away first, with 95 % intervals",
+            ("effect", "at", "size", "what it adds", "could also be", *_taken_header(record)),
             [
                 (
                     each.id.replace("_", " "),
@@ -106,14 +112,18 @@ def _verdict(found: Gathered) -> Iterator[Block]:
                     _size(each),
                     formulas.get((each.id, each.of), NOT_KNOWN),
                     listed(map(named, each.alternatives), "nothing else"),
+                    *_taken(record, each),
                 )
-                for each in record.effects
+                for each in record.effects_by_share
             ],
         )
     if record.verdict in _MEANINGS:
         yield Paragraph(_MEANINGS[record.verdict])
     if record.unexplained is not None:
-        yield Callout("warning", "Part of the remaining error has no name:")
+        part = "Part of the remaining error"
+        if lead is not None:
+            part = f"{percent(lead.without_a_name)} of the error beyond noise"
+        yield Callout("warning", f"{part} has no name:")
         yield Items(
             tuple(
                 sentence(f"{place.of or 'place not known'}: {place.why}")
@@ -140,6 +150,34 @@ def _verdict(found: Gathered) -> Iterator[Block]:
             "The model leaves effects out where held-out poses are predicted worse with them: "
             "see what is not trusted below.",
         )
+
+
+def _taken_header(record: VerdictRecord) -> tuple[str, ...]:
+    if record.explained is None:
+        return ()
+    return (f"takes away, over {record.explained.over} [mm rms]", "of the error beyond noise")
+
+
+def _taken(record: VerdictRecord, effect: FoundEffect) -> tuple[str, ...]:
+    """Return what an effect takes away, and its share, where that is known."""
+    if record.explained is None:
+        return ()
+    for each in record.explained.of:
+        if (each.ids[0], each.of) == (effect.id, effect.of):
+            fall = unbroken(f"{mm(each.before_mm)} → {mm(each.after_mm)}")
+            return (fall, unbroken(percent(each.share)))
+    return (NOT_KNOWN, NOT_KNOWN)
+
+
+def verdict_glance(record: VerdictRecord) -> tuple[str, str]:
+    """Return the verdict for the top of the page: how much is explained, and by what."""
+    word, lead = record.verdict.replace("_", " "), record.explained
+    if lead is None or not lead.sentences:
+        return word, verdict_sentence(record)
+    if record.verdict == "check_the_log":
+        return word, f"{verdict_sentence(record)} {sentence(lead.headline)}"
+    parts = "Of the error beyond noise." if len(lead.sentences) == 1 else sentence(lead.headline)
+    return f"{lead.percent} explained", f"{parts} {lead.sentences[0]} Verdict: {word}."
 
 
 def verdict_sentence(record: VerdictRecord) -> str:

@@ -9,7 +9,7 @@ from pa10cal.reports.blocks import Block, Callout, Items, Section, grid
 from pa10cal.reports.gathered import Gathered
 from pa10cal.reports.written import NOT_KNOWN, mm, named, sentence
 from pa10cal.results.calibration import GeneralCalibrationRecord
-from pa10cal.results.discovery import EvidenceByBlocks, FoundEffect
+from pa10cal.results.discovery import EvidenceByBlocks, EvidenceOfSag, FoundEffect
 from pa10cal.results.health import Health
 
 
@@ -94,6 +94,8 @@ def _passes(well: bool) -> str:
 
 def _evidence(effect: FoundEffect) -> str:
     found = effect.evidence
+    if isinstance(found, EvidenceOfSag):
+        return found.words
     if isinstance(found, EvidenceByBlocks):
         blocks = found.cross_validation_over_blocks
         return (

@@ -34,7 +34,6 @@ class CandidateContext:
         loads_N: external loads that were measured at.
         tool_kg: mass stated of the tool; 0 where it is not known.
         torques: where torques come from: `logged`, `masses`, or `none`.
-        gravity_m_s2: (3,) gravity along the base's axes, or None.
         commanded: whether joint positions are those commanded, and not read back.
         campaigns: names of the campaigns of a group; none of a single one.
     """
@@ -50,7 +49,6 @@ class CandidateContext:
     loads_N: tuple[float, ...] = ()
     tool_kg: float = 0.0
     torques: Literal["logged", "masses", "none"] = "none"
-    gravity_m_s2: Array | None = None
     commanded: bool = False
     campaigns: tuple[str, ...] = ()
 
@@ -80,7 +78,8 @@ class Effect(ABC):
     generic: ClassVar[bool] = False
     #: What a reader should do who finds it without a name, one clause.
     advice: ClassVar[str] = ""
-    #: Whether its linear parameters cannot be negative, as of a stiffness or a Coulomb torque.
+    #: Whether its linear parameters cannot be negative, as of a stiffness, a Coulomb torque or lost
+    #: motion. Every effect decides (a test holds all of them): a fit of the other sign is not it.
     positive: ClassVar[bool] = False
     #: Whether it goes with time or temperature.
     goes_with_time: ClassVar[bool] = False
@@ -209,6 +208,22 @@ def static_loads_in(states: PoseStates, effect: Effect) -> StaticLoads:
             remedy="describe the masses, or omit the effect",
         )
     return states.static_loads
+
+
+def time_in(states: PoseStates, effect: Effect) -> Array:
+    """Return the times of poses, (P,) [s].
+
+    Raises:
+        CalibrationError: when they give an order alone.
+    """
+    if not states.tells_time:
+        raise CalibrationError(
+            "time was not recorded, or the order of the poses goes with a joint or a load",
+            where=f"{effect.id} of {effect.of}",
+            allowed="poses in another order than that of a joint or load, with their times",
+            remedy="omit the effect, or measure in random order and log time_s",
+        )
+    return states.time_s
 
 
 def seen_in(states: PoseStates, effect: Effect) -> ObservedTargets:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.effects.effect import CandidateContext, NamedEffect
+from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, time_in
 from pa10cal.terms.term import Parameter
 
 Array = NDArray[np.float64]
@@ -77,7 +77,7 @@ class BaseDrift(NamedEffect):
         del x
         last_s = np.inf if self.end_s is None else self.end_s
         first_s = -np.inf if self.end_s is None else self.start_s
-        since_s = np.clip(states.time_s, first_s, last_s) - self.start_s
+        since_s = np.clip(time_in(states, self), first_s, last_s) - self.start_s
         courses = [since_s / _SECONDS_AN_HOUR]
         courses += [
             np.cos(np.pi * k * since_s / (last_s - self.start_s)) for k in range(1, self.waves + 1)
@@ -100,6 +100,7 @@ class ThermalGrowth(NamedEffect):
     lengths_m: tuple[float, ...]
     reference_temperature_C: float
     id: ClassVar[str] = "thermal_growth"
+    positive: ClassVar[bool] = True
     goes_with_time: ClassVar[bool] = True
 
     @property

@@ -43,6 +43,7 @@ class Backlash(JointEffect):
     """Lost motion: b s_j [rad], s_j the direction in which the joint arrived."""
 
     id: ClassVar[str] = "backlash"
+    positive: ClassVar[bool] = True
 
     @property
     def formula(self) -> str:

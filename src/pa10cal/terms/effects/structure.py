@@ -2,20 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import bend_coordinates, link_spans_m, long_links
+from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
+from pa10cal.arm.weights import weights_known
 from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, static_loads_in
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import OPTIONAL, Parameter
 
 Array = NDArray[np.float64]
 
 _LONG_LINKS = ("upper_arm", "forearm")
+GRAVITY_M_S2 = 9.81
+#: Turn that a structure may well make under the whole weight of its arm [rad].
+_TURN_RAD = 3e-4
+
+
+def _moment_of_arm_Nm(arm: Arm) -> float | None:
+    """Return the moment that an arm stretched out puts on its base, where weights are assumed."""
+    if arm.mass_kg is None or not weights_known(arm).assumed:
+        return None
+    return 0.5 * GRAVITY_M_S2 * float(arm.mass_kg.sum()) * arm.reach_m
+
+
+def _compliance(name: str, scale: float, plausible: float, of_arm_Nm: float | None) -> Parameter:
+    """Return a compliance [rad/(N m)], as large as is plausible of its arm."""
+    if of_arm_Nm is not None:
+        plausible, scale = _TURN_RAD / of_arm_Nm, _TURN_RAD / of_arm_Nm * scale / plausible
+    return Parameter(name, "rad/(N m)", scale, plausible=plausible)
 
 
 @dataclass(frozen=True)
@@ -25,10 +44,13 @@ class LinkEffect(NamedEffect):
     Attributes:
         row: the link's row, from 1.
         span_m: from the link's joint to its end, along the axes of that end.
+        moment_of_arm_Nm: moment at which a plausible turn is reached, where weights are assumed and
+            a compliance is as large as these are small; None where they are stated.
     """
 
     row: int
     span_m: tuple[float, float, float]
+    moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     #: Names of the links at which it may sit.
     places: ClassVar[tuple[str, ...]] = _LONG_LINKS
 
@@ -38,7 +60,7 @@ class LinkEffect(NamedEffect):
         spans_m = link_spans_m(context.arm)
         rows = long_links(context.arm)
         return tuple(
-            cls(place, row, (float(x), float(y), float(z)))
+            cls(place, row, (float(x), float(y), float(z)), _moment_of_arm_Nm(context.arm))
             for place, row in zip(_LONG_LINKS, rows, strict=False)  # a short arm has fewer
             for x, y, z in (spans_m[row - 1],)
             if place in cls.places
@@ -81,7 +103,7 @@ class LinkBending(LinkEffect):
     @property
     def reported(self) -> tuple[Parameter, ...]:
         """Return the compliance."""
-        return (Parameter("c", "rad/(N m)", 1e-7, plausible=5e-6),)
+        return (_compliance("c", 1e-7, 5e-6, self.moment_of_arm_Nm),)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return shift over turn of the link's end a unit of c, (P, 6, 1)."""
@@ -108,7 +130,7 @@ class LinkTorsion(LinkEffect):
     @property
     def reported(self) -> tuple[Parameter, ...]:
         """Return the compliance."""
-        return (Parameter("c", "rad/(N m)", 5e-7, plausible=2e-5),)
+        return (_compliance("c", 5e-7, 2e-5, self.moment_of_arm_Nm),)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -127,8 +149,13 @@ class BaseCompliance(NamedEffect):
     """The base tilts about x and y by cx M_x and cy M_y, M the overturning moment.
 
     cx and cy in rad/(N m), M about the base's origin along base axes.
+
+    Attributes:
+        moment_of_arm_Nm: moment at which a plausible tilt is reached, where weights are assumed;
+            None where they are stated.
     """
 
+    moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     id: ClassVar[str] = "base_compliance"
     positive: ClassVar[bool] = True
 
@@ -140,13 +167,13 @@ class BaseCompliance(NamedEffect):
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at the base."""
-        del context
-        return (cls("base"),)
+        return (cls("base", _moment_of_arm_Nm(context.arm)),)
 
     @property
     def reported(self) -> tuple[Parameter, ...]:
         """Return both compliances."""
-        return tuple(Parameter(name, "rad/(N m)", 1e-7, plausible=3e-6) for name in ("cx", "cy"))
+        of_arm_Nm = self.moment_of_arm_Nm
+        return tuple(_compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("cx", "cy"))
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -164,6 +191,7 @@ class ToolSag(NamedEffect):
     """The tooling gives way by c [m] times the part of gravity's direction across its axis."""
 
     id: ClassVar[str] = "tool_sag"
+    positive: ClassVar[bool] = True
 
     @property
     def formula(self) -> str:

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.state import PoseStates
-from pa10cal.terms.effects.effect import CandidateContext, JointEffect, NamedEffect, turning_joints
+from pa10cal.terms.effects.effect import (
+    CandidateContext,
+    JointEffect,
+    NamedEffect,
+    time_in,
+    turning_joints,
+)
 from pa10cal.terms.effects.instrument import FalseReading
 from pa10cal.terms.effects.joint_windup import loaded_joints
 from pa10cal.terms.term import Parameter
@@ -306,7 +312,7 @@ class DriftMap(NamedEffect):
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the polynomials of time, each motion for itself, (P, 6, 18)."""
-        values = _degrees(states.time_s, self.span_s, self.degrees)
+        values = _degrees(time_in(states, self), self.span_s, self.degrees)
         each = np.eye(len(BASE))[:, :, None] * values[:, None, None, :]
         return each.reshape(len(states), len(BASE), len(x))
 

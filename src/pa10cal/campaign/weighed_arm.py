@@ -1,0 +1,339 @@
+"""The arm of a campaign with its weights: stated, assumed, or as logged torques have them.
+
+Weights that are not known are weights with wide uncertainty. So an arm without masses gets assumed
+ones, and masses that cannot be meant count as none. Where torques were logged they weigh the arm:
+they set weights that nobody stated, and show which link is stated wrongly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import Payload
+from pa10cal.arm.weights import (
+    CENTRE,
+    DRIVES,
+    WeightsKnown,
+    weights_known,
+    with_assumed_weights,
+)
+from pa10cal.campaign.description import CampaignDescription
+from pa10cal.campaign.findings import InputFinding
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.loads import statics_of
+from pa10cal.fit.uncertain_weights import weight_sizes
+from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.observations import Observations
+from pa10cal.terms.model import Model
+
+Array = NDArray[np.float64]
+
+#: Masses that a drawing program exports where nobody gave any [kg].
+_PLACEHOLDERS = (0.0, 1.0)
+#: A total that differs by more from the sum of the parts contradicts them.
+_TOTAL_OFF = 0.25
+#: Scale of a joint's logged torque, friction and zero, of its rated torque, that may be.
+_GAIN, _FRICTION, _ZERO = 0.05, 0.03, 0.01
+#: A link is stated wrongly where logged torques want it other than stated by so many standard
+#: uncertainties ...
+_OFF = 5.0
+#: ... and explains them better than chance or another cause allows, by so much log evidence.
+_NATS = 12.0
+_REWEIGHTED = 4
+#: Scatter about weights of any kind, of the torques logged, above which those are not of weights.
+_SCATTER = 0.3
+#: Correlation of logged with calculated torques below which their signs or gravity are off.
+_FOLLOWS = 0.8
+#: Torques are resolved to no better than this part of the largest.
+_RESOLVED = 1e-4
+_MEDIAN_TO_SIGMA = 1.4826
+_EDGE = 4.0
+#: A link weighs at least this part of what is described or assumed.
+_LEAST_PART = 1e-3
+#: Poses that are looked at, spread over all.
+_MOST_POSES = 400
+
+
+def arm_of(campaign: CampaignDescription, folder: Path, every: Observations) -> Arm:
+    """Return the arm of a campaign with weights, from the folder that describes it.
+
+    Args:
+        campaign: its description.
+        folder: the campaign's folder.
+        every: single readings of all kinds.
+
+    Raises:
+        ArmError: when there is no arm of that name, or its file cannot be used.
+        SettingsError: when a key of its file is unknown, missing or of the wrong kind.
+    """
+    return weighed_arm(campaign, load_arm(campaign.robot, folder), every)
+
+
+def weighed_arm(campaign: CampaignDescription, arm: Arm, every: Observations) -> Arm:
+    """Return the arm of a campaign with weights, and how well these are known.
+
+    Args:
+        campaign: its description.
+        arm: the nominal arm, as it is described.
+        every: single readings of all kinds.
+    """
+    total_kg = None if campaign.masses is None else campaign.masses.total_kg
+    why = _not_meant(arm, total_kg)
+    if why:
+        if arm.mass_kg is not None and total_kg is not None:
+            total_kg = None  # one of the two is wrong, and nothing says which
+        arm = replace(arm, mass_kg=None, com_m=None)
+    arm = with_assumed_weights(arm, total_kg)
+    if why and arm.weights_known is not None:
+        arm = replace(arm, weights_known=replace(arm.weights_known, why=why))
+    payload = campaign.payload(arm)
+    grid = every.of_kind("grid")
+    if payload is None or not len(grid) or not np.isfinite(grid.states.tau_Nm).all():
+        return arm
+    if not np.linalg.norm(payload.gravity_m_s2):
+        return arm
+    rows = _Torques.of(arm, payload, _some(average_repeats(grid)))
+    if not rows.of_weights:
+        return arm  # no weights make such torques: their signs, or gravity, are another matter
+    return rows.without_contradiction() if arm.weights_known is None else rows.weighed()
+
+
+def weights_finding(arm: Arm) -> tuple[InputFinding, ...]:
+    """Return what is wrong with the weights that the description states; none where nothing is."""
+    known = arm.weights_known
+    if known is None or not known.why:
+        return ()
+    return (
+        InputFinding(
+            known.why,
+            f"{arm.name}: mass_kg, com_m",
+            "correct the masses in the arm's description, or the tool in campaign.yaml",
+            kind="masses",
+        ),
+    )
+
+
+def _not_meant(arm: Arm, total_kg: float | None) -> str:
+    """Return why stated masses cannot be meant; empty where they can, or where there are none."""
+    if arm.mass_kg is None:
+        return ""
+    if np.isin(arm.mass_kg, _PLACEHOLDERS).all():
+        return (
+            "the masses of the links are all 0 or 1 kg, as a drawing program exports them where "
+            "none were given: they are treated as not known"
+        )
+    sum_kg = float(arm.mass_kg.sum())
+    if total_kg is not None and abs(sum_kg - total_kg) > _TOTAL_OFF * max(sum_kg, total_kg):
+        return (
+            f"masses.total_kg is {total_kg:g} kg, and the masses of the links add up to "
+            f"{sum_kg:.4g} kg: both are treated as not known"
+        )
+    return ""
+
+
+def _some(poses: Observations) -> Observations:
+    count = len(poses)
+    rows = np.unique(np.linspace(0, count - 1, min(count, _MOST_POSES)).astype(int))
+    return poses.take(rows)
+
+
+@dataclass(frozen=True)
+class _Torques:
+    """Logged torques beside those of the weights.
+
+    Attributes:
+        arm: with its weights.
+        payload: what it carries.
+        logged_Nm: (P, n) logged torques.
+        left_Nm: (P, n) these less calculated ones.
+        by_weights: (P, n, 4 n + 3) derivative of the calculated ones.
+        nuisance: (P, n, c) what logs are usually off by, at its size.
+    """
+
+    arm: Arm
+    payload: Payload
+    logged_Nm: Array
+    left_Nm: Array
+    by_weights: Array
+    nuisance: Array
+
+    @classmethod
+    def of(cls, arm: Arm, payload: Payload, poses: Observations) -> _Torques:
+        states, each = poses.states, np.eye(arm.n)
+        found = statics_of(Model(Chain.of(arm), ()), np.zeros(0), states, payload)
+        rated_Nm = arm.rated_Nm(np.abs(found.torque_Nm).max(axis=0))
+        # A load hung elsewhere or of another size, and the tool, are faults of their own.
+        load = found.static_loads.by_load * states.load_N[:, None]
+        # A scale of the torques is one of weights that nobody stated.
+        gain = _GAIN if arm.weights_known is None else 0.0
+        nuisance = [
+            gain * found.torque_Nm[:, :, None] * each,
+            _FRICTION * (rated_Nm * states.arrival)[:, :, None] * each,
+            np.broadcast_to(_ZERO * rated_Nm[:, None] * each, (len(poses), arm.n, arm.n)),
+            load[:, :, None],
+        ]
+        left_Nm = states.tau_Nm - found.torque_Nm
+        return cls(
+            arm,
+            payload,
+            states.tau_Nm,
+            left_Nm,
+            found.static_loads.by_weights,
+            np.concatenate(nuisance, axis=2),
+        )
+
+    @property
+    def of_weights(self) -> bool:
+        """Return whether weights of some kind make such torques."""
+        spread_Nm = np.sqrt(np.mean(self.logged_Nm**2))
+        scatter_Nm = np.sqrt(np.mean(self._noise_Nm**2))
+        along = float(np.sum((self.logged_Nm - self.left_Nm) * self.logged_Nm))
+        size = np.linalg.norm(self.logged_Nm - self.left_Nm) * np.linalg.norm(self.logged_Nm)
+        return bool(scatter_Nm < _SCATTER * spread_Nm and along > _FOLLOWS * size)
+
+    def weighed(self) -> Arm:
+        """Return the arm with the weights that its torques have, of one that states none."""
+        sizes = weight_sizes(self.arm, self.payload).columns(self.arm)
+        x, covariance, _ = self._solve(sizes)
+        return self._with(x, covariance, "")
+
+    def without_contradiction(self) -> Arm:
+        """Return the arm; with a weight or a centre as the torques have it where they contradict.
+
+        One link after the other, each in its mass or its centre, whichever alone explains most.
+        """
+        arm, mass_kg = self.arm, self.arm.mass_kg
+        assert mass_kg is not None
+        sizes = weight_sizes(arm, self.payload).columns(arm)
+        known, before = sizes.copy(), self._solve(sizes)[2]
+        reach_m = CENTRE * (1.0 + DRIVES) * arm.reach_m
+        said = []
+        for _ in range(arm.n):
+            tried = []
+            for link in range(arm.n):
+                for part, columns, wide in (
+                    ("mass", [4 * link], float(mass_kg.max())),
+                    ("centre", [4 * link + k for k in (1, 2, 3)], reach_m * mass_kg[link]),
+                ):
+                    opened = known.copy()
+                    opened[columns] = np.maximum(wide, known[columns])
+                    x, _, left = self._solve(opened)
+                    off = np.abs(x[columns]) / np.maximum(sizes[columns], 1e-12)
+                    if off.max() > _OFF:
+                        tried.append((left, link, part, columns, opened))
+            if not tried:
+                break
+            left, link, part, columns, opened = min(tried, key=lambda each: each[0])
+            if before - left < 2.0 * _NATS:
+                break
+            known, before = opened, left
+            said.append((link, part, columns))
+        if not said:
+            return arm
+        last = arm.n - 1
+        if any(link == last for link, _, _ in said):
+            # The tool may be as wrong as the link that carries it: the verdict tells them apart.
+            why = (
+                f"logged torques contradict the mass or the centre stated of link {arm.n}, or of "
+                "the tool"
+            )
+            return replace(arm, weights_known=replace(weights_known(arm), why=why))
+        x, covariance, _ = self._solve(known)
+        found = self._with(x, covariance, "")
+        assert found.mass_kg is not None
+        assert found.com_m is not None
+        assert arm.com_m is not None
+        clauses = [
+            f"link {link + 1} is stated with {mass_kg[link]:.4g} kg, and logged torques have it "
+            f"at {found.mass_kg[link]:.3g} kg"
+            if part == "mass"
+            else f"the centre of mass of link {link + 1} is stated at "
+            f"{np.round(arm.com_m[link], 3).tolist()} m, and the logged torques have it at "
+            f"{np.round(found.com_m[link], 3).tolist()} m"
+            for link, part, _ in said
+        ]
+        assert found.weights_known is not None
+        return replace(found, weights_known=replace(found.weights_known, why="; ".join(clauses)))
+
+    def _solve(self, sizes: Array) -> tuple[Array, Array, float]:
+        """Return weights (4 n + 3,) beside those described, their covariance, and the squares left.
+
+        Args:
+            sizes: (4 n + 3,) standard uncertainties.
+        """
+        columns = np.concatenate([self.by_weights * sizes, self.nuisance], axis=2)
+        count, own, noise_Nm = columns.shape[2], len(sizes), self._noise_Nm
+        white = (columns / noise_Nm[:, None]).reshape(-1, count)
+        normal = white.T @ white + np.eye(count)
+        data = (self.left_Nm / noise_Nm).ravel()
+        x, least = np.linalg.solve(normal, white.T @ data), self._least(sizes, count)
+        for _ in range(_REWEIGHTED):
+            clipped = white @ x + np.clip(data - white @ x, -_EDGE, _EDGE)
+            x = np.linalg.solve(normal, white.T @ clipped)
+            if (x < least).any():
+                root = np.linalg.cholesky(normal).T
+                wanted = np.linalg.solve(root.T, white.T @ clipped)
+                x = lsq_linear(root, wanted, (least, np.inf), method="bvls").x
+        off = np.clip(data - white @ x, -_EDGE, _EDGE)
+        covariance = np.linalg.inv(normal)[:own, :own] * np.outer(sizes, sizes)
+        return x[:own] * sizes, covariance, float(off @ off + x @ x)
+
+    def _least(self, sizes: Array, count: int) -> Array:
+        """Return how far unknowns may fall, (count,): every link weighs something."""
+        least, mass_kg = np.full(count, -np.inf), self.arm.mass_kg
+        assert mass_kg is not None
+        at = 4 * np.flatnonzero((mass_kg > 0.0) & (sizes[: 4 * self.arm.n : 4] > 0.0))
+        least[at] = -(1.0 - _LEAST_PART) * mass_kg[at // 4] / sizes[at]
+        return least
+
+    @cached_property
+    def _noise_Nm(self) -> Array:
+        """Return the scatter (n,) of logged torques about weights of any kind."""
+        sizes = weight_sizes(with_assumed_weights(_bare(self.arm)), self.payload).columns(self.arm)
+        sizes = np.maximum(sizes, 1e-3 * sizes.max())
+        columns = np.concatenate([self.by_weights * sizes, self.nuisance], axis=2)
+        count = columns.shape[2]
+        least_Nm = _RESOLVED * max(float(np.abs(self.logged_Nm).max()), 1.0)
+        noise_Nm = np.maximum(_spread(self.left_Nm - np.median(self.left_Nm, axis=0)), least_Nm)
+        for _ in range(_REWEIGHTED):
+            white = (columns / noise_Nm[:, None]).reshape(-1, count)
+            normal = white.T @ white + 1e-6 * np.eye(count)
+            x = np.linalg.solve(normal, white.T @ (self.left_Nm / noise_Nm).ravel())
+            noise_Nm = np.maximum(_spread(self.left_Nm - columns @ x), least_Nm)
+        return noise_Nm
+
+    def _with(self, x: Array, covariance: Array, why: str) -> Arm:
+        """Return the arm with other weights, and their uncertainty."""
+        arm = self.arm
+        assert arm.mass_kg is not None
+        assert arm.com_m is not None
+        mass, moments = x[: 4 * arm.n : 4], x[: 4 * arm.n].reshape(-1, 4)[:, 1:]
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))[: 4 * arm.n].reshape(-1, 4)
+        mass_kg = arm.mass_kg + mass
+        least_kg = np.maximum(mass_kg, 1e-9)
+        com_m = (arm.mass_kg + mass)[:, None] * arm.com_m + moments
+        known = WeightsKnown(
+            "logged",
+            np.maximum(std[:, 0] / least_kg, 0.0),
+            np.maximum(std[:, 1:].max(axis=1) / least_kg, 0.0),
+            why,
+        )
+        return replace(arm, mass_kg=mass_kg, com_m=com_m / least_kg[:, None], weights_known=known)
+
+
+def _bare(arm: Arm) -> Arm:
+    return replace(arm, mass_kg=None, com_m=None, weights_known=None)
+
+
+def _spread(left_Nm: Array) -> Array:
+    """Return the scatter (n,) of each joint, from its median."""
+    spread = _MEDIAN_TO_SIGMA * np.median(np.abs(left_Nm), axis=0)
+    return np.asarray(np.maximum(spread, 1e-3 * spread.max()))

@@ -1,0 +1,340 @@
+"""Trials as measured robots come: weights that nobody stated, rows that are sorted.
+
+Both are of arms described without masses, rated torques, gear ratios and logged torques
+(`unstated`), under instruments of poses or of points. Kinds of `wild_trials` that it draws.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.description import Arm
+from pa10cal.cell.campaign import robot_of
+from pa10cal.cell.effects.effect import LONG_LINKS, Site
+from pa10cal.cell.effects.vocabulary import all_effects, places_of
+from pa10cal.cell.mechanism import Mechanism
+from pa10cal.cell.options import SimulateOptions, UnstatedOptions
+from pa10cal.cell.poses import joint_bounds
+from pa10cal.cell.robot import Robot
+from pa10cal.cell.tracker_trials import ATTITUDE_RAD, POSITION_MM, SECONDS_A_POSE
+from pa10cal.cell.trials import Trial, hide, log_uniform, trial_places
+from pa10cal.cell.unstated import described, draw_unstated, nominal
+from pa10cal.errors import SettingsError
+from pa10cal.files.arms import arm_names, load_arm
+from pa10cal.settings_reading import parse_section
+
+Array = NDArray[np.float64]
+
+UNSTATED, SORTED = "unstated_masses", "sorted_rows"
+SPRING = "joint_compliance"
+#: What trials of unstated masses hide, in turn: springs in no joint, in some or in all, alone or
+#: with one other effect. Where no joint gives way alone is drawn twice as often.
+NO_SPRINGS, SOME_SPRINGS, ALL_SPRINGS = "no_springs", "some_springs", "all_springs"
+AND_MORE = "_and_more"
+UNSTATED_SUBJECTS = (
+    NO_SPRINGS,
+    SOME_SPRINGS,
+    ALL_SPRINGS,
+    NO_SPRINGS + AND_MORE,
+    SOME_SPRINGS + AND_MORE,
+    ALL_SPRINGS + AND_MORE,
+    NO_SPRINGS,
+)
+#: The other effect.
+_MORE = (
+    "encoder_eccentricity",
+    "gear_ratio_error",
+    "backlash",
+    "link_bending",
+    "base_compliance",
+    "encoder_ellipticity",
+    "joint_error_map",
+    "wrist_coupling",
+    "cmm_scale",
+)
+#: What trials of sorted rows hide, in turn; all but the motions of the base sit at the joint by
+#: which rows are sorted, and so look like a motion in the course of time.
+NOTHING = "nothing"
+SORTED_SUBJECTS = (
+    NOTHING,
+    SPRING,
+    "encoder_eccentricity",
+    "third_harmonic",
+    "base_compliance",
+    NOTHING,
+    "gear_ratio_error",
+    "pedestal_tilt",
+)
+#: Deflection of a joint under the largest torque that it usually carries, and turn of a link or the
+#: base under the usual moment [rad], whatever the size of the arm.
+SAG_RAD = (3e-4, 4e-3)
+_TURN_RAD = (1e-4, 1e-3)
+#: Other effects, in their plausible size; large ones that go with the rows look most like a motion.
+_TIMES = {UNSTATED: (1.0, 1.0), SORTED: (1.0, 5.0)}
+#: Of the largest torque of the arm's joints: what loads a joint, and what the stiffness of one that
+#: carries less goes by.
+_LOADED = 0.02
+_MOST_SOFT = 3
+#: Poses of a campaign, and how often each is repeated: few are.
+POSES = (150, 500)
+_REPEATED, _REPEATS = 0.2, 4
+_HELD_OUT_SHARE = 0.2
+_HELD_OUT_EVERY = 5
+#: Links about their motors, from reading to reading [rad]: a hundredth of a mm at a long arm.
+_UNSEEN_RAD = 5e-6
+_TYPICAL_POSES = 300
+#: How rows are sorted, and how often: by one joint; by steps of one, and within each by another;
+#: or up along one and back again, as along a rail.
+_SORTED = {"one": 0.5, "nested": 0.3, "there_and_back": 0.2}
+_STEPS = (6, 12)
+_BY_FIRST = 0.5
+_DECIMALS = 3
+
+
+def measured_benches() -> tuple[str, ...]:
+    """Return the arms whose lengths trials vary, under the instruments of positions."""
+    return tuple(f"{robot}-{kind}" for robot in arm_names() for kind in ("pose", "points"))
+
+
+def subjects_in_turn(kind: str) -> tuple[str, ...]:
+    """Return what trials of a kind hide, in turn."""
+    return UNSTATED_SUBJECTS if kind == UNSTATED else SORTED_SUBJECTS
+
+
+@dataclass(frozen=True)
+class _OwnArm:
+    """One arm whose masses are not stated.
+
+    Attributes:
+        shipped: whose kind it is.
+        raw: what is true of it, as `UnstatedOptions`.
+        tool_kg: true mass of its tool.
+        arm: as the campaign describes it.
+        mechanism: as described, with the true weights.
+    """
+
+    shipped: Arm
+    raw: dict[str, Any]
+    tool_kg: float
+    arm: Arm
+    mechanism: Mechanism
+
+    @classmethod
+    def drawn(cls, robot: str, rng: np.random.Generator) -> _OwnArm:
+        """Draw lengths and weights of an arm of a kind."""
+        shipped = _shipped(robot)
+        raw, tool_kg = draw_unstated(shipped, rng)
+        own = parse_section(UnstatedOptions, raw, where=robot)
+        tool_kg = round(tool_kg, 3)
+        return cls(shipped, raw, tool_kg, described(shipped, own), nominal(shipped, own, tool_kg))
+
+    def usual_torques_Nm(self) -> tuple[Array, Array]:
+        """Return by joint the largest torque, and how far torques vary (rms), in usual poses."""
+        tau_Nm = self.mechanism.statics(*self._usual_poses()).torque_Nm
+        tau_Nm = np.where(self.arm.prismatic, 0.0, tau_Nm)
+        return np.abs(tau_Nm).max(axis=0), tau_Nm.std(axis=0)
+
+    def usual_moment_Nm(self, of: str) -> float:
+        """Return the root mean square of the moment that a long link or the base carries."""
+        held = self.mechanism.statics(*self._usual_poses())
+        if of in LONG_LINKS:
+            moment = held.link_Nm[:, self.mechanism.long_links[LONG_LINKS.index(of)]]
+        else:
+            moment = held.base_Nm
+        return float(np.sqrt(np.mean(np.sum(moment**2, axis=1))))
+
+    def loaded(self) -> list[int]:
+        """Return the joints, from 1, whose torque varies."""
+        vary_Nm = self.usual_torques_Nm()[1]
+        loaded = (vary_Nm > _LOADED * vary_Nm.max()) & (vary_Nm > 1e-9)
+        return (np.flatnonzero(loaded) + 1).tolist()
+
+    def _usual_poses(self) -> tuple[Array, Array]:
+        rng = np.random.default_rng(0)
+        q = rng.uniform(*joint_bounds(self.arm), (_TYPICAL_POSES, self.arm.n))
+        return q, np.zeros(len(q))
+
+
+def draw_measured_trial(
+    kind: str, number: int, subject: str, benches: Sequence[str], rng: np.random.Generator
+) -> Trial:
+    """Draw a trial of unstated masses or of sorted rows.
+
+    Args:
+        kind: which of the two.
+        number: of the trial.
+        subject: what it hides, of `subjects_in_turn`.
+        benches: of `measured_benches`, or none for all.
+        rng: draws the rest.
+
+    Raises:
+        SettingsError: where the subject does nothing at any of the benches.
+    """
+    fitting = [name for name in benches or measured_benches() if _fits(subject, name)]
+    if not fitting:
+        raise SettingsError(
+            f"{subject} does nothing at any of the benches",
+            where="benches",
+            value=", ".join(benches),
+            allowed="an arm with a joint that weights load among them",
+            remedy="add one",
+        )
+    bench = str(rng.choice(fitting))
+    robot, instrument = bench.rsplit("-", 1)
+    seed = int(rng.integers(2**31))
+    own = _OwnArm.drawn(robot, rng)
+    plan: dict[str, Any] = {
+        "instrument": instrument,
+        "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
+        "tool_mass_kg": own.tool_kg,
+        "targets": int(rng.choice([1, 2, 3])),
+        "unseen_rad": _UNSEEN_RAD,
+        "position_mm": round(log_uniform(POSITION_MM, rng), 4),
+        "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
+        "unstated": own.raw,
+    }
+    poses = round(log_uniform(POSES, rng))
+    hidden: list[dict[str, Any]] = []
+    sizes: list[float] = []
+    if kind == UNSTATED:
+        repeats = _REPEATS if rng.random() < _REPEATED else 1
+        plan |= {
+            "poses": round(poses / repeats),
+            "repeats": repeats,
+            "order": "shuffled",
+            "holdout_share": _HELD_OUT_SHARE,
+        }
+        soft = _soft_joints(subject.removesuffix(AND_MORE), own, rng)
+        more = str(rng.choice(_MORE)) if subject.endswith(AND_MORE) else None
+    else:
+        by = _sorting_joint(subject, own, rng)
+        numbered = (number + number // len(SORTED_SUBJECTS)) % 2 == 0
+        plan |= {
+            "commanded": _sorted(own.arm, poses, by, rng),
+            "holdout_share": 0.0,
+            "holdout_every": _HELD_OUT_EVERY,
+            "clock": "row" if numbered else "none",
+        }
+        soft = [by] if subject == SPRING else []
+        more = None if subject in (NOTHING, SPRING) else subject
+    raw: dict[str, Any] = {"random_seed": seed, "robot": robot, "without_touches": plan}
+    for joint in soft:
+        hidden.append(_spring(joint, own, rng))
+        sizes.append(1.0)
+    if more is not None:
+        robot_drawn = robot_of(own.shipped, parse_section(SimulateOptions, raw, where=bench))
+        places = places_of(trial_places(all_effects()[more]), robot_drawn)
+        of = f"joint {by}" if kind == SORTED and f"joint {by}" in places else None
+        of, times = of or str(rng.choice(places)), log_uniform(_TIMES[kind], rng)
+        _hide_more(hidden, sizes, more, of, own, robot_drawn, times, rng)
+    raw["hidden_effects"] = hidden
+    settings = parse_section(SimulateOptions, raw, where=f"trial {number}")
+    return Trial(f"wild-{seed:08x}", kind, bench, settings, tuple(sizes))
+
+
+def _fits(subject: str, bench: str) -> bool:
+    """Return whether a subject does something: no weight loads the joints of an upright SCARA."""
+    needs_load = subject == SPRING or subject.startswith((SOME_SPRINGS, ALL_SPRINGS))
+    arm = _shipped(bench.rsplit("-", 1)[0])
+    return not (needs_load and _upright(arm))
+
+
+def _upright(arm: Arm) -> bool:
+    """Return whether all joints are upright, so that no weight loads one that turns."""
+    bare = UnstatedOptions(
+        lengths=(1.0,) * arm.n, mass_kg=(1.0,) * arm.n, com_m=((0.1,) * 3,) * arm.n
+    )
+    frames = nominal(arm, bare, 0.0).T_base_joints(np.ones((1, arm.n)))
+    return bool(np.all(np.abs(frames[:, 0, 2, 2]) > 1.0 - 1e-9))
+
+
+def _soft_joints(springs: str, own: _OwnArm, rng: np.random.Generator) -> list[int]:
+    """Return the joints, from 1, that give way."""
+    if springs == NO_SPRINGS:
+        return []
+    if springs == ALL_SPRINGS:
+        return (np.flatnonzero(~own.arm.prismatic) + 1).tolist()
+    loaded = own.loaded()
+    count = int(rng.integers(1, min(_MOST_SOFT, len(loaded)), endpoint=True))
+    return sorted(rng.choice(loaded, count, replace=False).tolist())
+
+
+def _spring(joint: int, own: _OwnArm, rng: np.random.Generator) -> dict[str, Any]:
+    """Return a spring that gives way by a plausible angle; see `SAG_RAD`."""
+    largest_Nm = own.usual_torques_Nm()[0]
+    torque_Nm = max(largest_Nm[joint - 1], _LOADED * largest_Nm.max())
+    stiffness = float(torque_Nm / log_uniform(SAG_RAD, rng))
+    return {"id": SPRING, "of": f"joint {joint}", "parameters": {"K": round(stiffness, 3)}}
+
+
+def _hide_more(
+    hidden: list[dict[str, Any]],
+    sizes: list[float],
+    name: str,
+    of: str,
+    own: _OwnArm,
+    robot: Robot,
+    times: float,
+    rng: np.random.Generator,
+) -> None:
+    """Hide an effect at some times the size that the vocabulary holds for plausible.
+
+    What goes by moments has its size by those of this arm, and motion that is lost is positive.
+    """
+    effect = all_effects()[name]
+    x_m, y_m, z_m = robot.T_instr_base[:3, 3].tolist()
+    site = Site(of, half_m=0.5 * own.arm.reach_m, middle_m=(x_m, y_m, z_m))
+    hide(hidden, sizes, effect, site, times * effect.plausible_size, rng)
+    parameters = hidden[-1]["parameters"]
+    if name in ("link_bending", "base_compliance"):
+        turn = times * log_uniform(_TURN_RAD, rng) / own.usual_moment_Nm(of)
+        hidden[-1]["parameters"] = dict.fromkeys(parameters, turn)
+    elif name == "backlash":
+        hidden[-1]["parameters"] = {"b": abs(parameters["b"])}
+
+
+def _sorting_joint(subject: str, own: _OwnArm, rng: np.random.Generator) -> int:
+    """Return the joint, from 1, by which rows are sorted; the first more often than others."""
+    if subject == SPRING:
+        return int(rng.choice(own.loaded()))
+    if rng.random() < _BY_FIRST:
+        return 1
+    fitting = np.ones(own.arm.n, bool) if subject == NOTHING else ~own.arm.prismatic
+    return int(rng.choice(np.flatnonzero(fitting) + 1))
+
+
+def _sorted(
+    arm: Arm, poses: int, by: int, rng: np.random.Generator
+) -> tuple[tuple[float, ...], ...]:
+    """Return configurations [deg, mm] in the order of a joint, from 1; see `_SORTED`."""
+    low, high = (
+        np.where(arm.prismatic, 1e3 * bound, np.degrees(bound)) for bound in joint_bounds(arm)
+    )
+    q = rng.uniform(low, high, (poses, arm.n))
+    first, how = q[:, by - 1], str(rng.choice(list(_SORTED), p=list(_SORTED.values())))
+    if how == "nested":
+        steps = np.linspace(low[by - 1], high[by - 1], int(rng.integers(*_STEPS, endpoint=True)))
+        level = np.abs(first[:, None] - steps).argmin(axis=1)
+        q[:, by - 1] = steps[level]
+        within = rng.choice([joint for joint in range(arm.n) if joint != by - 1])
+        turned = np.where(level % 2 == 1, -1.0, 1.0) if rng.random() < 0.5 else 1.0
+        order = np.lexsort([turned * q[:, within], level])
+    elif how == "there_and_back":
+        back = rng.random(poses) < 0.5
+        order = np.lexsort([np.where(back, -first, first), back])
+    else:
+        order = np.argsort(first)
+    if rng.random() < 0.5:
+        order = order[::-1]
+    return tuple(map(tuple, q[order].round(_DECIMALS).tolist()))
+
+
+@cache
+def _shipped(robot: str) -> Arm:
+    return load_arm(robot)

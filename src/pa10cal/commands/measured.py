@@ -1,0 +1,72 @@
+"""Command `measured`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def measured(
+    *,
+    campaign_dir: tuple[Path, ...] = (),
+    results: Path,
+    out: Path,
+    calibration: str = "combined",
+) -> None:
+    """Carry models between measured campaigns that are done, and write one table of all.
+
+    A campaign that was refused, and a model that cannot be carried over, stand in the table with
+    their message.
+
+    Args:
+        campaign_dir: folders of raw files, one a campaign.
+        results: holds a folder of results for each, and for each group.
+        out: folder for measured.csv and measured.json.
+        calibration: load case that was evaluated.
+
+    Examples:
+        pa10cal measured --campaign-dir data/measured/titan-fixed --results results/measured \\
+          --out results/measured
+    """
+    from pa10cal.commands.transfer import transfer
+    from pa10cal.datasets.measured import CARRIED
+    from pa10cal.datasets.measured_table import csv_text, markdown, measured_record
+    from pa10cal.errors import OutputError, Pa10calError, SettingsError
+    from pa10cal.files.output import whole_files, write_text
+    from pa10cal.results.codec import read, write
+    from pa10cal.results.fleet import ChainRecord
+
+    if not campaign_dir:
+        raise SettingsError(
+            "no measured campaign is at hand",
+            where="measured_dir",
+            allowed="a folder with folders of campaigns, or of data sets that were fetched",
+            remedy="fetch one, as by pa10cal fetch titan-robot-accuracy --out "
+            "data/measured/titan-robot-accuracy, or name such a folder: --config measured_dir=…",
+        )
+    folders = {folder.name: folder for folder in campaign_dir}
+    not_carried: dict[str, str] = {}
+    for source, target in CARRIED:
+        if not {source, target} <= set(folders):
+            continue
+        carried = results / target / f"evaluation/transfer_{source}.json"
+        carried.unlink(missing_ok=True)
+        ends = [read(ChainRecord, results / name / ChainRecord.FILE) for name in (source, target)]
+        if any(each.status != "done" for each in ends):
+            continue
+        try:
+            transfer(
+                calibration=results / source / f"calibration/{calibration}.json",
+                campaign_dir=folders[target],
+                poses=results / target / "ingest/poses.parquet",
+                out=carried,
+                extended=results / source / "discovery/extended.json",
+            )
+        except OutputError:
+            raise
+        except Pa10calError as error:
+            not_carried[f"{source} {target}"] = str(error)
+    record = measured_record(folders, results, calibration, not_carried)
+    with whole_files(out / "measured.csv", out / "measured.json") as (table, found):
+        write_text(table, csv_text(record))
+        write(record, found)
+    print(markdown(record))

@@ -1,0 +1,489 @@
+"""Joints that give way under weights that nobody stated: named, sized and held against rivals.
+
+The calibration of an arm whose weights are assumed has a spring in each joint that its poses show
+to give way. Here each is judged in the model as the search left it: what is left without it, what
+else explains the poses as well in its place, and how stiff the joint is, relative to the weights
+assumed. All is linear about the model, the weights among the unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.weights import weights_known
+from pa10cal.discovery.family import sought, why_unknown
+from pa10cal.discovery.finding import Finding, GivesWay
+from pa10cal.discovery.gap import trusted
+from pa10cal.discovery.linear import by_terms, error_mm, possible_sizes, residual_and_jacobian
+from pa10cal.discovery.verdict import Verdict, is_named
+from pa10cal.discovery.weights import pose_weights
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.loads import statics_of
+from pa10cal.observe.observations import Observations
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_windup import JointCompliance
+from pa10cal.terms.effects.structure import BaseCompliance, LinkEffect
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.model import Model
+from pa10cal.terms.weights import Weights
+
+Array = NDArray[np.float64]
+V = TypeVar("V", bound=Verdict[Any])
+
+#: A spring counts as none at this windup [rad].
+_RIGID_RAD = 1e-9
+#: No joint is named that gives way by less at its largest torque [rad].
+_LEAST_RAD = 1e-6
+#: Stretches of time whose poses may err alike, and the least poses in each.
+_STRETCHES, _LEAST_STRETCH = 40, 4
+#: A rival may be as large as is plausible, and some times larger.
+_SIZES = 3.0
+#: With more alternatives a name says nothing.
+_MOST_ALTERNATIVES = 6
+
+
+def with_compliance(found: V) -> V:
+    """Return a verdict with the joints that give way under weights that nobody stated.
+
+    Springs are those of the extended model. Where the weights are stated, they are part of the
+    calibrated model and no finding.
+    """
+    known = weights_known(found.baseline.arm)
+    if known.origin == "stated" or found.prepared.setup.payload is None:
+        return found
+    at = found.extended.at
+    springs = [
+        term
+        for term in at.model.terms
+        if isinstance(term, JointSpring) and at.x[at.model.columns_of(term).start] > _LEAST_RAD
+    ]
+    if not springs:
+        return found
+    rows = _Rows.of(found)
+    needed = float(np.log(max(found.candidates, len(springs)) / found.error_rate))
+    every = rows.error(())
+    shown = []
+    for spring in springs:
+        without = rows.error((spring,))
+        gain = (without.squares - every.squares) / rows.alike(spring)
+        nats = 0.5 * (gain - np.log(rows.readings))
+        if nats >= needed:
+            shown.append((nats, spring, without))
+    shown.sort(key=lambda each: -each[0])
+    every_shown = tuple(spring for _, spring, _ in shown)
+    rigid, instead = rows.error(every_shown), rows.instead_of(every_shown, needed)
+    findings = []
+    for nats, spring, without in shown:
+        effect = JointCompliance(spring.of, spring.tau_ref_Nm)
+        stiffness, std, sag_rad, sag_std = rows.stiffness(spring)
+        proof = GivesWay(
+            nats=nats,
+            needed_nats=needed,
+            sag_rad=sag_rad,
+            sag_std_rad=sag_std,
+            without_mm=without.train_mm,
+            with_mm=every.train_mm,
+            held_out_without_mm=without.held_out_mm,
+            held_out_with_mm=every.held_out_mm,
+            all_rigid_mm=rigid.train_mm if rigid.held_out_mm is None else rigid.held_out_mm,
+            without_each_mm=without.each_mm,
+            all_rigid_each_mm=rigid.each_mm,
+            weights="logged" if found.prepared.torques == "logged" else known.origin,
+        )
+        others = (*instead, *(e for e in rows.rivals(spring, needed) if e not in instead))
+        if len(others) > _MOST_ALTERNATIVES:
+            continue
+        x, covariance = np.array([stiffness]), np.array([[std**2]])
+        findings.append(Finding(effect, x, covariance, others, proof))
+    return replace(found, gives_way=tuple(findings))
+
+
+@dataclass(frozen=True)
+class _Left:
+    """What is left of the poses with all else fitted anew."""
+
+    squares: float
+    fitted_each_mm: Array
+    held_out_each_mm: Array | None
+
+    @property
+    def train_mm(self) -> float:
+        """Return the root mean square error of the poses fitted."""
+        return _rms(self.fitted_each_mm)
+
+    @property
+    def held_out_mm(self) -> float | None:
+        """Return that of the poses held out; None without any."""
+        return None if self.held_out_each_mm is None else _rms(self.held_out_each_mm)
+
+    @property
+    def each_mm(self) -> Array:
+        """Return the errors of the poses held out, or else of those fitted."""
+        held_out = self.held_out_each_mm
+        return self.fitted_each_mm if held_out is None else held_out
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """A model and its poses, as a linear problem.
+
+    Attributes:
+        at: the extended model, its base's own term last.
+        poses: those fitted.
+        held_out: those held out that are trusted; None without any.
+        whitener: (P, b, b) of the poses fitted.
+        candidates: effects that might stand in a spring's place.
+    """
+
+    at: FittedModel
+    poses: Observations
+    held_out: Observations | None
+    whitener: Array
+    candidates: tuple[Effect, ...]
+
+    @classmethod
+    def of(cls, found: Verdict[Any]) -> _Rows:
+        at, poses = found.extended.at, found.train.poses
+        left, jacobian = residual_and_jacobian(at, poses)
+        weights = pose_weights(left, float(jacobian.shape[2]), poses.measured)
+        held_out = trusted(found.holdout, found.prepared.suspected)
+        terms = at.model.terms
+        logged = found.prepared.torques == "logged"
+        held = {term for term in terms if isinstance(term, Effect)}
+        candidates = tuple(
+            effect
+            for effect in sought(found.context, terms)
+            if is_named(effect)
+            and effect not in held
+            and why_unknown(effect, poses.states, logged=logged, weights=True) is None
+        )
+        return cls(
+            at,
+            poses,
+            None if held_out is None else held_out.poses,
+            weights.whiteners(np.arange(len(poses))),
+            candidates,
+        )
+
+    @property
+    def readings(self) -> int:
+        """Return how many components were seen."""
+        return int(self.poses.measured.components_seen.sum())
+
+    @cached_property
+    def sizes(self) -> Array:
+        """Return the standard deviation thought possible of every unknown."""
+        return possible_sizes(self.at.model, self.poses.measured)
+
+    @cached_property
+    def of_weights(self) -> NDArray[np.bool_]:
+        """Return which unknowns are weights: these are expected about what is assumed."""
+        chosen = np.zeros(len(self.sizes), dtype=bool)
+        for term in self.at.model.terms:
+            if isinstance(term, Weights):
+                chosen[self.at.model.columns_of(term)] = True
+        return chosen
+
+    def without(self, springs: tuple[JointSpring, ...]) -> FittedModel:
+        """Return the model with some joints rigid."""
+        x = self.at.x.copy()
+        for spring in springs:
+            x[self.at.model.columns_of(spring).start] = _RIGID_RAD
+        return replace(self.at, x=x)
+
+    def error(self, rigid: tuple[JointSpring, ...]) -> _Left:
+        """Return what is left with some joints rigid, all else fitted anew."""
+        at = self.without(rigid)
+        system = self._system(at, rigid)
+        step, squares = system.solved()
+        held_out = self.held_out
+        return _Left(
+            squares,
+            self._errors_mm(at, self.poses, step),
+            None if held_out is None else self._errors_mm(at, held_out, step),
+        )
+
+    def rivals(self, spring: JointSpring, needed: float) -> tuple[Effect, ...]:
+        """Return effects beside which a spring is not needed any more, the best first.
+
+        Args:
+            spring: the spring.
+            needed: log evidence that it needs.
+        """
+        rigid, alike = self.without((spring,)), self.alike(spring)
+        without, with_it = self._system(rigid, (spring,)), self._as_it_is
+        instead: dict[Effect, float] = {}
+        for (effect, at_rigid), (_, columns) in zip(
+            self._columns(rigid), self._columns(self.at), strict=True
+        ):
+            left = without.squares_with(at_rigid)
+            gain = (left - with_it.squares_with(columns)) / alike
+            nats = 0.5 * (gain - np.log(self.readings))
+            if nats < needed:
+                instead[effect] = min(left, instead.get(effect, np.inf))
+        best = sorted(instead, key=lambda effect: instead[effect])
+        return tuple(best)
+
+    def instead_of(self, springs: tuple[JointSpring, ...], needed: float) -> tuple[Effect, ...]:
+        """Return effects each of which alone explains the poses as well as some springs together.
+
+        Args:
+            springs: the springs.
+            needed: log evidence that a name needs.
+        """
+        if len(springs) < 2:
+            return ()
+        rigid = self.without(springs)
+        without, (_, squares) = self._system(rigid, springs), self._as_it_is.solved()
+        a_parameter = np.log(self.readings)
+        instead: dict[Effect, float] = {}
+        for effect, columns in self._columns(rigid):
+            left = without.squares_with(columns)
+            # The shape of moments costs what it costs the springs.
+            fewer = (len(springs) - effect.linear) * a_parameter
+            if 0.5 * (left - squares - fewer) < needed:
+                instead[effect] = min(left, instead.get(effect, np.inf))
+        return tuple(sorted(instead, key=lambda effect: instead[effect]))
+
+    def _by_moments(self, at: FittedModel, shape: tuple[int, ...]) -> Array:
+        """Return what uncertain weights move by way of links and base that were found to bend.
+
+        Args:
+            at: the model about which it is linear.
+            shape: of the derivative (P, b, k).
+        """
+        added = np.zeros(shape)
+        bending = [t for t in at.model.terms if isinstance(t, LinkEffect | BaseCompliance)]
+        if not bending:
+            return added
+        found = [at.x[at.model.columns_of(term)] for term in bending]
+        arm, known = at.arm, weights_known(at.arm)
+        assert arm.mass_kg is not None
+        sizes = arm.mass_kg[:, None] * np.column_stack([known.mass, *[known.com_m] * 3])
+        of_weight = []
+        for poses, size in zip(self._moments, sizes.ravel(), strict=True):
+            parts = by_terms(at, poses, bending, found)
+            moved = [part @ x for part, x in zip(parts, found, strict=True)]
+            of_weight.append(np.sum(moved, axis=0) / max(float(size), 1e-12))
+        for term in at.model.terms:
+            if not isinstance(term, Weights):
+                continue
+            first = at.model.columns_of(term).start
+            for k, column in enumerate(term.columns):
+                if column < len(of_weight):
+                    added[:, :, first + k] = of_weight[column]
+                if term.held is not None and term.held < len(of_weight):
+                    added[:, :, first + k] += term.by_held[k] * of_weight[term.held]
+        return added
+
+    def _columns(self, at: FittedModel) -> Iterator[tuple[Effect, Array]]:
+        """Yield every candidate at each of its shapes, with its whitened columns (N, l).
+
+        What bends under moments does so under those of the weights, which are not known either.
+
+        Args:
+            at: the model about which it is linear.
+        """
+        asked = [(effect, start) for effect in self.candidates for start in effect.starts]
+        effects, starts = [effect for effect, _ in asked], [start for _, start in asked]
+        for effect, start, own in zip(
+            effects, starts, by_terms(at, self.poses, effects, starts), strict=True
+        ):
+            parts = [own[:, :, : effect.linear]]
+            if isinstance(effect, LinkEffect | BaseCompliance):
+                parts += [by_terms(at, poses, [effect], [start])[0] for poses in self._moments]
+            linear = np.concatenate([part @ (_SIZES * effect.prior_factor) for part in parts], 2)
+            yield effect, (self.whitener @ linear).reshape(-1, linear.shape[2])
+
+    @cached_property
+    def _moments(self) -> list[Observations]:
+        """Return the poses under the moments alone that each uncertain weight adds, at its size."""
+        arm, payload, states = self.at.arm, self.at.payload, self.poses.states
+        if payload is None or arm.mass_kg is None or arm.com_m is None:
+            return []
+        known, mass_kg, com_m = weights_known(arm), arm.mass_kg, arm.com_m
+        rigid, nothing = Model(Chain.of(arm), ()), np.zeros(0)
+        before = statics_of(rigid, nothing, states, payload).static_loads
+        poses = []
+        for link in range(arm.n):
+            heavier = mass_kg.copy()
+            heavier[link] *= 1.0 + known.mass[link]
+            others = [replace(arm, mass_kg=heavier)]
+            for axis in range(3):
+                moved = com_m.copy()
+                moved[link, axis] += known.com_m[link]
+                others.append(replace(arm, com_m=moved))
+            for other in others:
+                after = statics_of(Model(Chain.of(other), ()), nothing, states, payload)
+                loads = after.static_loads
+                added = replace(
+                    loads,
+                    link_Nm=loads.link_Nm - before.link_Nm,
+                    base_Nm=loads.base_Nm - before.base_Nm,
+                )
+                poses.append(self.poses.with_states(replace(states, static_loads=added)))
+        return poses
+
+    def alike(self, spring: JointSpring) -> float:
+        """Return how much larger the variance of a spring is for poses that err alike.
+
+        Poses that follow each other often stand nearly in the same place, and what the model lacks
+        is the same in all of them: they count as one (the variance by stretches of time over that
+        of independent poses, at least 1).
+        """
+        at = self.at.model.columns_of(spring).start
+        system = self._as_it_is
+        independent = float(system.covariance[at, at])
+        by_stretches = float(system.by_stretches(self._stretch)[at, at])
+        return max(1.0, by_stretches / independent) if independent > 0.0 else 1.0
+
+    @cached_property
+    def _stretch(self) -> NDArray[np.intp]:
+        """Return the stretch of time of each row (N,)."""
+        count = len(self.poses)
+        order = np.argsort(np.argsort(self.poses.states.time_s, kind="stable"))
+        stretches = min(_STRETCHES, max(count // _LEAST_STRETCH, 2))
+        return np.repeat(order * stretches // count, self.whitener.shape[1])
+
+    def stiffness(self, spring: JointSpring) -> tuple[float, float, float, float]:
+        """Return stiffness and largest sag of a joint, each with its standard uncertainty.
+
+        Poses show how far a joint sags. Its stiffness is what the torque of the assumed weights
+        varies by, over what the sag does.
+
+        Returns:
+            Stiffness [N m/rad], its uncertainty, sag [rad], its uncertainty.
+        """
+        model, x = self.at.model, self.at.x
+        joint, states = spring.joint - 1, self.poses.states
+        at = model.columns_of(spring).start
+        by_x = -model.torque_jacobian(states, x)[:, joint]
+        by_x[:, ~self.of_weights[: len(x)]] = 0.0
+        carried_Nm = model.carried(states, x).tau_Nm[:, joint]
+        off_Nm = carried_Nm - carried_Nm.mean()
+        spread_Nm = float(np.std(carried_Nm))
+        stiffness = spring.tau_ref_Nm / float(x[at]) * float(np.std(states.tau_Nm[:, joint]))
+        stiffness /= spread_Nm
+        slope = -stiffness * (off_Nm @ by_x) / (len(off_Nm) * spread_Nm**2)
+        slope[at] = -stiffness / float(x[at])
+        row = int(np.argmax(np.abs(carried_Nm)))
+        sag = float(x[at]) * float(np.abs(carried_Nm[row])) / spring.tau_ref_Nm
+        of_sag = float(x[at]) / spring.tau_ref_Nm * by_x[row] * np.sign(carried_Nm[row])
+        of_sag[at] = sag / float(x[at])
+        system, k = self._as_it_is, len(x)
+        covariances = (system.covariance[:k, :k], system.by_stretches(self._stretch)[:k, :k])
+        return (
+            stiffness,
+            float(np.sqrt(max(slope @ each @ slope for each in covariances))),
+            sag,
+            float(np.sqrt(max(of_sag @ each @ of_sag for each in covariances))),
+        )
+
+    @cached_property
+    def _as_it_is(self) -> _System:
+        """Return the problem with all springs, which every one of them is held against."""
+        return self._system(self.at, ())
+
+    def _system(self, at: FittedModel, rigid: tuple[JointSpring, ...]) -> _System:
+        left, jacobian = residual_and_jacobian(at, self.poses)
+        jacobian = jacobian + self._by_moments(at, jacobian.shape)
+        free = np.ones(jacobian.shape[2], dtype=bool)
+        for term in at.model.terms:
+            if isinstance(term, JointSpring):
+                column = at.model.columns_of(term).start
+                # A joint that is all but rigid cannot give way the other way round.
+                free[column] = term not in rigid and at.x[column] > _LEAST_RAD
+        white = (self.whitener @ jacobian).reshape(-1, jacobian.shape[2])
+        data = (self.whitener @ left[:, :, None]).ravel()
+        unknowns = np.concatenate([at.x, at.targets_m])
+        off = np.where(self.of_weights, unknowns / self.sizes, 0.0)
+        return _System(white[:, free] * self.sizes[free], data, off[free], free, self.sizes)
+
+    @staticmethod
+    def _errors_mm(at: FittedModel, poses: Observations, step: Array) -> Array:
+        """Return the position errors of poses after a step of all unknowns, to first order.
+
+        Where a spring goes others take over by bounds: no point of the model, but what is left.
+        """
+        left, jacobian = residual_and_jacobian(at, poses)
+        return error_mm(poses.measured, left + jacobian @ step)
+
+
+def _rms(errors_mm: Array) -> float:
+    return float(np.sqrt(np.mean(errors_mm**2)))
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """Whitened rows of a linear problem, unknowns in what is thought possible of them.
+
+    Attributes:
+        columns: (N, k) of the unknowns that are free.
+        data: (N,) what is left.
+        off: (k,) how far they are from what is expected of them.
+        free: which of all unknowns these are.
+        sizes: of all unknowns.
+    """
+
+    columns: Array
+    data: Array
+    off: Array
+    free: NDArray[np.bool_]
+    sizes: Array
+
+    @cached_property
+    def normal(self) -> Array:
+        """Return the normal equations (k, k)."""
+        return np.asarray(self.columns.T @ self.columns + np.eye(self.columns.shape[1]))
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Return the covariance (k, k) in sizes."""
+        return np.asarray(np.linalg.inv(self.normal))
+
+    @cached_property
+    def gradient(self) -> Array:
+        """Return half the gradient of the squares (k,)."""
+        return np.asarray(self.columns.T @ self.data + self.off)
+
+    @property
+    def covariance(self) -> Array:
+        """Return the covariance of all unknowns, zero for those that are not free."""
+        full = np.zeros((len(self.sizes),) * 2)
+        full[np.ix_(self.free, self.free)] = self.inverse
+        return full * np.outer(self.sizes, self.sizes)
+
+    def by_stretches(self, stretch: NDArray[np.intp]) -> Array:
+        """Return the covariance of all unknowns from how stretches of rows (N,) differ."""
+        left = self.data - self.columns @ (self.inverse @ self.gradient)
+        count = int(stretch.max()) + 1
+        scores = np.zeros((count, self.columns.shape[1]))
+        np.add.at(scores, stretch, self.columns * left[:, None])
+        half = self.inverse @ scores.T
+        full = np.zeros((len(self.sizes),) * 2)
+        full[np.ix_(self.free, self.free)] = half @ half.T * count / max(count - 1, 1)
+        return full * np.outer(self.sizes, self.sizes)
+
+    def solved(self) -> tuple[Array, float]:
+        """Return the step (all unknowns) that leaves least, and the squares left."""
+        own = -self.inverse @ self.gradient
+        step = np.zeros(len(self.sizes))
+        step[self.free] = own * self.sizes[self.free]
+        squares = float(self.data @ self.data + self.off @ self.off + self.gradient @ own)
+        return step, squares
+
+    def squares_with(self, further: Array) -> float:
+        """Return the squares left with further columns (N, l) among the unknowns."""
+        across = self.columns.T @ further
+        taken = self.inverse @ across
+        schur = further.T @ further + np.eye(further.shape[1]) - across.T @ taken
+        gradient = further.T @ self.data - taken.T @ self.gradient
+        _, before = self.solved()
+        return float(before - gradient @ np.linalg.solve(schur, gradient))

@@ -1,0 +1,201 @@
+"""What trials of unstated masses and of sorted rows come to; see `cell.measured_trials`.
+
+The truth itself says how far a hidden effect moves the readings once the geometry is fitted again,
+and what noise does: a calibrated model may hold springs, and follow.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+
+from pa10cal.evaluation.blind_trial import SORTED, SPRING, UNSTATED, BlindTrial, Hidden
+from pa10cal.evaluation.trial_rates import bar, figure, rate
+from pa10cal.evaluation.trial_scores import LIMIT
+from pa10cal.evaluation.wild_scores import WORSE, is_accused, is_worse, trial_row
+from pa10cal.results.trials import Bar
+from pa10cal.results.wild_trials import WildScoresRecord, WildSubject
+
+_PROVENANCE = (
+    "synthetic: virtual cell; arms, their lengths, weights and springs, poses, noise and hidden "
+    "effects drawn"
+)
+FOUND, WRONG, NULLS, ACCUSED = 0.9, 0.02, 0.02, 0.02
+_SECONDS = 15.0
+#: Words of a motion that offer another reading of it: rows that go with a joint, a rail or a load.
+_RIVAL = re.compile(r"\bjoint \d|\brail\b|\bload\b|\border of (the )?rows\b", re.I)
+_Counts = Callable[[BlindTrial, Hidden], bool]
+
+
+def has_no_verdict(trial: BlindTrial) -> bool:
+    """Return whether a campaign that is fit to be judged was not."""
+    return trial.verdict is None
+
+
+def has_wrong_name(trial: BlindTrial) -> bool:
+    """Return whether an effect is named that is not hidden, none hidden among its alternatives.
+
+    Whatever the word of the verdict: a list of effects is read as what the robot has.
+    """
+    hidden = {each.name for each in trial.hidden}
+    effects = () if trial.verdict is None else trial.verdict.effects
+    return any(not hidden & set(named.all_names) for named in effects)
+
+
+def motions_as_facts(trial: BlindTrial) -> tuple[str, ...]:
+    """Return what is said of motions in the course of time, and of nothing else as its cause."""
+    motions = () if trial.verdict is None else trial.verdict.told.motions
+    return tuple(said for said in motions if not _RIVAL.search(said))
+
+
+def leaves_much(trial: BlindTrial, hidden: Hidden) -> bool:
+    """Return whether the residual with an effect is 1.5 times that of noise alone, or more."""
+    return (trial.ratio(hidden) or 0.0) >= LIMIT
+
+
+def leaves_much_apart(trial: BlindTrial, hidden: Hidden) -> bool:
+    """Return the same once the sizes of all else that is hidden are fitted, too."""
+    return (trial.ratio(hidden, apart=True) or 0.0) >= LIMIT
+
+
+def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
+    """Return the figures to reach and those reached."""
+    return (*_of_unstated(trials), *_of_sorted(trials), *_of_both(trials))
+
+
+def scores_record(trials: Sequence[BlindTrial]) -> WildScoresRecord:
+    """Return what many such trials come to."""
+    subjects = sorted({(t.kind, name) for t in trials for name in _subjects(t)})
+    return WildScoresRecord(
+        provenance=_PROVENANCE,
+        trials=len(trials),
+        bars=bars(trials),
+        subjects=tuple(
+            _subject(kind, name, [t for t in trials if t.kind == kind and name in _subjects(t)])
+            for kind, name in subjects
+        ),
+        per_trial=tuple(trial_row(trial, failings(trial)) for trial in trials),
+    )
+
+
+def failings(trial: BlindTrial) -> tuple[str, ...]:
+    """Return the bars that a trial counts against."""
+    unstated, verdict = trial.kind == UNSTATED, trial.verdict
+    large = [each for each in trial.hidden if unstated and leaves_much(trial, each)]
+    missed = [each for each in large if not trial.lists(each)]
+    tests = {
+        "no verdict": has_no_verdict(trial),
+        "spring not found": any(each.name.id == SPRING for each in missed),
+        "other effect not found": any(each.name.id != SPRING for each in missed),
+        "wrong name": unstated and bool(trial.hidden) and has_wrong_name(trial),
+        "nothing hidden, a name": not trial.hidden
+        and verdict is not None
+        and has_wrong_name(trial),
+        "motion as a fact": bool(motions_as_facts(trial)) and not unstated,
+        "accused": is_accused(trial),
+        "worse held out": is_worse(trial),
+    }
+    return tuple(name for name, true in tests.items() if true)
+
+
+def _of_unstated(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
+    unstated = [trial for trial in trials if trial.kind == UNSTATED]
+    if not unstated:
+        return ()
+    hiding = [trial for trial in unstated if trial.hidden]
+
+    def found(what: str, counts: _Counts) -> Bar:
+        pairs = [(t, each) for t in hiding for each in t.hidden if counts(t, each)]
+        return bar(f"{what}: named or listed", rate(t.lists(h) for t, h in pairs), FOUND)
+
+    return (
+        found(
+            f"springs that leave {LIMIT:g} times the noise",
+            lambda t, h: h.name.id == SPRING and leaves_much(t, h),
+        ),
+        found(
+            "of these, that nothing else hidden can replace",
+            lambda t, h: h.name.id == SPRING and leaves_much(t, h) and leaves_much_apart(t, h),
+        ),
+        found(
+            f"one other effect that leaves {LIMIT:g} times the noise",
+            lambda t, h: h.name.id != SPRING and leaves_much(t, h),
+        ),
+        bar(
+            "springs or an effect: a wrong confident name",
+            rate(map(has_wrong_name, hiding)),
+            WRONG,
+            at_least=False,
+        ),
+        _named_nulls("no masses stated, nothing hidden: a name", unstated),
+    )
+
+
+def _of_sorted(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
+    rows = [trial for trial in trials if trial.kind == SORTED]
+    if not rows:
+        return ()
+    told = rate(bool(motions_as_facts(trial)) for trial in rows)
+    return (
+        bar("rows sorted: a motion told as a fact", told, 0.0, at_least=False),
+        _named_nulls("rows sorted, nothing hidden: a name", rows),
+    )
+
+
+def _of_both(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
+    seconds = [trial.verdict.seconds for trial in trials if trial.verdict is not None]
+    return (
+        bar("no verdict", rate(map(has_no_verdict, trials)), 0.0, at_least=False),
+        bar(
+            "refused, check_the_log or suspect_input",
+            rate(map(is_accused, trials)),
+            ACCUSED,
+            at_least=False,
+        ),
+        bar(
+            f"held out worse by more than {100 * (WORSE - 1):.0f} %",
+            rate(map(is_worse, trials)),
+            0.0,
+            at_least=False,
+        ),
+        figure(
+            "seconds of the processor to judge one campaign, longest",
+            max(seconds, default=None),
+            _SECONDS,
+            len(seconds),
+        ),
+    )
+
+
+def _named_nulls(what: str, trials: Sequence[BlindTrial]) -> Bar:
+    nulls = [trial for trial in trials if not trial.hidden]
+    return bar(what, rate(map(has_wrong_name, nulls)), NULLS, at_least=False)
+
+
+def _subjects(trial: BlindTrial) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(each.name.id for each in trial.hidden)) or ("nothing",)
+
+
+def _subject(kind: str, name: str, trials: Sequence[BlindTrial]) -> WildSubject:
+    mine = [(t, each) for t in trials for each in t.hidden if each.name.id == name]
+    large = [(t, each) for t, each in mine if leaves_much(t, each)]
+    return WildSubject(
+        kind=kind,
+        id=name,
+        trials=len(trials),
+        crashed=sum(has_no_verdict(t) and not t.refused for t in trials),
+        refused=sum(t.refused for t in trials),
+        false_names=sum(map(has_wrong_name, trials)),
+        above_noise=len(large),
+        told=sum(t.lists(each) for t, each in large),
+        found=sum(t.lists(each) for t, each in mine),
+        false_comfort=sum(
+            t.verdict is not None
+            and t.verdict.word == "none"
+            and any(leaves_much(t, each) for each in t.hidden)
+            for t in trials
+        ),
+        worse=sum(map(is_worse, trials)),
+        unexplained=sum(t.verdict is not None and t.verdict.word == "unexplained" for t in trials),
+        suspected=sum(map(is_accused, trials)),
+    )

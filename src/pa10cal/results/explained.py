@@ -1,0 +1,240 @@
+"""How much of the error beyond noise the effects found explain, and that in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Literal
+
+from pydantic import Field
+
+from pa10cal.results.effect_name import EffectName
+from pa10cal.results.record import Part, optional
+
+#: Short nouns of effects whose id is none, in the plural where they have one.
+_NOUNS: Mapping[str, tuple[str, str]] = {
+    "gear_error": ("gear", "gears"),
+    "gear_ratio_error": ("gear ratio", "gear ratios"),
+    "joint_compliance": ("spring", "springs"),
+    "joint_error_map": ("error by the angle", "errors by the angle"),
+    "load_stated": ("load as stated", "loads as stated"),
+    "sensor_error": ("sensor", "sensors"),
+    "tool_stated": ("tool as stated", "tools as stated"),
+}
+#: What effects do, of one place and of several.
+_CLAUSES: Mapping[str, tuple[str, str]] = {
+    "arrival_error": (
+        "{at} stops in another place for each direction that it comes from",
+        "{at} stop in other places for each direction that they come from",
+    ),
+    "backlash": ("{at} has lost motion", "{at} have lost motion"),
+    "base_compliance": ("the base tilts under the arm's weight", ""),
+    "base_drift": ("the base moved while the campaign lasted", ""),
+    "cmm_scale": ("the instrument's scale is off", ""),
+    "cmm_squareness": ("the instrument's axes are not square", ""),
+    "encoder_eccentricity": (
+        "the position sensor of {at} is off centre",
+        "the position sensors of {at} are off centre",
+    ),
+    "encoder_ellipticity": (
+        "the position sensor of {at} errs twice a turn",
+        "the position sensors of {at} err twice a turn",
+    ),
+    "friction_torque": (
+        "the logged torque of {at} holds friction",
+        "the logged torques of {at} hold friction",
+    ),
+    "gear_error": ("the gear of {at} is uneven", "the gears of {at} are uneven"),
+    "gear_ratio_error": ("the gear ratio of {at} is off", "the gear ratios of {at} are off"),
+    "joint_compliance": (
+        "{at} gives way under the arm's weight",
+        "{at} give way under the arm's weight",
+    ),
+    "joint_error_map": (
+        "{at} turns wrongly by an amount that depends on its angle",
+        "{at} turn wrongly by amounts that depend on their angles",
+    ),
+    "link_bending": ("{at} bends under load", ""),
+    "link_torsion": ("{at} twists under load", ""),
+    "load_stated": ("a load is not what is stated", ""),
+    "periodic_error": (
+        "{at} turns wrongly in even waves of its angle",
+        "{at} turn wrongly in even waves of their angles",
+    ),
+    "sensor_error": (
+        "the position sensor of {at} errs with its angle",
+        "the position sensors of {at} err with their angles",
+    ),
+    "soft_windup": ("{at} is softer near zero torque", "{at} are softer near zero torque"),
+    "thermal_growth": ("the links grow with temperature", ""),
+    "tool_sag": ("the tool sags under its weight", ""),
+    "tool_stated": ("the tool is not what is stated", ""),
+    "torque_gain": (
+        "the logged torque of {at} is off by a factor",
+        "the logged torques of {at} are off by factors",
+    ),
+    "transmission_error": (
+        "the gear of {at} errs twice a turn of its motor",
+        "the gears of {at} err twice a turn of their motors",
+    ),
+    "wrist_coupling": ("joint 5 turns joint 6 along", ""),
+}
+_JOINT = "joint "
+#: With more alternatives at other places a sentence says how many.
+_MOST_OTHERS = 3
+#: Decimals of an error below 0.01 mm; of larger ones fewer.
+_DECIMALS = 4
+
+
+class ExplainedEffect(Part):
+    """What one effect takes away of the error."""
+
+    ids: tuple[str, ...] = Field(
+        description="id of the effect, then of its alternatives at the same place"
+    )
+    of: str = Field(description="where it sits: `joint 2`, `forearm`, `base`, ...")
+    elsewhere: tuple[EffectName, ...] = Field(
+        default=(),
+        exclude_if=lambda value: not value,
+        description="alternatives at other places; not given where there is none",
+    )
+    weights: Literal["assumed"] | None = optional(
+        "`assumed` where its size is known relative to weights that nobody stated"
+    )
+    share: float = Field(
+        description="part of the variance of the error beyond noise that it takes away, 0 to 1"
+    )
+    before_mm: float = Field(description="root mean square error without it [mm]")
+    after_mm: float = Field(description="root mean square error with it [mm]")
+
+
+class Explained(Part):
+    """How much of the error beyond noise is explained, and by what."""
+
+    share: float = Field(
+        description="part of the variance of the position error beyond noise that the model loses "
+        "by the effects, 0 to 1"
+    )
+    of: tuple[ExplainedEffect, ...] = Field(
+        description="what each effect takes away, the largest share first; shares sum to `share`"
+    )
+    without_a_name: float = Field(description="part that remains, 1 less `share`")
+    over: Literal["held-out poses", "fitted poses"] = Field(
+        description="poses that it is counted over: held out, where any were"
+    )
+    before_mm: float = Field(description="root mean square error of the model without them [mm]")
+    after_mm: float = Field(description="root mean square error of the model with all of them [mm]")
+    noise_mm: float = Field(description="root mean square error that noise alone would leave [mm]")
+
+    @property
+    def percent(self) -> str:
+        """Return the share in per cent; all and nothing are never claimed by rounding."""
+        return percent(self.share)
+
+    @property
+    def headline(self) -> str:
+        """Return how much is explained and by what, in one line without a full stop."""
+        if not self.of or self.share <= 0.0:
+            return "none of the error beyond noise is explained"
+        told = "; ".join(_short(group) for group in self._groups())
+        return f"{self.percent} of the error beyond noise is explained: {told}"
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Return what each group of effects does, in plain words, and what it takes away."""
+        groups = [group for group in self._groups() if any(each.share > 0.0 for each in group)]
+        return tuple(_sentence(group, self.before_mm) for group in groups)
+
+    def _groups(self) -> list[list[ExplainedEffect]]:
+        """Return effects of one kind with the same alternatives together, the largest first."""
+        groups: dict[object, list[ExplainedEffect]] = {}
+        for each in self.of:
+            joined = each.of.startswith(_JOINT) and not each.elsewhere
+            key = (each.ids, each.weights) if joined else (each.ids, each.of)
+            if each.weights is not None:  # one weight bends all of them, whatever else is possible
+                key = (each.ids[:1], each.weights)
+            groups.setdefault(key, []).append(each)
+        return sorted(groups.values(), key=lambda group: -sum(each.share for each in group))
+
+
+def percent(share: float) -> str:
+    """Return a share in per cent; all and nothing are never claimed by rounding."""
+    if 0.0 < share < 0.01:
+        return "less than 1 %"
+    if 0.99 < share < 1.0:
+        return "more than 99 %"
+    return f"{100.0 * share:.0f} %"
+
+
+def _short(group: list[ExplainedEffect]) -> str:
+    """Return a group in a few words: `sensor or gear of joints 1 and 2`."""
+    ids, elsewhere = _shared(group)
+    many = len(group) > 1 and len(ids) == 1
+    nouns = " or ".join(_noun(each, many=many) for each in ids)
+    others = [_placed(_noun(each.id), _place(each.of)) for each in elsewhere]
+    if len(others) > _MOST_OTHERS:
+        others = [f"one of {len(others)} others"]
+    return " or ".join([_placed(nouns, _at(group)), *others])
+
+
+def _shared(group: list[ExplainedEffect]) -> tuple[tuple[str, ...], tuple[EffectName, ...]]:
+    """Return the ids, and the alternatives elsewhere, that a group has in common."""
+    first = group[0]
+    if any((each.ids, each.elsewhere) != (first.ids, first.elsewhere) for each in group):
+        return first.ids[:1], ()
+    return first.ids, first.elsewhere
+
+
+def _placed(nouns: str, at: str) -> str:
+    """Return nouns with their place, where they do not say it: `tool sag`, `sensor of joint 1`."""
+    return nouns if at.removeprefix("the ") in nouns.split() else f"{nouns} of {at}"
+
+
+def _place(of: str) -> str:
+    """Return a place within a sentence: `joint 2`, `the forearm`."""
+    return of if of.startswith(_JOINT) else f"the {of.replace('_', ' ')}"
+
+
+def _noun(effect: str, *, many: bool = False) -> str:
+    words = effect.replace("_", " ")
+    return _NOUNS.get(effect, (words, words))[many]
+
+
+def _sentence(group: list[ExplainedEffect], whole_mm: float) -> str:
+    clauses = list(_clauses(group))
+    told = ", or ".join(clauses)
+    if group[0].weights is not None:
+        more = "" if _shared(group)[0] == group[0].ids else "; alternatives are listed"
+        told += f" (stiffness relative to assumed weights{more})"
+    after_mm = min(each.after_mm for each in group)
+    taken = sum(max(each.before_mm**2 - each.after_mm**2, 0.0) for each in group)
+    most_mm = max(whole_mm, *(each.before_mm for each in group))
+    before_mm = min((after_mm**2 + taken) ** 0.5, most_mm)
+    places = _DECIMALS - min(int(after_mm >= 0.01) + int(after_mm >= 0.1), _DECIMALS)
+    fall = f"{before_mm:.{places}f} mm becomes {after_mm:.{places}f} mm"
+    return f"{told[:1].upper()}{told[1:]}: {fall}."
+
+
+def _clauses(group: list[ExplainedEffect]) -> Iterator[str]:
+    at, many = _at(group), len(group) > 1
+    ids, elsewhere = _shared(group)
+    for each in ids:
+        yield _clause(each, at, many=many)
+    if len(elsewhere) > _MOST_OTHERS:
+        yield f"one of {len(elsewhere)} other effects is there"
+        return
+    for other in elsewhere:
+        yield _clause(other.id, _place(other.of))
+
+
+def _clause(effect: str, at: str, *, many: bool = False) -> str:
+    one, several = _CLAUSES.get(effect, ("", ""))
+    form = several if many else one
+    return form.format(at=at) if form else f"there is {effect.replace('_', ' ')} of {at}"
+
+
+def _at(group: list[ExplainedEffect]) -> str:
+    """Return where a group sits: `joints 2 and 3`, `joint 2`, `the forearm`."""
+    if len(group) == 1:
+        return _place(group[0].of)
+    *first, last = sorted((each.of.removeprefix(_JOINT) for each in group), key=int)
+    return f"joints {', '.join(first)} and {last}"

@@ -1,0 +1,126 @@
+"""The arm of a campaign with its weights: stated, not meant, assumed, or by logged torques."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.state import PoseStates
+from pa10cal.arm.weights import weights_known
+from pa10cal.campaign.description import CampaignDescription, Masses
+from pa10cal.campaign.weighed_arm import weighed_arm, weights_finding
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.loads import statics_of
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.pose import Pose
+from pa10cal.terms.model import Model
+
+ARM = load_arm("ur10")
+
+
+def described(**more):
+    return CampaignDescription.model_validate(
+        {
+            "name": "made-up",
+            "provenance": "synthetic",
+            "robot": "ur10",
+            "instrument": {"kind": "pose", "uncertainty_mm": 0.02},
+            "tool": {"mass_kg": 1.0, "com_mm": [0, 0, 50], "load_point_mm": [0, 0, 0]},
+            "gravity_m_s2": [0, 0, -9.81],
+            "reference_temperature_C": 20,
+            "files": {"poses": "poses.csv"},
+            **more,
+        }
+    )
+
+
+def readings(arm=ARM, *, logged=True, noise_Nm=0.3, gain=1.0, count=120):
+    """Return poses of an arm whose torques were logged, as its weights make them."""
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-2.0, 2.0, (count, arm.n))
+    zero = np.zeros(count)
+    states = PoseStates(q, np.full_like(q, np.nan), np.zeros_like(q), zero, zero + 20.0, zero)
+    if logged:
+        payload = described().payload(arm)
+        torque_Nm = statics_of(Model(Chain.of(arm), ()), np.zeros(0), states, payload).torque_Nm
+        noise = noise_Nm * rng.standard_normal(torque_Nm.shape)
+        states = replace(states, tau_Nm=gain * torque_Nm + noise)
+    covariance = np.tile(1e-10 * np.eye(6), (count, 1, 1))
+    measured = Pose(Chain.of(arm).forward(q), covariance, np.zeros((count, 6, 0)))
+    labels = np.array([f"P{k:03d}" for k in range(count)])
+    kinds = np.full(count, "grid", dtype="U7")
+    ones = np.ones(count, dtype=int)
+    return Observations(labels, states, measured, kinds, ones, ones)
+
+
+def test_an_arm_without_masses_gets_assumed_ones():
+    bare = replace(ARM, mass_kg=None, com_m=None)
+    arm = weighed_arm(described(), bare, readings(logged=False))
+    assert weights_known(arm).origin == "assumed"
+    assert weights_finding(arm) == ()
+
+
+def test_the_mass_of_the_whole_arm_is_taken():
+    bare = replace(ARM, mass_kg=None, com_m=None)
+    campaign = described(masses={"total_kg": 28.9})
+    assert campaign.masses == Masses(total_kg=28.9)
+    arm = weighed_arm(campaign, bare, readings(logged=False))
+    assert arm.mass_kg.sum() == pytest.approx(28.9)
+
+
+@pytest.mark.parametrize("masses", [np.zeros(6), np.ones(6), np.array([0.0, 1, 1, 1, 1, 0])])
+def test_placeholders_of_a_drawing_program_are_no_masses(masses):
+    arm = weighed_arm(described(), replace(ARM, mass_kg=masses), readings(logged=False))
+    assert weights_known(arm).origin == "assumed"
+    (finding,) = weights_finding(arm)
+    assert "0 or 1 kg" in finding.what
+    assert finding.kind == "masses"
+
+
+def test_a_total_that_contradicts_the_parts_makes_both_unknown():
+    campaign = described(masses={"total_kg": 290.0})
+    arm = weighed_arm(campaign, ARM, readings(logged=False))
+    assert weights_known(arm).origin == "assumed"
+    (finding,) = weights_finding(arm)
+    assert "290 kg" in finding.what
+    assert weighed_arm(described(masses={"total_kg": 30.0}), ARM, readings(logged=False)) is ARM
+
+
+def test_logged_torques_weigh_an_arm_that_states_nothing():
+    bare = replace(ARM, mass_kg=None, com_m=None)
+    arm = weighed_arm(described(), bare, readings())
+    assert weights_known(arm).origin == "logged"
+    poses = readings(logged=False)
+    payload = described().payload(ARM)
+
+    def torque_Nm(of):
+        model = Model(Chain.of(of), ())
+        return statics_of(model, np.zeros(0), poses.states, payload).torque_Nm
+
+    off = np.sqrt(np.mean((torque_Nm(arm) - torque_Nm(ARM)) ** 2))
+    assert off < 0.1 * np.sqrt(np.mean(torque_Nm(ARM) ** 2))
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.9])
+def test_torques_that_fit_leave_stated_masses_alone(gain):
+    assert weighed_arm(described(), ARM, readings(gain=gain)) is ARM
+
+
+def test_a_mass_that_torques_contradict_is_told_and_taken_from_them():
+    stated = ARM.mass_kg.copy()
+    stated[4] = 1000.05
+    arm = weighed_arm(described(), replace(ARM, mass_kg=stated), readings())
+    (finding,) = weights_finding(arm)
+    assert "link 5 is stated with 1000 kg" in finding.what
+    assert arm.mass_kg[4] < 20.0
+
+
+def test_a_centre_that_torques_contradict_is_told():
+    com_m = ARM.com_m.copy()
+    com_m[2, 0] += 0.6
+    arm = weighed_arm(described(), replace(ARM, com_m=com_m), readings())
+    (finding,) = weights_finding(arm)
+    assert "link 3" in finding.what

@@ -1,0 +1,220 @@
+"""Measured campaigns at hand: groups, models carried, one table; what fails is a row of it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from made_up_datasets import write_titan
+from pa10cal.commands.command_line import REFUSED, main
+from pa10cal.datasets import measured
+from pa10cal.datasets.measured import CAMPAIGNS, CARRIED, GROUPS, at_hand, files_of, groups_of
+from pa10cal.datasets.measured_table import BEGIN, END, errors_by_model, markdown, page_text
+from pa10cal.datasets.measured_table import main as write_page
+from pa10cal.results.codec import read
+from pa10cal.results.fleet import ChainRecord
+from pa10cal.results.measured import Carried, HeldOutError, MeasuredRobot, MeasuredRobotsRecord
+
+EXAMPLE = Path(__file__).parents[2] / "examples/irb120-points"
+NAMES = ("iiwa7-free", "iiwa7-0kg", "spoiled")
+PAIR = NAMES[:2]
+
+
+def take(*folders, results):
+    words = ["chain", "--campaign-dir", *map(str, folders), "--results", str(results)]
+    assert main(words) == 0
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """Two copies of an example under the names of measured campaigns, and one that is spoiled."""
+    folder = tmp_path_factory.mktemp("measured")
+    for name in NAMES:
+        raw = shutil.copytree(EXAMPLE, folder / "raw" / name)
+        text = (raw / "campaign.yaml").read_text()
+        (raw / "campaign.yaml").write_text(text.replace("name: irb120-points", f"name: {name}"))
+    (folder / "raw/spoiled/poses.csv").write_text("time_s,q9_deg\n1,2\n")
+    for name in NAMES:
+        take(folder / "raw" / name, results=folder / "results" / name)
+    take(*(folder / "raw" / name for name in PAIR), results=folder / "results/pair")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def table(place):
+    """The record of all of them."""
+    words = ["measured", "--results", str(place / "results"), "--out", str(place / "results")]
+    folders = [str(place / "raw" / name) for name in NAMES]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(measured, "GROUPS", {"pair": PAIR})
+        assert main([*words, "--campaign-dir", *folders]) == 0
+    return read(MeasuredRobotsRecord, place / "results/measured.json")
+
+
+def test_a_group_is_fitted_as_one_and_stands_after_its_campaigns(place, table):
+    assert [each.campaign for each in table.robots] == [*PAIR, "pair", "spoiled"]
+    group = table.robots[2]
+    assert (group.status, group.members, group.published) == ("done", PAIR, None)
+    assert group.poses == sum(each.poses for each in table.robots[:2])
+    assert group.instrument == "optical tracker, poses; torques logged"
+    held_out = json.loads((place / "results/pair/evaluation/holdout.json").read_text())
+    assert group.errors["effects"].rms_mm == held_out["models"]["extended"]["rms_mm"]
+
+
+def test_what_is_refused_is_a_row_with_its_message(table, place):
+    last = table.robots[-1]
+    assert (last.status, last.errors, last.verdict) == ("refused", {}, None)
+    assert last.message.startswith("ingest: poses.csv")
+    assert str(place) not in last.message
+    rows = list(csv.DictReader((place / "results/measured.csv").read_text().splitlines()))
+    assert [row["campaign"] for row in rows] == [*PAIR, PAIR[1], "pair", "spoiled"]
+    assert [row["model_of"] for row in rows] == [*PAIR, PAIR[0], "pair", "spoiled"]
+    assert rows[-1]["status"] == "refused"
+    assert float(rows[0]["nominal_mean_mm"]) == pytest.approx(
+        table.robots[0].errors["nominal"].mean_mm, abs=1e-4
+    )
+
+
+def test_a_model_is_carried_with_base_and_tool_fitted_anew(place, table):
+    (carried,) = table.robots[1].carried
+    assert carried.source == "iiwa7-free"
+    # The same readings: the model of the one is as good in the other.
+    assert carried.errors["effects"].rms_mm == pytest.approx(
+        table.robots[1].errors["effects"].rms_mm, rel=0.1
+    )
+    assert (place / "results/iiwa7-0kg/evaluation/transfer_iiwa7-free.json").is_file()
+    assert not any(each.carried for each in (table.robots[0], *table.robots[2:]))
+
+
+def test_a_model_that_cannot_be_carried_is_a_row_too(place, tmp_path, capsys):
+    results = tmp_path / "results"
+    for name in PAIR:
+        shutil.copytree(place / "results" / name, results / name)
+    path = results / "iiwa7-free/calibration/combined.json"
+    record = json.loads(path.read_text())
+    path.write_text(json.dumps(record | {"robot": "another"}))
+    folders = [str(place / "raw" / name) for name in PAIR]
+    words = ["measured", "--results", str(results), "--out", str(results)]
+    assert main([*words, "--campaign-dir", *folders]) == 0
+    (carried,) = read(MeasuredRobotsRecord, results / "measured.json").robots[1].carried
+    assert "cannot be carried over" in carried.message
+    assert not carried.errors
+    assert "cannot be carried over" in capsys.readouterr().out
+
+
+def test_a_group_of_which_one_is_refused_is_refused(place, tmp_path):
+    shutil.copytree(place / "results" / PAIR[0], tmp_path / PAIR[0])
+    take(*(place / "raw" / name for name in PAIR), results=tmp_path / "pair")
+    found = read(ChainRecord, tmp_path / "pair/chain.json")
+    assert (found.campaign, found.status, found.stage) == ("pair", "refused", "join")
+    assert PAIR[1] in found.message
+
+
+def test_a_data_set_of_another_version_is_refused_by_checksum(tmp_path):
+    source, raw = write_titan(tmp_path / "titan"), tmp_path / "raw/titan-rail"
+    words = ["chain", "--campaign-dir", str(raw), "--results", str(tmp_path / "results")]
+    assert main([*words, "--dataset", "titan-robot-accuracy", "--source", str(source)]) == 0
+    found = read(ChainRecord, tmp_path / "results/chain.json")
+    assert (found.status, found.stage) == ("refused", "import")
+    assert "the checksum differs" in found.message
+    assert "fetch the data set again" in found.message
+    assert not raw.exists()
+
+
+def test_without_a_campaign_it_says_how_to_come_by_one(tmp_path, capsys):
+    words = ["measured", "--results", str(tmp_path), "--out", str(tmp_path)]
+    assert main(words) == REFUSED
+    assert "no measured campaign is at hand" in capsys.readouterr().err
+
+
+def test_at_hand_are_folders_of_campaigns_and_data_sets_that_were_fetched(tmp_path):
+    here, elsewhere = tmp_path / "measured", tmp_path / "elsewhere"
+    for name in ("zebra", "titan-rail", "titan-robot-accuracy/x", "no-campaign"):
+        (here / name).mkdir(parents=True)
+    for name in ("zebra", "titan-rail"):
+        (here / name / "campaign.yaml").write_text("")
+    elsewhere.mkdir()
+    (elsewhere / "a.csv").write_text("")
+    sources = {"welding-motoman": str(elsewhere), "faro-irb120": "https://example.invalid/"}
+    found = at_hand(here, sources, tmp_path / "imported")
+    assert list(found) == ["titan-fixed", "titan-rail", "ma2010-0516", "ma2010-0801", "zebra"]
+    assert found["titan-rail"].dataset is None
+    assert found["titan-fixed"].folder == tmp_path / "imported/titan-fixed"
+    assert found["titan-fixed"].source == here / "titan-robot-accuracy"
+    assert list(files_of(found["ma2010-0516"])) == [elsewhere / "a.csv"]
+    assert list(groups_of(found)) == ["ma2010"]
+
+
+def test_what_is_known_names_campaigns_that_are_known():
+    assert {name for members in GROUPS.values() for name in members} <= set(CAMPAIGNS)
+    assert {name for pair in CARRIED for name in pair} <= set(CAMPAIGNS)
+
+
+@pytest.mark.parametrize(
+    ("models", "springs", "expected"),
+    [
+        (
+            ["uncalibrated", "linear", "extended"],
+            False,
+            {"nominal": 0, "geometry": 1, "effects": 2},
+        ),
+        (["uncalibrated", "geometry"], False, {"nominal": 0, "geometry": 1}),
+        (
+            ["uncalibrated", "geometry", "linear", "extended"],
+            True,
+            {"nominal": 0, "geometry": 1, "springs": 2, "effects": 3},
+        ),
+        ([], True, {}),
+    ],
+)
+def test_errors_by_model_take_what_is_there(models, springs, expected):
+    class Made:
+        def __init__(self, mm):
+            self.mean_mm = self.rms_mm = float(mm)
+
+    held_out = {name: Made(k) for k, name in enumerate(models)}
+    found = errors_by_model(held_out, springs=springs)
+    assert {model: error.mean_mm for model, error in found.items()} == expected
+
+
+def robot(**keys):
+    keys = {"campaign": "c", "status": "done", "names": (), "faults": (), "errors": {}} | keys
+    return MeasuredRobot(**({"carried": ()} | keys))
+
+
+def test_the_page_gets_its_tables_between_the_marks(tmp_path):
+    error = HeldOutError(mean_mm=0.25, rms_mm=0.5)
+    named = robot(
+        campaign="one",
+        robot="an arm",
+        instrument="a | tracker",
+        verdict="named",
+        names=("backlash of joint 1 or arrival_error of joint 1",),
+        faults=("load_label at P3",),
+        errors={"nominal": error},
+        poses=10,
+        held_out=2,
+        carried=(Carried(source="two", errors={"springs": error}),),
+    )
+    record = MeasuredRobotsRecord(robots=(named, robot(status="fault", message="export: oh")))
+    path, page = tmp_path / "measured.json", tmp_path / "page.md"
+    path.write_text(record.model_dump_json())
+    page.write_text(f"# Before\n{BEGIN}\nold\n{END}\nafter\n")
+    for _ in range(2):
+        write_page([str(path), str(page)])
+    text = page.read_text()
+    assert text == page_text(text, record)
+    assert text.startswith("# Before\n")
+    assert text.endswith(f"{END}\nafter\n")
+    assert "old" not in text
+    assert (
+        "| `one` | an arm, a \\| tracker | 10 (2) | 0.250 / 0.500 |  |  |  | `named`; backlash of "
+        "joint 1 or arrival_error of joint 1; the log: load_label at P3 |  |"
+    ) in text
+    assert "| `c` |  |  |  |  |  |  | fault: export: oh |  |" in text
+    assert "| `two` | `one` |  |  | 0.250 / 0.500 |  |" in text
+    assert "Carried" not in markdown(MeasuredRobotsRecord(robots=(robot(),)))

@@ -1,0 +1,80 @@
+"""Joints that give way under weights that nobody stated: named on synthetic arms, and no others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pa10cal
+from pa10cal.cell.campaign import simulate_campaign
+from pa10cal.cell.wild_trials import draw_wild_trials
+from pa10cal.cell.write import write_campaign
+from pa10cal.discovery.records import verdict_keys
+from pa10cal.files.arms import load_arm
+
+SEED = 20261123
+
+
+def judged(tmp_path_factory, subject):
+    (trial,) = draw_wild_trials("unstated_masses", 1, SEED, ("ur10-pose",), subject)
+    folder = tmp_path_factory.mktemp(subject) / trial.name
+    write_campaign(
+        simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings), folder
+    )
+    campaign = pa10cal.read_campaign(folder)
+    model = pa10cal.calibrate(campaign)
+    return trial, campaign, model, pa10cal.discover(campaign, model)
+
+
+@pytest.fixture(scope="module")
+def soft(tmp_path_factory):
+    return judged(tmp_path_factory, "some_springs")
+
+
+@pytest.fixture(scope="module")
+def rigid(tmp_path_factory):
+    return judged(tmp_path_factory, "no_springs")
+
+
+def test_joints_that_give_way_are_named(soft):
+    trial, campaign, model, verdict = soft
+    hidden = {entry.of for entry in trial.settings.hidden_effects}
+    named = {finding.of for finding in verdict.gives_way}
+    assert hidden
+    assert named == hidden
+    assert campaign.arm.weights_known.origin == "assumed"
+    assert "no masses are stated" in model.fitted_to.health
+
+
+def test_what_they_take_away_is_said(soft):
+    *_, verdict = soft
+    record = verdict_keys(verdict)
+    assert record.verdict in ("named", "ambiguous")
+    for effect in record.effects:
+        assert effect.id == "joint_compliance"
+        assert effect.weights == "assumed"
+        assert effect.parameters["K"].value > 0.0
+        assert effect.parameters["K"].std < 0.5 * effect.parameters["K"].value
+        evidence = effect.evidence
+        assert evidence.held_out_rigid_mm > evidence.held_out_gives_way_mm
+        assert evidence.lost_without_it_nats > evidence.needed_nats
+    explained = record.explained
+    assert explained.share > 0.5
+    assert explained.of[0].weights == "assumed"
+    assert explained.before_mm > explained.after_mm
+    assert "under the arm's weight" in " ".join(explained.sentences)
+
+
+def test_a_model_with_assumed_weights_is_saved_and_read_back(soft, tmp_path):
+    *_, verdict = soft
+    verdict.model.save(tmp_path / "model.yaml")
+    again = pa10cal.load_model(tmp_path / "model.yaml")
+    assert again.arm.weights_known.origin == "assumed"
+    q = np.tile([[0.1], [0.5], [1.0]], again.arm.n)
+    np.testing.assert_allclose(again.predict(q).T, verdict.model.predict(q).T, atol=1e-9)
+
+
+def test_a_rigid_arm_has_no_joint_that_gives_way(rigid):
+    *_, verdict = rigid
+    assert verdict.gives_way == ()
+    assert verdict.effects == ()

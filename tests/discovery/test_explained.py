@@ -1,0 +1,149 @@
+"""What effects take away of the error beyond noise, in shares and in words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pa10cal.discovery.explained import Joining, explained, explained_by
+from pa10cal.results.effect_name import EffectName
+from pa10cal.results.explained import percent
+
+NOISE_MM = 0.1
+
+
+def errors(rms_mm, count=50):
+    """Return errors of some poses with a given root mean square."""
+    drawn = np.random.default_rng(3).uniform(0.2, 1.0, count)
+    return drawn * rms_mm / np.sqrt(np.mean(drawn**2))
+
+
+def chain(*steps, start_mm=0.5):
+    """Return effects that join one after the other: ids, place, what they leave."""
+    left, joining = start_mm, []
+    for ids, of, after_mm, *more in steps:
+        elsewhere = tuple(EffectName(id=id_, of=at) for id_, at in more)
+        joining.append(Joining(ids, of, errors(left), errors(after_mm), elsewhere))
+        left = after_mm
+    return explained_by(joining, errors(start_mm), NOISE_MM)
+
+
+def test_shares_are_of_the_variance_beyond_noise_and_sum_to_the_whole():
+    found = chain((("backlash",), "joint 1", 0.4), (("gear_error",), "joint 2", 0.2))
+    assert found.share == pytest.approx((0.25 - 0.04) / (0.25 - 0.01))
+    assert found.without_a_name == pytest.approx((0.04 - 0.01) / (0.25 - 0.01))
+    assert [each.of for each in found.of] == ["joint 2", "joint 1"]
+    assert found.of[0].share == pytest.approx((0.16 - 0.04) / 0.24)
+    assert sum(each.share for each in found.of) == pytest.approx(found.share)
+    assert (found.of[0].before_mm, found.of[0].after_mm) == pytest.approx((0.4, 0.2))
+
+
+@pytest.mark.parametrize(
+    ("steps", "share", "shares"),
+    [
+        # Below the noise nothing is left to explain; no share is above one.
+        (((("backlash",), "joint 1", 0.05),), 1.0, [1.0]),
+        # What makes held-out poses worse takes nothing away.
+        (((("backlash",), "joint 1", 0.6),), 0.0, [0.0]),
+        (
+            ((("backlash",), "joint 1", 0.55), (("gear_error",), "joint 2", 0.3)),
+            (0.25 - 0.09) / 0.24,
+            [(0.25 - 0.09) / 0.24, 0.0],
+        ),
+    ],
+)
+def test_shares_stay_between_nothing_and_all(steps, share, shares):
+    found = chain(*steps)
+    assert found.share == pytest.approx(share)
+    assert [each.share for each in found.of] == pytest.approx(shares)
+    assert found.without_a_name == pytest.approx(1.0 - share)
+
+
+def test_no_more_than_noise_is_nothing_to_explain():
+    assert explained_by((), errors(1.1 * NOISE_MM), NOISE_MM) is None
+    assert chain((("backlash",), "joint 1", 0.09), start_mm=0.095) is None
+    found = explained_by((), errors(0.5), NOISE_MM)
+    assert (found.share, found.of, found.without_a_name) == (0.0, (), 1.0)
+    assert found.headline == "none of the error beyond noise is explained"
+    assert found.sentences == ()
+
+
+def test_effects_of_one_kind_are_told_together():
+    found = chain(
+        (("sensor_error",), "joint 5", 0.3),
+        (("sensor_error", "gear_error"), "joint 1", 0.2),
+        (("sensor_error",), "joint 3", 0.15),
+        (("sensor_error", "gear_error"), "joint 6", 0.12),
+    )
+    assert found.headline == (
+        "98 % of the error beyond noise is explained: sensors of joints 3 and 5; "
+        "sensor or gear of joints 1 and 6"
+    )
+    first, second = found.sentences
+    assert first.startswith("The position sensors of joints 3 and 5 err with their angles: 0.45 mm")
+    assert second.startswith("The position sensors of joints 1 and 6 err with their angles, or the")
+    assert "the gears of joints 1 and 6 are uneven: 0.27 mm becomes" in second
+
+
+def test_springs_of_the_calibration_join_before_the_effects():
+    springs = [
+        Joining(("joint_compliance",), f"joint {joint}", errors(b), errors(a), weights="assumed")
+        for joint, b, a in ((2, 0.36, 0.25), (3, 0.25, 0.17))
+    ]
+    found = explained_by(springs, errors(0.36), 0.05)
+    (told,) = found.sentences
+    assert told == (
+        "Joints 2 and 3 give way under the arm's weight (stiffness relative to assumed weights): "
+        "0.36 mm becomes 0.17 mm."
+    )
+    assert [each.weights for each in found.of] == ["assumed", "assumed"]
+
+
+def test_alternatives_at_other_places_and_effects_without_words_are_told():
+    found = chain((("third_harmonic",), "joint 2", 0.2, ("cmm_scale", "instrument")))
+    assert found.headline.endswith("third harmonic of joint 2 or cmm scale of the instrument")
+    (place,) = chain((("tool_sag",), "tool", 0.2)).sentences
+    assert place == "The tool sags under its weight: 0.50 mm becomes 0.20 mm."
+    assert chain((("tool_sag",), "tool", 0.2)).headline.endswith("explained: tool sag")
+    assert (
+        chain((("link_bending",), "upper_arm", 0.2)).sentences[0].startswith("The upper arm bends")
+    )
+    assert found.sentences[0].startswith(
+        "There is third harmonic of joint 2, or the instrument's scale is off: 0.50 mm becomes"
+    )
+
+
+@pytest.mark.parametrize(
+    ("share", "said"),
+    [
+        (0.0, "0 %"),
+        (0.001, "less than 1 %"),
+        (0.97, "97 %"),
+        (0.996, "more than 99 %"),
+        (1, "100 %"),
+    ],
+)
+def test_all_and_nothing_are_not_claimed_by_rounding(share, said):
+    assert percent(share) == said
+
+
+def test_a_verdict_says_what_its_effects_take_away(eccentric):
+    found = explained(eccentric.discovery)
+    (each,) = found.of
+    assert (each.ids[0], each.of) == ("encoder_eccentricity", "joint 2")
+    assert found.over == "held-out poses"
+    held_out = eccentric.discovery.holdout
+    assert (found.before_mm, found.after_mm) == pytest.approx(
+        (held_out.before.rms_mm, held_out.after.rms_mm)
+    )
+    assert found.share > 0.8
+    assert each.share == pytest.approx(found.share)
+    fitted = explained(replace(eccentric.discovery, holdout=None))
+    assert fitted.over == "fitted poses"
+    assert fitted.after_mm == pytest.approx(eccentric.discovery.train.after.rms_mm)
+
+
+def test_where_nothing_is_missing_nothing_is_explained(nothing_hidden):
+    assert explained(nothing_hidden.discovery) is None

@@ -1,0 +1,138 @@
+"""Rows are not time where they follow a joint, a rail or the load."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pa10cal.arm.state import PoseStates
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.order import (
+    Driver,
+    goes_with,
+    partings,
+    slow_joints,
+    with_what_tells_time,
+)
+
+ROWS, JOINTS = 120, 4
+NONE_SLIDES = np.zeros(JOINTS, dtype=bool)
+
+
+class Unmeasured:
+    """Readings of nothing: the order of rows is all that counts."""
+
+    def take(self, rows):
+        del rows
+        return self
+
+
+@pytest.fixture
+def random_order():
+    """Poses in random order under three loads, each pose read once."""
+    rng = np.random.default_rng(7)
+    nothing = np.zeros((ROWS, JOINTS))
+    states = PoseStates(
+        q_rad=rng.uniform(-2.0, 2.0, (ROWS, JOINTS)),
+        tau_Nm=nothing,
+        arrival=nothing,
+        load_N=rng.choice([0.0, 20.0, 44.0], ROWS),
+        temperature_C=np.full(ROWS, 20.0),
+        time_s=10.0 * np.arange(ROWS),
+    )
+    labels = np.array([f"P{k:03d}" for k in range(ROWS)])
+    return Observations.single(labels, states, Unmeasured())
+
+
+def in_order_of(every, key):
+    """Return the same rows, measured in the order of a key."""
+    order = np.argsort(key, kind="stable")
+    q_rad, load_N = every.states.q_rad[order], every.states.load_N[order]
+    return every.with_states(replace(every.states, q_rad=q_rad, load_N=load_N))
+
+
+def ordered(every, by):
+    key = {
+        "joint": every.states.q_rad[:, 2],
+        "joint backwards": -every.states.q_rad[:, 2],
+        "load": every.states.load_N,
+        "nearly the joint": every.states.q_rad[:, 2]
+        + np.random.default_rng(1).normal(0.0, 0.2, len(every)),
+    }[by]
+    return in_order_of(every, key)
+
+
+@pytest.mark.parametrize(
+    ("by", "driver"),
+    [
+        ("joint", "joint 3"),
+        ("joint backwards", "joint 3"),
+        ("nearly the joint", "joint 3"),
+        ("load", "the load"),
+    ],
+)
+def test_rows_that_follow_a_joint_or_the_load_give_no_time(random_order, by, driver):
+    every = ordered(random_order, by)
+    assert [str(found) for found, _ in goes_with(every)] == [driver]
+    marked, (why,) = with_what_tells_time(every, NONE_SLIDES, recorded=True)
+    assert driver in why
+    assert not marked.states.tells_time
+
+
+def test_rows_in_random_order_give_time_where_it_was_recorded(random_order):
+    assert goes_with(random_order) == ()
+    same, why = with_what_tells_time(random_order, NONE_SLIDES, recorded=True)
+    assert same is random_order
+    assert why == ()
+    marked, (why,) = with_what_tells_time(random_order, NONE_SLIDES, recorded=False)
+    assert "not recorded" in why
+    assert not marked.states.tells_time
+    assert not marked.take(np.arange(5)).states.tells_time
+
+
+def test_a_rail_is_called_one(random_order):
+    slides = np.array([False, False, True, False])
+    (found, _), *_ = goes_with(ordered(random_order, "joint"), slides)
+    assert str(found) == "joint 3 (a rail)"
+
+
+def test_poses_that_are_measured_again_give_time_in_any_order(random_order):
+    half = ordered(random_order.take(np.arange(ROWS // 2)), "joint")
+    twice = half.take(np.tile(np.arange(ROWS // 2), 2))
+    later = replace(twice.states, time_s=10.0 * np.arange(ROWS))
+    assert goes_with(twice.with_states(later)) == ()
+    # Read again at once they are no other time.
+    at_once = half.take(np.repeat(np.arange(ROWS // 2), 2))
+    same = replace(at_once.states, time_s=10.0 * np.arange(ROWS))
+    assert goes_with(at_once.with_states(same)) != ()
+
+
+def test_a_joint_that_goes_to_the_other_side_parts_the_rows(random_order):
+    q_rad, middle = random_order.states.q_rad.copy(), 50
+    q_rad[:, 1] = np.abs(q_rad[:, 1]) * np.where(np.arange(ROWS) < middle, 1.0, -1.0)
+    states = replace(random_order.states, q_rad=q_rad)
+    found = list(partings(states, states.time_s[middle] - 5.0))
+    assert [each.driver for each in found] == [Driver(2)]
+    assert abs(found[0].at) < 0.2
+    assert not list(partings(states, states.time_s[80] - 5.0))
+
+
+def test_a_rail_out_and_back_parts_the_rows_near_every_time(random_order):
+    there = np.linspace(0.0, 6.0, ROWS // 2)
+    q = random_order.states.q_rad.copy()
+    q[:, 0] = np.concatenate([there, there[::-1]])
+    states = replace(random_order.states, q_rad=q)
+    slides = np.array([True, False, False, False])
+    assert not goes_with(random_order.with_states(states))  # no correlation over all rows
+    assert slow_joints(states).tolist() == [True, False, False, False]
+    for row in (20, 40, 80, 100):
+        found = [each.driver for each in partings(states, states.time_s[row] - 5.0, slides)]
+        assert found == [Driver(1, slides=True)]
+
+
+def test_random_order_is_hardly_ever_parted(random_order):
+    time_s = random_order.states.time_s
+    parted = [row for row in range(5, ROWS - 5) if any(partings(random_order.states, time_s[row]))]
+    assert len(parted) <= 2
