@@ -2,7 +2,7 @@
 # urdfs, commanded, measured, plan, fleet, kill-trials, clean, and for maintainers: lock, schema.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup tools reproduce figures report docs test test-browser test-slurm check bench peers urdfs commanded \
+.PHONY: help setup tools reproduce figures report docs test test-all test-browser test-slurm check bench peers urdfs commanded \
   measured plan fleet kill-trials clean lock schema
 
 PYTHON ?= python3
@@ -13,7 +13,8 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check --no-input insta
 
 help:
 	@echo "make reproduce   set up .venv, run the whole workflow, write results/ and results/report.html"
-	@echo "make test        set up .venv, run the tests"
+	@echo "make test        set up .venv, run the tests, but for those marked slow"
+	@echo "make test-all    all tests: half an hour"
 	@echo "make test-browser   the tests that need Chromium on the machine: reports as a browser shows them"
 	@echo "make figures     figures and tables, and what they stand on where it is not up to date"
 	@echo "make report      results/report.html alone"
@@ -62,6 +63,10 @@ report: setup
 	$(SNAKEMAKE) --report results/report.html
 
 test: tools
+	$(BIN)/pytest -n $(CORES) --dist loadfile --ignore tests/browser -m "not slow"
+
+# Those marked slow too: half an hour on two cores.
+test-all: tools
 	$(BIN)/pytest -n $(CORES) --dist loadfile --ignore tests/browser
 
 # Needs Chromium; make test does not.

@@ -8,10 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 RULES = {"coverage"}
 
 
+@pytest.mark.slow
 def test_one_target_covers_both_models_with_the_settings_given(tmp_path):
     section = json.dumps({"campaigns": 3, "random_seed": 7, "poses": 44})
     pairs = [f"raw_dir={ROOT / 'data/raw'}", f"results_dir={tmp_path}", f"coverage={section}"]

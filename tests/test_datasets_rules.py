@@ -53,6 +53,7 @@ def test_the_rules_name_every_published_file():
     assert sorted(outputs) == sorted(dataset_named("ipa-robot-accuracy").published.sha256)
 
 
+@pytest.mark.slow
 def test_a_campaign_of_a_data_set_is_fetched_and_imported_first(snakemake, tmp_path):
     target = tmp_path / "out/ur10-a/ingest/poses.parquet"
     code, text = snakemake("-n", target, sources={})
@@ -61,6 +62,7 @@ def test_a_campaign_of_a_data_set_is_fetched_and_imported_first(snakemake, tmp_p
     assert jobs[::2] == ["fetch_ipa_robot_accuracy", "import_ipa_robot_accuracy", "ingest", "total"]
 
 
+@pytest.mark.slow
 def test_the_measured_robot_is_planned_from_the_fetch_to_the_transfer(snakemake, tmp_path):
     raw = tmp_path / "raw"
     for name in ("ur10-a", "ur10-c"):
@@ -74,6 +76,7 @@ def test_the_measured_robot_is_planned_from_the_fetch_to_the_transfer(snakemake,
     assert {"calibrate", "discover", "evaluate", "export", "transfer"} <= set(jobs[::2])
 
 
+@pytest.mark.slow
 def test_measured_robots_are_planned_of_folders_and_of_data_sets_that_were_fetched(
     snakemake, tmp_path
 ):
@@ -89,6 +92,7 @@ def test_measured_robots_are_planned_of_folders_and_of_data_sets_that_were_fetch
     assert counts == {"measured_campaign": 5, "measured_group": 1, "measured": 1, "total": 7}
 
 
+@pytest.mark.slow
 def test_what_fails_is_a_row_and_nothing_lands_among_raw_campaigns(snakemake, tmp_path):
     here = tmp_path / "measured"
     shutil.copytree(ROOT / "examples/irb120-points", here / "irb120-points")
@@ -106,6 +110,7 @@ def test_what_fails_is_a_row_and_nothing_lands_among_raw_campaigns(snakemake, tm
     assert "Nothing to be done" in text
 
 
+@pytest.mark.slow
 def test_without_a_measured_campaign_one_line_says_what_to_do(snakemake, tmp_path):
     code, text = snakemake("measured", sources={}, more=[f"measured_dir={tmp_path / 'none'}"])
     assert code != 0
@@ -114,6 +119,7 @@ def test_without_a_measured_campaign_one_line_says_what_to_do(snakemake, tmp_pat
     assert "pa10cal fetch titan-robot-accuracy" in line
 
 
+@pytest.mark.slow
 def test_an_unknown_data_set_is_refused_in_one_line(snakemake):
     code, text = snakemake("-n", sources={"ipa-robot": "."})
     assert code != 0
@@ -122,6 +128,7 @@ def test_an_unknown_data_set_is_refused_in_one_line(snakemake):
     assert "Traceback" not in text
 
 
+@pytest.mark.slow
 def test_imports_from_a_folder_once(snakemake, ipa_data, tmp_path):
     sources = {"ipa-robot-accuracy": str(ipa_data)}
     target = tmp_path / "raw/ur10-c/campaign.yaml"

@@ -90,6 +90,7 @@ def ran(tmp_path_factory):
     return here, out.getvalue(), err.getvalue()
 
 
+@pytest.mark.slow
 def test_a_folder_runs_to_a_grade_a_model_and_figures(ran):
     here, printed, told = ran
     assert told == ""  # no terminal: nothing but the result
@@ -107,6 +108,7 @@ def test_a_folder_runs_to_a_grade_a_model_and_figures(ran):
     assert {p.name: p.read_bytes() for p in (here / "examples/ur10-pose").iterdir()} == raw
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_examples_of_a_page_do_what_it_says(ran, page):
     """Captioned blocks are files, to write or as they are, or what the last command printed."""
@@ -155,6 +157,7 @@ def shows(text, expected):
     return re.search(pattern, text, re.DOTALL) is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -180,6 +183,7 @@ def test_a_folder_that_cannot_be_run_is_refused_in_one_message(tmp_path, capsys,
     assert shown.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_where_a_stage_refuses_the_report_says_so(tmp_path, capsys):
     folder = tmp_path / "mine"
     shutil.copytree(EXAMPLES / "irb120-points", folder)

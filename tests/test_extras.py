@@ -51,6 +51,7 @@ def without_extras(folder, commands):
     )
 
 
+@pytest.mark.slow
 def test_raw_files_become_a_model_in_use_without_any_extra(tmp_path):
     (tmp_path / "joints.csv").write_text(
         "id,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\nP,1,2,3,4,50,6\n"
@@ -68,6 +69,7 @@ def test_raw_files_become_a_model_in_use_without_any_extra(tmp_path):
         assert f"pip install '.[{extra}]'" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "module"),
     [

@@ -89,6 +89,7 @@ def checkout(tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_plans_one_campaign_with_one_job_for_all_planes_and_one_for_all_loads(plan):
     code, text = plan(campaigns='["cell-null"]')
     assert code == 0, text
@@ -97,12 +98,14 @@ def test_plans_one_campaign_with_one_job_for_all_planes_and_one_for_all_loads(pl
     assert jobs["montecarlo"] == jobs["calibrate"] == 1
 
 
+@pytest.mark.slow
 def test_plans_a_single_result_and_what_it_stands_on(plan, tmp_path):
     code, text = plan(tmp_path / "out/cell-a/calibration/44N.json")
     assert code == 0, text
     assert planned(text) == {"ingest": 1, "base_frame": 1, "calibrate_one": 1, "total": 3}
 
 
+@pytest.mark.slow
 def test_plans_a_group_of_campaigns_with_the_names_of_one(plan, tmp_path):
     groups = '{"arm": ["cell-a", "cell-null"]}'
     wanted = [tmp_path / "out/arm" / name for name in ("report.html", "evaluation/holdout.json")]
@@ -114,6 +117,7 @@ def test_plans_a_group_of_campaigns_with_the_names_of_one(plan, tmp_path):
     assert "montecarlo" not in jobs
 
 
+@pytest.mark.slow
 def test_effects_of_the_verdict_are_sought_before_they_are_calibrated_with(plan, tmp_path):
     out = tmp_path / "out/cell-a/calibration"
     code, text = plan(out, calibration="{effects: named}")
@@ -122,6 +126,7 @@ def test_effects_of_the_verdict_are_sought_before_they_are_calibrated_with(plan,
     assert jobs["calibrate"] == jobs["calibrate_baseline"] == jobs["discover"] == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("config", "expected"),
     [
@@ -144,6 +149,7 @@ def test_refuses_a_wrong_configuration_in_one_message(plan, config, expected):
     assert "Traceback" not in text
 
 
+@pytest.mark.slow
 def test_names_a_campaign_that_is_not_there(plan, tmp_path):
     code, text = plan(tmp_path / "out/celll/ingest/poses.parquet")
     assert code != 0
@@ -151,6 +157,7 @@ def test_names_a_campaign_that_is_not_there(plan, tmp_path):
     assert "Traceback" not in text
 
 
+@pytest.mark.slow
 def test_a_campaign_that_is_not_there_is_refused_in_one_line(plan):
     code, text = plan(campaigns='["nope"]')
     assert code == 2
@@ -199,6 +206,7 @@ def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
     assert {"ingest", "base_frame", "montecarlo"} <= set(planned(checkout("-n")[1]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pose", "points", "distance"])
 def test_pictures_wait_for_what_a_campaign_has(checkout, kind):
     description = checkout.place / "data/raw/c1/campaign.yaml"
@@ -212,6 +220,7 @@ def test_pictures_wait_for_what_a_campaign_has(checkout, kind):
     assert not (results / "montecarlo").exists()
 
 
+@pytest.mark.slow
 def test_one_picture_is_drawn_by_its_path_from_what_it_needs(checkout):
     path = "results/c1/figures/fig4_test_path.svg"
     code, text = checkout(path, "results/c1/tables/health_summary.csv")
@@ -227,6 +236,7 @@ def test_one_picture_is_drawn_by_its_path_from_what_it_needs(checkout):
     assert planned(checkout("-n", "figures")[1])["pictures"] == 1
 
 
+@pytest.mark.slow
 def test_the_default_target_runs_a_few_blind_trials_and_their_own_target_all(plan):
     full, reduced, tracked = map(trial_counts, (SETTINGS.full, SETTINGS.reduced, SETTINGS.tracked))
     size = SETTINGS.trials_a_job
@@ -261,6 +271,7 @@ def test_the_default_target_runs_a_few_blind_trials_and_their_own_target_all(pla
     assert all(few <= full[kind] for kind, few in reduced.items())
 
 
+@pytest.mark.slow
 def test_blind_trials_are_divided_into_jobs_and_scored_together(checkout):
     counts = {**dict.fromkeys(dict(SETTINGS.full), 0), "null": 3, "pair": 2}
     few = [f"blind_trials={{'trials_a_job': 2, 'reduced': {counts}}}"]
@@ -273,6 +284,7 @@ def test_blind_trials_are_divided_into_jobs_and_scored_together(checkout):
     assert not (checkout.place / "results/c1").exists()
 
 
+@pytest.mark.slow
 def test_curves_are_laid_drawn_and_the_chain_is_calibrated(checkout):
     code, text = checkout("curve", config=["curve={'individuals': 1}"])
     assert code == 0, text
@@ -290,6 +302,7 @@ def test_curves_are_laid_drawn_and_the_chain_is_calibrated(checkout):
     assert set(jobs) == {"calibrate_chain", "draw_chain", "curve", "total"}
 
 
+@pytest.mark.slow
 def test_shows_and_keeps_the_message_of_a_command_that_refuses(checkout):
     campaign = checkout.place / "data/raw/c1/campaign.yaml"
     campaign.write_text(campaign.read_text() + "refuse: true\n")
@@ -304,6 +317,7 @@ def test_shows_and_keeps_the_message_of_a_command_that_refuses(checkout):
     assert not (results / "ingest/poses.parquet").exists()
 
 
+@pytest.mark.slow
 def test_simulates_beside_the_results_and_never_over_raw_data(checkout, tmp_path):
     before = sorted((checkout.place / "data").rglob("*"))
     elsewhere = tmp_path / "else where"
@@ -319,6 +333,7 @@ def test_simulates_beside_the_results_and_never_over_raw_data(checkout, tmp_path
     assert sorted((checkout.place / "data").rglob("*")) == before
 
 
+@pytest.mark.slow
 def test_a_campaign_without_touches_is_planned_as_what_it_is(plan, tmp_path):
     code, text = plan("simulate", simulate="{s1: {without_touches: {instrument: points}}, t1: {}}")
     assert code == 0, text

@@ -26,6 +26,7 @@ def screw(turns, shifts):
     return T
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300)
 @given(steps=st.lists(twists, min_size=1, max_size=7), seed=st.integers(0, 1000))
 def test_rows_end_on_the_axes_and_at_the_end_effector(steps, seed):

@@ -36,6 +36,7 @@ def test_settings_are_read_or_refused():
     assert judged_settings(b"campaigns: 3\n").word == "refused"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", fuzz.KINDS)
 def test_no_mutation_ends_in_a_fault(kind, capsys, monkeypatch):
     monkeypatch.setattr("sys.argv", ["fuzz", "--count", "25", "--kinds", kind, "--seed", "7"])

@@ -126,6 +126,7 @@ def test_the_page_says_how_each_failed():
     assert "- pa10cal" not in text
 
 
+@pytest.mark.slow
 def test_a_peer_that_cannot_be_installed_is_said_in_one_line(tmp_path, monkeypatch):
     pins = tmp_path / "nothing.txt"
     pins.write_text("a-package-that-is-nowhere==0.0.0\n")

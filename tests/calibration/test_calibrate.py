@@ -105,6 +105,7 @@ def test_inner_subset_moves_the_answer_by_less_than_its_uncertainty(calibrated):
     assert (spread.std[mask] > 0).all()
 
 
+@pytest.mark.slow
 def test_intervals_hold_what_they_promise(model, truth, observe):
     scores = []
     for seed in range(40):
@@ -121,6 +122,7 @@ def test_intervals_hold_what_they_promise(model, truth, observe):
     assert 0.9 < np.std(scores) < 1.1
 
 
+@pytest.mark.slow
 def test_an_error_of_the_apparatus_is_in_the_intervals(model, truth, observe):
     """The same wrong ball places in all poses: the repeats cannot show it, the interval must.
 
@@ -149,6 +151,7 @@ def test_an_error_of_the_apparatus_is_in_the_intervals(model, truth, observe):
     assert (found.covariances.from_apparatus[known(found)] > 0).all()
 
 
+@pytest.mark.slow
 def test_noise_of_the_torques_is_in_the_intervals(model, truth, states, T_instr_base):
     """Repeats of exact poses whose logged torques are noisy: only the readings can show it."""
     scores = []

@@ -53,6 +53,7 @@ def campaign(tmp_path):
     return measured
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("instrument", "plan"), [("pose", {}), ("points", {"repeats": 3}), ("distance", {})]
 )
@@ -82,6 +83,7 @@ def graded(found, every=None, **changes):
     return model.grade, model.fitted_to.health
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("instrument", ["pose", "points", "distance"])
 @pytest.mark.parametrize("robot", ["ur10", "iiwa14", "irb120", "gx4_351s"])
 @pytest.mark.parametrize("repeat_every", [0, 2])
@@ -91,6 +93,7 @@ def test_right_data_of_any_arm_are_not_suspected(campaign, robot, instrument, re
     assert grade in ("good", "few_poses"), line
 
 
+@pytest.mark.slow
 def test_touched_balls_at_their_noise_are_good():
     """What no instrument of that kind can determine does not count against a campaign."""
     model = pa10cal.calibrate(pa10cal.read_campaign(RAW / "cell-null"))
@@ -98,6 +101,7 @@ def test_touched_balls_at_their_noise_are_good():
     assert "rank 34" in model.fitted_to.health
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1e-3, 1e3])
 def test_touched_balls_stated_in_another_unit(factor):
     found = pa10cal.read_campaign(RAW / "cell-null")
@@ -108,6 +112,7 @@ def test_touched_balls_stated_in_another_unit(factor):
     assert "check the input: stated uncertainty of the position" in line
 
 
+@pytest.mark.slow
 def test_gross_errors_of_touched_balls_are_no_noise():
     found = pa10cal.read_campaign(RAW / "cell-null")
     every, generator = found.observations, np.random.default_rng(0)
@@ -134,6 +139,7 @@ def test_a_missing_effect_and_how_many_times_the_noise(campaign):
     assert "the model is missing an effect" in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "repeat_every"), [(1e3, 0), (1e3, 2), (1e-3, 0), (1e-3, 2)])
 def test_a_stated_uncertainty_in_another_unit(campaign, factor, repeat_every):
     found = campaign(stated_mm=0.05 * factor, departs="rows", repeat_every=repeat_every)

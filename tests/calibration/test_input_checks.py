@@ -43,6 +43,7 @@ def exchanged_joints(first, second):
     return lambda table: table.put(names, table.numbers(names)[:, ::-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["ur10", "irb120", "iiwa14"])
 @pytest.mark.parametrize(
     ("change", "says"),
@@ -61,6 +62,7 @@ def test_the_convention_of_attitudes_is_named(tmp_path, robot, change, says):
     assert says in found.what
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("instrument", ["pose", "points", "distance"])
 @pytest.mark.parametrize("robot", ["ur10", "irb120", "iiwa14"])
 @pytest.mark.parametrize(
@@ -79,6 +81,7 @@ def test_joint_signs_and_order_are_named(tmp_path, robot, instrument, change, ki
     assert found.would_leave_mm < 10.0
 
 
+@pytest.mark.slow
 def test_several_reversed_joints_are_named(tmp_path):
     folder = simulated(tmp_path / "c", "ur10", "pose")
     mend(folder, "poses.csv", reversed_joints(2, 5))
@@ -105,6 +108,7 @@ def test_the_last_joint_is_named_though_its_target_is_near_its_axis(tmp_path, ro
     assert found == ([("joint_sign", "q6")] if reverse else [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "instrument", "gravity"),
     [
@@ -139,6 +143,7 @@ def test_degrees_fahrenheit_are_found(tmp_path, temperature_C):
     assert [found.kind for found in findings(folder)] == ["temperature", "temperature"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shift_mm", "kinds"), [(0.003, []), (0.2, ["target_places"]), (0.5, ["target_places"])]
 )
@@ -163,6 +168,7 @@ def test_few_poses_accuse_nothing(tmp_path):
     assert findings(folder) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("instrument", ["pose", "points", "distance"])
 @pytest.mark.parametrize("robot", ["ur10", "irb120", "iiwa14", "pa10_6ce", "gx4_351s"])
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -55,6 +55,7 @@ def still(folder, **plan):
     return read_campaign(written(folder, disturbances=(), **plan))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("instrument", ["points", "pose"])
 def test_readings_are_as_of_an_instrument_that_stands_still(tmp_path, instrument):
     turn = {"parameters": {"size_mm": 0.05}} if instrument == "pose" else {}
@@ -181,6 +182,7 @@ def test_of_two_targets_a_turn_is_uncertain_and_the_note_says_so(tmp_path):
     assert 2e-6 < turn_rad.max() < 3e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", [1, 2, 3])
 @pytest.mark.parametrize("noise_mm", [0.01, 1.0])
 def test_targets_of_noise_alone_leave_the_readings_as_they_are(tmp_path, base, noise_mm):

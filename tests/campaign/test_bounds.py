@@ -83,6 +83,7 @@ def test_one_number_out_of_bounds_is_left_out(copy, instrument, column, text, re
     assert reason in row.reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "column", "text", "reason"),
     [

@@ -35,6 +35,7 @@ def folders(tmp_path_factory):
     return [campaign(folder, kind, f"of-{kind}", seed=k) for k, kind in enumerate(MIXED)]
 
 
+@pytest.mark.slow
 def test_a_group_is_read_calibrated_and_predicts(folders):
     group = pa10cal.read_group(folders, "ur10")
     assert group.name == "ur10"
@@ -75,6 +76,7 @@ def joined(folders, out, name="ur10"):
     return main(["join", *given])
 
 
+@pytest.mark.slow
 def test_commands_take_a_joined_group_like_a_campaign(folders, tmp_path, capsys):
     assert joined(folders, tmp_path / "ur10") == 0
     described = read_description(tmp_path / "ur10")

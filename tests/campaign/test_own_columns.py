@@ -72,6 +72,7 @@ def assert_same(found, expected):
     assert list(ours.kind) == list(theirs.kind)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("convention", "unit"),
     [
@@ -299,6 +300,7 @@ COLUMNS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("columns", "message"),
     [

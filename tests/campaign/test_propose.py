@@ -52,6 +52,7 @@ def attitudes(table, convention):
     return R.as_euler("xyz" if word == "rpy" else axes, degrees=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("convention", "names"),
     [
@@ -179,6 +180,7 @@ def test_a_file_of_something_else_is_refused(tmp_path, capsys, text, message):
     assert main(["columns", str(tmp_path / "none.txt")]) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("series", ["A/measurements_grid", "C/measurements_random_poses"])
 def test_the_mapping_of_the_measured_ur10_is_found(ipa_data, capsys, series):
     assert main(["columns", str(ipa_data / f"Series_{series}.csv"), "--robot", "ur10"]) == 0

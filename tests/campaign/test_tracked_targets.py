@@ -16,7 +16,7 @@ from spoiling import ingest, replace
 
 NO_TORQUES = {
     True: "no torques logged: those of the described masses are used",
-    False: "no torques logged, no masses stated: those of assumed weights are used",
+    False: "no torques logged, masses unknown: those of assumed weights are used",
 }
 KINDS = ["pose", "points", "distance"]
 ROBOTS = ["ur10", "gx4_351s", "iiwa14"]
@@ -73,6 +73,7 @@ def test_points_come_out_as_they_went_in(tmp_path, robot):
     assert np.isnan(poses.states.tau_Nm).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_distances_come_out_as_they_went_in(tmp_path, robot):
     raw = sighted(tmp_path, "distance", robot=robot)
@@ -117,6 +118,7 @@ def test_rows_without_any_target_or_with_part_of_one_are_listed(tmp_path):
     assert len(ingested.observations) == 38
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "column", "text", "reason"),
     [
@@ -242,6 +244,7 @@ def test_radians_are_noticed(tmp_path, kind, robot):
         ingest(raw)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_stroke_in_metres_is_noticed(tmp_path, kind):
     raw = sighted(tmp_path, kind, robot="gx4_351s", noise_mm=0.5)
@@ -273,6 +276,7 @@ def test_lengths_in_another_unit_are_noticed(tmp_path, kind, what, robot, factor
         ingest(raw)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize(
     ("kind", "column"), [("pose", "y_mm"), ("points", "T2_y_mm"), ("distance", "d_mm")]
@@ -378,6 +382,7 @@ def test_repeatability_is_that_of_what_was_measured(tmp_path, kind):
     assert found == {0.0: pytest.approx(expected, rel=0.12)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_long_campaign_takes_seconds(tmp_path, kind):
     raw = sighted(tmp_path, kind, poses=12_000, noise_mm=0.05)

@@ -163,6 +163,7 @@ def test_a_drawn_error_map_is_no_single_harmonic():
     assert power[1:4] / power.sum() == pytest.approx(np.full(3, 1 / 3), abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["grid", "wide"])
 def test_the_cell_measures_every_single_at_its_largest(arm, layout):
     for trial in draw_trials("single", len(vocabulary()), 12, layouts=(layout,), size=3.0):
@@ -171,6 +172,7 @@ def test_the_cell_measures_every_single_at_its_largest(arm, layout):
         assert np.isfinite(campaign.truth.rest.T_base_ee).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "single"])
 def test_the_stage_writes_the_trials_of_the_other_kinds(tmp_path, kind):
     for trial in draw_trials(kind, 4, 13):
@@ -184,6 +186,7 @@ def test_the_stage_writes_the_trials_of_the_other_kinds(tmp_path, kind):
         assert not any(id_ in text for id_, _ in hidden(trial))
 
 
+@pytest.mark.slow
 def test_attitudes_of_the_grid_are_all_within_reach(arm, robot):
     nominal = nominal_of(robot)
     for seed in range(1, TILT_SEEDS["grid"] + 1):

@@ -74,6 +74,7 @@ def score(tmp_path, verdicts, truths):
         return code, json.loads(out[0].read_text("utf-8")), list(csv.DictReader(table))
 
 
+@pytest.mark.slow
 def test_a_reduced_set_is_named_right(reduced, tmp_path):
     code, scores, rows = score(tmp_path, *reduced)
     assert code == 0
@@ -99,6 +100,7 @@ def test_a_reduced_set_is_named_right(reduced, tmp_path):
     assert [row["verdict"] for row in rows][:2] == ["none", "none"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "figure"),
     [
@@ -138,6 +140,7 @@ def test_empty_wrong_and_failed_verdicts_are_scored_as_such(reduced, tmp_path, c
     assert not all(bar["met"] for bar in scores["bars"] if bar["trials"] and bar["share"])
 
 
+@pytest.mark.slow
 def test_a_verdict_is_that_of_the_contract_and_says_nothing_of_what_was_drawn(reduced):
     for verdicts, truths in zip(*reduced, strict=True):
         for said, hidden in zip(lines(verdicts), lines(truths), strict=True):
@@ -150,6 +153,7 @@ def test_a_verdict_is_that_of_the_contract_and_says_nothing_of_what_was_drawn(re
             assert not {"kind", "layout", "hidden_effects", "moved_mm"} & set(said)
 
 
+@pytest.mark.slow
 def test_what_moves_the_residual_is_measured_against_a_twin(reduced):
     hidden = [record for path in reduced[1] for record in lines(path)]
     moved = {
@@ -162,6 +166,7 @@ def test_what_moves_the_residual_is_measured_against_a_twin(reduced):
     assert moved["pair"][0] != moved["pair"][1]
 
 
+@pytest.mark.slow
 def test_the_same_trials_come_out_of_any_division_into_jobs(run, reduced):
     whole = lines(reduced[0][0])
     second = lines(run("null", 1, "--first", "1")[1])
@@ -171,6 +176,7 @@ def test_the_same_trials_come_out_of_any_division_into_jobs(run, reduced):
     assert second == whole[1:]
 
 
+@pytest.mark.slow
 def test_a_trial_that_fails_is_recorded_and_the_others_go_on(run, monkeypatch):
     judge, seen = CalibratedCampaign.verdict, []
 
@@ -189,6 +195,7 @@ def test_a_trial_that_fails_is_recorded_and_the_others_go_on(run, monkeypatch):
     assert len(lines(truths)) == 2
 
 
+@pytest.mark.slow
 def test_when_all_trials_fail_the_command_does(run, monkeypatch, capsys):
     def fail(known, seconds):
         raise KeyError("a fault of the program")
@@ -200,6 +207,7 @@ def test_when_all_trials_fail_the_command_does(run, monkeypatch, capsys):
     assert "failed" in lines(verdicts)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -227,6 +235,7 @@ def tracked(run):
     return [verdicts for _, verdicts, _ in runs], [truths for _, _, truths in runs]
 
 
+@pytest.mark.slow
 def test_trackers_without_repeats_are_judged_by_blocks_and_scored_alike(tracked, tmp_path):
     code, scores, _ = score(tmp_path, *tracked)
     assert code == 0
@@ -244,6 +253,7 @@ def test_trackers_without_repeats_are_judged_by_blocks_and_scored_alike(tracked,
     assert hidden["hidden_effects"][0]["moved_mm"] > 0.01
 
 
+@pytest.mark.slow
 def test_a_verdict_without_a_truth_is_refused(reduced, tmp_path, capsys):
     verdicts, truths = reduced
     assert score(tmp_path, verdicts, truths[1:])[0] == REFUSED

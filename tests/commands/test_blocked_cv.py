@@ -83,6 +83,7 @@ def verdict(work):
     return read(work / "verdict.json")
 
 
+@pytest.mark.slow
 def test_the_verdict_names_the_joint_and_says_that_the_cause_is_not_known(verdict):
     assert (verdict["schema"], verdict["campaign"]) == ("pa10cal-verdict/1", NAME)
     assert verdict["verdict"] == "named"
@@ -105,6 +106,7 @@ def test_the_verdict_names_the_joint_and_says_that_the_cause_is_not_known(verdic
     )
 
 
+@pytest.mark.slow
 def test_it_says_what_was_assumed_and_what_cannot_be_told(verdict):
     assert verdict["arrival_from_order"] is True
     why = {(entry["id"], entry["of"]): entry["why"] for entry in verdict["not_testable"]}
@@ -114,6 +116,7 @@ def test_it_says_what_was_assumed_and_what_cannot_be_told(verdict):
     assert {("place_map", "instrument"), ("drift_map", "base")} <= tried
 
 
+@pytest.mark.slow
 def test_the_gap_is_parted_into_angles_seen_and_beyond(verdict):
     for kind, poses in (("train", 600), ("holdout", 200)):
         gap = verdict["gap"][kind]
@@ -124,6 +127,7 @@ def test_the_gap_is_parted_into_angles_seen_and_beyond(verdict):
         assert gap["inside"]["after"]["rms_mm"] <= gap["outside"]["after"]["rms_mm"] * scatter
 
 
+@pytest.mark.slow
 def test_the_extended_model_evaluates_as_the_verdict_says(work, verdict):
     found, gap = evaluated(work)["extended"], verdict["gap"]["holdout"]
     for key in ("mean_mm", "rms_mm", "peak_mm"):
@@ -133,6 +137,7 @@ def test_the_extended_model_evaluates_as_the_verdict_says(work, verdict):
     assert sum(marked) == gap["outside"]["after"]["configurations"]
 
 
+@pytest.mark.slow
 def test_the_extended_model_is_exported(work, verdict):
     model = work / "model.yaml"
     words = ["--calibration", str(work / "combined.json"), "--extended"]
@@ -145,6 +150,7 @@ def test_the_extended_model_is_exported(work, verdict):
         assert effect["parameters"][name]["value"] == pytest.approx(entry["value"], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_poses_are_suggested_that_show_other_angles(work, verdict):
     assert len(verdict["suggested_poses"]) == 3
     for pose in verdict["suggested_poses"]:
@@ -158,6 +164,7 @@ def test_poses_are_suggested_that_show_other_angles(work, verdict):
     )
 
 
+@pytest.mark.slow
 def test_the_analysis_has_what_the_figures_show(work):
     analysis = read_record(AnalysisRecord, work / "analysis.json", NAME)
     assert [len(step.effects) for step in analysis.naming] == [0, 1]
@@ -166,6 +173,7 @@ def test_the_analysis_has_what_the_figures_show(work):
     assert after < before
 
 
+@pytest.mark.slow
 def test_the_model_holds_the_angles_seen(work):
     record = read(work / "extended.json")
     seen = record["fitted_model"]["seen"]

@@ -108,6 +108,7 @@ def test_one_load_alone(work):
     assert record["errors"]["22N"]["after"]["mean_mm"] <= 0.012
 
 
+@pytest.mark.slow
 def test_all_load_cases_in_one_go(work, combined):
     out = work / "calibration"
     assert run_calibrate(work, None, out, {"inner_subsets": 0, "starts": 1}) == 0
@@ -176,6 +177,7 @@ def test_a_parameter_at_its_bound_by_noise_is_no_alarm(work):
     assert "indistinguishable from the bound" in record["warnings"][0]
 
 
+@pytest.mark.slow
 def test_an_incomplete_model_is_said_to_be_one(tmp_path, capsys):
     campaign = ["--campaign-dir", str(RAW / "lightcap2008")]
     poses, base = tmp_path / "poses.parquet", tmp_path / "base_frame.json"

@@ -11,6 +11,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 def test_a_few_campaigns_are_covered(tmp_path):
     """Hundreds of every case are a target of the workflow; a few would show a gross fault."""
     settings = json.dumps({"campaigns": 5, "general_campaigns": 10, "cases": CASES})

@@ -27,6 +27,7 @@ def found(path):
     return {(each["departs"], each["model"]): each for each in record["summaries"]}, record
 
 
+@pytest.mark.slow
 def test_errors_come_down_to_the_noise(found):
     summaries, record = found
     assert record["noise_floor_mm"] == pytest.approx(np.sqrt(8 / np.pi) * 0.05)
@@ -43,6 +44,7 @@ def test_errors_come_down_to_the_noise(found):
     assert 0.7 < summaries["rows", "two_level"]["rms_score"] < 1.4
 
 
+@pytest.mark.slow
 def test_rank_and_what_no_pose_tells(found):
     summaries, record = found
     general, paper = summaries["rows", "general"], summaries["rows", "two_level"]
@@ -58,12 +60,14 @@ def test_rank_and_what_no_pose_tells(found):
     assert {"delta_d_1", "delta_theta_1", "delta_a_12", "delta_alpha_12"} <= set(redundant)
 
 
+@pytest.mark.slow
 def test_a_flange_that_departs_in_any_way_is_beyond_the_two_level_model(found):
     summaries, _ = found
     lacking = summaries["any_way", "two_level_all"]["held_out_true"]["mean"]
     assert lacking > 1.2 * summaries["any_way", "general"]["held_out_true"]["mean"]
 
 
+@pytest.mark.slow
 def test_figure_and_table_are_drawn(path, tmp_path):
     assert run_command("figures", ["--results", str(path.parent), "--out-dir", str(tmp_path)]) == 0
     drawn = {file.suffix for file in (tmp_path / "figures").iterdir()}
@@ -77,6 +81,7 @@ def test_figure_and_table_are_drawn(path, tmp_path):
     assert "Synthetic data" in said
 
 
+@pytest.mark.slow
 def test_what_cannot_be_is_refused(tmp_path, path, capsys):
     out = tmp_path / "c.json"
     argv = ["--settings", '{"postures": 8}', "--out", str(out)]

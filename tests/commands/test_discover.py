@@ -164,6 +164,7 @@ class TestVerdict:
         assert after.mean() == pytest.approx(verdict["gap"]["holdout"]["after"]["mean_mm"])
         assert {"before", "after"} <= set(analysis["parameter_shifts"][0])
 
+    @pytest.mark.slow
     def test_is_the_same_again(self, work, verdict, tmp_path):
         assert run_discover(work, tmp_path, {"suggestions": 0}) == 0
         again = read(tmp_path / "verdict.json")
@@ -206,6 +207,7 @@ class TestExtendedModel:
         assert [term["x"] for term in model["terms"]] == [t["x"] for t in calibrated["terms"]]
 
 
+@pytest.mark.slow
 def test_the_extended_model_is_restored_as_it_was_fitted(tmp_path):
     def log(states):
         return at_joint(3, 3.0 * states.arrival[:, 2])
@@ -277,6 +279,7 @@ class TestRefused:
         assert message in capsys.readouterr().err
         assert not list(tmp_path.iterdir())
 
+    @pytest.mark.slow
     def test_an_output_that_cannot_be_written(self, work, tmp_path, capsys):
         taken = tmp_path / "verdict.json"
         taken.mkdir()
@@ -375,11 +378,13 @@ class TestCalibrationWithEffects:
         named, listed = read(out)["parameters"], read(calibrated)["parameters"]
         assert set(named) == set(listed)
 
+    @pytest.mark.slow
     def test_what_a_model_has_is_not_sought_in_it(self, work, calibrated, tmp_path):
         assert run_discover(work, tmp_path, calibration=calibrated) == 0
         verdict = read(tmp_path / "verdict.json")
         assert verdict["verdict"] == "none"
 
+    @pytest.mark.slow
     @pytest.mark.parametrize(
         ("effects", "says"),
         [

@@ -124,6 +124,7 @@ def test_a_joint_zero_that_moved_between_campaigns_is_told(done, tmp_path):
         assert "the zero of joint 3" in next(csv.DictReader(file))["moved"]
 
 
+@pytest.mark.slow
 def test_the_whole_way_is_one_command(tmp_path, capsys):
     shutil.copytree(EXAMPLE, tmp_path / "raw/good-one")
     (tmp_path / "raw/bad-one").mkdir()

@@ -55,6 +55,7 @@ def table(place):
     return read(MeasuredRobotsRecord, place / "results/measured.json")
 
 
+@pytest.mark.slow
 def test_a_group_is_fitted_as_one_and_stands_after_its_campaigns(place, table):
     assert [each.campaign for each in table.robots] == [*PAIR, "pair", "spoiled"]
     group = table.robots[2]
@@ -65,6 +66,7 @@ def test_a_group_is_fitted_as_one_and_stands_after_its_campaigns(place, table):
     assert group.errors["effects"].rms_mm == held_out["models"]["extended"]["rms_mm"]
 
 
+@pytest.mark.slow
 def test_what_is_refused_is_a_row_with_its_message(table, place):
     last = table.robots[-1]
     assert (last.status, last.errors, last.verdict) == ("refused", {}, None)
@@ -79,6 +81,7 @@ def test_what_is_refused_is_a_row_with_its_message(table, place):
     )
 
 
+@pytest.mark.slow
 def test_a_model_is_carried_with_base_and_tool_fitted_anew(place, table):
     (carried,) = table.robots[1].carried
     assert carried.source == "iiwa7-free"
@@ -90,6 +93,7 @@ def test_a_model_is_carried_with_base_and_tool_fitted_anew(place, table):
     assert not any(each.carried for each in (table.robots[0], *table.robots[2:]))
 
 
+@pytest.mark.slow
 def test_a_model_that_cannot_be_carried_is_a_row_too(place, tmp_path, capsys):
     results = tmp_path / "results"
     for name in PAIR:
@@ -106,6 +110,7 @@ def test_a_model_that_cannot_be_carried_is_a_row_too(place, tmp_path, capsys):
     assert "cannot be carried over" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_group_of_which_one_is_refused_is_refused(place, tmp_path):
     shutil.copytree(place / "results" / PAIR[0], tmp_path / PAIR[0])
     take(*(place / "raw" / name for name in PAIR), results=tmp_path / "pair")

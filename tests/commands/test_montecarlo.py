@@ -67,6 +67,7 @@ def test_progress_and_summary(tmp_path, capsys):
     assert output.out.startswith("cell-a z = 500 mm: 0.1")
 
 
+@pytest.mark.slow
 def test_threads_change_no_byte(tmp_path):
     """Blocks are full here, since that is where BLAS might share out the work."""
     files = []

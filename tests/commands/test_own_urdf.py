@@ -22,6 +22,7 @@ def run(name, *words):
     assert run_command(name, [str(word) for word in words]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pose", "points"])
 def test_names_stay_and_origins_are_calibrated(tmp_path, kind):
     chain = Chain.of(load_arm("ur10"))

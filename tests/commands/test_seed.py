@@ -195,6 +195,7 @@ def test_what_nobody_stated_is_not_said_to_be_stated(tmp_path, capsys):
     assert "stated" not in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", [False, True])
 def test_the_fixed_point_of_distances_is_found(tmp_path, capsys, stated):
     raw = sighted(tmp_path, "distance", noise_mm=0.02)

@@ -23,6 +23,7 @@ def distance(curve, t, p_m):
     return float(np.linalg.norm(curve.at(np.array([t]))[0] - p_m))
 
 
+@pytest.mark.slow
 def test_never_behind_the_first_of_a_dense_scan():
     """Ten thousand of them are scanned by `make bench`."""
     random = np.random.default_rng(20080427)

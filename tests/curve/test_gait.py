@@ -28,6 +28,7 @@ def wriggle(frames, choose):
     return follow(curves, time_s, LINK_M, LINKS, choose)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("move_rad", [0.0, 0.2])
 def test_angles_over_time_are_continuous(move_rad):
     """Half the time between shapes, half the moves."""
@@ -42,6 +43,7 @@ def test_angles_over_time_are_continuous(move_rad):
     )
 
 
+@pytest.mark.slow
 def test_the_roll_is_the_best_that_may_be_reached():
     free, still = wriggle(30, small_angles(1.0)), wriggle(30, small_angles(0.0))
     for shape, points in enumerate(free.points):

@@ -47,6 +47,7 @@ def test_every_point_is_the_first_of_a_dense_scan(seed, link_m):
         assert seen is None or high <= seen * (1 + 1e-14)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), part=st.floats(0.02, 0.5))
 @settings(max_examples=25, deadline=None)
 def test_points_found_together_are_those_found_one_by_one(seed, part):

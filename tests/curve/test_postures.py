@@ -41,6 +41,7 @@ def test_the_same_seed_gives_the_same_postures_and_narrow_limits_refuse_some(pos
     assert narrow.refused > postures.refused
 
 
+@pytest.mark.slow
 def test_limits_that_hardly_any_shape_keeps_are_refused():
     with pytest.raises(CurveError, match="limit_deg: hardly any shape"):
         draw_postures(LINKS, LINK_M, np.radians(2.0), 1, np.random.default_rng(3))

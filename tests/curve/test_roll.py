@@ -68,6 +68,7 @@ def test_no_roll_leaves_more_room(random_directions, seed, order, bend, n, aside
     )
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, order=ORDERS, n=st.integers(2, 10), limit=st.floats(0.05, 0.6))
 @EXAMPLES
 def test_limits_that_no_roll_keeps_name_the_joint_and_by_how_much(
@@ -104,6 +105,7 @@ def test_a_roll_given_that_does_not_keep_the_limits_is_refused():
         room_at(RollMap.of(u), 0.0, limits)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, order=ORDERS, bend=st.sampled_from([0.4, 1.3]), n=st.integers(2, 10))
 @EXAMPLES
 def test_no_roll_moves_less_from_the_last_shape(random_directions, seed, order, bend, n):

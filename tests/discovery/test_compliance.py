@@ -36,6 +36,7 @@ def rigid(tmp_path_factory):
     return judged(tmp_path_factory, "no_springs")
 
 
+@pytest.mark.slow
 def test_joints_that_give_way_are_named(soft):
     trial, campaign, model, verdict = soft
     hidden = {entry.of for entry in trial.settings.hidden_effects}
@@ -46,6 +47,7 @@ def test_joints_that_give_way_are_named(soft):
     assert "no masses are stated" in model.fitted_to.health
 
 
+@pytest.mark.slow
 def test_what_they_take_away_is_said(soft):
     *_, verdict = soft
     record = verdict_keys(verdict)
@@ -65,6 +67,7 @@ def test_what_they_take_away_is_said(soft):
     assert "under the arm's weight" in " ".join(explained.sentences)
 
 
+@pytest.mark.slow
 def test_a_model_with_assumed_weights_is_saved_and_read_back(soft, tmp_path):
     *_, verdict = soft
     verdict.model.save(tmp_path / "model.yaml")
@@ -74,6 +77,7 @@ def test_a_model_with_assumed_weights_is_saved_and_read_back(soft, tmp_path):
     np.testing.assert_allclose(again.predict(q).T, verdict.model.predict(q).T, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_rigid_arm_has_no_joint_that_gives_way(rigid):
     *_, verdict = rigid
     assert verdict.gives_way == ()

@@ -82,6 +82,7 @@ def names(verdict):
     return [(effect.id, effect.of) for effect in verdict.effects]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", [ECCENTRIC, WAVE, BACKLASH], ids=lambda each: each["id"])
 @pytest.mark.parametrize("instrument", ["points", "distance"])
 def test_a_large_effect_is_named_whatever_the_instrument(campaign, instrument, hidden):
@@ -96,12 +97,14 @@ def test_a_large_effect_is_named_whatever_the_instrument(campaign, instrument, h
     assert verdict.train.after.mean_mm < 1.2 * verdict.noise_floor_mm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("instrument", ["points", "distance"])
 def test_where_nothing_is_hidden_nothing_is_named(campaign, instrument):
     verdict = searched(campaign(instrument, **MANY))
     assert (verdict.verdict, names(verdict)) == ("none", [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plan", [{"poses": 40, "repeats": 3}, {"poses": 150}])
 def test_weights_that_are_described_about_right_take_up_no_encoder_error(campaign, plan):
     wave = {**ECCENTRIC, "of": "joint 2"}
@@ -110,6 +113,7 @@ def test_weights_that_are_described_about_right_take_up_no_encoder_error(campaig
     assert (verdict.verdict, names(verdict)) == ("named", [("encoder_eccentricity", "joint 2")])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("instrument", ["points", "distance", "pose"])
 def test_where_poses_are_repeated_repeats_are_the_judge(campaign, instrument):
     read = campaign(instrument, ECCENTRIC, **REPEATED)
@@ -129,11 +133,13 @@ def test_where_poses_are_repeated_repeats_are_the_judge(campaign, instrument):
     assert len(records.analysis.gap.train) == 60
 
 
+@pytest.mark.slow
 def test_one_target_is_enough(campaign):
     verdict = searched(campaign("points", ECCENTRIC, targets=1, **MANY))
     assert names(verdict) == [(ECCENTRIC["id"], ECCENTRIC["of"])]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", [(ECCENTRIC,), ()], ids=["an effect", "nothing"])
 def test_gross_errors_of_single_readings_change_no_name(campaign, hidden):
     read = campaign("pose", *hidden, **REPEATED)

@@ -129,6 +129,7 @@ def test_all_and_nothing_are_not_claimed_by_rounding(share, said):
     assert percent(share) == said
 
 
+@pytest.mark.slow
 def test_a_verdict_says_what_its_effects_take_away(eccentric):
     found = explained(eccentric.discovery)
     (each,) = found.of
@@ -145,5 +146,6 @@ def test_a_verdict_says_what_its_effects_take_away(eccentric):
     assert fitted.after_mm == pytest.approx(eccentric.discovery.train.after.rms_mm)
 
 
+@pytest.mark.slow
 def test_where_nothing_is_missing_nothing_is_explained(nothing_hidden):
     assert explained(nothing_hidden.discovery) is None

@@ -36,12 +36,14 @@ def stiffening():
     return measure(Missing(turn=lambda states: at_joint(4, states.tau_Nm[:, 3] / 3000.0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("campaign", ["null", "wave", "rubbing", "nothing_hidden", "eccentric"])
 def test_what_is_physical_and_agrees_passes_as_it_is(request, campaign):
     found = request.getfixturevalue(campaign).discovery
     assert gated(found) is found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("campaign", "of", "parameter"),
     [("pushing", "joint 3", "tau_c"), ("stiffening", "forearm", "c")],
@@ -121,6 +123,7 @@ def test_with_its_own_findings_a_verdict_stays(request, campaign):
     assert [step.effects for step in none.errors_by_name()] == [()]
 
 
+@pytest.mark.slow
 def test_an_alternative_that_passes_stands_in(monkeypatch, soft_wrist):
     """A soft joint 4 looks like a forearm that no arm has."""
     found = soft_wrist.discovery

@@ -34,6 +34,7 @@ def with_errors(found, factor, beyond):
     return replace(found, holdout=held_out), rows
 
 
+@pytest.mark.slow
 def test_without_held_out_poses_or_harm_a_verdict_passes_as_it_is(mapped, nothing_hidden):
     for found in (replace(mapped.discovery, holdout=None), nothing_hidden.discovery):
         assert harmless(found) is found

@@ -49,6 +49,7 @@ def test_the_ripple_says_who_errs(cause, ratio):
     assert found.ratio == ratio
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say():
     inside = 0
     for seed in range(30):

@@ -40,6 +40,7 @@ def cases():
     yield from (pytest.param(*each, marks=pytest.mark.slow) for each in SLOW)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("measured", "kind", "layout", "seed"), list(cases()))
 def test_verdict_and_evaluation_have_the_same_errors(measured, kind, layout, seed, tmp_path):
     (trial,) = draw(measured, kind, 1, seed, layout)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import pa10cal
 from pa10cal.calibration.options import CalibrationOptions
@@ -19,6 +20,7 @@ from pa10cal.studies.simulated import as_read
 FRACTION = 0.003
 
 
+@pytest.mark.slow
 def test_it_is_what_scatters_about_the_weights_and_moves_through_springs():
     arm = pa10cal.load_arm("ur10")
     plan = TrackerOptions(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 import pa10cal
 from pa10cal.campaign.weighed_arm import weighed_arm
 from pa10cal.cell.campaign import measure_campaign, robot_of
@@ -11,6 +13,7 @@ from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.studies.simulated import as_read
 
 
+@pytest.mark.slow
 def test_joints_of_an_arm_without_masses_give_way_and_nothing_else_is_named():
     arm = pa10cal.load_arm("ur10")
     plan = TrackerOptions(

@@ -31,6 +31,7 @@ def test_nothing_that_moved_is_said_too():
     assert drift([campaign(1), campaign(2)], NAMES[:2]).line == "unchanged over 2 campaigns"
 
 
+@pytest.mark.slow
 def test_one_picture_shows_all(tmp_path):
     models = [campaign(1), campaign(2), shifted(campaign(3), delta_theta_3=1e-3)]
     write_drift(drift(models, NAMES), tmp_path, "drift", 80)
@@ -51,6 +52,7 @@ def test_what_cannot_be_drawn_is_refused(models, names, message):
         drift(models, names)
 
 
+@pytest.mark.slow
 def test_intervals_hold_what_a_seed_of_noise_moves():
     found = drift([campaign(k) for k in range(10, 30)], [f"c{k}" for k in range(20)])
     rows = found.parameters

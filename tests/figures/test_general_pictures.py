@@ -38,6 +38,7 @@ def box_of(axes):
 
 
 class TestHealth:
+    @pytest.mark.slow
     @pytest.mark.parametrize("kind", ["nothing", "pose", "distance"])
     def test_shows_both_orders_and_what_is_wanted(self, results, sighted, kind):
         source = results if kind == "nothing" else sighted[kind]
@@ -83,6 +84,7 @@ class TestHealth:
         ordered = len(sighted["pose"].general().health.poses.d_optimal_order)
         assert any(f"not reached with {ordered} chosen poses" in text for text in legend_of(figure))
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("ends", [(0.022, 0.034), (0.024, 0.48), (0.011, 0.0111)])
     def test_texts_are_whole_and_apart(self, copied, sighted, ends):
         def between(record):

@@ -79,6 +79,7 @@ def drawn(results, named, sighted, learnt, watched, tmp_path_factory):
     return place, texts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids="-".join)
 def test_is_written_in_three_formats(drawn, case):
     place, _ = drawn
@@ -87,6 +88,7 @@ def test_is_written_in_three_formats(drawn, case):
         assert (place / case[0] / f"{case[1]}.{ending}").read_bytes().startswith(start)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids="-".join)
 def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(drawn, case):
     texts = drawn[1][case]
@@ -108,6 +110,7 @@ def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(drawn
     assert not overlapping
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids="-".join)
 def test_says_what_it_was_drawn_from(drawn, case):
     texts = [text.get_text() for text in drawn[1][case]]
@@ -123,6 +126,7 @@ def test_says_what_it_was_drawn_from(drawn, case):
     )
 
 
+@pytest.mark.slow
 def test_another_process_writes_the_same_bytes(drawn, results, tmp_path):
     place, _ = drawn
     words = [pickle.dumps(replace(results)).hex(), str(tmp_path), str(DPI), *KINDS]

@@ -89,6 +89,7 @@ class TestAll:
         for module in ("write_figure", "write_table"):
             monkeypatch.setattr(f"pa10cal.figures.draw.{module}", lambda *_: None)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize(
         ("source", "expected"),
         [

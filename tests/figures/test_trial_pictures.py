@@ -149,6 +149,7 @@ def texts_of(figure):
     return list(shown.items()), canvas.get_renderer()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("project_looks")
 @pytest.mark.parametrize("module", DRAWN, ids=lambda module: module.__name__.split(".")[-1])
 def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(full, module):
@@ -213,6 +214,7 @@ def test_the_table_has_a_row_a_bar_with_its_figure(full):
     assert "no" in set(table.data["met"])
 
 
+@pytest.mark.slow
 def test_the_stage_writes_pictures_and_tables(full, tmp_path):
     words = ["--results", str(full.parent), "--settings", '{"figures": {"png_dpi": 60}}']
     assert run_command("figures", [*words, "--out-dir", str(tmp_path)]) == 0

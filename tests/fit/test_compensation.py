@@ -43,6 +43,7 @@ def off_m(T, other):
     return np.abs(T - other).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["pa10_6ce", "ur10", "iiwa14"])
 @settings(
     max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -63,6 +64,7 @@ def test_with_the_whole_vocabulary_the_round_trip_ends_where_it_began(robot, see
         np.testing.assert_allclose(found.q, q, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", arm_names())
 def test_targets_anywhere_are_reached_without_a_seed(robot):
     model = fitted(robot, 3, links)
@@ -77,6 +79,7 @@ def test_targets_anywhere_are_reached_without_a_seed(robot):
     assert (found.q <= arm.limits_rad[:, 1]).all()
 
 
+@pytest.mark.slow
 def test_ten_thousand_poses_with_springs_take_seconds():
     model = fitted("pa10_6ce", 5, links_and_springs)
     q = postures(model.arm, 6, 10_000)

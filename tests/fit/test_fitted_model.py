@@ -27,6 +27,7 @@ def with_masses(robot):
     return load_arm(robot).mass_kg is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", [name for name in arm_names() if with_masses(name)])
 @settings(
     max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -130,6 +131,7 @@ def moved_place(model, drawn, q, frame):
     return place + drawn[k : k + 3] + np.cross(drawn[k + 3 :], place)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", ["flange", "tool", "target_A"])
 def test_uncertainty_is_that_of_predictions_with_drawn_parameters(frame):
     model = fitted("ur10", 7, links_and_tool if frame != "target_A" else links_only)

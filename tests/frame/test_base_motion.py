@@ -44,6 +44,7 @@ def test_a_walk_is_recovered_with_its_uncertainty(targets):
     assert not found.knocked
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("targets", [1, 2, 3, 4])
 def test_nothing_moves_where_nothing_moved(targets):
     for seed in range(5):

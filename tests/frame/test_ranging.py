@@ -23,6 +23,7 @@ def distances(T_base_ee, p_ee_m, point_m):
     return np.linalg.norm(place - point_m, axis=1)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=30)
 @given(
     st.integers(0, 2**32 - 1), st.integers(10, 40), st.sampled_from(["ur10", "pa10_6ce", "iiwa14"])

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 EXAMPLE = Path(__file__).parents[2] / "examples/irb120-points"
 #: What must not matter: language, time zone, order of sets and dictionaries, threads.
 OTHER = {
@@ -35,6 +37,7 @@ def run(folder, cores, umask, **env):
     return {path: content for path, content in found.items() if path.parts[0] != "logs"}
 
 
+@pytest.mark.slow
 def test_results_depend_on_nothing_but_campaign_and_settings(tmp_path):
     (tmp_path / "one").mkdir()
     (tmp_path / "an öther folder").mkdir()

@@ -48,6 +48,7 @@ def run(tmp_path, monkeypatch):
     return start
 
 
+@pytest.mark.slow
 def test_every_stage_is_a_line_where_lines_are_wanted(run, tmp_path):
     shown = run("echo read; touch {output}")
     assert "mine: read the raw files" in shown
@@ -71,6 +72,7 @@ def test_on_a_terminal_what_is_at_work_is_shown():
     assert out.getvalue().endswith("\r\x1b[K")
 
 
+@pytest.mark.slow
 def test_a_stage_that_refuses_gives_its_one_message(run):
     code = "echo pa10cal ingest: cmm.csv:7: broken, mend it | tee {log}; exit 2"
     with pytest.raises(StageError) as caught:
@@ -78,6 +80,7 @@ def test_a_stage_that_refuses_gives_its_one_message(run):
     assert str(caught.value) == "ingest: cmm.csv:7: broken, mend it"
 
 
+@pytest.mark.slow
 def test_a_fault_of_a_stage_is_one_here(run):
     code = "echo pa10cal ingest: internal fault, KeyError | tee {log}; exit 3"
     with pytest.raises(RuntimeError, match="ingest: internal fault"):
@@ -90,6 +93,7 @@ def test_a_workflow_that_refuses_its_settings_is_a_refusal(run):
         run("", text=text)
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_the_workflow_and_its_jobs(run, tmp_path):
     class Interrupting(RunDisplay):
         def started(self, job, rule, campaign):
@@ -114,6 +118,7 @@ class Killing(RunDisplay):
                     os.kill(int(place.parent.name), signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_a_workflow_that_is_killed_takes_its_jobs_along_and_goes_on(run, tmp_path):
     shown = Killing(lines=False, out=io.StringIO())
     shown.mark = str(tmp_path).encode()
@@ -126,18 +131,21 @@ def test_a_workflow_that_is_killed_takes_its_jobs_along_and_goes_on(run, tmp_pat
     assert "read the raw files" in run("touch {output}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", ["kill -9 $$", "bash -c 'kill -9 $$' | tee {log}"])
 def test_a_job_that_is_killed_is_told(run, code):
     with pytest.raises(StageError, match="without a message, as one that is killed"):
         run(code)
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_told_where_no_command_can(run, tmp_path, monkeypatch):
     monkeypatch.setattr(running.shutil, "disk_usage", lambda place: SimpleNamespace(free=0))
     with pytest.raises(OutputError, match=r"out: the results cannot be written \(got 'No space"):
         run("exit 1")
 
 
+@pytest.mark.slow
 def test_one_run_at_a_time_works_in_a_folder(run, tmp_path):
     work = tmp_path / "out/.pa10cal"
     work.mkdir(parents=True)

@@ -20,6 +20,7 @@ def found():
     return changes_study("ur10", "pose", 60, 2, 5, said.append), said
 
 
+@pytest.mark.slow
 def test_every_kind_of_change_is_counted(found, tmp_path):
     record, said = found
     assert [rate.happened for rate in record.verdicts] == list(HAPPENED)
@@ -32,6 +33,7 @@ def test_every_kind_of_change_is_counted(found, tmp_path):
     assert read(ChangesRecord, tmp_path / "changes.json") == record
 
 
+@pytest.mark.slow
 def test_more_poses_adapt_a_model_better(found):
     adapted = found[0].adapted
     assert (np.diff(adapted.poses) > 0).all()
@@ -39,6 +41,7 @@ def test_more_poses_adapt_a_model_better(found):
     assert (adapted.over_full_95 >= adapted.over_full).all()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same(found):
     again = changes_study("ur10", "pose", 60, 2, 5, lambda _: None)
     assert again == found[0]

@@ -73,6 +73,7 @@ def off(name, T_base_frame, T_instr_true):
     return pose_difference(T_instr_frame, T_instr_true)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_predictions_are_the_truth(name):
     made, model, q = case(name)
@@ -83,6 +84,7 @@ def test_predictions_are_the_truth(name):
     assert 0.4 < rms_mm(found) / np.sqrt(np.mean(predicted.u_mm**2)) < 2.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in CASES if name != "distance"])
 def test_commanded_through_the_model_the_true_arm_comes_to_its_targets(name):
     made, model, q = case(name)

@@ -29,11 +29,13 @@ def found():
     return expected, {name: float(np.sqrt(np.mean(e**2))) for name, e in simulated.items()}
 
 
+@pytest.mark.slow
 def test_a_plan_leaves_half_of_what_the_grid_leaves_or_less(found):
     for errors in found:
         assert errors["plan"] <= BAR * errors["grid"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measured", ["grid", "plan"])
 def test_robots_err_as_expected(found, measured):
     expected, simulated = found

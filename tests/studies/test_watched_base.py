@@ -1,6 +1,7 @@
 """Targets on the base give back what a drifting tracker costs."""
 
 import numpy as np
+import pytest
 
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
@@ -12,6 +13,7 @@ from pa10cal.studies.judging import calibrated_campaign
 from pa10cal.studies.watched_base import WALK_MM, campaign_of
 
 
+@pytest.mark.slow
 def test_held_out_errors_and_intervals_are_nearly_those_of_a_tracker_that_stands_still():
     seeds = range(4)
     still, lost, watched = (
@@ -31,6 +33,7 @@ def test_held_out_errors_and_intervals_are_nearly_those_of_a_tracker_that_stands
     assert rms_score(lost) > rms_score(watched)
 
 
+@pytest.mark.slow
 def test_a_base_that_drifts_with_its_targets_is_not_named_a_second_time(tmp_path):
     for base, named in ((0, True), (3, False)):
         asked = {

@@ -28,6 +28,7 @@ CAMPAIGNS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "put_in", "bench", "seed"), CAMPAIGNS)
 def test_a_campaign_gets_the_verdict_that_it_should(kind, put_in, bench, seed):
     (trial,) = draw_wild_trials(kind, 1, seed, (bench,), put_in if kind != "right" else "")

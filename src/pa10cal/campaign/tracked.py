@@ -58,7 +58,7 @@ from pa10cal.observe.raw import Misfit, RawColumns
 
 Array = NDArray[np.float64]
 
-NO_TORQUES = "no torques logged, no masses stated: those of assumed weights are used"
+NO_TORQUES = "no torques logged, masses unknown: those of assumed weights are used"
 THOSE_OF_MASSES = "no torques logged: those of the described masses are used"
 #: The nominal model fitted in another unit of joint positions must be this much nearer to count,
 #: and as logged be further off than this.

@@ -115,6 +115,7 @@ def test_every_pose_is_in_the_fit_as_long_as_none_is_far_off(see):
 
 
 # What noise there is has to be found from the few readings that the unknowns leave over.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "count"), [("pose", 10), ("point", 13), ("points", 7), ("distance", 36)]
 )

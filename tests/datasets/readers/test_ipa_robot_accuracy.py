@@ -32,6 +32,7 @@ def campaigns(folder):
     return [read_campaign(place, IngestOptions(max_quarantined_fraction=0.3)) for place in places]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", [0, 1])
 def test_commands_and_measured_poses_come_out_as_they_went_in(folder, which):
     q_rad, T_mm = ur10_poses()
@@ -92,6 +93,7 @@ def test_a_deviation_of_nothing_is_not_stated(folder):
     assert c.quarantined == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("column", "text", "reason"),
     [
@@ -127,6 +129,7 @@ def test_angles_in_degrees_are_noticed(folder):
         campaigns(folder)
 
 
+@pytest.mark.slow
 def test_the_last_thirty_percent_are_held_out(folder):
     a, _ = campaigns(folder)
     kinds = a.observations.kind
@@ -145,6 +148,7 @@ def real(ipa_data, tmp_path_factory):
     return {place.name: read_campaign(place) for place in places}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "rows"), [("ur10-a", 11911), ("ur10-c", 2773)])
 def test_real_series_are_read_whole(real, name, rows):
     campaign = real[name]
@@ -159,6 +163,7 @@ def test_real_series_are_read_whole(real, name, rows):
         assert np.sqrt(np.mean(u_mm**2)) == pytest.approx(STATED_MM, abs=5e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur10-a", "ur10-c"])
 def test_real_attitudes_fit_the_nominal_arm_in_this_convention_only(real, name):
     campaign = real[name]
@@ -181,6 +186,7 @@ def test_real_attitudes_fit_the_nominal_arm_in_this_convention_only(real, name):
         assert spread_deg(Rotation.from_euler(convention, angles, degrees=True)) > 5.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur10-a", "ur10-c"])
 def test_real_campaigns_are_split_by_time(real, name):
     kind = real[name].observations.kind

@@ -51,6 +51,7 @@ def found_rad(verdict):
     }
 
 
+@pytest.mark.slow
 def test_every_joint_that_stops_short_is_named_with_its_amount(stopped):
     found = found_rad(stopped)
     assert set(found) == {1, 2, 3}
@@ -60,6 +61,7 @@ def test_every_joint_that_stops_short_is_named_with_its_amount(stopped):
     assert stopped.holdout.after.rms_mm < stopped.holdout.before.rms_mm
 
 
+@pytest.mark.slow
 def test_attitudes_that_lag_are_told_apart_from_joints(stopped):
     (place,) = (each for each in stopped.unexplained if each.form == "attitude_lag")
     assert place.of == "instrument"
@@ -68,6 +70,7 @@ def test_attitudes_that_lag_are_told_apart_from_joints(stopped):
     np.testing.assert_allclose(lag.amounts * lag.sizes, [0, 0, 0, 0, 2e-4, 0], atol=4e-5)
 
 
+@pytest.mark.slow
 def test_nothing_is_named_where_every_joint_arrives():
     quiet = judged(Hidden())
     assert quiet.effects == ()
@@ -75,6 +78,7 @@ def test_nothing_is_named_where_every_joint_arrives():
     assert quiet.survey.lag is None
 
 
+@pytest.mark.slow
 def test_angles_that_were_read_back_hide_no_arrival():
     read = judged(Hidden(turn=short), commanded=False)
     assert found_rad(read) == {}

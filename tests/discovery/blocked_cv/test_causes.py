@@ -55,6 +55,7 @@ def found(campaign):
     return discover(read.observations, campaign.model, setup)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_errs_is_named(found):
     (finding,) = found.effects
     assert (finding.id, finding.of, finding.alternatives) == ("sensor_error", "joint 3", ())
@@ -67,6 +68,7 @@ def test_a_sensor_that_errs_is_named(found):
     assert held_out.model.x == pytest.approx(found.model.x, abs=2e-5)
 
 
+@pytest.mark.slow
 def test_it_is_told_and_written(found, campaign):
     keys = verdict_keys(found)
     witness = keys.effects[0].witness
@@ -79,6 +81,7 @@ def test_it_is_told_and_written(found, campaign):
     assert back.model.terms == found.model.model.terms
 
 
+@pytest.mark.slow
 def test_without_agreement_it_is_the_sensor_or_the_gear(found, monkeypatch):
     monkeypatch.setattr(causes, "agreement", lambda _: None)
     (finding,) = causes.with_causes(found).effects
@@ -97,12 +100,14 @@ def as_map(found, monkeypatch):
     return causes._renamed(found, {effect: said}, {})
 
 
+@pytest.mark.slow
 def test_fine_waves_that_turns_agree_on_are_a_sensor_or_a_gear(as_map):
     (finding,) = causes.with_causes(as_map).effects
     assert finding.id == "sensor_error"
     assert [each.id for each in finding.alternatives] == ["gear_error"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "value"), [("agreement", lambda _: None), ("_FINE_KNOTS", 1000)])
 def test_without_agreement_or_fine_waves_a_map_stays_a_map(as_map, monkeypatch, name, value):
     monkeypatch.setattr(causes, name, value)
@@ -110,6 +115,7 @@ def test_without_agreement_or_fine_waves_a_map_stays_a_map(as_map, monkeypatch, 
     assert (finding.id, finding.alternatives) == ("joint_error_map", ())
 
 
+@pytest.mark.slow
 def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
     effect = replace(found.finest.members[0].effect, knots=216, spectrum=Fading(3e-4, 60.0))
     members = (replace(found.finest.members[0], shaped=ShapedEffect(effect)),)

@@ -23,6 +23,7 @@ def test_where_nothing_is_hidden_nothing_is_named(nothing_hidden):
     assert [step.effects for step in found.errors_by_name()] == [()]
 
 
+@pytest.mark.slow
 def test_an_error_of_one_joint_that_has_no_name_is_the_map_of_that_joint(mapped):
     found = mapped.discovery
     assert names(found) == [("joint_error_map", "joint 3")]
@@ -64,6 +65,7 @@ def test_a_named_form_is_the_answer_where_it_does_as_well_as_the_map(eccentric):
     assert [len(step.effects) for step in found.errors_by_name()] == [0, 1]
 
 
+@pytest.mark.slow
 def test_what_turns_the_end_and_does_not_move_it_is_no_effect_of_a_joint(twisted):
     found = twisted.discovery
     assert found.effects == ()
@@ -71,6 +73,7 @@ def test_what_turns_the_end_and_does_not_move_it_is_no_effect_of_a_joint(twisted
     assert ("joint 5", False) in helping
 
 
+@pytest.mark.slow
 def test_noise_beyond_what_is_stated_is_unexplained_and_has_no_name():
     found = observe(Hidden(noise=3.0), poses=150, held_out=0).discovery
     assert found.verdict == "unexplained"

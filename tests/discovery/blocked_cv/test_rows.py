@@ -174,6 +174,7 @@ def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(f
     assert (shown, missed) == (False, True)
 
 
+@pytest.mark.slow
 def test_distances_too_few_for_maps_of_all_joints_are_weighed_by_their_noise(tmp_path):
     trial = draw("distance", "null", 1, 5)[0]
     write_campaign(

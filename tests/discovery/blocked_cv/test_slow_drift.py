@@ -35,10 +35,12 @@ def drifted():
     return judged([0.0, 0.0, 2.0 * POSITION_M])
 
 
+@pytest.mark.slow
 def test_nothing_moves_where_nothing_moved():
     assert judged([0.0, 0.0, 0.0]).effects == ()
 
 
+@pytest.mark.slow
 def test_a_slow_drift_is_found_with_its_course(drifted):
     (finding,) = drifted.effects
     assert (finding.id, finding.of, finding.effect.waves) == ("base_drift", "base", 6)
@@ -54,6 +56,7 @@ def test_a_slow_drift_is_found_with_its_course(drifted):
     assert np.sqrt(np.mean(off_m**2)) < 0.25 * POSITION_M
 
 
+@pytest.mark.slow
 def test_it_is_held_where_nothing_is_known_of_it(drifted):
     (finding,) = drifted.effects
     states, x = drifted.survey.poses.states, drifted.extended.of(finding.effect)
@@ -62,6 +65,7 @@ def test_it_is_held_where_nothing_is_known_of_it(drifted):
     np.testing.assert_allclose(finding.effect.shift(beyond, x), ends, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_its_model_is_saved_and_restored(drifted):
     back = model_from_plain(model_to_plain(drifted.model), where="model.yaml")
     assert back.model.terms == drifted.model.model.terms

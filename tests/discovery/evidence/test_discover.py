@@ -108,6 +108,7 @@ def test_what_cannot_be_told_at_all_is_listed_with_the_reason(null):
     assert ("torque_gain", "joint 1") in [name(effect) for effect, _ in asked]
 
 
+@pytest.mark.slow
 def test_held_out_poses_decide_nothing(wave):
     held_out = wave.held_out
     T = held_out.measured.T_instr_target.copy()

@@ -67,6 +67,7 @@ def test_one_effect_is_found_with_its_size(wave):
     assert found.score.pose_variance < 0.05 < found.nothing.pose_variance
 
 
+@pytest.mark.slow
 def test_two_effects_are_found_together(two_waves):
     found = two_waves.found
     assert names(found.fit.effects) == [("transmission_error", f"joint {j}") for j in (2, 3)]

@@ -94,6 +94,7 @@ def test_a_bow_of_the_instrument_comes_back_as_its_formula(bowed):
     assert record.evidence.squared_error_with < 0.5 * record.evidence.squared_error_without
 
 
+@pytest.mark.slow
 def test_a_lag_that_goes_with_the_torque_comes_back_as_its_formula():
     lag = Missing(
         turn=lambda states: at_joint(2, 4e-6 * states.arrival[:, 1] * np.abs(states.tau_Nm[:, 1]))
@@ -114,12 +115,14 @@ def test_nothing_is_proposed_where_nothing_is_missing_or_all_has_a_name(null, wa
         assert proposed(campaign.discovery) == ()
 
 
+@pytest.mark.slow
 def test_a_rough_map_has_no_short_form(mapped):
     found = mapped.discovery
     assert [each.id for each in found.effects] == ["joint_error_map"]
     assert proposed(found) == ()
 
 
+@pytest.mark.slow
 def test_a_sawtooth_seen_by_a_tracker_comes_back_as_its_formula():
     def saw(motion):
         turns = 10.0 * motion.q_rad[:, 2] / (2.0 * np.pi) - 0.3

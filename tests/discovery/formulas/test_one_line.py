@@ -21,6 +21,7 @@ def judged():
     return with_lines_named(with_proposals(observe(Hidden(turn=five_cycles)).discovery))
 
 
+@pytest.mark.slow
 def test_a_line_seen_all_around_has_its_name(monkeypatch):
     monkeypatch.setattr(made_up_survey, "LOW_RAD", -3.0)
     monkeypatch.setattr(made_up_survey, "HIGH_RAD", 3.0)
@@ -37,6 +38,7 @@ def test_a_line_seen_all_around_has_its_name(monkeypatch):
     assert found.seen is None  # it holds at any angle, as no map does
 
 
+@pytest.mark.slow
 def test_over_part_of_a_turn_it_stays_a_map_with_a_formula():
     found = judged()  # joints keep within 1.8 rad
     assert [each.id for each in found.effects] == ["joint_error_map"]

@@ -46,6 +46,7 @@ def test_nothing_moves_where_nothing_moved(small):
     assert shown(small).wander is None
 
 
+@pytest.mark.slow
 def test_a_jump_of_three_times_the_noise_is_a_fault_and_no_drift(small):
     jump_m = np.outer(np.arange(POSES) >= 70, [0.0, 3.5 * POSITION_M, 0.0])
     moved = shifted(small, jump_m)

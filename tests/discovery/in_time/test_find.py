@@ -33,6 +33,7 @@ def test_nothing_moves_where_nothing_moved(null):
     assert null.discovery.faults == ()
 
 
+@pytest.mark.slow
 def test_a_jump_is_a_fault_of_the_log_with_its_time(null, jumped):
     (fault,) = jumped.faults
     times_s = halfway(null.readings.states.time_s, 1.0)[1]
@@ -44,10 +45,12 @@ def test_a_jump_is_a_fault_of_the_log_with_its_time(null, jumped):
     assert float(size_mm) == pytest.approx(6e3 * TARGET_NOISE_M, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_jump_is_no_noise(null, jumped):
     assert jumped.noise_floor_mm == pytest.approx(null.discovery.noise_floor_mm, rel=0.1)
 
 
+@pytest.mark.slow
 def test_what_the_motion_takes_away_stands_apart_from_the_gap(null, jumped):
     still = beside_motion(jumped.train)
     assert still.after.mean_mm == pytest.approx(null.discovery.train.after.mean_mm, rel=0.1)
@@ -56,6 +59,7 @@ def test_what_the_motion_takes_away_stands_apart_from_the_gap(null, jumped):
     assert null.discovery.train.without_motion is None
 
 
+@pytest.mark.slow
 def test_a_wander_is_unexplained(null):
     steps = np.random.default_rng(3).standard_normal((len(null.readings), 3))
     walk_m = TARGET_NOISE_M * np.cumsum(steps, axis=0)

@@ -156,6 +156,7 @@ def test_an_effect_and_its_double_come_apart_where_suggested(measure, ratio, sea
     assert behind(again, rival) > separation.after_nats
 
 
+@pytest.mark.slow
 def test_a_wrong_name_among_doubles_is_put_right(measure):
     first = measure(*ECCENTRIC)
     found = first.search()
@@ -168,6 +169,7 @@ def test_a_wrong_name_among_doubles_is_put_right(measure):
     assert behind(again, double) > APART_NATS
 
 
+@pytest.mark.slow
 def test_what_was_not_testable_shows_where_suggested(measure):
     first = measure(*WINDUP)
     effect = first.effect(*WINDUP[:2])
@@ -182,6 +184,7 @@ def test_what_was_not_testable_shows_where_suggested(measure):
     assert gain(again, effect) > APART_NATS
 
 
+@pytest.mark.slow
 def test_poses_cannot_tell_a_twisting_forearm_from_a_yielding_joint_4(measure):
     first = measure("link_torsion", "forearm", {"c": 3e-5})
     pair = (

@@ -95,6 +95,7 @@ def test_every_effect_sits_where_it_may_and_reports_what_readers_know(context):
             assert names == VOCABULARY.get(effect.id, (None, names))[1]
 
 
+@pytest.mark.slow
 def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
     """A new class of the folder is in one of the two lists, and a wrong sign is no name."""
     named = {kind.id: kind for kind in every_effect() if not kind.generic}
