@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 
 def roll_pitch_yaw(R: Array) -> Array:

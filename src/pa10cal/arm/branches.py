@@ -12,12 +12,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain, end_pose, frames
 from pa10cal.arm.description import Arm
-
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: How far axes that are said to be parallel or to meet may be from it [rad], [m].
 _PARALLEL_RAD = 2e-3
@@ -29,17 +27,11 @@ _APART = float(np.cos(0.01))
 
 @dataclass(frozen=True)
 class _Axes:
-    """Joint axes at position zero, in the base.
+    """Joint axes at position zero, in the base."""
 
-    Attributes:
-        h: (6, 3) directions in which the joints turn.
-        p: (6, 3) a point of each; where axes meet, that point.
-        T_ee_base: (4, 4) the base in the end-effector at position zero.
-    """
-
-    h: Array
-    p: Array
-    T_ee_base: Array
+    h: Array  # (6, 3) directions in which the joints turn
+    p: Array  # (6, 3) a point of each; where axes meet, that point
+    T_ee_base: Array  # (4, 4) the base in the end-effector at position zero
 
 
 def branches_of(arm: Arm) -> Callable[[Array], Array] | None:

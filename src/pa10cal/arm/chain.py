@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
 
-Array = NDArray[np.float64]
 Axis = Literal[0, 1, 2]
 
 BASE = ("base.x", "base.y", "base.z", "base.rx", "base.ry", "base.rz")
@@ -32,68 +32,45 @@ _Note = Callable[[int, list[Array], Array], None]
 
 @dataclass(frozen=True)
 class Motion:
-    """One elementary motion: along or about an axis of the moving frame.
+    """One elementary motion: along or about an axis of the moving frame."""
 
-    Attributes:
-        coordinate: name of the chain coordinate that drives it.
-        axis: 0, 1, 2 for x, y, z of the moving frame.
-        turns: whether it rotates (else it translates).
-    """
-
-    coordinate: str
-    axis: Axis
-    turns: bool
+    coordinate: str  # name of the chain coordinate that drives it
+    axis: Axis  # 0, 1, 2 for x, y, z of the moving frame
+    turns: bool  # whether it rotates (else it translates)
 
 
 @dataclass(frozen=True)
 class EndPose:
-    """Pose of the end of the chain and its derivative by every chain coordinate.
+    """Pose of the end of the chain and its derivative by every chain coordinate."""
 
-    Attributes:
-        T: (P, 4, 4) pose in the frame the chain starts from [m].
-        screws: (P, 6, m) velocity of the end point [m per unit] over angular velocity
-            [rad per unit], both along the axes of the starting frame; the angular part is a
-            small rotation applied on the left.
-    """
-
-    T: Array
+    T: Array  # (P, 4, 4) pose in the frame the chain starts from [m]
+    # (P, 6, m) velocity of the end point [m per unit] over angular velocity [rad per unit], both
+    # along the axes of the starting frame; the angular part is a small rotation applied on the
+    # left
     screws: Array
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames along the chain, each as a pose in the frame the chain starts from [m].
+    """Frames along the chain, each as a pose in the frame the chain starts from [m]."""
 
-    Attributes:
-        T_base_rows: (n, P, 4, 4) end of every Denavit-Hartenberg row, its own motions done.
-            The last one lacks the constant frame of the end-effector.
-        T_base_joints: (n, P, 4, 4) frame in which every joint moves, just before it does: along
-            or about its z axis.
-        T_base_ee: (P, 4, 4) end of the chain.
-    """
-
+    # (n, P, 4, 4) end of every Denavit-Hartenberg row, its own motions done. The last one lacks
+    # the constant frame of the end-effector.
     T_base_rows: Array
+    # (n, P, 4, 4) frame in which every joint moves, just before it does: along or about its z axis
     T_base_joints: Array
-    T_base_ee: Array
+    T_base_ee: Array  # (P, 4, 4) end of the chain
 
 
 @dataclass(frozen=True)
 class Chain:
-    """The chain of an arm; build it with `Chain.of`.
+    """The chain of an arm; build it with `Chain.of`."""
 
-    Attributes:
-        arm: the nominal arm.
-        motions: elementary motions from the base to the end, one a coordinate.
-        nominal: (m,) coordinates at zero joint positions.
-        joint_columns: (n,) column of the coordinate that each joint position drives.
-        constants: column of a motion, and the constant frame (4, 4) that precedes it; the identity
-            is omitted.
-    """
-
-    arm: Arm
-    motions: tuple[Motion, ...]
-    nominal: Array
-    joint_columns: NDArray[np.intp]
+    arm: Arm  # the nominal arm
+    motions: tuple[Motion, ...]  # elementary motions from the base to the end, one a coordinate
+    nominal: Array  # (m,) coordinates at zero joint positions
+    joint_columns: NDArray[np.intp]  # (n,) column of the coordinate that each joint position drives
+    # column of a motion, and the constant frame (4, 4) that precedes it; the identity is omitted
     constants: dict[int, Array]
     _columns: dict[str, int] = field(repr=False)
 

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.weights import WeightsKnown
+from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
-
-Array = NDArray[np.float64]
 
 #: Longer links than this are millimetres.
 _LONGEST_M = 10.0
@@ -38,48 +37,33 @@ ROW_FIELDS = (
 
 @dataclass(frozen=True)
 class Arm:
-    """A serial arm of n joints as its maker describes it.
+    """A serial arm of n joints as its maker describes it."""
 
-    Attributes:
-        name: identifier used by campaigns.
-        title: name shown to readers.
-        convention: `standard`: Rz(theta) Tz(d) Tx(a) Rx(alpha); `modified`: Rx Tx Rz Tz.
-        theta_rad: (n,) joint offsets.
-        d_m: (n,) offsets along z.
-        a_m: (n,) lengths along x.
-        alpha_rad: (n,) twists.
-        hayati: (n,) whether the row has Ry(beta), at its end (`standard`) or start (`modified`),
-            and no departure in d; see `arm.parallel`.
-        prismatic: (n,) whether the joint slides along its z axis.
-        limits_rad: (n, 2) joint limits (metres for a prismatic joint).
-        gear_ratio: (n,) motor turns a joint turn; nan where not known.
-        torque_limit_Nm: (n,) rated joint torques (newtons for a prismatic joint); nan where not
-            known.
-        mass_kg: (n,) link masses, or None where they are not known.
-        com_m: (n, 3) centres of mass in the frame of the link's own row, or None.
-        beta_rad: (n,) nominal beta of the rows; empty for none.
-        T_base_row1: (4, 4) pose of the frame that the first row starts from, in the base [m].
-        T_row_n_ee: (4, 4) pose of the end-effector in the frame of the last row [m].
-        weights_known: how well masses and centres are known; None as makers state them.
-    """
-
-    name: str
-    title: str
+    name: str  # identifier used by campaigns
+    title: str  # name shown to readers
+    # `standard`: Rz(theta) Tz(d) Tx(a) Rx(alpha); `modified`: Rx Tx Rz Tz
     convention: Literal["standard", "modified"]
-    theta_rad: Array
-    d_m: Array
-    a_m: Array
-    alpha_rad: Array
+    theta_rad: Array  # (n,) joint offsets
+    d_m: Array  # (n,) offsets along z
+    a_m: Array  # (n,) lengths along x
+    alpha_rad: Array  # (n,) twists
+    # (n,) whether the row has Ry(beta), at its end (`standard`) or start (`modified`), and no
+    # departure in d; see `arm.parallel`
     hayati: NDArray[np.bool_]
-    prismatic: NDArray[np.bool_]
-    limits_rad: Array
-    gear_ratio: Array
+    prismatic: NDArray[np.bool_]  # (n,) whether the joint slides along its z axis
+    limits_rad: Array  # (n, 2) joint limits (metres for a prismatic joint)
+    gear_ratio: Array  # (n,) motor turns a joint turn; nan where not known
+    # (n,) rated joint torques (newtons for a prismatic joint); nan where not known
     torque_limit_Nm: Array
-    mass_kg: Array | None
-    com_m: Array | None
+    mass_kg: Array | None  # (n,) link masses, or None where they are not known
+    com_m: Array | None  # (n, 3) centres of mass in the frame of the link's own row, or None
+    # (n,) nominal beta of the rows; empty for none
     beta_rad: Array = field(default_factory=lambda: np.zeros(0))
+    # (4, 4) pose of the frame that the first row starts from, in the base [m]
     T_base_row1: Array = field(default_factory=lambda: np.eye(4))
+    # (4, 4) pose of the end-effector in the frame of the last row [m]
     T_row_n_ee: Array = field(default_factory=lambda: np.eye(4))
+    # how well masses and centres are known; None as makers state them
     weights_known: WeightsKnown | None = None
 
     @property

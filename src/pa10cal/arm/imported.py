@@ -11,7 +11,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
@@ -19,9 +18,8 @@ from pa10cal.arm.joint_axes import Rows, neat, rows_through
 from pa10cal.arm.parallel import with_hayati_rows
 from pa10cal.arm.urdf_reading import read_tree
 from pa10cal.arm.urdf_tree import MOVING, UrdfJoint, UrdfTree
+from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
-
-Array = NDArray[np.float64]
 
 #: Random joint positions of the check, and how far forward kinematics may differ there.
 _CHECKS = 300
@@ -32,24 +30,16 @@ _FULL_TURN_RAD = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class ImportedArm:
-    """An arm from a URDF.
+    """An arm from a URDF."""
 
-    Attributes:
-        arm: standard rows; gear ratios are not in a URDF.
-        base, tip: links the arm leads from and to.
-        joints: names of its joints.
-        forward_kinematics_difference_m: largest distance between its end and pinocchio's.
-        forward_kinematics_difference_rad: largest angle between them.
-        notes: what the URDF does not contain or was omitted, a sentence each.
-    """
-
-    arm: Arm
+    arm: Arm  # standard rows; gear ratios are not in a URDF
+    # base and tip: links the arm leads from and to
     base: str
     tip: str
-    joints: tuple[str, ...]
-    forward_kinematics_difference_m: float
-    forward_kinematics_difference_rad: float
-    notes: tuple[str, ...]
+    joints: tuple[str, ...]  # names of its joints
+    forward_kinematics_difference_m: float  # largest distance between its end and pinocchio's
+    forward_kinematics_difference_rad: float  # largest angle between them
+    notes: tuple[str, ...]  # what the URDF does not contain or was omitted, a sentence each
 
 
 def arm_from_urdf_text(

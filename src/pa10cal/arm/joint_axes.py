@@ -10,11 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.parallel import NEARLY_PARALLEL_RAD
-
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: Axes closer than this count as meeting; far below what an arm can be built to.
 _MEETING_M = 5e-11
@@ -25,23 +23,17 @@ _DECIMALS = 9
 
 @dataclass(frozen=True)
 class Rows:
-    """Standard Denavit-Hartenberg rows, with the constant frames that they start and end with.
+    """Standard Denavit-Hartenberg rows, with the constant frames that they start and end with."""
 
-    Attributes:
-        theta_rad, d_m, a_m, alpha_rad, beta_rad: (n,) parameters.
-        T_base_row1: (4, 4) frame the first row starts from, its z along the first axis [m].
-        T_row_n_ee: (4, 4) end-effector in the frame of the last row [m].
-        T_base_rows: (n, 4, 4) frames of the rows [m].
-    """
-
+    # theta_rad, d_m, a_m, alpha_rad and beta_rad: (n,) parameters
     theta_rad: Array
     d_m: Array
     a_m: Array
     alpha_rad: Array
     beta_rad: Array
-    T_base_row1: Array
-    T_row_n_ee: Array
-    T_base_rows: Array
+    T_base_row1: Array  # (4, 4) frame the first row starts from, its z along the first axis [m]
+    T_row_n_ee: Array  # (4, 4) end-effector in the frame of the last row [m]
+    T_base_rows: Array  # (n, 4, 4) frames of the rows [m]
 
 
 def rows_through(p_base_m: Array, axes: Array, T_base_ee: Array) -> Rows:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, TOOL, Chain, frames
-
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 
 def carried_frames(chain: Chain, coordinates: Array) -> tuple[Array, Array]:

@@ -20,17 +20,11 @@ NEARLY_PARALLEL_RAD = float(np.radians(5.0))
 
 @dataclass(frozen=True)
 class NeighbouringAxes:
-    """The axes of two joints that follow each other.
+    """The axes of two joints that follow each other."""
 
-    Attributes:
-        joints: the two joints, from 1.
-        row: the row, from 1, whose alpha and beta lead from one axis to the other.
-        angle_rad: angle between the axes as lines, 0 to pi/2.
-    """
-
-    joints: tuple[int, int]
-    row: int
-    angle_rad: float
+    joints: tuple[int, int]  # the two joints, from 1
+    row: int  # the row, from 1, whose alpha and beta lead from one axis to the other
+    angle_rad: float  # angle between the axes as lines, 0 to pi/2
 
     @property
     def parallel(self) -> bool:

@@ -11,12 +11,9 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain, frames
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from pa10cal.arrays import Array, Mask
 
 #: Directions shorter than this have none [m].
 _NOWHERE_M = 1e-12
@@ -24,17 +21,11 @@ _NOWHERE_M = 1e-12
 
 @dataclass(frozen=True)
 class Postures:
-    """P postures, in the base frame [m].
+    """P postures, in the base frame [m]."""
 
-    Attributes:
-        T_base_ee: (P, 4, 4) end of the chain.
-        p_base_joints: (n, P, 3) where each joint sits.
-        p_base_targets: (P, B, 3) targets on the end.
-    """
-
-    T_base_ee: Array
-    p_base_joints: Array
-    p_base_targets: Array
+    T_base_ee: Array  # (P, 4, 4) end of the chain
+    p_base_joints: Array  # (n, P, 3) where each joint sits
+    p_base_targets: Array  # (P, B, 3) targets on the end
 
     @classmethod
     def of(cls, chain: Chain, q: Array, targets_m: Array) -> Postures:
@@ -79,12 +70,9 @@ class Constraint(Protocol):
 
 @dataclass(frozen=True)
 class Box:
-    """A box along the axes of the base.
+    """A box along the axes of the base."""
 
-    Attributes:
-        low_m, high_m: (3,) its corners.
-    """
-
+    # low_m and high_m: (3,) its corners
     low_m: Array
     high_m: Array
 
@@ -192,15 +180,10 @@ class OffLinks:
 
 @dataclass(frozen=True)
 class InSight:
-    """The straight lines from the instrument to the targets pass through no box.
+    """The straight lines from the instrument to the targets pass through no box."""
 
-    Attributes:
-        p_base_instrument: (3,) where the instrument is.
-        boxes: that hide what is behind them.
-    """
-
-    p_base_instrument: Array
-    boxes: tuple[Box, ...]
+    p_base_instrument: Array  # (3,) where the instrument is
+    boxes: tuple[Box, ...]  # that hide what is behind them
 
     def allows(self, at: Postures) -> Mask:
         """Return which postures have all targets in sight."""
@@ -212,17 +195,11 @@ class InSight:
 
 @dataclass(frozen=True)
 class Facing:
-    """An axis of the end points to the instrument, within an angle.
+    """An axis of the end points to the instrument, within an angle."""
 
-    Attributes:
-        p_base_instrument: (3,) where the instrument is.
-        axis_ee: (3,) direction in which the targets look, along the end's axes.
-        most_rad: largest angle between that and the way to the instrument.
-    """
-
-    p_base_instrument: Array
-    axis_ee: Array
-    most_rad: float
+    p_base_instrument: Array  # (3,) where the instrument is
+    axis_ee: Array  # (3,) direction in which the targets look, along the end's axes
+    most_rad: float  # largest angle between that and the way to the instrument
 
     def allows(self, at: Postures) -> Mask:
         """Return which postures face the instrument with every target."""

@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: Below this s t^2 the root is t + s (t - t^3) to the last digit.
 _SERIES_SUFFICES = 1e-9
@@ -30,15 +29,10 @@ def reported_name(name: str) -> str:
 
 @dataclass(frozen=True)
 class UnitDeflection:
-    """Deflection of a spring over that at the reference torque.
+    """Deflection of a spring over that at the reference torque."""
 
-    Attributes:
-        x: (P,) the root.
-        by_share: (P,) its derivative by the cubic share.
-    """
-
-    x: Array
-    by_share: Array
+    x: Array  # (P,) the root
+    by_share: Array  # (P,) its derivative by the cubic share
 
 
 def unit_deflection(t: Array, share: float) -> UnitDeflection:

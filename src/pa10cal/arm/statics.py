@@ -10,54 +10,39 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain, Frames, frames
 from pa10cal.arm.state import StaticLoads
+from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Payload:
-    """What the arm carries besides its own links.
+    """What the arm carries besides its own links."""
 
-    Attributes:
-        mass_kg: mass of the apparatus.
-        com_m: (3,) its centre of mass in the end-effector frame, the end of the chain.
-        load_point_m: (3,) where the external load hangs, in the end-effector frame.
-        gravity_m_s2: (3,) gravity along the axes of the robot base.
-        known: whether the mass is that of the apparatus, and not merely left at zero.
-        of_campaigns: what the arm carried in each campaign of a group, in their order; empty where
-            that was the same.
-    """
-
-    mass_kg: float
-    com_m: Array
-    load_point_m: Array
-    gravity_m_s2: Array
-    known: bool = True
+    mass_kg: float  # mass of the apparatus
+    com_m: Array  # (3,) its centre of mass in the end-effector frame, the end of the chain
+    load_point_m: Array  # (3,) where the external load hangs, in the end-effector frame
+    gravity_m_s2: Array  # (3,) gravity along the axes of the robot base
+    known: bool = True  # whether the mass is that of the apparatus, and not merely left at zero
+    # what the arm carried in each campaign of a group, in their order; empty where that was the
+    # same
     of_campaigns: tuple[Payload, ...] = ()
 
 
 @dataclass(frozen=True)
 class Statics:
-    """An arm at rest in P poses.
+    """An arm at rest in P poses."""
 
-    Attributes:
-        torque_Nm: (P, n) what the joints exert to hold links, apparatus and load; a force [N] for
-            a prismatic joint.
-        torque_by_mass: (P, n, 4 n) its derivative by mass m and first moment m c of every link:
-            m_1, m_1 c_1x, m_1 c_1y, m_1 c_1z, m_2, … with c in the frame of the link's own row.
-        torque_by_load: (P, n) its derivative by the load [N m/N].
-        static_loads: what weights bend the structure with.
-    """
-
+    # (P, n) what the joints exert to hold links, apparatus and load; a force [N] for a prismatic
+    # joint
     torque_Nm: Array
+    # (P, n, 4 n) its derivative by mass m and first moment m c of every link: m_1, m_1 c_1x, m_1
+    # c_1y, m_1 c_1z, m_2, … with c in the frame of the link's own row
     torque_by_mass: Array
-    torque_by_load: Array
-    static_loads: StaticLoads
+    torque_by_load: Array  # (P, n) its derivative by the load [N m/N]
+    static_loads: StaticLoads  # what weights bend the structure with
 
 
 def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -> Statics:

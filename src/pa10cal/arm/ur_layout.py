@@ -9,13 +9,11 @@ from __future__ import annotations
 import hashlib
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.attitude import placed, roll_pitch_yaw
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.joint_frames import carried_frames, moved_frames
-
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 #: How far an arm may be from the layout as designed [m, rad].

@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, Chain
 from pa10cal.arm.urdf_xml import as_comment, origin_of
-
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 
 def urdf_text(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.attitude import placed
 from pa10cal.arm.chain import Chain
@@ -15,9 +14,8 @@ from pa10cal.arm.joint_frames import carried_frames, moved_frames
 from pa10cal.arm.urdf_reading import read_tree
 from pa10cal.arm.urdf_tree import MOVING, UrdfJoint, UrdfTree
 from pa10cal.arm.urdf_xml import origin_of, parse_urdf
+from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
-
-Array = NDArray[np.float64]
 
 #: How far a URDF and the description of its arm may differ [m, rad]: its numbers may be rounded.
 _SAME = 1e-5
@@ -26,16 +24,11 @@ FLANGE = "flange"
 
 @dataclass(frozen=True)
 class UrdfSource:
-    """The URDF that an arm came from.
+    """The URDF that an arm came from."""
 
-    Attributes:
-        text: its content.
-        where: its name, for messages.
-        base, tip: links between which the arm is.
-    """
-
-    text: str
-    where: str
+    text: str  # its content
+    where: str  # its name, for messages
+    # base and tip: links between which the arm is
     base: str
     tip: str
 

@@ -13,61 +13,39 @@ KINDS = (*MOVING, "fixed", "floating", "planar")
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """One joint as the file has it.
-
-    Attributes:
-        name: its name.
-        kind: its type.
-        parent, child: the links it joins.
-        follows: the joint it mimics, or an empty text.
-        xyz, rpy: place [m] and turns about fixed axes [rad] of its frame in the parent.
-        axis: direction in which it moves, in its own frame.
-        limits: lower and upper [rad or m]; nan where they are not stated.
-        effort: rated torque [N m] or force [N]; nan where it is not stated.
-    """
+    """One joint as the file has it."""
 
     name: str
-    kind: str
+    kind: str  # its type
+    # parent and child: the links it joins
     parent: str
     child: str
-    follows: str
+    follows: str  # the joint it mimics, or an empty text
+    # xyz and rpy: place [m] and turns about fixed axes [rad] of its frame in the parent
     xyz: tuple[float, ...]
     rpy: tuple[float, ...]
-    axis: tuple[float, ...]
-    limits: tuple[float, float]
-    effort: float
+    axis: tuple[float, ...]  # direction in which it moves, in its own frame
+    limits: tuple[float, float]  # lower and upper [rad or m]; nan where they are not stated
+    effort: float  # rated torque [N m] or force [N]; nan where it is not stated
 
 
 @dataclass(frozen=True)
 class UrdfLink:
-    """One link as the file has it.
-
-    Attributes:
-        name: its name.
-        mass_kg: its mass; 0 where it is not stated.
-        com_m: centre of mass in its own frame.
-    """
+    """One link as the file has it."""
 
     name: str
-    mass_kg: float
-    com_m: tuple[float, ...]
+    mass_kg: float  # its mass; 0 where it is not stated
+    com_m: tuple[float, ...]  # centre of mass in its own frame
 
 
 @dataclass(frozen=True)
 class UrdfTree:
-    """Links and joints of one robot.
+    """Links and joints of one robot."""
 
-    Attributes:
-        where: the file.
-        links: all links.
-        joints: all joints, each below another or below the root.
-        root: the link that no joint carries.
-    """
-
-    where: str
+    where: str  # the file
     links: tuple[UrdfLink, ...]
-    joints: tuple[UrdfJoint, ...]
-    root: str
+    joints: tuple[UrdfJoint, ...]  # all joints, each below another or below the root
+    root: str  # the link that no joint carries
 
     def path(self, base: str | None, tip: str | None) -> tuple[str, str, tuple[UrdfJoint, ...]]:
         """Return base and tip and the joints between them, fixed ones too.

@@ -6,25 +6,16 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pa10cal.arm.attitude import roll_pitch_yaw
-
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 
 @dataclass(frozen=True)
 class UrdfText:
-    """A URDF as elements.
+    """A URDF as elements."""
 
-    Attributes:
-        robot: the outermost element.
-        before: comments that stand before it, such as a licence.
-    """
-
-    robot: ElementTree.Element
-    before: tuple[str, ...]
+    robot: ElementTree.Element  # the outermost element
+    before: tuple[str, ...]  # comments that stand before it, such as a licence
 
     def text(self, *comments: str) -> str:
         """Return the file, further comments first."""

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pa10cal.arrays import Array
 
 if TYPE_CHECKING:
     from pa10cal.arm.description import Arm
 
-Array = NDArray[np.float64]
 WeightsFrom = Literal["stated", "total", "assumed", "logged"]
 
 #: Mass of an arm of 1 m [kg]; arms weigh as the cube of their length (a UR10 of 1.7 m 29 kg, an
@@ -36,20 +36,14 @@ STATED_COM_M = 0.01
 
 @dataclass(frozen=True)
 class WeightsKnown:
-    """How well the weights of the links are known.
+    """How well the weights of the links are known."""
 
-    Attributes:
-        origin: `stated` in the description; `total`: the mass of the whole arm alone is; `assumed`
-            from the lengths of the links; `logged`: stated ones that logged torques contradict.
-        mass: (n,) standard uncertainty of each mass, relative.
-        com_m: (n,) standard uncertainty of each centre of mass, per axis.
-        why: why they are not taken as stated, one clause; empty where they are.
-    """
-
+    # `stated` in the description; `total`: the mass of the whole arm alone is; `assumed` from the
+    # lengths of the links; `logged`: stated ones that logged torques contradict
     origin: WeightsFrom
-    mass: Array
-    com_m: Array
-    why: str = ""
+    mass: Array  # (n,) standard uncertainty of each mass, relative
+    com_m: Array  # (n,) standard uncertainty of each centre of mass, per axis
+    why: str = ""  # why they are not taken as stated, one clause; empty where they are
 
     @property
     def assumed(self) -> bool:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.inner import fit_base_frame
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.accuracy import Accuracy as Accuracy
 from pa10cal.terms.model import Model
-
-Array = NDArray[np.float64]
 
 
 def deviations(

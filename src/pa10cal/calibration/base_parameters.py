@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import Array
 from pa10cal.frame.pose_error import cross_matrix
 from pa10cal.terms.term import Parameter, Report
-
-Array = NDArray[np.float64]
 
 PARAMETERS = (
     Parameter("base_p_cmm_x", "m", 1e-3),

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array
 from pa10cal.calibration.inner_poses import rows_of, spread_poses
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.options import CalibrationOptions
@@ -34,8 +34,6 @@ from pa10cal.observe.pose import Pose
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 
-Array = NDArray[np.float64]
-
 #: Starts whose cost is within this part of the best have found the same minimum.
 _SAME_COST = 1e-6
 #: Relative changes at which linear springs are near enough, and the cubic share they start with.
@@ -47,31 +45,19 @@ _NULL_SPACE_PASSES = 3
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibrated model.
+    """A calibrated model."""
 
-    Attributes:
-        level: the problem that was solved.
-        solution: the best of all starts.
-        starts: where every start ended, in order.
-        terms: (r, k) tolerance rows.
-        inner_poses: labels of the poses of the inner level.
-        T_instr_base: (4, 4) base frame.
-        identifiability: of all unknowns, base frame included.
-        unidentified_directions: directions of all unknowns that the data do not identify.
-        not_identifiable: names of the parameters that take part in them.
-        covariances: of parameters and base frame.
-    """
-
-    level: TwoLevel
-    solution: Solution
-    starts: tuple[Solution, ...]
-    terms: Array
-    inner_poses: tuple[str, ...]
-    T_instr_base: Array
-    identifiability: Identifiability
+    level: TwoLevel  # the problem that was solved
+    solution: Solution  # the best of all starts
+    starts: tuple[Solution, ...]  # where every start ended, in order
+    terms: Array  # (r, k) tolerance rows
+    inner_poses: tuple[str, ...]  # labels of the poses of the inner level
+    T_instr_base: Array  # (4, 4) base frame
+    identifiability: Identifiability  # of all unknowns, base frame included
+    # directions of all unknowns that the data do not identify
     unidentified_directions: tuple[Direction, ...]
-    not_identifiable: frozenset[str]
-    covariances: Covariances
+    not_identifiable: frozenset[str]  # names of the parameters that take part in them
+    covariances: Covariances  # of parameters and base frame
 
     @property
     def converged(self) -> bool:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import align_nominal
 from pa10cal.calibration.calibrate import fitted_model
 from pa10cal.calibration.general.case import GeneralCase, fitted, work_out_general
@@ -29,8 +27,6 @@ from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.seed import BaseFrameRecord
 from pa10cal.terms.baseline import nominal
-
-Array = NDArray[np.float64]
 
 
 def calibrated(

@@ -10,12 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array, Index
 from pa10cal.fit.exchange import Criterion, Share, one_by_one
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 #: Poses to choose from and poses chosen at most: more would change no curve that one can see.
 _POOL = 1000
@@ -26,21 +23,14 @@ _POSSIBLE_SCALES = 30.0
 
 @dataclass(frozen=True)
 class PoseDesign:
-    """Expected uncertainty of the model by the number of poses of this kind.
+    """Expected uncertainty of the model by the number of poses of this kind."""
 
-    Attributes:
-        order: poses in D-optimal order, as rows, the first the most telling.
-        numbers: (m,) numbers of poses.
-        u_optimal_m: (m,) expected standard uncertainty of a predicted position, root mean square
-            over all poses, with the first of `order`; inf where they are too few.
-        u_measured_m: (m,) the same with the first of the poses in the order measured.
-        u_all_m: with all of them.
-    """
-
-    order: Index
-    numbers: Index
+    order: Index  # poses in D-optimal order, as rows, the first the most telling
+    numbers: Index  # (m,) numbers of poses
+    # (m,) expected standard uncertainty of a predicted position, root mean square over all poses,
+    # with the first of `order`; inf where they are too few
     u_optimal_m: Array
-    u_measured_m: Array
+    u_measured_m: Array  # (m,) the same with the first of the poses in the order measured
     u_all_m: float
 
 

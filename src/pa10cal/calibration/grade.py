@@ -56,80 +56,55 @@ _MOST_NAMES = 4
 
 @dataclass(frozen=True)
 class Departure:
-    """How far a link parameter is from its nominal value.
+    """How far a link parameter is from its nominal value."""
 
-    Attributes:
-        name: of the parameter.
-        size: departure over tolerance.
-        std: its standard uncertainty over tolerance.
-    """
-
-    name: str
-    size: float
-    std: float
+    name: str  # of the parameter
+    size: float  # departure over tolerance
+    std: float  # its standard uncertainty over tolerance
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What a grade rests on.
+    """What a grade rests on."""
 
-    Attributes:
-        converged: whether the fit came to rest.
-        reason: why it stopped.
-        train_rms_mm: remaining error of the poses fitted.
-        held_out_rms_mm: the same of held-out poses; None where there are none.
-        held_out: how many configurations were held out.
-        held_out_u_mm: standard uncertainty of their predictions; None where only `u_model_mm` is
-            known.
-        held_out_repeats: readings behind a held-out pose over those behind a fitted one.
-        held_out_suspected: further held-out poses, which have a suspected reading.
-        noise_mm: the part that the noise of readings explains; None where not known.
-        repeats: what repeats show of the stated uncertainty, by kind.
-        noise_is_found: whether `noise_mm` is what readings scatter by, and not what is stated.
-        apparatus_mm: error that the targets' places on an apparatus leave in all poses alike, and
-            that no parameter takes up.
-        u_model_mm: standard uncertainty of a predicted position; inf where it is not determined.
-        poses: poses fitted.
-        rows: components fitted.
-        rank, unknowns: directions identified, parameters fitted.
-        condition: condition number over the identified directions.
-        undetermined: parameters that these poses do not determine, and others of the arm could.
-        at_bound: parameters at the end of their physical range.
-        departures: of the links, without those that the mounting of base or tool may cause.
-        spread_mm: root mean square distance of the measured positions from their mean.
-        suspected_outliers: poses far outside the scatter of the others.
-        findings: what checks of the input found.
-        without_springs_mm: remaining error of the poses fitted with rigid joints; None where the
-            model has no springs.
-        weights: where weights come from that nobody stated: `assumed` from the lengths of the
-            links, or from the mass of the whole arm (`total`); else nothing.
-    """
-
-    converged: bool = True
-    reason: str = ""
-    train_rms_mm: float
-    held_out_rms_mm: float | None = None
-    held_out: int = 0
+    converged: bool = True  # whether the fit came to rest
+    reason: str = ""  # why it stopped
+    train_rms_mm: float  # remaining error of the poses fitted
+    held_out_rms_mm: float | None = None  # the same of held-out poses; None where there are none
+    held_out: int = 0  # how many configurations were held out
+    # standard uncertainty of their predictions; None where only `u_model_mm` is known
     held_out_u_mm: float | None = None
-    held_out_repeats: float = 1.0
-    held_out_suspected: int = 0
+    held_out_repeats: float = 1.0  # readings behind a held-out pose over those behind a fitted one
+    held_out_suspected: int = 0  # further held-out poses, which have a suspected reading
+    # the part that the noise of readings explains; None where not known
     noise_mm: float | None = None
+    # what repeats show of the stated uncertainty, by kind
     repeats: tuple[ScatterOfRepeats, ...] = ()
+    # whether `noise_mm` is what readings scatter by, and not what is stated
     noise_is_found: bool = False
+    # error that the targets' places on an apparatus leave in all poses alike, and that no
+    # parameter takes up
     apparatus_mm: float = 0.0
+    # standard uncertainty of a predicted position; inf where it is not determined
     u_model_mm: float
-    poses: int
-    rows: int
+    poses: int  # poses fitted
+    rows: int  # components fitted
+    # rank and unknowns: directions identified, parameters fitted
     rank: int
     unknowns: int
-    condition: float = 1.0
+    condition: float = 1.0  # condition number over the identified directions
+    # parameters that these poses do not determine, and others of the arm could
     undetermined: tuple[str, ...] = ()
-    at_bound: tuple[str, ...] = ()
+    at_bound: tuple[str, ...] = ()  # parameters at the end of their physical range
+    # of the links, without those that the mounting of base or tool may cause
     departures: tuple[Departure, ...] = ()
-    spread_mm: float
-    suspected_outliers: int = 0
-    findings: tuple[InputFinding, ...] = ()
+    spread_mm: float  # root mean square distance of the measured positions from their mean
+    suspected_outliers: int = 0  # poses far outside the scatter of the others
+    findings: tuple[InputFinding, ...] = ()  # what checks of the input found
+    # remaining error of the poses fitted with rigid joints; None where the model has no springs
     without_springs_mm: float | None = None
+    # where weights come from that nobody stated: `assumed` from the lengths of the links, or from
+    # the mass of the whole arm (`total`); else nothing
     weights: str = ""
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.springs import reported_name
+from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import Accuracy, summarise
 from pa10cal.calibration.design import PoseDesign, pose_design, poses_needed
 from pa10cal.calibration.grade import SMALL_SHARE, Departure, Evidence, graded
@@ -20,8 +21,6 @@ from pa10cal.results.health import Grade
 from pa10cal.terms.joint_spring import stiffness_by_solved
 from pa10cal.terms.term import Parameter
 
-Array = NDArray[np.float64]
-
 #: Correlation above which two parameters are nearly inseparable, and how many pairs to list.
 _CORRELATED = 0.95
 _MOST_PAIRS = 20
@@ -29,88 +28,56 @@ _MOST_PAIRS = 20
 
 @dataclass(frozen=True)
 class FitSummary:
-    """How a fit ended, whichever fit it was.
+    """How a fit ended, whichever fit it was."""
 
-    Attributes:
-        converged: whether it stopped at a stationary point.
-        reason: why it stopped.
-        iterations: steps taken.
-        at_bound: names of parameters at the end of their physical range.
-        parameters: the k parameters it was solved in.
-        covariance: (k, k) theirs.
-        identifiability: rank of the rows.
-        white: (P, b, k) rows of unit variance.
-        position: (P, c, k) derivative of the predicted position [m].
-        not_identifiable: names of those that the data do not identify.
-        x: (k,) values of the parameters.
-        hidden: names of those that no pose of this instrument can determine.
-        of_mounting: names of those that the mounting of base or tool moves as well, so that they
-            say nothing of how the arm was built.
-    """
-
-    converged: bool
-    reason: str
-    iterations: int
-    at_bound: tuple[str, ...]
-    parameters: tuple[Parameter, ...]
-    covariance: Array
-    identifiability: Identifiability
-    white: Array
-    position: Array
-    not_identifiable: frozenset[str]
-    x: Array
+    converged: bool  # whether it stopped at a stationary point
+    reason: str  # why it stopped
+    iterations: int  # steps taken
+    at_bound: tuple[str, ...]  # names of parameters at the end of their physical range
+    parameters: tuple[Parameter, ...]  # the k parameters it was solved in
+    covariance: Array  # (k, k) theirs
+    identifiability: Identifiability  # rank of the rows
+    white: Array  # (P, b, k) rows of unit variance
+    position: Array  # (P, c, k) derivative of the predicted position [m]
+    not_identifiable: frozenset[str]  # names of those that the data do not identify
+    x: Array  # (k,) values of the parameters
+    # names of those that no pose of this instrument can determine
     hidden: frozenset[str] = frozenset()
+    # names of those that the mounting of base or tool moves as well, so that they say nothing of
+    # how the arm was built
     of_mounting: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Remaining errors of held-out poses.
+    """Remaining errors of held-out poses."""
 
-    Attributes:
-        accuracy: the errors.
-        u_mm: standard uncertainty of the predictions there; None where not known.
-        repeats: readings behind a held-out pose over those behind a fitted one.
-        suspected: further held-out poses, with a suspected reading, that do not count.
-    """
-
-    accuracy: Accuracy
-    u_mm: float | None = None
-    repeats: float = 1.0
-    suspected: int = 0
+    accuracy: Accuracy  # the errors
+    u_mm: float | None = None  # standard uncertainty of the predictions there; None where not known
+    repeats: float = 1.0  # readings behind a held-out pose over those behind a fitted one
+    suspected: int = 0  # further held-out poses, with a suspected reading, that do not count
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Remaining errors of a calibrated model.
+    """Remaining errors of a calibrated model."""
 
-    Attributes:
-        train_rms_mm: root mean square position error of the poses fitted, suspected outliers
-            aside.
-        held_out: errors of poses held out, None where there are none.
-        noise_mm: the part that the noise of readings explains, None where not known.
-        spread_mm: root mean square distance of the measured positions from their mean.
-        suspected_outliers: poses far outside the scatter of the others.
-        noise_is_found: whether that noise is what readings scatter by, and not what is stated.
-        apparatus_mm: error that the targets' places on an apparatus leave in all poses alike.
-        repeats: what repeats show of the stated uncertainty, by kind.
-        findings: what checks of the input found.
-        without_springs_mm: the same as `train_rms_mm` with rigid joints; None where the model has
-            no springs.
-        weights: where weights come from that nobody stated; else nothing.
-    """
-
+    # root mean square position error of the poses fitted, suspected outliers aside
     train_rms_mm: float
-    held_out: HeldOut | None
-    noise_mm: float | None
-    spread_mm: float
-    suspected_outliers: int = 0
+    held_out: HeldOut | None  # errors of poses held out, None where there are none
+    noise_mm: float | None  # the part that the noise of readings explains, None where not known
+    spread_mm: float  # root mean square distance of the measured positions from their mean
+    suspected_outliers: int = 0  # poses far outside the scatter of the others
+    # whether that noise is what readings scatter by, and not what is stated
     noise_is_found: bool = False
+    # error that the targets' places on an apparatus leave in all poses alike
     apparatus_mm: float = 0.0
+    # what repeats show of the stated uncertainty, by kind
     repeats: tuple[ScatterOfRepeats, ...] = ()
-    findings: tuple[InputFinding, ...] = ()
+    findings: tuple[InputFinding, ...] = ()  # what checks of the input found
+    # the same as `train_rms_mm` with rigid joints; None where the model has no springs
     without_springs_mm: float | None = None
-    weights: str = ""
+    weights: str = ""  # where weights come from that nobody stated; else nothing
 
 
 @dataclass(frozen=True)
@@ -124,38 +91,23 @@ class CorrelatedPair:
 
 @dataclass(frozen=True)
 class Health:
-    """What a reader should look at before trusting a calibration.
-
-    Attributes:
-        ended: how it ended.
-        grade: how good it is, in a word.
-        line: the reason and the remedy, in one sentence.
-        evidence: what the grade rests on.
-        findings: what is probably wrong in the input.
-        pairs: correlated parameters, the worst first.
-        train_rms_mm, held_out_rms_mm: remaining position error; None where nothing was held out.
-        noise_mm: the part that the noise of the readings explains, None where not known.
-        design: how many poses it needs.
-        poses: how many it had.
-        poses_needed: how many well-chosen ones suffice, None where more than were tried.
-        u_model_mm: expected standard uncertainty of a predicted position.
-        u_needed_mm: the uncertainty that counts as small here.
-    """
+    """What a reader should look at before trusting a calibration."""
 
     ended: FitSummary
-    grade: Grade
-    line: str
-    evidence: Evidence
-    findings: tuple[InputFinding, ...]
-    pairs: tuple[CorrelatedPair, ...]
+    grade: Grade  # how good it is, in a word
+    line: str  # the reason and the remedy, in one sentence
+    evidence: Evidence  # what the grade rests on
+    findings: tuple[InputFinding, ...]  # what is probably wrong in the input
+    pairs: tuple[CorrelatedPair, ...]  # correlated parameters, the worst first
+    # train_rms_mm and held_out_rms_mm: remaining position error; None where nothing was held out
     train_rms_mm: float
     held_out_rms_mm: float | None
-    noise_mm: float | None
-    design: PoseDesign
-    poses: int
-    poses_needed: int | None
-    u_model_mm: float
-    u_needed_mm: float
+    noise_mm: float | None  # the part that the noise of the readings explains, None where not known
+    design: PoseDesign  # how many poses it needs
+    poses: int  # how many it had
+    poses_needed: int | None  # how many well-chosen ones suffice, None where more than were tried
+    u_model_mm: float  # expected standard uncertainty of a predicted position
+    u_needed_mm: float  # the uncertainty that counts as small here
 
 
 def health(ended: FitSummary, errors: Errors) -> Health:

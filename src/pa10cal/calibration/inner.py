@@ -9,24 +9,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class BaseFrame:
-    """The base frame that minimises the inner cost.
+    """The base frame that minimises the inner cost."""
 
-    Attributes:
-        T_instr_base: (4, 4) base frame in the instrument's frame [m].
-        jacobian: (6, k) derivative by the model's parameters: translation [m] over a small right
-            rotation, R exp([omega]), or None where it was not requested.
-    """
-
-    T_instr_base: Array
+    T_instr_base: Array  # (4, 4) base frame in the instrument's frame [m]
+    # (6, k) derivative by the model's parameters: translation [m] over a small right rotation, R
+    # exp([omega]), or None where it was not requested
     jacobian: Array | None = None
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import deviations, summarise
 from pa10cal.calibration.calibrate import tolerance_rows
 from pa10cal.calibration.inner_poses import random_poses, rows_of
@@ -14,22 +14,14 @@ from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.solve import solve
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class InnerDependence:
-    """Spread of the answer over random choices of the inner poses.
+    """Spread of the answer over random choices of the inner poses."""
 
-    Attributes:
-        choices: how many were tried.
-        std: (k',) standard deviation of each reported parameter over the choices.
-        mean_mm: (choices,) mean position error of the poses fitted, for each choice.
-    """
-
-    choices: int
-    std: Array
-    mean_mm: Array
+    choices: int  # how many were tried
+    std: Array  # (k',) standard deviation of each reported parameter over the choices
+    mean_mm: Array  # (choices,) mean position error of the poses fitted, for each choice
 
 
 def inner_dependence(

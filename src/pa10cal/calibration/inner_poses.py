@@ -7,11 +7,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-
-Array = NDArray[np.float64]
 
 
 def spread_poses(observations: Observations[Pose], count: int | Literal["all"]) -> tuple[str, ...]:

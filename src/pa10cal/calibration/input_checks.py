@@ -11,12 +11,12 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arm.weights import weights_known
+from pa10cal.arrays import Array
 from pa10cal.calibration.joint_checks import (
     above_noise,
     calibrated_rms_mm,
@@ -35,7 +35,6 @@ from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
 
-Array = NDArray[np.float64]
 Refusal = TypeVar("Refusal", bound=Pa10calError)
 
 #: Poses that a check looks at, spread over all.

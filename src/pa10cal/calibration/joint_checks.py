@@ -6,20 +6,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.target_fit import LEVER_M
 from pa10cal.observe.observations import Observations
-
-Array = NDArray[np.float64]
 
 #: Misfit of the nominal arm, base and target fitted, that no departures explain [m].
 NOT_DEPARTURES_M = 0.01
@@ -49,15 +47,10 @@ def above_noise(arm: Arm, grid: Observations, options: CalibrationOptions) -> bo
 
 @dataclass(frozen=True)
 class _Change:
-    """A change of the joint columns.
+    """A change of the joint columns."""
 
-    Attributes:
-        kind: `joint_sign` or `joint_order`.
-        joints: from 1; the one that is reversed, or the two that are exchanged.
-    """
-
-    kind: str
-    joints: tuple[int, ...]
+    kind: str  # `joint_sign` or `joint_order`
+    joints: tuple[int, ...]  # from 1; the one that is reversed, or the two that are exchanged
 
     def of(self, q: Array) -> Array:
         """Return joint columns (P, n) with the change made."""

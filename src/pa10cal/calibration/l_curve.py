@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import deviations, summarise
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.solve import solve
 from pa10cal.calibration.tolerance_terms import all_terms
 from pa10cal.results.calibration import LCurvePoint as LCurvePoint
-
-Array = NDArray[np.float64]
 
 #: Enough for a curve; heavy weights bend the valley so that the last digits would cost most.
 _PRECISION = 1e-8

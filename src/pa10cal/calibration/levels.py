@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.inner import BaseFrame, fit_base_frame
 from pa10cal.fit.problem import Problem, Rows
 from pa10cal.frame.pose_error import pose_error
@@ -22,8 +23,6 @@ from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import base_frame
 from pa10cal.terms.term import Parameter
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class TwoLevelRows(Rows):
@@ -32,32 +31,23 @@ class TwoLevelRows(Rows):
     Attributes:
         residual: (N, 6) position over r_max, then chord of the orientation.
         jacobian: (N, 6, k) total derivative by the parameters.
-        by_base: (N, 6, 6) derivative by the base frame: translation in the instrument's frame
-            [m], then a small right rotation.
-        T_instr_base: (4, 4) base frame.
-        base_jacobian: (6, k) derivative of the base frame by the parameters.
     """
 
+    # (N, 6, 6) derivative by the base frame: translation in the instrument's frame [m], then a
+    # small right rotation
     by_base: Array
-    T_instr_base: Array
-    base_jacobian: Array
+    T_instr_base: Array  # (4, 4) base frame
+    base_jacobian: Array  # (6, k) derivative of the base frame by the parameters
 
 
 @dataclass(frozen=True)
 class TwoLevel:
-    """The paper's problem: base frame inside, link parameters and springs outside.
+    """The paper's problem: base frame inside, link parameters and springs outside."""
 
-    Attributes:
-        model: chain and terms, without terms that move the base.
-        observations: N measured poses.
-        inner_rows: rows of the M poses of the inner level.
-        r_max_m: length that normalises positions.
-    """
-
-    model: Model
-    observations: Observations[Pose]
-    inner_rows: NDArray[np.intp]
-    r_max_m: float = 1.0
+    model: Model  # chain and terms, without terms that move the base
+    observations: Observations[Pose]  # N measured poses
+    inner_rows: NDArray[np.intp]  # rows of the M poses of the inner level
+    r_max_m: float = 1.0  # length that normalises positions
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

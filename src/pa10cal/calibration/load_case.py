@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import (
     Accuracy,
     align_nominal,
@@ -41,8 +42,6 @@ from pa10cal.observe.quantities import Deviations
 from pa10cal.terms.baseline import baseline, nominal
 from pa10cal.terms.model import Model
 
-Array = NDArray[np.float64]
-
 COMBINED = "combined"
 #: Random postures at which it is found what no pose determines.
 _POSTURES = 60
@@ -52,52 +51,37 @@ _L_CURVE_WEIGHTS = np.geomspace(1e-6, 3e-2, 14)
 
 @dataclass(frozen=True)
 class OneLevelCheck:
-    """The one-level solution beside the two-level one.
+    """The one-level solution beside the two-level one."""
 
-    Attributes:
-        largest_difference: of any identifiable parameter from two levels with M = N, over the
-            parameter's size (its value, or its scale where that is larger).
-        mean_mm: mean position error of the one-level solution over the poses fitted.
-        shift: (k,) one-level minus two-level solution with M poses, over its standard uncertainty.
-    """
-
+    # of any identifiable parameter from two levels with M = N, over the parameter's size (its
+    # value, or its scale where that is larger)
     largest_difference: float
-    mean_mm: float
+    mean_mm: float  # mean position error of the one-level solution over the poses fitted
+    # (k,) one-level minus two-level solution with M poses, over its standard uncertainty
     shift: Array
 
 
 @dataclass(frozen=True)
 class LoadCase:
-    """One load case of a campaign, computed.
+    """One load case of a campaign, computed."""
 
-    Attributes:
-        load: `combined`, or a load such as `44N`.
-        cubic: the paper's model.
-        linear: the same with K_cub = 0.
-        grid: averaged grid poses of every load.
-        noise: the poses fitted, with the covariance that their readings show about the model.
-        residuals: predicted minus measured of the cubic model on `grid`.
-        before: nominal rigid model, base frame aligned on unloaded positions, for every load.
-        before_seed_frame: nominal rigid model with the base frame of the straight-line moves.
-        dependence: on the choice of inner poses.
-        one_level: the one-level solution beside it.
-        l_curve: what the weight of the tolerance terms would do, for the combined case.
-        health: whether the cubic model's calibration is good.
-        seed_angle_deg, seed_distance_mm: how far the base frame ended from its seed.
-    """
-
-    load: str
-    cubic: Calibration
-    linear: Calibration
-    grid: Observations[Pose]
+    load: str  # `combined`, or a load such as `44N`
+    cubic: Calibration  # the paper's model
+    linear: Calibration  # the same with K_cub = 0
+    grid: Observations[Pose]  # averaged grid poses of every load
+    # the poses fitted, with the covariance that their readings show about the model
     noise: Observations[Pose]
-    residuals: Deviations
+    residuals: Deviations  # predicted minus measured of the cubic model on `grid`
+    # nominal rigid model, base frame aligned on unloaded positions, for every load
     before: dict[float, Accuracy]
+    # nominal rigid model with the base frame of the straight-line moves
     before_seed_frame: dict[float, Accuracy]
-    dependence: InnerDependence
-    one_level: OneLevelCheck
+    dependence: InnerDependence  # on the choice of inner poses
+    one_level: OneLevelCheck  # the one-level solution beside it
+    # what the weight of the tolerance terms would do, for the combined case
     l_curve: tuple[LCurvePoint, ...]
-    health: Health
+    health: Health  # whether the cubic model's calibration is good
+    # seed_angle_deg and seed_distance_mm: how far the base frame ended from its seed
     seed_angle_deg: float
     seed_distance_mm: float
 

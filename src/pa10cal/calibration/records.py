@@ -6,10 +6,10 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import Accuracy, summarise_by_load
 from pa10cal.calibration.base_parameters import report_base
 from pa10cal.calibration.calibrate import (
@@ -44,8 +44,6 @@ from pa10cal.results.calibration import (
 )
 from pa10cal.results.record import Campaign
 from pa10cal.terms.term import Report
-
-Array = NDArray[np.float64]
 
 #: The straight lines give the base frame to about the nominal model's own error, near 1 deg.
 _FAR_FROM_SEED_DEG = 3.0

@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import reading_groups
 from pa10cal.observe.observations import Observations
-
-Array = NDArray[np.float64]
 
 #: Pairs of readings below which their scatter says too little about a factor of three.
 _LEAST_PAIRS = 20
@@ -25,20 +22,14 @@ _MEDIAN_SQUARE = float(ndtri(0.75)) ** 2
 
 @dataclass(frozen=True)
 class ScatterOfRepeats:
-    """Scatter of one reading, as repeats show it, beside what the instrument states.
+    """Scatter of one reading, as repeats show it, beside what the instrument states."""
 
-    Attributes:
-        kind: `position`, `attitude` or `distance`.
-        found, stated: standard uncertainty of one component [m or rad], typical of the readings.
-        pairs: pairs of readings behind it.
-        from_touches: whether the instrument touches balls.
-    """
-
-    kind: str
+    kind: str  # `position`, `attitude` or `distance`
+    # found and stated: standard uncertainty of one component [m or rad], typical of the readings
     found: float
     stated: float
-    pairs: int
-    from_touches: bool = False
+    pairs: int  # pairs of readings behind it
+    from_touches: bool = False  # whether the instrument touches balls
 
     @property
     def ratio(self) -> float:

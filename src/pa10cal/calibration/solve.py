@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from scipy.linalg import lstsq
 from scipy.optimize import least_squares
 
+from pa10cal.arrays import Array
 from pa10cal.fit.least_squares import Bounds
 from pa10cal.fit.problem import Rows
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Parameter
-
-Array = NDArray[np.float64]
 
 #: Relative changes at which the Gauss-Newton steps that follow converge to the last digit.
 FULL_PRECISION = 1e-13
@@ -50,23 +49,14 @@ class LeastSquares(Protocol):
 
 @dataclass(frozen=True)
 class Solution:
-    """Where a solve ended.
+    """Where a solve ended."""
 
-    Attributes:
-        x: (k,) parameters.
-        at_bound: (k,) parameters held at the end of their physical range.
-        cost: sum of squares of the data rows and of the tolerance terms.
-        iterations: accepted and refused steps together.
-        converged: whether it stopped by itself, at a stationary point.
-        reason: why the solver stopped, in words.
-    """
-
-    x: Array
-    at_bound: NDArray[np.bool_]
-    cost: float
-    iterations: int
-    converged: bool
-    reason: str
+    x: Array  # (k,) parameters
+    at_bound: NDArray[np.bool_]  # (k,) parameters held at the end of their physical range
+    cost: float  # sum of squares of the data rows and of the tolerance terms
+    iterations: int  # accepted and refused steps together
+    converged: bool  # whether it stopped by itself, at a stationary point
+    reason: str  # why the solver stopped, in words
 
 
 def solve(

@@ -7,12 +7,10 @@ use is to fix directions that the data do not identify; `null_space_terms` does 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.terms.term import Parameter
-
-Array = NDArray[np.float64]
 
 
 def all_terms(parameters: tuple[Parameter, ...], weight: float) -> Array:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.levels import TwoLevelRows
 from pa10cal.observe.averages import (
     average_repeats,
@@ -23,25 +24,17 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Covariances:
-    """Covariances of an estimate.
+    """Covariances of an estimate."""
 
-    Attributes:
-        parameters: (k, k) of the outer parameters.
-        base: (6, 6) of the base frame: translation along the instrument's axes [m], small right
-            rotation [rad].
-        cross: (k, 6) of the outer parameters with the base frame.
-        from_apparatus: (k,) variance that the apparatus alone contributes.
-    """
-
-    parameters: Array
+    parameters: Array  # (k, k) of the outer parameters
+    # (6, 6) of the base frame: translation along the instrument's axes [m], small right rotation
+    # [rad]
     base: Array
-    cross: Array
-    from_apparatus: Array
+    cross: Array  # (k, 6) of the outer parameters with the base frame
+    from_apparatus: Array  # (k,) variance that the apparatus alone contributes
 
     def together(self, T_instr_base: Array) -> Array:
         """Return the covariance (k + 6, k + 6) of parameters and small motions of the base.
@@ -56,15 +49,12 @@ class Covariances:
 
 @dataclass(frozen=True)
 class ErrorSources:
-    """What is known of the errors of measured poses.
+    """What is known of the errors of measured poses."""
 
-    Attributes:
-        readings: single readings behind the averaged poses; their scatter about the model is the
-            noise. None leaves the covariances that the poses came with.
-        u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
-    """
-
+    # single readings behind the averaged poses; their scatter about the model is the noise. None
+    # leaves the covariances that the poses came with.
     readings: Observations[Pose] | None = None
+    # standard uncertainty of a target's place on the apparatus, per axis
     u_apparatus_m: float = 0.0
 
 

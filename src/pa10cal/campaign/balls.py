@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign.labels import exchange_text, stated_shape
 from pa10cal.campaign.rows import Touches
 from pa10cal.campaign.spheres import (
@@ -18,10 +19,6 @@ from pa10cal.campaign.spheres import (
 )
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import fit_rigid
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.intp]
 
 #: Touches that a ball needs.
 LEAST_TOUCHES = 4
@@ -38,44 +35,26 @@ UNDECIDED = "the touches do not fit the tool, and no single touch explains it"
 
 @dataclass(frozen=True)
 class TouchedTool:
-    """What is known of the balls and the probe.
+    """What is known of the balls and the probe."""
 
-    Attributes:
-        names: names of the B balls.
-        p_ee_balls_mm: (B, 3) their centres in the end-effector frame.
-        radius_mm: their radius.
-        centre_uncertainty_mm: standard uncertainty of one measured centre, per axis.
-        outlier_sigma: a touch further off than this many sigmas of one touch is an outlier.
-    """
-
-    names: tuple[str, ...]
-    p_ee_balls_mm: Array
-    radius_mm: float
-    centre_uncertainty_mm: float
-    outlier_sigma: float
+    names: tuple[str, ...]  # names of the B balls
+    p_ee_balls_mm: Array  # (B, 3) their centres in the end-effector frame
+    radius_mm: float  # their radius
+    centre_uncertainty_mm: float  # standard uncertainty of one measured centre, per axis
+    outlier_sigma: float  # a touch further off than this many sigmas of one touch is an outlier
 
 
 @dataclass(frozen=True)
 class LocatedBalls:
-    """Ball centres of C configurations.
+    """Ball centres of C configurations."""
 
-    Attributes:
-        p_instr_mm: (C, B, 3) centres.
-        cov_mm2: (C, B, 3, 3) their covariances.
-        used: (C, B, T) touches used.
-        outlier: (C, B, T) touches suspected to be outliers.
-        reason: (C,) why a configuration cannot be used; "" where it can.
-        touch_sigma_mm: standard uncertainty of one touch, from the instrument's statement.
-        pooled_sigma_mm: standard deviation of one touch, from the residuals of all spheres.
-    """
-
-    p_instr_mm: Array
-    cov_mm2: Array
-    used: Mask
-    outlier: Mask
-    reason: NDArray[np.object_]
-    touch_sigma_mm: float
-    pooled_sigma_mm: float
+    p_instr_mm: Array  # (C, B, 3) centres
+    cov_mm2: Array  # (C, B, 3, 3) their covariances
+    used: Mask  # (C, B, T) touches used
+    outlier: Mask  # (C, B, T) touches suspected to be outliers
+    reason: NDArray[np.object_]  # (C,) why a configuration cannot be used; "" where it can
+    touch_sigma_mm: float  # standard uncertainty of one touch, from the instrument's statement
+    pooled_sigma_mm: float  # standard deviation of one touch, from the residuals of all spheres
 
 
 def locate_balls(p_instr_mm: Array, valid: Mask, tool: TouchedTool, where: str) -> LocatedBalls:
@@ -198,19 +177,12 @@ def _shape(p_instr_mm: Array, tool: TouchedTool, where: str) -> Array:
 
 @dataclass(frozen=True)
 class TouchGroups:
-    """Touches of C configurations on B balls, padded to T a ball.
+    """Touches of C configurations on B balls, padded to T a ball."""
 
-    Attributes:
-        of_touch: (N,) configuration of every touch.
-        first: (C,) first touch of every configuration, which names it.
-        row: (C, B, T) touch, 0 where there is none.
-        valid: (C, B, T) where there is one.
-    """
-
-    of_touch: Index
-    first: Index
-    row: Index
-    valid: Mask
+    of_touch: Index  # (N,) configuration of every touch
+    first: Index  # (C,) first touch of every configuration, which names it
+    row: Index  # (C, B, T) touch, 0 where there is none
+    valid: Mask  # (C, B, T) where there is one
 
     def __len__(self) -> int:
         return len(self.first)

@@ -8,8 +8,8 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.screens import robust_misfit
@@ -20,8 +20,6 @@ from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.raw import Misfit
 from pa10cal.observe.registry import instruments
-
-Array = NDArray[np.float64]
 
 _COLUMN = re.compile(r"(?:u_)?(base\d+)_[xyz]_mm")
 #: Two base targets nearer than this in every configuration are one.

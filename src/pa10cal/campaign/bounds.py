@@ -9,13 +9,11 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.errors import RawDataError
-
-Array = NDArray[np.float64]
 
 #: No instrument measures further than this.
 LARGEST_MM = 1e6
@@ -47,15 +45,12 @@ _QUATERNION = ("qw", "qx", "qy", "qz")
 
 @dataclass(frozen=True)
 class Bound:
-    """What a column may hold.
+    """What a column may hold."""
 
-    Attributes:
-        low, high: bounds, allowed themselves.
-        below, above: why a number outside is not used.
-    """
-
+    # low and high: bounds, allowed themselves
     low: float
     high: float
+    # below and above: why a number outside is not used
     below: str
     above: str
 

@@ -8,13 +8,12 @@ from itertools import permutations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.hand_eye import hand_eye_from_points
 
-Array = NDArray[np.float64]
 EulerSequence = Literal["xyz", "XYZ", "zyx", "ZYX", "zyz", "ZYZ"]
 
 #: Sequences of Euler angles in use: capitals about the axes that turn along.
@@ -30,17 +29,12 @@ MOST = 200
 
 @dataclass(frozen=True)
 class Convention:
-    """A convention that explains the attitudes better than the one that was read.
+    """A convention that explains the attitudes better than the one that was read."""
 
-    Attributes:
-        name: what the columns seem to hold.
-        remedy: what to do about it.
-        scatter_rad, would_leave_rad: root mean square angle from the nominal arm, base and target
-            fitted, as read and in this convention.
-    """
-
-    name: str
-    remedy: str
+    name: str  # what the columns seem to hold
+    remedy: str  # what to do about it
+    # scatter_rad and would_leave_rad: root mean square angle from the nominal arm, base and target
+    # fitted, as read and in this convention
     scatter_rad: float
     would_leave_rad: float
 

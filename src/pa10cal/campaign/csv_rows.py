@@ -27,8 +27,6 @@ from pa10cal.campaign.quarantine import quarantined
 from pa10cal.campaign.raw_rows import TEXT, NumberColumn, RawRows
 from pa10cal.errors import RawDataError
 
-Array = NDArray[np.float64]
-
 #: Files of more text than this, unpacked, are refused; so many bytes and rows are read at a time.
 LARGEST_BYTES = 310_000_000
 BLOCK_BYTES = 1 << 22
@@ -44,21 +42,14 @@ FIELDS = "the number of fields differs from the header"
 
 @dataclass(frozen=True)
 class Layout:
-    """How a file is written.
+    """How a file is written."""
 
-    Attributes:
-        separator: between fields; None for any number of blanks.
-        decimal: sign before the decimals.
-        header: line of the column names; 0 where there is none, the columns then being 1, 2, ….
-        text: columns of text.
-        missing: what to do where a column is missing.
-    """
-
-    separator: str | None = ","
-    decimal: str = "."
+    separator: str | None = ","  # between fields; None for any number of blanks
+    decimal: str = "."  # sign before the decimals
+    # line of the column names; 0 where there is none, the columns then being 1, 2, …
     header: int = 1
-    text: tuple[str, ...] = TEXT
-    missing: str = "rename it"
+    text: tuple[str, ...] = TEXT  # columns of text
+    missing: str = "rename it"  # what to do where a column is missing
 
     def fields(self, text: str) -> list[str]:
         """Return the fields of a line."""

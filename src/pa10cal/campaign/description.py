@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, FiniteFloat, StringConstraints
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import (
     refuse_impossible_gravity,
     refuse_impossible_temperature,
@@ -24,8 +24,6 @@ from pa10cal.observe.registry import instruments
 from pa10cal.settings_reading import parse_section
 from pa10cal.settings_section import Section
 from pa10cal.yaml_file import read_yaml
-
-Array = NDArray[np.float64]
 
 SCHEMA = "pa10cal-campaign/1"
 GROUP_SCHEMA = "pa10cal-group/1"

@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
+from pa10cal.arrays import Array, Index
 from pa10cal.campaign.rows import Samples
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 #: Speeds are taken over at least this time, so that noise of a fast log is no movement.
 SPEED_WINDOW_S = 0.3
@@ -29,23 +27,14 @@ OFFSET_BINS = 2**20
 
 @dataclass(frozen=True)
 class Dwells:
-    """Stretches of the log in which every joint stood still.
+    """Stretches of the log in which every joint stood still."""
 
-    Attributes:
-        start_s: (D,) time of the first sample.
-        end_s: (D,) time of the last sample.
-        first: (D,) index of the first sample.
-        last: (D,) index of the last sample.
-        of_sample: (N,) dwell of every sample, -1 while the arm moved.
-        real_deg: (n,) movement of a joint that noise cannot feign.
-    """
-
-    start_s: Array
-    end_s: Array
-    first: Index
-    last: Index
-    of_sample: Index
-    real_deg: Array
+    start_s: Array  # (D,) time of the first sample
+    end_s: Array  # (D,) time of the last sample
+    first: Index  # (D,) index of the first sample
+    last: Index  # (D,) index of the last sample
+    of_sample: Index  # (N,) dwell of every sample, -1 while the arm moved
+    real_deg: Array  # (n,) movement of a joint that noise cannot feign
 
     def __len__(self) -> int:
         return len(self.first)
@@ -61,39 +50,24 @@ class Dwells:
 
 @dataclass(frozen=True)
 class DwellReadings:
-    """What the log contains of each of D dwells of an arm with n joints.
+    """What the log contains of each of D dwells of an arm with n joints."""
 
-    Attributes:
-        samples: (D,) samples in the dwell.
-        q_rad: (D, n) mean joint positions.
-        q_u_rad: (D, n) standard uncertainty of that mean, from the scatter in the dwell.
-        tau_Nm: (D, n) mean torques.
-        tau_u_Nm: (D, n) standard uncertainty of that mean.
-        temperature_C: (D,) mean temperature.
-        arrival: (D, n) sign of each joint's last real movement in the logged approach; 0 where it
-            made none.
-    """
-
-    samples: NDArray[np.int64]
-    q_rad: Array
-    q_u_rad: Array
-    tau_Nm: Array
-    tau_u_Nm: Array
-    temperature_C: Array
+    samples: NDArray[np.int64]  # (D,) samples in the dwell
+    q_rad: Array  # (D, n) mean joint positions
+    q_u_rad: Array  # (D, n) standard uncertainty of that mean, from the scatter in the dwell
+    tau_Nm: Array  # (D, n) mean torques
+    tau_u_Nm: Array  # (D, n) standard uncertainty of that mean
+    temperature_C: Array  # (D,) mean temperature
+    # (D, n) sign of each joint's last real movement in the logged approach; 0 where it made none
     arrival: Array
 
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """What to add to the touches' times to bring them into dwells.
+    """What to add to the touches' times to bring them into dwells."""
 
-    Attributes:
-        seconds: the offset.
-        inside: part of the touches that would then lie in dwells.
-    """
-
-    seconds: float
-    inside: float
+    seconds: float  # the offset
+    inside: float  # part of the touches that would then lie in dwells
 
 
 def find_dwells(samples: Samples, still_speed_deg_s: float) -> Dwells:

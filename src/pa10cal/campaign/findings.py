@@ -7,22 +7,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class InputFinding:
-    """Something in the input that is probably wrong.
+    """Something in the input that is probably wrong."""
 
-    Attributes:
-        what: what it is, one clause.
-        where: column, joint, parameter, pose or file.
-        remedy: what to do about it.
-        would_leave_mm: root mean square position error that would remain if it were put right;
-            None where that was not tried.
-        kind: a word of the table in `docs/raw-data.md`, such as `joint_sign`.
-    """
-
-    what: str
-    where: str
-    remedy: str
+    what: str  # what it is, one clause
+    where: str  # column, joint, parameter, pose or file
+    remedy: str  # what to do about it
+    # root mean square position error that would remain if it were put right; None where that was
+    # not tried
     would_leave_mm: float | None = None
-    kind: str = "input"
+    kind: str = "input"  # a word of the table in `docs/raw-data.md`, such as `joint_sign`
 
     def __str__(self) -> str:
         left = self.would_leave_mm

@@ -35,13 +35,9 @@ _SAME_GEOMETRY = 1e-12
 
 
 class GroupDescription(CampaignDescription):
-    """Several campaigns of one robot; what stands beside them is that of the first.
+    """Several campaigns of one robot; what stands beside them is that of the first."""
 
-    Attributes:
-        members: the campaigns.
-    """
-
-    members: tuple[CampaignDescription, ...]
+    members: tuple[CampaignDescription, ...]  # the campaigns
 
     @property
     def campaigns(self) -> tuple[CampaignDescription, ...]:
@@ -70,17 +66,11 @@ class GroupDescription(CampaignDescription):
 
 @dataclass(frozen=True)
 class MemberRead:
-    """A campaign of a group, as it was read.
-
-    Attributes:
-        description: its description.
-        arm: the nominal arm that it names.
-        observations: single readings of all kinds.
-    """
+    """A campaign of a group, as it was read."""
 
     description: CampaignDescription
-    arm: Arm
-    observations: Observations
+    arm: Arm  # the nominal arm that it names
+    observations: Observations  # single readings of all kinds
 
 
 def describe_group(name: str, members: Sequence[MemberRead]) -> GroupDescription:

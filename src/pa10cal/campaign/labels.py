@@ -8,12 +8,9 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.hand_eye import hand_eye_from_points
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.intp]
 
 EXCHANGED = "the labels of these targets are exchanged"
 NOT_RIGID = "its distances from the other targets are not those of the other poses"
@@ -37,18 +34,12 @@ LEAST_POSES = 12
 
 @dataclass(frozen=True)
 class ShapeOff:
-    """How far the targets are from their stated places among each other.
+    """How far the targets are from their stated places among each other."""
 
-    Attributes:
-        target: the one that explains it best.
-        largest_mm: largest difference of a distance.
-        u_mm: standard uncertainty of that difference.
-        order: the order of the stated places that would agree; None where none does.
-    """
-
-    target: int
-    largest_mm: float
-    u_mm: float
+    target: int  # the one that explains it best
+    largest_mm: float  # largest difference of a distance
+    u_mm: float  # standard uncertainty of that difference
+    # the order of the stated places that would agree; None where none does
     order: tuple[int, ...] | None
 
 

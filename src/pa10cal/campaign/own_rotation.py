@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import Array
 from pa10cal.campaign.own_columns import RotationColumns
-
-Array = NDArray[np.float64]
 
 #: How many columns a convention takes; three where it is not here.
 COLUMNS = {"quaternion_wxyz": 4, "quaternion_xyzw": 4, "matrix": 9}

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import Array
 from pa10cal.campaign.csv_rows import CUT, column_names, read_rows
 from pa10cal.campaign.raw_rows import RawRows, numbers
 from pa10cal.campaign.rows import in_radians, position_columns
 from pa10cal.errors import RawDataError
-
-Array = NDArray[np.float64]
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _QUATERNION = ("qw", "qx", "qy", "qz")
@@ -36,38 +35,24 @@ _JOINT = re.compile(r"q\d+_\w+")
 
 @dataclass(frozen=True)
 class JointList:
-    """Joint positions as a file lists them.
+    """Joint positions as a file lists them."""
 
-    Attributes:
-        ids: (N,) names of the rows.
-        q: (N, n) joint positions [rad, m].
-        load_N: (N,) external loads; nan where none is given.
-        unused: columns that are not read.
-    """
-
-    ids: NDArray[np.str_]
-    q: Array
-    load_N: Array
-    unused: tuple[str, ...] = ()
+    ids: NDArray[np.str_]  # (N,) names of the rows
+    q: Array  # (N, n) joint positions [rad, m]
+    load_N: Array  # (N,) external loads; nan where none is given
+    unused: tuple[str, ...] = ()  # columns that are not read
 
 
 @dataclass(frozen=True)
 class TargetList:
-    """Targets as a file lists them.
+    """Targets as a file lists them."""
 
-    Attributes:
-        ids: (N,) names of the rows.
-        T: (N, 4, 4) poses [m].
-        load_N: (N,) external loads; nan where none is given.
-        seed: (N, n) joint positions near which the answer should be [rad, m]; nan where none are.
-        unused: columns that are not read.
-    """
-
-    ids: NDArray[np.str_]
-    T: Array
-    load_N: Array
+    ids: NDArray[np.str_]  # (N,) names of the rows
+    T: Array  # (N, 4, 4) poses [m]
+    load_N: Array  # (N,) external loads; nan where none is given
+    # (N, n) joint positions near which the answer should be [rad, m]; nan where none are
     seed: Array
-    unused: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()  # columns that are not read
 
 
 def read_joints(path: Path, prismatic: NDArray[np.bool_]) -> JointList:

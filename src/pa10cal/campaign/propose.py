@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.campaign.conventions import attitude_scatter, modelled_attitudes
 from pa10cal.campaign.csv_rows import Layout
 from pa10cal.campaign.description import SCHEMA
@@ -25,8 +26,6 @@ from pa10cal.campaign.rows import in_radians
 from pa10cal.campaign.sniff import Sniffed
 from pa10cal.errors import RawDataError
 from pa10cal.frame.length_scale import scale_of_points
-
-Array = NDArray[np.float64]
 
 #: Conventions that three columns of an attitude may follow, the commonest first.
 THREE = ("rpy", "euler_XYZ", "euler_ZYX", "euler_ZYZ", "fixed_zyx", "rotation_vector")
@@ -49,15 +48,10 @@ ASSUMED_MM = 0.05
 
 @dataclass(frozen=True)
 class Proposal:
-    """What campaign.yaml may say of a file.
+    """What campaign.yaml may say of a file."""
 
-    Attributes:
-        content: of campaign.yaml.
-        checks: what its reader should check or fill in, one sentence each.
-    """
-
-    content: dict[str, Any]
-    checks: tuple[str, ...]
+    content: dict[str, Any]  # of campaign.yaml
+    checks: tuple[str, ...]  # what its reader should check or fill in, one sentence each
 
 
 def propose(sniffed: Sniffed, file: str, name: str, robot: str, arm: Arm | None) -> Proposal:

@@ -19,40 +19,24 @@ from pa10cal.observe.observations import Observations
 
 @dataclass(frozen=True, order=True)
 class Quarantined:
-    """One row that is not used.
+    """One row that is not used."""
 
-    Attributes:
-        file: name of the raw file.
-        line: line in it, the header being line 1.
-        reason: why it is not used.
-        value: what was found, as text.
-        place: the configuration that it is of, in words; empty where that is not known.
-    """
-
-    file: str
-    line: int
-    reason: str
-    value: str = ""
-    place: str = ""
+    file: str  # name of the raw file
+    line: int  # line in it, the header being line 1
+    reason: str  # why it is not used
+    value: str = ""  # what was found, as text
+    place: str = ""  # the configuration that it is of, in words; empty where that is not known
 
 
 @dataclass(frozen=True)
 class Ingested:
-    """A campaign's readings and what is quarantined.
+    """A campaign's readings and what is quarantined."""
 
-    Attributes:
-        observations: single readings of all kinds, in order of time.
-        quarantined: rows that are not used, each once.
-        notes: what the reader should know, one clause each.
-        warnings: what the reader should mend before going on, one sentence each.
-        timed: whether the file has a column of times.
-    """
-
-    observations: Observations
-    quarantined: tuple[Quarantined, ...]
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...] = ()
-    timed: bool = True
+    observations: Observations  # single readings of all kinds, in order of time
+    quarantined: tuple[Quarantined, ...]  # rows that are not used, each once
+    notes: tuple[str, ...]  # what the reader should know, one clause each
+    warnings: tuple[str, ...] = ()  # what the reader should mend before going on, one sentence each
+    timed: bool = True  # whether the file has a column of times
 
 
 def quarantined(

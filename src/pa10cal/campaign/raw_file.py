@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.campaign.csv_rows import Layout, column_names, read_rows
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.own_columns import (
@@ -29,8 +30,6 @@ from pa10cal.campaign.own_columns import (
 from pa10cal.campaign.own_rotation import COLUMNS, no_rotation, quaternion_uncertainty, quaternions
 from pa10cal.campaign.raw_rows import TEXT, NumberColumn, OwnColumn, RawRows, finite, numbers
 from pa10cal.errors import RawDataError
-
-Array = NDArray[np.float64]
 
 QUATERNION = ("qw", "qx", "qy", "qz")
 #: Least standard uncertainty of a component of a quaternion that follows from stated ones.
@@ -57,19 +56,12 @@ _KEYS = {
 
 @dataclass(frozen=True)
 class RawFile:
-    """A raw file of a campaign.
+    """A raw file of a campaign."""
 
-    Attributes:
-        path: where it is.
-        key: what campaign.yaml calls it: poses, cmm or resolver.
-        prismatic: (n,) which joints of the arm slide.
-        columns: what its columns are; None where it follows the contract.
-    """
-
-    path: Path
-    key: str
-    prismatic: NDArray[np.bool_]
-    columns: FileColumns | None = None
+    path: Path  # where it is
+    key: str  # what campaign.yaml calls it: poses, cmm or resolver
+    prismatic: NDArray[np.bool_]  # (n,) which joints of the arm slide
+    columns: FileColumns | None = None  # what its columns are; None where it follows the contract
 
     @classmethod
     def of(

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.campaign.quarantine import Quarantined, quarantined
-
-Array = NDArray[np.float64]
 
 #: Columns of text; all others hold numbers.
 TEXT = ("id", "kind", "pose", "ball")
@@ -18,17 +17,11 @@ TEXT = ("id", "kind", "pose", "ball")
 
 @dataclass(frozen=True)
 class NumberColumn:
-    """A column of numbers, and the text of the fields that hold none.
+    """A column of numbers, and the text of the fields that hold none."""
 
-    Attributes:
-        values: (N,) numbers, nan where there is none.
-        odd: (m,) rows whose field is no finite number, ascending.
-        text: (m,) what stands there.
-    """
-
-    values: Array
-    odd: NDArray[np.intp]
-    text: NDArray[np.object_]
+    values: Array  # (N,) numbers, nan where there is none
+    odd: NDArray[np.intp]  # (m,) rows whose field is no finite number, ascending
+    text: NDArray[np.object_]  # (m,) what stands there
 
     def take(self, keep: NDArray[np.bool_]) -> NumberColumn:
         """Return some of the rows."""
@@ -46,40 +39,27 @@ class NumberColumn:
 
 @dataclass(frozen=True)
 class OwnColumn:
-    """What a column of the contract was read from, where the file has names of its own.
+    """What a column of the contract was read from, where the file has names of its own."""
 
-    Attributes:
-        name: the file's own name of it; of several columns all of them.
-        unit: the file's own unit.
-        factor, offset: what the file's number is multiplied by, and what is added then.
-    """
-
-    name: str
-    unit: str = ""
+    name: str  # the file's own name of it; of several columns all of them
+    unit: str = ""  # the file's own unit
+    # factor and offset: what the file's number is multiplied by, and what is added then
     factor: float = 1.0
     offset: float = 0.0
 
 
 @dataclass(frozen=True)
 class RawRows:
-    """Rows of one CSV file: numbers where a column holds them, else text.
+    """Rows of one CSV file: numbers where a column holds them, else text."""
 
-    Attributes:
-        file: name of the file.
-        columns: the columns requested, those of `TEXT` as (N,) text.
-        line: (N,) physical line of every row, the header being line 1.
-        total: rows in the file, quarantined ones included.
-        unused: columns that were not requested.
-        quarantined: rows that are not used.
-        own: the file's own columns, by the contract's names; empty where it has those.
-    """
-
-    file: str
+    file: str  # name of the file
+    # the columns requested, those of `TEXT` as (N,) text
     columns: dict[str, NumberColumn | NDArray[np.object_]]
-    line: NDArray[np.int64]
-    total: int
-    unused: tuple[str, ...]
-    quarantined: tuple[Quarantined, ...]
+    line: NDArray[np.int64]  # (N,) physical line of every row, the header being line 1
+    total: int  # rows in the file, quarantined ones included
+    unused: tuple[str, ...]  # columns that were not requested
+    quarantined: tuple[Quarantined, ...]  # rows that are not used
+    # the file's own columns, by the contract's names; empty where it has those
     own: dict[str, OwnColumn] = field(default_factory=dict)
 
     def name_of(self, name: str) -> str:

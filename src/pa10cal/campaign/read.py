@@ -35,25 +35,15 @@ LINES = ("line_x", "line_y")
 
 @dataclass(frozen=True)
 class Campaign:
-    """A measurement campaign as it was read.
-
-    Attributes:
-        folder: its folder.
-        description: the content of campaign.yaml.
-        arm: the nominal arm that it names.
-        observations: single readings of all kinds, in order of time.
-        quarantined: rows that are not used, each with file, line and reason.
-        notes: what the reader should know, one clause each.
-        warnings: what the reader should mend before going on, one sentence each.
-    """
+    """A measurement campaign as it was read."""
 
     folder: Path
-    description: CampaignDescription
-    arm: Arm
-    observations: Observations
-    quarantined: tuple[Quarantined, ...]
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...]
+    description: CampaignDescription  # the content of campaign.yaml
+    arm: Arm  # the nominal arm that it names
+    observations: Observations  # single readings of all kinds, in order of time
+    quarantined: tuple[Quarantined, ...]  # rows that are not used, each with file, line and reason
+    notes: tuple[str, ...]  # what the reader should know, one clause each
+    warnings: tuple[str, ...]  # what the reader should mend before going on, one sentence each
 
     @property
     def name(self) -> str:

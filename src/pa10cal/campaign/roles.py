@@ -51,25 +51,17 @@ _SINGLE = {
 
 @dataclass(frozen=True)
 class Roles:
-    """Names of columns by what they may be.
+    """Names of columns by what they may be."""
 
-    Attributes:
-        joints: in order; empty where none were recognised.
-        torques: likewise.
-        positions: triples by what stands before x, y, z, those of commands last.
-        attitude: columns, and the convention that the names suggest; None where there is none.
-        uncertain: uncertainties by the column that they are of.
-        single: further columns, by the key of `columns`.
-        times: every column that may hold a date or a time of day.
-    """
-
-    joints: tuple[str, ...]
-    torques: tuple[str, ...]
+    joints: tuple[str, ...]  # in order; empty where none were recognised
+    torques: tuple[str, ...]  # likewise
+    # triples by what stands before x, y, z, those of commands last
     positions: dict[str, tuple[str, ...]]
+    # columns, and the convention that the names suggest; None where there is none
     attitude: tuple[tuple[str, ...], str] | None
-    uncertain: dict[str, str]
-    single: dict[str, str]
-    times: tuple[str, ...] = ()
+    uncertain: dict[str, str]  # uncertainties by the column that they are of
+    single: dict[str, str]  # further columns, by the key of `columns`
+    times: tuple[str, ...] = ()  # every column that may hold a date or a time of day
 
 
 def roles_of(names: Sequence[str], joints: int | None) -> Roles:

@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_columns, base_target_names, base_targets
 from pa10cal.campaign.bounds import Bounds, within_bounds
 from pa10cal.campaign.quarantine import Quarantined
@@ -29,8 +30,6 @@ from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.quantities import Stated
 from pa10cal.observe.raw import RawColumns
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 Rows = Index | NDArray[np.bool_]
 
 _T = TypeVar("_T", bound="_Columns")
@@ -38,15 +37,10 @@ _T = TypeVar("_T", bound="_Columns")
 
 @dataclass(frozen=True)
 class _Columns:
-    """Arrays of equal length, one entry a row of a file.
+    """Arrays of equal length, one entry a row of a file."""
 
-    Attributes:
-        line: (N,) physical line in the file.
-        time_s: (N,) time, ascending.
-    """
-
-    line: NDArray[np.int64]
-    time_s: Array
+    line: NDArray[np.int64]  # (N,) physical line in the file
+    time_s: Array  # (N,) time, ascending
 
     def __len__(self) -> int:
         return len(self.line)
@@ -58,23 +52,14 @@ class _Columns:
 
 @dataclass(frozen=True)
 class Touches(_Columns):
-    """Probe touches on tooling balls.
+    """Probe touches on tooling balls."""
 
-    Attributes:
-        kind: (N,) one of `KINDS`.
-        pose: (N,) label.
-        load_N: (N,) external load.
-        repeat: (N,) number of the repeat.
-        ball: (N,) index of the ball.
-        p_instr_mm: (N, 3) touched point, probe radius compensated.
-    """
-
-    kind: NDArray[np.str_]
-    pose: NDArray[np.str_]
-    load_N: Array
-    repeat: NDArray[np.int64]
-    ball: NDArray[np.int64]
-    p_instr_mm: Array
+    kind: NDArray[np.str_]  # (N,) one of `KINDS`
+    pose: NDArray[np.str_]  # (N,) label
+    load_N: Array  # (N,) external load
+    repeat: NDArray[np.int64]  # (N,) number of the repeat
+    ball: NDArray[np.int64]  # (N,) index of the ball
+    p_instr_mm: Array  # (N, 3) touched point, probe radius compensated
 
     @property
     def configurations(self) -> Index:
@@ -84,28 +69,18 @@ class Touches(_Columns):
 
 @dataclass(frozen=True)
 class Samples(_Columns):
-    """Samples of the resolver and torque log of an arm with n joints.
+    """Samples of the resolver and torque log of an arm with n joints."""
 
-    Attributes:
-        q_deg: (N, n) motor-side joint positions after the gear ratio.
-        tau_Nm: (N, n) torques that hold the arm.
-        temperature_C: (N,) temperature.
-    """
-
-    q_deg: Array
-    tau_Nm: Array
-    temperature_C: Array
+    q_deg: Array  # (N, n) motor-side joint positions after the gear ratio
+    tau_Nm: Array  # (N, n) torques that hold the arm
+    temperature_C: Array  # (N,) temperature
 
 
 @dataclass(frozen=True)
 class PoseRows(_Columns):
-    """Configurations as `files.poses` holds them.
+    """Configurations as `files.poses` holds them."""
 
-    Attributes:
-        observations: (N,) their content.
-    """
-
-    observations: Observations
+    observations: Observations  # (N,) their content
 
     @property
     def configurations(self) -> Index:
@@ -116,22 +91,14 @@ class PoseRows(_Columns):
 
 @dataclass(frozen=True)
 class FileRead:
-    """How the reading of one file went.
+    """How the reading of one file went."""
 
-    Attributes:
-        file: its name.
-        total: rows in it.
-        out_of_order: rows whose time was earlier than that of a row before them; they were sorted
-            in and are used.
-        unused: columns that nothing is read from.
-        quarantined: rows that are not used.
-    """
-
-    file: str
-    total: int
+    file: str  # its name
+    total: int  # rows in it
+    # rows whose time was earlier than that of a row before them; they were sorted in and are used
     out_of_order: int
-    unused: tuple[str, ...]
-    quarantined: tuple[Quarantined, ...]
+    unused: tuple[str, ...]  # columns that nothing is read from
+    quarantined: tuple[Quarantined, ...]  # rows that are not used
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: Commands whose joints differ by less are one command [rad].
 SAME_COMMAND_RAD = 1e-6

@@ -13,11 +13,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array, Mask
 from pa10cal.errors import CalibrationError, RawDataError
 from pa10cal.observe.raw import Misfit
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 #: Times [s], and joint positions or places at them.
 TimedJoints = tuple[Array, Array]
 TimedPlaces = tuple[Array, Array]

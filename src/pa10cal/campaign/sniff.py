@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.campaign.csv_rows import Layout
 from pa10cal.errors import RawDataError
-
-Array = NDArray[np.float64]
 
 #: So many lines are looked at.
 LINES = 3000
@@ -24,19 +23,12 @@ _SEPARATORS = (";", "\t", ",", None)
 
 @dataclass(frozen=True)
 class Sniffed:
-    """A file, as far as it was looked at.
+    """A file, as far as it was looked at."""
 
-    Attributes:
-        layout: how it is written.
-        names: of its columns.
-        text: (N, k) fields of the rows.
-        numbers: (N, k) the same as numbers, nan where a field is none.
-    """
-
-    layout: Layout
-    names: tuple[str, ...]
-    text: NDArray[np.str_]
-    numbers: Array
+    layout: Layout  # how it is written
+    names: tuple[str, ...]  # of its columns
+    text: NDArray[np.str_]  # (N, k) fields of the rows
+    numbers: Array  # (N, k) the same as numbers, nan where a field is none
 
     def column(self, name: str) -> Array:
         """Return a column of numbers."""

@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import Array, Mask
 from pa10cal.frame.rigid_fit import fit_rigid
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Touches within so small a part of the radius (rms) of one plane count as coplanar.
 COPLANAR = 0.05
@@ -34,21 +32,16 @@ LEAST_REDUNDANCY = 1e-3
 
 @dataclass(frozen=True)
 class Spheres:
-    """Spheres through the touches of G balls.
+    """Spheres through the touches of G balls."""
 
-    Attributes:
-        centre_mm: (G, 3) centres.
-        residual_mm: (G, T) distance of each touch outside its sphere; 0 where there is no touch.
-        cofactor: (G, 3, 3) covariance of the centre for touches of unit variance, the inverse of
-            the normal matrix of the touches' normals.
-        touches: (G,) touches used.
-        coplanar: (G,) whether the touches lie in one plane, so that the centre is not determined.
-    """
-
-    centre_mm: Array
+    centre_mm: Array  # (G, 3) centres
+    # (G, T) distance of each touch outside its sphere; 0 where there is no touch
     residual_mm: Array
+    # (G, 3, 3) covariance of the centre for touches of unit variance, the inverse of the normal
+    # matrix of the touches' normals
     cofactor: Array
-    touches: NDArray[np.int64]
+    touches: NDArray[np.int64]  # (G,) touches used
+    # (G,) whether the touches lie in one plane, so that the centre is not determined
     coplanar: Mask
 
     def take(self, balls: Mask) -> Spheres:
@@ -136,15 +129,10 @@ def _linearise(
 
 @dataclass(frozen=True)
 class TouchOutliers:
-    """Suspected outliers among the touches of C configurations.
+    """Suspected outliers among the touches of C configurations."""
 
-    Attributes:
-        touch: (C, B, T) single touches that are.
-        undecided: (C,) configurations that do not fit the tool, no one touch being to blame.
-    """
-
-    touch: Mask
-    undecided: Mask
+    touch: Mask  # (C, B, T) single touches that are
+    undecided: Mask  # (C,) configurations that do not fit the tool, no one touch being to blame
 
 
 def find_outliers(

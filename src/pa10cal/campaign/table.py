@@ -15,14 +15,13 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.errors import RawDataError
 from pa10cal.observe.base_targets import BaseTargets, MotionFound
 from pa10cal.observe.group import joined
 from pa10cal.observe.observations import JointLog, Observations
-
-Array = NDArray[np.float64]
 
 SCHEMA = "pa10cal-poses/1"
 

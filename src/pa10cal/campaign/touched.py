@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array, Index
 from pa10cal.campaign.balls import (
     LEAST_TOUCHES,
     LocatedBalls,
@@ -51,9 +52,6 @@ from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.observe.raw import Misfit
 from pa10cal.observe.touched import Touched
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 #: The touches' scatter may exceed the instrument's statement by this factor without a note.
 SCATTER_NOTE = 1.5

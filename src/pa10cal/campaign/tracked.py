@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.base_motion import base_target_names, refuse_base_targets, steadied
 from pa10cal.campaign.bounds import Bounds
 from pa10cal.campaign.completeness import count_warnings
@@ -41,7 +42,6 @@ from pa10cal.campaign.screens import (
     OTHER_COMMAND,
     OUT_OF_REACH,
     READ_BEFORE,
-    Mask,
     may_be_radians,
     off_command,
     off_first,
@@ -55,8 +55,6 @@ from pa10cal.campaign.screens import (
 )
 from pa10cal.errors import RawDataError
 from pa10cal.observe.raw import Misfit, RawColumns
-
-Array = NDArray[np.float64]
 
 NO_TORQUES = "no torques logged, masses unknown: those of assumed weights are used"
 THOSE_OF_MASSES = "no torques logged: those of the described masses are used"

@@ -12,7 +12,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from pa10cal.arm.chain import Chain
@@ -25,6 +24,7 @@ from pa10cal.arm.weights import (
     weights_known,
     with_assumed_weights,
 )
+from pa10cal.arrays import Array
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.files.arms import load_arm
@@ -33,8 +33,6 @@ from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
-
-Array = NDArray[np.float64]
 
 #: Masses that a drawing program exports where nobody gave any [kg].
 _PLACEHOLDERS = (0.0, 1.0)
@@ -147,23 +145,14 @@ def _some(poses: Observations) -> Observations:
 
 @dataclass(frozen=True)
 class _Torques:
-    """Logged torques beside those of the weights.
+    """Logged torques beside those of the weights."""
 
-    Attributes:
-        arm: with its weights.
-        payload: what it carries.
-        logged_Nm: (P, n) logged torques.
-        left_Nm: (P, n) these less calculated ones.
-        by_weights: (P, n, 4 n + 3) derivative of the calculated ones.
-        nuisance: (P, n, c) what logs are usually off by, at its size.
-    """
-
-    arm: Arm
-    payload: Payload
-    logged_Nm: Array
-    left_Nm: Array
-    by_weights: Array
-    nuisance: Array
+    arm: Arm  # with its weights
+    payload: Payload  # what it carries
+    logged_Nm: Array  # (P, n) logged torques
+    left_Nm: Array  # (P, n) these less calculated ones
+    by_weights: Array  # (P, n, 4 n + 3) derivative of the calculated ones
+    nuisance: Array  # (P, n, c) what logs are usually off by, at its size
 
     @classmethod
     def of(cls, arm: Arm, payload: Payload, poses: Observations) -> _Torques:

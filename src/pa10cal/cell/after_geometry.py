@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import Array
 from pa10cal.cell.campaign import Campaign
 from pa10cal.cell.options import TrackerOptions
-
-Array = NDArray[np.float64]
 
 #: Motions that are less than this part of the largest one, once the others are taken out, are those
 #: that the others make already.
@@ -25,18 +23,13 @@ _REDUNDANT = 1e-9
 
 @dataclass(frozen=True)
 class AfterGeometry:
-    """What each effect of a campaign leaves, beside the noise.
+    """What each effect of a campaign leaves, beside the noise."""
 
-    Attributes:
-        moved_mm: how far each moves the readings after the geometry is fitted again, root mean
-            square of positions.
-        apart_mm: the same once the sizes of the other effects are fitted, too.
-        noise_mm: what noise moves positions by, likewise, averaged over repeats.
-    """
-
+    # how far each moves the readings after the geometry is fitted again, root mean square of
+    # positions
     moved_mm: tuple[float, ...]
-    apart_mm: tuple[float, ...]
-    noise_mm: float
+    apart_mm: tuple[float, ...]  # the same once the sizes of the other effects are fitted, too
+    noise_mm: float  # what noise moves positions by, likewise, averaged over repeats
 
 
 def after_geometry(made: Campaign, without: Sequence[Campaign]) -> AfterGeometry:

@@ -10,9 +10,9 @@ from importlib import import_module
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.cell import instruments
 from pa10cal.cell.effects.effect import DriveEffect, Effect, Motion
 from pa10cal.cell.effects.vocabulary import make_effects
@@ -23,29 +23,20 @@ from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.errors import SettingsError
 
-Array = NDArray[np.float64]
-
 REFERENCE_TEMPERATURE_C = 21.0
 _DRIFT_PERIOD_S = 24 * 3600.0
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """What a campaign's folder holds, and what it must not.
-
-    Attributes:
-        name: its name.
-        settings: the request to the cell.
-        instrument: what measured it.
-        tables: raw tables by their key in campaign.yaml, as in the raw-data contract.
-        truth: what is hidden; never written beside the rest.
-    """
+    """What a campaign's folder holds, and what it must not."""
 
     name: str
-    settings: SimulateOptions
-    instrument: Instrument
+    settings: SimulateOptions  # the request to the cell
+    instrument: Instrument  # what measured it
+    # raw tables by their key in campaign.yaml, as in the raw-data contract
     tables: Mapping[str, pd.DataFrame]
-    truth: Truth
+    truth: Truth  # what is hidden; never written beside the rest
 
 
 def simulate_campaign(

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.cell.effects.effect import Site
@@ -23,8 +22,6 @@ from pa10cal.cell.trials import Trial, log_uniform
 from pa10cal.errors import SettingsError
 from pa10cal.files.arms import load_arm
 from pa10cal.settings_reading import parse_section
-
-Array = NDArray[np.float64]
 
 #: What errs; where nothing does, motors ripple all the same.
 DriveKind = Literal["sensor", "gear", "both", "neither"]
@@ -47,17 +44,11 @@ _STAYS = 0.2
 
 @dataclass(frozen=True)
 class DriveBench:
-    """An arm under a tracker of poses.
+    """An arm under a tracker of poses."""
 
-    Attributes:
-        robot: name of an arm description.
-        campaigns: in which it is measured.
-        flexible_joints: joints with a linear spring, of an arm with masses.
-    """
-
-    robot: str
-    campaigns: int
-    flexible_joints: tuple[int, ...] = ()
+    robot: str  # name of an arm description
+    campaigns: int  # in which it is measured
+    flexible_joints: tuple[int, ...] = ()  # joints with a linear spring, of an arm with masses
 
     @property
     def name(self) -> str:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import (
     CarriedTorqueEffect,
     Effect,
@@ -20,8 +20,6 @@ from pa10cal.cell.mechanism import Strain
 from pa10cal.cell.robot import Robot
 from pa10cal.errors import SimulationError
 
-Array = NDArray[np.float64]
-
 #: The iteration stops when no joint and no link moves by more than this [rad, m].
 TOLERANCE = 1e-13
 MAX_ITERATIONS = 200
@@ -29,17 +27,11 @@ MAX_ITERATIONS = 200
 
 @dataclass(frozen=True)
 class Rest:
-    """P configurations of an arm at rest.
+    """P configurations of an arm at rest."""
 
-    Attributes:
-        q: (P, n) positions of the links [rad, or m of a prismatic joint].
-        tau_Nm: (P, n) torques that the motors exert (forces [N] of prismatic joints).
-        T_base_ee: (P, 4, 4) flange in the robot base frame [m].
-    """
-
-    q: Array
-    tau_Nm: Array
-    T_base_ee: Array
+    q: Array  # (P, n) positions of the links [rad, or m of a prismatic joint]
+    tau_Nm: Array  # (P, n) torques that the motors exert (forces [N] of prismatic joints)
+    T_base_ee: Array  # (P, 4, 4) flange in the robot base frame [m]
 
 
 def rest_poses(

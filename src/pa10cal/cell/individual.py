@@ -8,11 +8,11 @@ from dataclasses import fields, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arrays import Array
 from pa10cal.cell.mechanism import Mechanism
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.poses import centre_rad
@@ -27,7 +27,6 @@ from pa10cal.cell.tool import (
 from pa10cal.cell.unstated import described, weighed
 from pa10cal.errors import SimulationError
 
-Array = NDArray[np.float64]
 KcubReading = Literal["text_e7", "table_e8"]
 
 PAPER_ROBOT = "pa10_6ce"

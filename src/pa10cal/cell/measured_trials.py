@@ -12,9 +12,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.cell.campaign import robot_of
 from pa10cal.cell.effects.effect import LONG_LINKS, Site
 from pa10cal.cell.effects.vocabulary import all_effects, places_of
@@ -28,8 +28,6 @@ from pa10cal.cell.unstated import described, draw_unstated, nominal
 from pa10cal.errors import SettingsError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.settings_reading import parse_section
-
-Array = NDArray[np.float64]
 
 UNSTATED, SORTED = "unstated_masses", "sorted_rows"
 SPRING = "joint_compliance"
@@ -109,21 +107,13 @@ def subjects_in_turn(kind: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _OwnArm:
-    """One arm whose masses are not stated.
+    """One arm whose masses are not stated."""
 
-    Attributes:
-        shipped: whose kind it is.
-        raw: what is true of it, as `UnstatedOptions`.
-        tool_kg: true mass of its tool.
-        arm: as the campaign describes it.
-        mechanism: as described, with the true weights.
-    """
-
-    shipped: Arm
-    raw: dict[str, Any]
-    tool_kg: float
-    arm: Arm
-    mechanism: Mechanism
+    shipped: Arm  # whose kind it is
+    raw: dict[str, Any]  # what is true of it, as `UnstatedOptions`
+    tool_kg: float  # true mass of its tool
+    arm: Arm  # as the campaign describes it
+    mechanism: Mechanism  # as described, with the true weights
 
     @classmethod
     def drawn(cls, robot: str, rng: np.random.Generator) -> _OwnArm:

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.cell.robot import Departures, Payload
-
-Array = NDArray[np.float64]
 
 #: Gravity along the axes of the robot base [m/s^2].
 GRAVITY_M_S2 = np.array([0.0, 0.0, -9.80665])
@@ -29,20 +28,13 @@ class Strain:
     """How the structure has moved from its unloaded shape, in each of P configurations.
 
     A link's end is the frame in which the next joint moves (the flange, for the last link).
-
-    Attributes:
-        base_turn_rad: (P, 3) small rotation of the base about its origin, along base axes.
-        base_shift_m: (P, 3) displacement of the base along base axes.
-        turn_rad: (P, n, 3) rotation of each link's end, along the axes of that end.
-        shift_m: (P, n, 3) displacement of each link's end, along the axes of that end.
-        stretch: (P, n) relative growth of each link.
     """
 
-    base_turn_rad: Array
-    base_shift_m: Array
-    turn_rad: Array
-    shift_m: Array
-    stretch: Array
+    base_turn_rad: Array  # (P, 3) small rotation of the base about its origin, along base axes
+    base_shift_m: Array  # (P, 3) displacement of the base along base axes
+    turn_rad: Array  # (P, n, 3) rotation of each link's end, along the axes of that end
+    shift_m: Array  # (P, n, 3) displacement of each link's end, along the axes of that end
+    stretch: Array  # (P, n) relative growth of each link
 
     @classmethod
     def none(cls, poses: int, joints: int) -> Strain:
@@ -70,41 +62,27 @@ class Strain:
 
 @dataclass(frozen=True)
 class Statics:
-    """What weights do to an arm at rest in P poses.
+    """What weights do to an arm at rest in P poses."""
 
-    Attributes:
-        torque_Nm: (P, n) what the motors exert (forces [N] of prismatic joints).
-        link_Nm: (P, n, 3) moment that each link carries at its far end, about and along the axes
-            of the frame from which the next joint moves (zero for the last link, whose payload is
-            part of it).
-        base_Nm: (P, 3) overturning moment about the base's origin, along base axes.
-    """
-
-    torque_Nm: Array
+    torque_Nm: Array  # (P, n) what the motors exert (forces [N] of prismatic joints)
+    # (P, n, 3) moment that each link carries at its far end, about and along the axes of the frame
+    # from which the next joint moves (zero for the last link, whose payload is part of it)
     link_Nm: Array
-    base_Nm: Array
+    base_Nm: Array  # (P, 3) overturning moment about the base's origin, along base axes
 
 
 @dataclass(frozen=True)
 class Mechanism:
-    """Joints and links of one robot, with their weights.
+    """Joints and links of one robot, with their weights."""
 
-    Attributes:
-        placements: (n, 4, 4) frame of each joint at position 0, in the frame that the joint before
-            it carries along (the base, for the first) [m].
-        T_last_ee: (4, 4) end-effector in the frame that the last joint carries along [m].
-        slides: (n,) whether the joint slides along its z axis.
-        mass_kg: (n,) masses of the links, zero where they are not known.
-        com_m: (n, 3) their centres of mass in the frame that their joint carries along.
-        payload: what the arm carries.
-    """
-
+    # (n, 4, 4) frame of each joint at position 0, in the frame that the joint before it carries
+    # along (the base, for the first) [m]
     placements: Array
-    T_last_ee: Array
-    slides: NDArray[np.bool_]
-    mass_kg: Array
-    com_m: Array
-    payload: Payload
+    T_last_ee: Array  # (4, 4) end-effector in the frame that the last joint carries along [m]
+    slides: NDArray[np.bool_]  # (n,) whether the joint slides along its z axis
+    mass_kg: Array  # (n,) masses of the links, zero where they are not known
+    com_m: Array  # (n, 3) their centres of mass in the frame that their joint carries along
+    payload: Payload  # what the arm carries
 
     @classmethod
     def of(

@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.cell.mechanism import Mechanism
 from pa10cal.cell.options import CellPosesOptions
 from pa10cal.cell.tool import BALLS_DESIGN_M
 from pa10cal.errors import SimulationError
-
-Array = NDArray[np.float64]
 
 GRID_POINTS_A_SIDE = 3
 LINE_POINTS = 11
@@ -41,20 +39,14 @@ _ROUNDING = 1e-9  #: a position at a limit may be beyond it by this [deg, mm]
 
 @dataclass(frozen=True)
 class Poses:
-    """Commanded joint positions [rad, or m of a prismatic joint], of the nominal arm.
+    """Commanded joint positions [rad, or m of a prismatic joint], of the nominal arm."""
 
-    Attributes:
-        line_x: (11, n) straight move along the base's x axis, tool attitude fixed.
-        line_y: (11, n) the same along y.
-        grid: (P, n) calibration poses in the order in which a path runs through them: the 27 of
-            the grid, or those of the wide layout; then those that the settings add.
-        holdout: (H, n) poses outside the grid's volume, or more of the wide ones.
-    """
-
-    line_x: Array
-    line_y: Array
+    line_x: Array  # (11, n) straight move along the base's x axis, tool attitude fixed
+    line_y: Array  # (11, n) the same along y
+    # (P, n) calibration poses in the order in which a path runs through them: the 27 of the grid,
+    # or those of the wide layout; then those that the settings add
     grid: Array
-    holdout: Array
+    holdout: Array  # (H, n) poses outside the grid's volume, or more of the wide ones
 
 
 def centre_rad(arm: Arm, settings: CellPosesOptions) -> Array:

@@ -12,8 +12,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _CONFIGURATION = ["kind", "pose", "load_N", "repeat"]
@@ -22,17 +22,11 @@ _QUATERNION = ["qw", "qx", "qy", "qz"]
 
 @dataclass
 class RawLog:
-    """Description and raw tables of a campaign; disturbances change them in place.
+    """Description and raw tables of a campaign; disturbances change them in place."""
 
-    Attributes:
-        description: content of campaign.yaml.
-        tables: raw tables by their key under `files`.
-        arm: the arm that the campaign names; one that is not shipped is described in the folder.
-    """
-
-    description: dict[str, Any]
-    tables: dict[str, pd.DataFrame]
-    arm: Arm
+    description: dict[str, Any]  # content of campaign.yaml
+    tables: dict[str, pd.DataFrame]  # raw tables by their key under `files`
+    arm: Arm  # the arm that the campaign names; one that is not shipped is described in the folder
 
     @classmethod
     def of(

@@ -9,30 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 
 if TYPE_CHECKING:
     from pa10cal.cell.mechanism import Mechanism
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Departures:
-    """What every row of the arm departs by from its nominal figure; all (n,).
+    """What every row of the arm departs by from its nominal figure; all (n,)."""
 
-    Attributes:
-        a_m: lengths along x.
-        alpha_rad: twists.
-        d_m: offsets along z.
-        theta_rad: joint offsets.
-        beta_rad: Hayati angles.
-    """
-
-    a_m: Array
-    alpha_rad: Array
-    d_m: Array
-    theta_rad: Array
-    beta_rad: Array
+    a_m: Array  # lengths along x
+    alpha_rad: Array  # twists
+    d_m: Array  # offsets along z
+    theta_rad: Array  # joint offsets
+    beta_rad: Array  # Hayati angles
 
     @classmethod
     def none(cls, n: int) -> Departures:
@@ -42,17 +33,11 @@ class Departures:
 
 @dataclass(frozen=True)
 class Springs:
-    """Cubic springs tau = k_lin delta + k_cub delta^3 between motor and link, equation (1).
+    """Cubic springs tau = k_lin delta + k_cub delta^3 between motor and link, equation (1)."""
 
-    Attributes:
-        k_lin: (n,) [N m/rad]; infinite where the joint is rigid.
-        k_cub: (n,) [N m/rad^3].
-        source: where the figures come from, for the record of the truth.
-    """
-
-    k_lin: Array
-    k_cub: Array
-    source: str
+    k_lin: Array  # (n,) [N m/rad]; infinite where the joint is rigid
+    k_cub: Array  # (n,) [N m/rad^3]
+    source: str  # where the figures come from, for the record of the truth
 
     @property
     def flexible(self) -> NDArray[np.bool_]:
@@ -81,56 +66,35 @@ class Springs:
 
 @dataclass(frozen=True)
 class Payload:
-    """What an arm carries; points in the end-effector frame.
+    """What an arm carries; points in the end-effector frame."""
 
-    Attributes:
-        mass_kg: mass of the tool.
-        com_m: (3,) its centre of mass.
-        load_point_m: (3,) where an external load hangs.
-    """
-
-    mass_kg: float
-    com_m: Array
-    load_point_m: Array
+    mass_kg: float  # mass of the tool
+    com_m: Array  # (3,) its centre of mass
+    load_point_m: Array  # (3,) where an external load hangs
 
 
 @dataclass(frozen=True)
 class Targets:
-    """B targets (tooling balls, reflectors) on the flange; points in the end-effector frame.
+    """B targets (tooling balls, reflectors) on the flange; points in the end-effector frame."""
 
-    Attributes:
-        names: B names.
-        p_ee_m: (B, 3) where they are.
-        p_ee_stated_m: (B, 3) where the campaign says they are.
-    """
-
-    names: tuple[str, ...]
-    p_ee_m: Array
-    p_ee_stated_m: Array
+    names: tuple[str, ...]  # B names
+    p_ee_m: Array  # (B, 3) where they are
+    p_ee_stated_m: Array  # (B, 3) where the campaign says they are
 
 
 @dataclass(frozen=True)
 class Robot:
-    """One individual robot with its tool, standing in front of the instrument.
+    """One individual robot with its tool, standing in front of the instrument."""
 
-    Attributes:
-        arm: the arm as its maker describes it.
-        mechanism: its joints, links and payload as they are.
-        springs: its joint springs.
-        T_instr_base: (4, 4) its base in the instrument's frame [m].
-        targets: what the instrument measures.
-        T_ee_target: (4, 4) the target of a tracker of poses, in the end-effector frame [m]; the
-            campaign says that it is the end-effector frame itself.
-        departures: by what its rows depart; None where its axes depart in any way.
-    """
-
-    arm: Arm
-    mechanism: Mechanism
-    springs: Springs
-    T_instr_base: Array
-    targets: Targets
+    arm: Arm  # the arm as its maker describes it
+    mechanism: Mechanism  # its joints, links and payload as they are
+    springs: Springs  # its joint springs
+    T_instr_base: Array  # (4, 4) its base in the instrument's frame [m]
+    targets: Targets  # what the instrument measures
+    # (4, 4) the target of a tracker of poses, in the end-effector frame [m]; the campaign says
+    # that it is the end-effector frame itself
     T_ee_target: Array
-    departures: Departures | None
+    departures: Departures | None  # by what its rows depart; None where its axes depart in any way
 
     def T_instr_target(self, T_base_ee: Array) -> Array:
         """Return where the target of a tracker of poses is, for end-effectors (P, 4, 4)."""

@@ -7,10 +7,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.poses import Poses
-
-Array = NDArray[np.float64]
 
 #: One configuration of touched balls takes this long; hanging another weight between sweeps takes a
 #: pause.
@@ -22,25 +21,15 @@ LEAST_MOVE_RAD = np.radians(0.01)
 
 @dataclass(frozen=True)
 class Schedule:
-    """C configurations in the order of time.
+    """C configurations in the order of time."""
 
-    Attributes:
-        kind: (C,) `line_x`, `line_y`, `grid` or `holdout`.
-        pose: (C,) labels; the same label is the same command.
-        load_N: (C,) hanging weight.
-        repeat: (C,) from 1.
-        start_s: (C,) when the robot sets out for each.
-        q: (C, n) commanded joint positions [rad, or m of a prismatic joint].
-        q_from: (C, n) where the arm comes from.
-    """
-
-    kind: NDArray[np.str_]
-    pose: NDArray[np.str_]
-    load_N: Array
-    repeat: NDArray[np.int64]
-    start_s: Array
-    q: Array
-    q_from: Array
+    kind: NDArray[np.str_]  # (C,) `line_x`, `line_y`, `grid` or `holdout`
+    pose: NDArray[np.str_]  # (C,) labels; the same label is the same command
+    load_N: Array  # (C,) hanging weight
+    repeat: NDArray[np.int64]  # (C,) from 1
+    start_s: Array  # (C,) when the robot sets out for each
+    q: Array  # (C, n) commanded joint positions [rad, or m of a prismatic joint]
+    q_from: Array  # (C, n) where the arm comes from
 
     def __len__(self) -> int:
         return len(self.pose)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.cell.campaign import robot_of
 from pa10cal.cell.effects.effect import Effect, Site, TorqueLogEffect
 from pa10cal.cell.effects.vocabulary import places_of
@@ -37,8 +37,6 @@ from pa10cal.errors import SettingsError
 from pa10cal.files.arms import load_arm
 from pa10cal.settings_reading import parse_section
 
-Array = NDArray[np.float64]
-
 #: Configurations of a tracker's trial, and the share held out.
 TRACKED_POSES = 300
 DISTANCE_POSES = 430
@@ -49,23 +47,14 @@ COULOMB_PER_RATED = 0.1
 
 @dataclass(frozen=True)
 class Bench:
-    """An arm under a tracker.
+    """An arm under a tracker."""
 
-    Attributes:
-        robot: name of an arm description.
-        instrument: kind of the tracker.
-        flexible_joints: joints with a linear spring, of an arm with masses.
-        logs_torques: whether some of its trials log torques.
-        targets: how many an instrument of several sees; None draws that.
-        poses: configurations of a trial.
-    """
-
-    robot: str
-    instrument: str
-    flexible_joints: tuple[int, ...] = ()
-    logs_torques: bool = False
-    targets: int | None = None
-    poses: int = TRACKED_POSES
+    robot: str  # name of an arm description
+    instrument: str  # kind of the tracker
+    flexible_joints: tuple[int, ...] = ()  # joints with a linear spring, of an arm with masses
+    logs_torques: bool = False  # whether some of its trials log torques
+    targets: int | None = None  # how many an instrument of several sees; None draws that
+    poses: int = TRACKED_POSES  # configurations of a trial
 
     @property
     def name(self) -> str:
@@ -202,17 +191,11 @@ def _tracked(
 
 @dataclass(frozen=True)
 class KnownBench:
-    """What may be hidden at a bench.
+    """What may be hidden at a bench."""
 
-    Attributes:
-        asked: arm and instrument.
-        robot: one such robot.
-        typical_Nm: (n,) torques of its joints, root mean square about their mean.
-    """
-
-    asked: Bench
-    robot: Robot
-    typical_Nm: Array
+    asked: Bench  # arm and instrument
+    robot: Robot  # one such robot
+    typical_Nm: Array  # (n,) torques of its joints, root mean square about their mean
 
     @classmethod
     def of(cls, asked: Bench) -> KnownBench:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.cell.effects.effect import Effect, Site
@@ -23,7 +22,6 @@ from pa10cal.errors import SettingsError
 from pa10cal.files.arms import load_arm
 from pa10cal.settings_reading import parse_section
 
-Array = NDArray[np.float64]
 Layout = Literal["grid", "wide"]
 TrialKind = Literal["null", "single", "pair", "triple", "outside", "wrong_noise", "wrong_mass"]
 KINDS: tuple[TrialKind, ...] = get_args(TrialKind)
@@ -59,24 +57,17 @@ MEMBERS: dict[TrialKind, int] = {"single": 1, "outside": 1, "pair": 2, "triple":
 
 @dataclass(frozen=True)
 class Trial:
-    """One campaign to be judged without its truth.
+    """One campaign to be judged without its truth."""
 
-    Attributes:
-        name: of the campaign; gives nothing away.
-        kind: `null`: nothing hidden; `single`, `pair`, `triple`: so many effects of the
-            vocabulary; `outside`: one that has no name in it; `wrong_noise`, `wrong_mass`: nothing
-            hidden, but the campaign states a wrong uncertainty, or a link has another mass than
-            the arm's description says; or a kind of `wild_trials`.
-        bench: layout of the poses, or arm and instrument.
-        settings: what the virtual cell is to do, with the hidden effects.
-        sizes: one a hidden effect: factor of its usual size.
-    """
-
-    name: str
+    name: str  # of the campaign; gives nothing away
+    # `null`: nothing hidden; `single`, `pair`, `triple`: so many effects of the vocabulary;
+    # `outside`: one that has no name in it; `wrong_noise`, `wrong_mass`: nothing hidden, but the
+    # campaign states a wrong uncertainty, or a link has another mass than the arm's description
+    # says; or a kind of `wild_trials`
     kind: str
-    bench: str
-    settings: SimulateOptions
-    sizes: tuple[float, ...]
+    bench: str  # layout of the poses, or arm and instrument
+    settings: SimulateOptions  # what the virtual cell is to do, with the hidden effects
+    sizes: tuple[float, ...]  # one a hidden effect: factor of its usual size
 
     @property
     def size(self) -> float:

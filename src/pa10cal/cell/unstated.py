@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.cell.mechanism import Mechanism
@@ -19,8 +18,6 @@ from pa10cal.cell.options import UnstatedOptions
 from pa10cal.cell.robot import Departures
 from pa10cal.cell.tool import tool_payload
 from pa10cal.errors import SimulationError
-
-Array = NDArray[np.float64]
 
 #: What campaigns call an arm that is described so.
 NAME = "own_arm"

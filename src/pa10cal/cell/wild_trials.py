@@ -147,21 +147,13 @@ def subjects_of(kind: WildKind) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _SetUp:
-    """How a campaign is measured.
+    """How a campaign is measured."""
 
-    Attributes:
-        bench: arm and instrument; None for the PA10 and its balls.
-        repeats: of every calibration pose.
-        loads_N: external loads.
-        logs_torques: whether torques are logged.
-        targets: seen by the instrument.
-    """
-
-    bench: KnownBench | None
-    repeats: int
-    loads_N: tuple[float, ...]
-    logs_torques: bool
-    targets: int
+    bench: KnownBench | None  # arm and instrument; None for the PA10 and its balls
+    repeats: int  # of every calibration pose
+    loads_N: tuple[float, ...]  # external loads
+    logs_torques: bool  # whether torques are logged
+    targets: int  # seen by the instrument
 
     @classmethod
     def drawn(cls, name: str, rng: np.random.Generator) -> _SetUp:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_file import load_model
 from pa10cal.results.health import UNRESERVED
-
-Array = NDArray[np.float64]
 
 
 def model_in_use(path: Path, *, force: bool) -> FittedModel:

@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
+from pa10cal.arrays import Array
 from pa10cal.curve.curve import Bounds, Curve
-
-Array = NDArray[np.float64]
 
 _QUARTER_TURN = np.pi / 2.0 - 1e-6
 _HALF_TURN = np.pi - 1e-6
@@ -32,15 +31,10 @@ _LEAST_SLOPE = 0.05
 
 @dataclass(frozen=True)
 class Ahead:
-    """Points that follow one another, each proved to be the first at the link's length.
+    """Points that follow one another, each proved to be the first at the link's length."""
 
-    Attributes:
-        t: (k,) their parameters.
-        p_m: (k, 3) the points [m].
-    """
-
-    t: Array
-    p_m: Array
+    t: Array  # (k,) their parameters
+    p_m: Array  # (k, 3) the points [m]
 
     def __len__(self) -> int:
         return len(self.t)

@@ -17,9 +17,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.errors import CurveError
 
-Array = NDArray[np.float64]
 Order = Literal["zy", "yz"]
 
 #: A second turn nearer to 90 degrees leaves the first one open, but for rounding.
@@ -30,22 +30,15 @@ _BENT = 1e-6
 
 @dataclass(frozen=True)
 class JointAngles:
-    """Angles of the joints between n links.
+    """Angles of the joints between n links."""
 
-    Attributes:
-        order: which turn comes first.
-        a_rad: (n - 1,) turns about z.
-        b_rad: (n - 1,) turns about y.
-        open: (n - 1,) where the second turn is a right angle, so that the first could be any; it is
-            that of the joint before.
-        axes: (n, 3, 3) frames of the links, x, y, z as columns.
-    """
-
-    order: Order
-    a_rad: Array
-    b_rad: Array
+    order: Order  # which turn comes first
+    a_rad: Array  # (n - 1,) turns about z
+    b_rad: Array  # (n - 1,) turns about y
+    # (n - 1,) where the second turn is a right angle, so that the first could be any; it is that
+    # of the joint before
     open: NDArray[np.bool_]
-    axes: Array
+    axes: Array  # (n, 3, 3) frames of the links, x, y, z as columns
 
 
 def first_axes(directions: Array, roll_rad: float, z_at_zero: Array | None = None) -> Array:

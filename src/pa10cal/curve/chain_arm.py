@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.curve.angles import joint_angles
 from pa10cal.errors import CurveError
-
-Array = NDArray[np.float64]
 
 #: The base of the chain may be this far from where a link begins, as a part of the link.
 _AT_BASE = 1e-9

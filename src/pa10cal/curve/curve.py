@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: Bounds are taken a little wider than computed, against rounding.
 _WIDER = 1e-9
@@ -44,29 +44,18 @@ class Curve(Protocol):
 
 @dataclass(frozen=True)
 class Bounds:
-    """What holds of a curve within cells of its parameter t.
+    """What holds of a curve within cells of its parameter t."""
 
-    Attributes:
-        edges: (m + 1,) parameters between the cells, increasing.
-        slowest: (m,) the speed |r'| is nowhere lower [m per unit of t]; 0 where not known.
-        fastest: (m,) and nowhere higher.
-        acceleration: (m,) |r''| is nowhere higher; inf where not known.
-        turning: (m,) the tangent nowhere turns faster [rad per unit of t]; inf where not known.
-        kinks_rad: (m - 1,) by how much the tangent jumps at the inner edges.
-        length_m: (m + 1,) the curve up to the edges is no longer.
-        curvature: (m,) the curvature is nowhere higher [1/m]; inf where not known.
-        top_speed: the speed is nowhere on the curve higher.
-    """
-
-    edges: Array
-    slowest: Array
-    fastest: Array
-    acceleration: Array
-    turning: Array
-    kinks_rad: Array
-    length_m: Array = field(init=False)
+    edges: Array  # (m + 1,) parameters between the cells, increasing
+    slowest: Array  # (m,) the speed |r'| is nowhere lower [m per unit of t]; 0 where not known
+    fastest: Array  # (m,) and nowhere higher
+    acceleration: Array  # (m,) |r''| is nowhere higher; inf where not known
+    turning: Array  # (m,) the tangent nowhere turns faster [rad per unit of t]; inf where not known
+    kinks_rad: Array  # (m - 1,) by how much the tangent jumps at the inner edges
+    length_m: Array = field(init=False)  # (m + 1,) the curve up to the edges is no longer
+    # (m,) the curvature is nowhere higher [1/m]; inf where not known
     curvature: Array = field(init=False)
-    top_speed: float = field(init=False)
+    top_speed: float = field(init=False)  # the speed is nowhere on the curve higher
     _rate: Array = field(init=False, repr=False)
     _turned_rad: Array = field(init=False, repr=False)
     _unknown: NDArray[np.intp] = field(init=False, repr=False)

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.curve.roll_map import RollMap
 from pa10cal.errors import CurveError
-
-Array = NDArray[np.float64]
 
 _TURN = 2.0 * np.pi
 #: Just below a right angle.
@@ -26,15 +25,10 @@ _SLIVER = 1e-12
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of the joints between n links.
+    """Limits of the joints between n links."""
 
-    Attributes:
-        a_rad: (n - 1, 2) least and most of the turns about z.
-        b_rad: (n - 1, 2) of the turns about y.
-    """
-
-    a_rad: Array
-    b_rad: Array
+    a_rad: Array  # (n - 1, 2) least and most of the turns about z
+    b_rad: Array  # (n - 1, 2) of the turns about y
 
     def __post_init__(self) -> None:
         for name, limits in (("a", self.a_rad), ("b", self.b_rad)):

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from pa10cal.arrays import Array
 from pa10cal.curve.curve import Curve
-
-Array = NDArray[np.float64]
 
 #: Stretches searched at first, as a part of the link, and into how many the suspicious is cut.
 _FIRST_STRETCH, _CUTS = 0.125, 16
@@ -36,17 +35,11 @@ _FINEST = float(np.finfo(float).tiny)
 
 @dataclass(frozen=True)
 class Crossing:
-    """The first point of a curve at a distance.
+    """The first point of a curve at a distance."""
 
-    Attributes:
-        t: its parameter.
-        p_m: (3,) the point [m].
-        touches: whether the curve only touches the sphere there, and turns back.
-    """
-
-    t: float
-    p_m: Array
-    touches: bool
+    t: float  # its parameter
+    p_m: Array  # (3,) the point [m]
+    touches: bool  # whether the curve only touches the sphere there, and turns back
 
 
 def first_crossing(curve: Curve, t: float, p_m: Array, link_m: float) -> Crossing | None:

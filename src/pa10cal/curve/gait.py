@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.curve.angles import JointAngles, Order, first_axes, joint_angles
 from pa10cal.curve.curve import Curve
 from pa10cal.curve.feasible import JointLimits
@@ -20,28 +20,17 @@ from pa10cal.curve.roll import room_at, smallest_angle, smallest_angle_near
 from pa10cal.curve.roll_map import RollMap
 from pa10cal.errors import CurveError
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Gait:
-    """T shapes of a chain of n links, one after the other.
+    """T shapes of a chain of n links, one after the other."""
 
-    Attributes:
-        time_s: (T,) when.
-        curves: the curve of each shape.
-        points: points of each shape on its curve.
-        joints: joint angles of each shape.
-        roll_rad: (T,) roll of the first link, from where the frame carried along with it is.
-        move_rad: (T - 1,) largest move of a joint from one shape to the next.
-    """
-
-    time_s: Array
-    curves: tuple[Curve, ...]
-    points: tuple[Points, ...]
-    joints: tuple[JointAngles, ...]
-    roll_rad: Array
-    move_rad: Array
+    time_s: Array  # (T,) when
+    curves: tuple[Curve, ...]  # the curve of each shape
+    points: tuple[Points, ...]  # points of each shape on its curve
+    joints: tuple[JointAngles, ...]  # joint angles of each shape
+    roll_rad: Array  # (T,) roll of the first link, from where the frame carried along with it is
+    move_rad: Array  # (T - 1,) largest move of a joint from one shape to the next
 
     @property
     def a_rad(self) -> Array:

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from pa10cal.arrays import Array
 from pa10cal.curve.ahead import points_ahead
 from pa10cal.curve.curve import Curve
 from pa10cal.curve.first_crossing import first_crossing
 from pa10cal.errors import CurveError
-
-Array = NDArray[np.float64]
 
 #: Points sought together at least and at most, and how much more than were found before.
 _FIRST_BLOCK, _LARGEST_BLOCK, _GROWTH = 32, 4096, 4
@@ -40,25 +39,16 @@ class Ending(Enum):
 
 @dataclass(frozen=True)
 class Points:
-    """Points on a curve, each the first of the curve at the link's length from the one before.
+    """Points on a curve, each the first of the curve at the link's length from the one before."""
 
-    Attributes:
-        link_m: length of the n links.
-        t: (n + 1,) parameters of the points; the first is the curve's beginning.
-        p_m: (n + 1, 3) the points [m].
-        touches: (n,) where the curve only touches the sphere about a link's beginning at its end.
-        ending: how they end.
-        left_m: arc length of the curve after the last point [m].
-        gap_m: distance of the curve's end from the last point [m].
-    """
-
-    link_m: float
-    t: Array
-    p_m: Array
+    link_m: float  # length of the n links
+    t: Array  # (n + 1,) parameters of the points; the first is the curve's beginning
+    p_m: Array  # (n + 1, 3) the points [m]
+    # (n,) where the curve only touches the sphere about a link's beginning at its end
     touches: NDArray[np.bool_]
     ending: Ending
-    left_m: float
-    gap_m: float
+    left_m: float  # arc length of the curve after the last point [m]
+    gap_m: float  # distance of the curve's end from the last point [m]
 
     @property
     def n(self) -> int:

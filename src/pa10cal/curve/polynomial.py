@@ -11,13 +11,11 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly, CubicSpline, PPoly
 
+from pa10cal.arrays import Array
 from pa10cal.curve.curve import Bounds
 from pa10cal.errors import CurveError
-
-Array = NDArray[np.float64]
 
 #: Cells a piece, and parts of a cell that is cut again: bounds get tighter with more of them.
 _CELLS_A_PIECE = 4
@@ -29,15 +27,10 @@ _CROSS = ((1, 2), (2, 0), (0, 1))
 
 @dataclass(frozen=True)
 class PiecewisePolynomial:
-    """A curve given by a polynomial in each piece of its parameter.
+    """A curve given by a polynomial in each piece of its parameter."""
 
-    Attributes:
-        place: scipy's piecewise polynomial, of three components [m].
-        bounds: what holds on it.
-    """
-
-    place: PPoly
-    bounds: Bounds = field(init=False)
+    place: PPoly  # scipy's piecewise polynomial, of three components [m]
+    bounds: Bounds = field(init=False)  # what holds on it
     _velocity: PPoly = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.curve.angles import first_axes
 from pa10cal.curve.chain_arm import arm_posture
 from pa10cal.curve.curve import Curve
@@ -17,8 +18,6 @@ from pa10cal.curve.polynomial import spline_through
 from pa10cal.curve.roll_map import RollMap
 from pa10cal.curve.shapes import helix, serpenoid
 from pa10cal.errors import CurveError
-
-Array = NDArray[np.float64]
 
 #: A curve is so much longer than the links laid along it.
 _SPARE = 1.6
@@ -30,19 +29,12 @@ _MOST_TRIES = 200
 
 @dataclass(frozen=True)
 class Postures:
-    """P postures of the arm that `chain_arm` describes.
+    """P postures of the arm that `chain_arm` describes."""
 
-    Attributes:
-        q_rad: (P, 2 n) joint positions.
-        shape: (P,) `spline`, `helix` or `wave`.
-        p_m: (P, n + 1, 3) where links join, in the arm's base frame [m].
-        refused: shapes drawn that the links do not fit on, or that no roll brings within limits.
-    """
-
-    q_rad: Array
-    shape: NDArray[np.str_]
-    p_m: Array
-    refused: int
+    q_rad: Array  # (P, 2 n) joint positions
+    shape: NDArray[np.str_]  # (P,) `spline`, `helix` or `wave`
+    p_m: Array  # (P, n + 1, 3) where links join, in the arm's base frame [m]
+    refused: int  # shapes drawn that the links do not fit on, or that no roll brings within limits
 
 
 def draw_postures(

@@ -14,7 +14,6 @@ from pa10cal.curve.points import Points
 from pa10cal.curve.roll_map import RollMap
 from pa10cal.results.curve import CurveRecord, CurveShape
 
-Array = NDArray[np.float64]
 #: Columns of a table by name.
 Columns = dict[str, NDArray[np.float64] | NDArray[np.int_]]
 

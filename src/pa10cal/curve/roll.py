@@ -12,13 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.curve.feasible import JointLimits, feasible_rolls, free_rolls
 from pa10cal.curve.roll_map import RollMap
 from pa10cal.errors import CurveError
-
-Array = NDArray[np.float64]
 
 #: Limits (2, n - 1) of a and of b at a level; wider at a higher one.
 _Family = Callable[[float], tuple[Array, Array]]
@@ -34,15 +32,10 @@ _ALL_ROOM = 2.0 * _WHOLE
 
 @dataclass(frozen=True)
 class Roll:
-    """A roll of the first link, the best in some sense.
+    """A roll of the first link, the best in some sense."""
 
-    Attributes:
-        roll_rad: the roll, 0 to 2 pi.
-        level_rad: what it reaches: the largest angle, the room left within limits, or the largest
-            move.
-    """
-
-    roll_rad: float
+    roll_rad: float  # the roll, 0 to 2 pi
+    # what it reaches: the largest angle, the room left within limits, or the largest move
     level_rad: float
 
 

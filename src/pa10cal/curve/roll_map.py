@@ -15,33 +15,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.curve.angles import Order, first_axes
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class RollMap:
-    """How joint angles depend on the roll of the first link; build it with `RollMap.of`.
+    """How joint angles depend on the roll of the first link; build it with `RollMap.of`."""
 
-    Attributes:
-        order: which turn comes first.
-        axes_at_zero: (3, 3) frame of the first link at roll zero.
-        bend_rad: (n - 1,) angle between neighbouring links, 0 to pi.
-        maps: (n, 2, 2) from the carried axis at the first link to that at each, but for its length,
-            in planes square to the links.
-        side: (n,) sign of the determinant of `maps`.
-        heading_rad: (n - 1,) where in the plane of the link before the next one bends to.
-        across: (n, 3, 2) axes of those planes; those of the first link are its y and z.
-    """
-
-    order: Order
-    axes_at_zero: Array
-    bend_rad: Array
+    order: Order  # which turn comes first
+    axes_at_zero: Array  # (3, 3) frame of the first link at roll zero
+    bend_rad: Array  # (n - 1,) angle between neighbouring links, 0 to pi
+    # (n, 2, 2) from the carried axis at the first link to that at each, but for its length, in
+    # planes square to the links
     maps: Array
-    side: Array
-    heading_rad: Array
-    across: Array
+    side: Array  # (n,) sign of the determinant of `maps`
+    heading_rad: Array  # (n - 1,) where in the plane of the link before the next one bends to
+    across: Array  # (n, 3, 2) axes of those planes; those of the first link are its y and z
 
     @classmethod
     def of(cls, directions: Array, order: Order = "zy", z_at_zero: Array | None = None) -> RollMap:

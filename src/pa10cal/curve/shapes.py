@@ -6,14 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import jv
 
+from pa10cal.arrays import Array
 from pa10cal.curve.curve import Bounds, uniform_bounds
 from pa10cal.curve.polynomial import PiecewisePolynomial, polyline
 from pa10cal.errors import CurveError
-
-Array = NDArray[np.float64]
 
 #: Parameters at which the stated bounds of a callable are checked.
 _CHECKED = 257
@@ -25,17 +23,11 @@ _ORDERS_BEYOND = 30
 
 @dataclass(frozen=True)
 class Parametric:
-    """A curve given by a callable; build it with `parametric` or by name.
+    """A curve given by a callable; build it with `parametric` or by name."""
 
-    Attributes:
-        place: places (N, 3) at parameters (N,) [m].
-        velocity: derivative (N, 3) of the place by the parameter.
-        bounds: what holds on it.
-    """
-
-    place: Callable[[Array], Array]
-    velocity: Callable[[Array], Array]
-    bounds: Bounds
+    place: Callable[[Array], Array]  # places (N, 3) at parameters (N,) [m]
+    velocity: Callable[[Array], Array]  # derivative (N, 3) of the place by the parameter
+    bounds: Bounds  # what holds on it
 
     def at(self, t: Array) -> Array:
         """Return the places (N, 3) at parameters (N,) [m]."""

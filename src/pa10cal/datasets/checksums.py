@@ -12,17 +12,11 @@ from pa10cal.errors import RawDataError
 
 @dataclass(frozen=True)
 class Differing:
-    """A file that is not the published one.
+    """A file that is not the published one."""
 
-    Attributes:
-        place: the file, or its address.
-        found: its SHA-256.
-        published: that of the published file.
-    """
-
-    place: str
-    found: str
-    published: str
+    place: str  # the file, or its address
+    found: str  # its SHA-256
+    published: str  # that of the published file
 
 
 def sha256(content: bytes) -> str:

@@ -18,21 +18,13 @@ from pa10cal.campaign.quarantine import Quarantined
 
 @dataclass(frozen=True)
 class Published:
-    """Where the files of a data set are published, and what they are.
+    """Where the files of a data set are published, and what they are."""
 
-    Attributes:
-        version: the version meant, such as a commit.
-        address: what stands in front of a file's path.
-        sha256: checksum of every file that is fetched, by its path.
-        repository: the owner's, as `owner/name`.
-        licence: that which the owner states; None where none is.
-    """
-
-    version: str
-    address: str
-    sha256: Mapping[str, str]
-    repository: str = ""
-    licence: str | None = None
+    version: str  # the version meant, such as a commit
+    address: str  # what stands in front of a file's path
+    sha256: Mapping[str, str]  # checksum of every file that is fetched, by its path
+    repository: str = ""  # the owner's, as `owner/name`
+    licence: str | None = None  # that which the owner states; None where none is
 
     @classmethod
     def on_github(
@@ -55,15 +47,10 @@ class Published:
 
 @dataclass(frozen=True)
 class AsItIs:
-    """A file that is read as it is.
+    """A file that is read as it is."""
 
-    Attributes:
-        path: where it is.
-        columns: `columns.poses` of campaign.yaml.
-    """
-
-    path: Path
-    columns: Mapping[str, Any]
+    path: Path  # where it is
+    columns: Mapping[str, Any]  # `columns.poses` of campaign.yaml
 
 
 @dataclass(frozen=True)
@@ -72,38 +59,22 @@ class ImportedCampaign:
 
     A table of readings without `time_s` says that no time was recorded: its rows are in the order
     of the file, and poses of equal joint positions are repeats.
-
-    Attributes:
-        name: name of the campaign and of its folder.
-        robot: name of the arm description.
-        provenance: whose measurements these are, and what was done with them.
-        instrument: kind of the instrument.
-        uncertainty_mm: standard uncertainty of one measured place, per axis.
-        reference_temperature_C: temperature at which lengths are nominal.
-        holdout: which poses are held out, as campaign.yaml has it.
-        readings: a file that is read as it is; or columns of `files.poses`.
-        files: paths of the files read, inside the data set's folder.
-        left_out: rows omitted.
-        notes: what the reader should know, one clause each.
-        joints: whether joint positions are `logged`, or those `commanded`.
-        arm: description of the arm where it is not a shipped one; its path.
-        tool_mass_kg: what the flange carries; 0 where it is not known.
     """
 
-    name: str
-    robot: str
-    provenance: str
-    instrument: str
-    uncertainty_mm: float
-    reference_temperature_C: float
-    holdout: Mapping[str, float]
-    readings: AsItIs | pd.DataFrame
-    files: tuple[str, ...]
-    left_out: tuple[Quarantined, ...] = ()
-    notes: tuple[str, ...] = ()
-    joints: JointPositions = "logged"
-    arm: Path | None = None
-    tool_mass_kg: float = 0.0
+    name: str  # name of the campaign and of its folder
+    robot: str  # name of the arm description
+    provenance: str  # whose measurements these are, and what was done with them
+    instrument: str  # kind of the instrument
+    uncertainty_mm: float  # standard uncertainty of one measured place, per axis
+    reference_temperature_C: float  # temperature at which lengths are nominal
+    holdout: Mapping[str, float]  # which poses are held out, as campaign.yaml has it
+    readings: AsItIs | pd.DataFrame  # a file that is read as it is; or columns of `files.poses`
+    files: tuple[str, ...]  # paths of the files read, inside the data set's folder
+    left_out: tuple[Quarantined, ...] = ()  # rows omitted
+    notes: tuple[str, ...] = ()  # what the reader should know, one clause each
+    joints: JointPositions = "logged"  # whether joint positions are `logged`, or those `commanded`
+    arm: Path | None = None  # description of the arm where it is not a shipped one; its path
+    tool_mass_kg: float = 0.0  # what the flange carries; 0 where it is not known
 
     @property
     def poses(self) -> pd.DataFrame:
@@ -124,19 +95,12 @@ def rotation_columns(R_instr_target: NDArray[np.float64]) -> dict[str, NDArray[n
 
 @dataclass(frozen=True)
 class DataSet:
-    """A data set that can be imported.
+    """A data set that can be imported."""
 
-    Attributes:
-        name: what it is called on the command line.
-        title: one line for the reader.
-        files: paths inside its folder that are read.
-        read: reads that folder, in which all `files` are; leaves out at most the given part of a
-            file's rows, or raises RawDataError.
-        published: where it is published; None for a layout without one place.
-    """
-
-    name: str
-    title: str
-    files: tuple[str, ...]
+    name: str  # what it is called on the command line
+    title: str  # one line for the reader
+    files: tuple[str, ...]  # paths inside its folder that are read
+    # reads that folder, in which all `files` are; leaves out at most the given part of a file's
+    # rows, or raises RawDataError
     read: Callable[[Path, float], tuple[ImportedCampaign, ...]]
-    published: Published | None = None
+    published: Published | None = None  # where it is published; None for a layout without one place

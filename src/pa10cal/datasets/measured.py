@@ -12,17 +12,12 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of a measured campaign before it is worked on.
+    """What is known of a measured campaign before it is worked on."""
 
-    Attributes:
-        dataset: the data set that it is imported of; None where none has it.
-        instrument: what measured it, for a reader.
-        published: what the owner or somebody else reports of these data, with its source; empty
-            where nothing is known.
-    """
-
-    dataset: str | None
-    instrument: str
+    dataset: str | None  # the data set that it is imported of; None where none has it
+    instrument: str  # what measured it, for a reader
+    # what the owner or somebody else reports of these data, with its source; empty where nothing
+    # is known
     published: str = ""
 
 
@@ -100,17 +95,12 @@ CARRIED = (
 
 @dataclass(frozen=True)
 class AtHand:
-    """A measured campaign that is at hand.
+    """A measured campaign that is at hand."""
 
-    Attributes:
-        folder: its folder of raw files, which an import writes where there is a data set.
-        dataset: the data set that it is imported of; None where the folder is there already.
-        source: the folder of that data set.
-    """
-
-    folder: Path
+    folder: Path  # its folder of raw files, which an import writes where there is a data set
+    # the data set that it is imported of; None where the folder is there already
     dataset: str | None = None
-    source: Path | None = None
+    source: Path | None = None  # the folder of that data set
 
 
 def at_hand(measured_dir: Path, sources: Mapping[str, str], imported: Path) -> dict[str, AtHand]:

@@ -16,31 +16,22 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.campaign.quarantine import Quarantined, quarantined, refuse_too_many
 from pa10cal.errors import RawDataError
-
-Array = NDArray[np.float64]
 
 NOT_A_NUMBER = "not a finite number"
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """Rows of a text table as numbers.
+    """Rows of a text table as numbers."""
 
-    Attributes:
-        file: its path inside the data set's folder.
-        line: (N,) line of every row.
-        columns: (N,) numbers of every column by name.
-        total: rows in the file.
-        left_out: rows omitted.
-    """
-
-    file: str
-    line: NDArray[np.int64]
-    columns: dict[str, Array]
-    total: int
-    left_out: tuple[Quarantined, ...]
+    file: str  # its path inside the data set's folder
+    line: NDArray[np.int64]  # (N,) line of every row
+    columns: dict[str, Array]  # (N,) numbers of every column by name
+    total: int  # rows in the file
+    left_out: tuple[Quarantined, ...]  # rows omitted
 
     def __len__(self) -> int:
         return len(self.line)

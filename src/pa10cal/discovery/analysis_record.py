@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.base_parameters import report_base
 from pa10cal.calibration.records import reported_keys
 from pa10cal.discovery import lack_of_fit as domain
@@ -30,8 +30,6 @@ from pa10cal.results.analysis import (
 )
 from pa10cal.results.discovery import EffectName
 from pa10cal.terms.effects.effect import Effect
-
-Array = NDArray[np.float64]
 
 #: A parameter known no better than this part of what is possible is not identified by the data.
 _IDENTIFIED = 1.0 / 3.0

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: What differs by a smaller part than this is the same.
 _ROUNDING = 1e-9

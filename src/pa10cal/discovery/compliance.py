@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.weights import weights_known
+from pa10cal.arrays import Array
 from pa10cal.discovery.family import sought, why_unknown
 from pa10cal.discovery.finding import Finding, GivesWay
 from pa10cal.discovery.gap import trusted
@@ -34,7 +35,6 @@ from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import Weights
 
-Array = NDArray[np.float64]
 V = TypeVar("V", bound=Verdict[Any])
 
 #: A spring counts as none at this windup [rad].
@@ -132,21 +132,13 @@ class _Left:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """A model and its poses, as a linear problem.
+    """A model and its poses, as a linear problem."""
 
-    Attributes:
-        at: the extended model, its base's own term last.
-        poses: those fitted.
-        held_out: those held out that are trusted; None without any.
-        whitener: (P, b, b) of the poses fitted.
-        candidates: effects that might stand in a spring's place.
-    """
-
-    at: FittedModel
-    poses: Observations
-    held_out: Observations | None
-    whitener: Array
-    candidates: tuple[Effect, ...]
+    at: FittedModel  # the extended model, its base's own term last
+    poses: Observations  # those fitted
+    held_out: Observations | None  # those held out that are trusted; None without any
+    whitener: Array  # (P, b, b) of the poses fitted
+    candidates: tuple[Effect, ...]  # effects that might stand in a spring's place
 
     @classmethod
     def of(cls, found: Verdict[Any]) -> _Rows:
@@ -422,21 +414,13 @@ def _rms(errors_mm: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """Whitened rows of a linear problem, unknowns in what is thought possible of them.
+    """Whitened rows of a linear problem, unknowns in what is thought possible of them."""
 
-    Attributes:
-        columns: (N, k) of the unknowns that are free.
-        data: (N,) what is left.
-        off: (k,) how far they are from what is expected of them.
-        free: which of all unknowns these are.
-        sizes: of all unknowns.
-    """
-
-    columns: Array
-    data: Array
-    off: Array
-    free: NDArray[np.bool_]
-    sizes: Array
+    columns: Array  # (N, k) of the unknowns that are free
+    data: Array  # (N,) what is left
+    off: Array  # (k,) how far they are from what is expected of them
+    free: NDArray[np.bool_]  # which of all unknowns these are
+    sizes: Array  # of all unknowns
 
     @cached_property
     def normal(self) -> Array:

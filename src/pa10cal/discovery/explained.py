@@ -16,13 +16,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.finding import Finding, GivesWay
 from pa10cal.discovery.gap import Named
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.results import explained as parts
 from pa10cal.results.effect_name import EffectName
-
-Array = NDArray[np.float64]
 
 #: Without an effect found, errors so many times as large as those of noise, root mean squares, are
 #: more than noise.
@@ -31,21 +30,15 @@ _MORE_THAN_NOISE = 1.15
 
 @dataclass(frozen=True)
 class Joining:
-    """An effect that joins a model.
+    """An effect that joins a model."""
 
-    Attributes:
-        ids: of the effect, then of its alternatives at the same place.
-        of: where it sits.
-        before_mm, after_mm: (P,) position errors without it and with it, over the same poses.
-        elsewhere: alternatives at other places.
-        weights: `assumed` where its size is relative to weights that nobody stated.
-    """
-
-    ids: tuple[str, ...]
-    of: str
+    ids: tuple[str, ...]  # of the effect, then of its alternatives at the same place
+    of: str  # where it sits
+    # before_mm and after_mm: (P,) position errors without it and with it, over the same poses
     before_mm: Array
     after_mm: Array
-    elsewhere: tuple[EffectName, ...] = ()
+    elsewhere: tuple[EffectName, ...] = ()  # alternatives at other places
+    # `assumed` where its size is relative to weights that nobody stated
     weights: Literal["assumed"] | None = None
 
 

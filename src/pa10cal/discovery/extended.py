@@ -10,18 +10,14 @@ from pa10cal.fit.fitted_model import FittedModel
 
 @dataclass(frozen=True, eq=False)
 class Extended:
-    """The model with the effects that were missing.
-
-    Attributes:
-        model: the model.
-        seen: joint angles that its maps have learnt from; None where it has learnt nothing that
-            stops there.
-        arrival_from_order: whether directions of arrival are those of the order of poses.
-        steps_s: times at which the verdict has it that instrument or base moved at once [s], the
-            most certain first.
-    """
+    """The model with the effects that were missing."""
 
     model: FittedModel
+    # joint angles that its maps have learnt from; None where it has learnt nothing that stops
+    # there
     seen: AnglesSeen | None = None
+    # whether directions of arrival are those of the order of poses
     arrival_from_order: bool = False
+    # times at which the verdict has it that instrument or base moved at once [s], the most certain
+    # first
     steps_s: tuple[float, ...] = ()

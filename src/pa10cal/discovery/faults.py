@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.fit.prediction import Suspicion
 from pa10cal.results.fault_kind import FaultKind
 from pa10cal.terms.faults.log_fault import LogFault
-
-Array = NDArray[np.float64]
 
 #: Kinds of what a calibration finds in its input that are faults of the log.
 _OF_INPUT: dict[str, FaultKind] = {
@@ -27,27 +25,20 @@ _OF_INPUT: dict[str, FaultKind] = {
 
 @dataclass(frozen=True)
 class Fault:
-    """Something in the log that is wrong.
+    """Something in the log that is wrong."""
 
-    Attributes:
-        kind: which fault.
-        where: column, joint, load, pose, row or time.
-        what: what is wrong and by how much, one clause.
-        remedy: what to do about it.
-        gain: part of the weighted squared error that putting it right takes away; None where that
-            was not tried.
-        decides: whether the verdict is `check_the_log` whatever else was found; a reading with a
-            gross error, once excluded, leaves the effects found standing.
-        at_s: of a step that is told as a fact, its most likely time; readings before and after have
-            bases of their own.
-    """
-
-    kind: FaultKind
-    where: str
-    what: str
-    remedy: str
+    kind: FaultKind  # which fault
+    where: str  # column, joint, load, pose, row or time
+    what: str  # what is wrong and by how much, one clause
+    remedy: str  # what to do about it
+    # part of the weighted squared error that putting it right takes away; None where that was not
+    # tried
     gain: float | None = None
+    # whether the verdict is `check_the_log` whatever else was found; a reading with a gross error,
+    # once excluded, leaves the effects found standing
     decides: bool = True
+    # of a step that is told as a fact, its most likely time; readings before and after have bases
+    # of their own
     at_s: float | None = None
 
     def __str__(self) -> str:

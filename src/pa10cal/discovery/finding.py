@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import Effect
 
-Array = NDArray[np.float64]
 P_co = TypeVar("P_co", covariant=True)
 
 
@@ -26,33 +25,24 @@ class ReportedValue:
 
 @dataclass(frozen=True, eq=False)
 class GivesWay:
-    """The statistics that decided about the spring of a joint.
+    """The statistics that decided about the spring of a joint."""
 
-    Attributes:
-        nats: log evidence lost without it, its weights and all else fitted anew.
-        needed_nats: log evidence needed.
-        sag_rad: largest deflection over the poses fitted.
-        sag_std_rad: its standard uncertainty.
-        without_mm, with_mm: root mean square position error of the poses fitted, with the joint
-            rigid and as it is.
-        held_out_without_mm, held_out_with_mm: of those held out; None without any.
-        all_rigid_mm: of those held out, or else fitted, with all joints rigid that give way.
-        without_each_mm, all_rigid_each_mm: (P,) the errors of these poses, one by one.
-        weights: where the weights come from: `assumed`, `total` or `logged`.
-    """
-
-    nats: float
-    needed_nats: float
-    sag_rad: float
-    sag_std_rad: float
+    nats: float  # log evidence lost without it, its weights and all else fitted anew
+    needed_nats: float  # log evidence needed
+    sag_rad: float  # largest deflection over the poses fitted
+    sag_std_rad: float  # its standard uncertainty
+    # without_mm and with_mm: root mean square position error of the poses fitted, with the joint
+    # rigid and as it is
     without_mm: float
     with_mm: float
+    # held_out_without_mm and held_out_with_mm: of those held out; None without any
     held_out_without_mm: float | None
     held_out_with_mm: float | None
-    all_rigid_mm: float
+    all_rigid_mm: float  # of those held out, or else fitted, with all joints rigid that give way
+    # without_each_mm and all_rigid_each_mm: (P,) the errors of these poses, one by one
     without_each_mm: Array
     all_rigid_each_mm: Array
-    weights: str
+    weights: str  # where the weights come from: `assumed`, `total` or `logged`
 
     #: Not carried by a single pose: it acts in all of them.
     carrier: None = None
@@ -60,20 +50,14 @@ class GivesWay:
 
 @dataclass(frozen=True, eq=False)
 class Finding(Generic[P_co]):
-    """One effect that was found.
+    """One effect that was found."""
 
-    Attributes:
-        effect: which, and where.
-        x, covariance: its reported parameters, and their covariance.
-        alternatives: effects that explain the data as well in its place.
-        proof: the statistics that decided.
-    """
-
-    effect: Effect
+    effect: Effect  # which, and where
+    # x and covariance: its reported parameters, and their covariance
     x: Array
     covariance: Array
-    alternatives: tuple[Effect, ...]
-    proof: P_co
+    alternatives: tuple[Effect, ...]  # effects that explain the data as well in its place
+    proof: P_co  # the statistics that decided
 
     @property
     def id(self) -> str:
@@ -110,31 +94,20 @@ class Finding(Generic[P_co]):
 
 @dataclass(frozen=True)
 class Unexplained:
-    """Something that is missing from the model and has no name.
+    """Something that is missing from the model and has no name."""
 
-    Attributes:
-        of: where it sits, as a place of the vocabulary; None where the data do not say.
-        form: id of the smooth unknown function that predicts it best; None where none does.
-        error_mm: its position error; None where a map has taken it up.
-        why: why it has no name, one clause.
-    """
-
-    of: str | None
+    of: str | None  # where it sits, as a place of the vocabulary; None where the data do not say
+    # id of the smooth unknown function that predicts it best; None where none does
     form: str | None
-    error_mm: float | None
-    why: str
+    error_mm: float | None  # its position error; None where a map has taken it up
+    why: str  # why it has no name, one clause
 
 
 @dataclass(frozen=True)
 class NotTestable:
-    """An effect that these data cannot show.
+    """An effect that these data cannot show."""
 
-    Attributes:
-        effect: which, and where.
-        why: the reason.
-        by_these_poses: whether other poses might show it; not where what it needs was not logged.
-    """
-
-    effect: Effect
-    why: str
+    effect: Effect  # which, and where
+    why: str  # the reason
+    # whether other poses might show it; not where what it needs was not logged
     by_these_poses: bool = True

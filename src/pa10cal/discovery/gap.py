@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, stdtrit
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import Accuracy, summarise
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
@@ -16,75 +17,57 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
 from pa10cal.terms.effects.effect import Effect
 
-Array = NDArray[np.float64]
-
 _LEVEL = 0.95
 
 
 @dataclass(frozen=True)
 class Paired:
-    """Mean reduction of the position error, poses being the unit.
+    """Mean reduction of the position error, poses being the unit."""
 
-    Attributes:
-        mean_mm: mean over poses.
-        low_mm, high_mm: its 95 % interval; equal to the mean where there is one pose.
-        poses: how many.
-    """
-
-    mean_mm: float
+    mean_mm: float  # mean over poses
+    # low_mm and high_mm: its 95 % interval; equal to the mean where there is one pose
     low_mm: float
     high_mm: float
-    poses: int
+    poses: int  # how many
 
 
 @dataclass(frozen=True)
 class Parts:
-    """The gap inside the joint positions that the fit has seen, and beyond them.
+    """The gap inside the joint positions that the fit has seen, and beyond them."""
 
-    Attributes:
-        inside: (P,) configurations that keep to the positions seen; the others are extrapolated.
-        before_inside, after_inside: accuracies over these; None where there is none.
-        before_beyond, after_beyond: over the others.
-    """
-
+    # (P,) configurations that keep to the positions seen; the others are extrapolated
     inside: NDArray[np.bool_]
+    # before_inside and after_inside: accuracies over these; None where there is none
     before_inside: Accuracy | None
     after_inside: Accuracy | None
+    # before_beyond and after_beyond: over the others
     before_beyond: Accuracy | None
     after_beyond: Accuracy | None
 
 
 @dataclass(frozen=True)
 class Gap:
-    """The gap between model and measurement on some configurations.
+    """The gap between model and measurement on some configurations."""
 
-    Attributes:
-        before, after: errors of the calibrated baseline and of the extended model.
-        by_load: the same for every load.
-        reduction: paired over poses.
-        reduction_by_load: the same for every load.
-        found_before, found_after: deviations, configuration by configuration.
-        poses: the configurations.
-        noise_floor_mm: mean error that their noise alone would leave.
-        parts: inside and beyond what the fit has seen; None where it is not needed.
-        without_motion: deviations before and after with the motion of the base that was found taken
-            out of the readings. It is in no model, and in none of the other numbers. None where no
-            motion was found.
-        with_rivals: deviations with all that the search held and has no name in the model as well,
-            which is not the one that is written; None where it held nothing of the kind.
-    """
-
+    # before and after: errors of the calibrated baseline and of the extended model
     before: Accuracy
     after: Accuracy
-    by_load: dict[float, tuple[Accuracy, Accuracy]]
-    reduction: Paired
-    reduction_by_load: dict[float, Paired]
+    by_load: dict[float, tuple[Accuracy, Accuracy]]  # the same for every load
+    reduction: Paired  # paired over poses
+    reduction_by_load: dict[float, Paired]  # the same for every load
+    # found_before and found_after: deviations, configuration by configuration
     found_before: Deviations
     found_after: Deviations
-    poses: Observations
-    noise_floor_mm: float
+    poses: Observations  # the configurations
+    noise_floor_mm: float  # mean error that their noise alone would leave
+    # inside and beyond what the fit has seen; None where it is not needed
     parts: Parts | None = None
+    # deviations before and after with the motion of the base that was found taken out of the
+    # readings. It is in no model, and in none of the other numbers. None where no motion was
+    # found.
     without_motion: tuple[Deviations, Deviations] | None = None
+    # deviations with all that the search held and has no name in the model as well, which is not
+    # the one that is written; None where it held nothing of the kind
     with_rivals: Deviations | None = None
 
     def beside(self, other: Gap) -> Gap:
@@ -107,18 +90,13 @@ class Gap:
 
 @dataclass(frozen=True)
 class Named:
-    """The model with the first few of the effects.
+    """The model with the first few of the effects."""
 
-    Attributes:
-        effects: those that are in it, in the order of what they take away.
-        on_train, on_holdout: its deviations; None without held-out poses.
-        without: of the model with all effects, the model without each of them.
-    """
-
-    effects: tuple[Effect, ...]
+    effects: tuple[Effect, ...]  # those that are in it, in the order of what they take away
+    # on_train and on_holdout: its deviations; None without held-out poses
     on_train: Deviations
     on_holdout: Deviations | None
-    without: tuple[Named, ...] = ()
+    without: tuple[Named, ...] = ()  # of the model with all effects, the model without each of them
 
     @property
     def left_mm(self) -> float:

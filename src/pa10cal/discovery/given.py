@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.health import Errors, FitSummary, Health, HeldOut, health
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS
@@ -36,41 +37,25 @@ from pa10cal.observe.quantities import Deviations
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.family import every_effect, everywhere_but
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Place:
-    """An effect by its id and place.
+    """An effect by its id and place."""
 
-    Attributes:
-        id: of the vocabulary.
-        of: where it sits: `joint 2`, `forearm`, `base`, ...
-    """
-
-    id: str
-    of: str
+    id: str  # of the vocabulary
+    of: str  # where it sits: `joint 2`, `forearm`, `base`, ..
 
 
 @dataclass(frozen=True, eq=False)
 class CalibratedWith:
-    """A campaign calibrated with effects.
-
-    Attributes:
-        model: the model with them.
-        converged: whether the fit came to rest.
-        poses: averaged poses that were fitted, with what the model needs.
-        found: its deviations there.
-        cells: labels of the poses as they were weighed, which the health goes by.
-        health: whether it is good.
-    """
+    """A campaign calibrated with effects."""
 
     model: FittedModel
-    converged: bool
-    poses: Observations
-    found: Deviations
-    cells: NDArray[np.str_]
-    health: Health
+    converged: bool  # whether the fit came to rest
+    poses: Observations  # averaged poses that were fitted, with what the model needs
+    found: Deviations  # its deviations there
+    cells: NDArray[np.str_]  # labels of the poses as they were weighed, which the health goes by
+    health: Health  # whether it is good
 
 
 def calibrate_with(

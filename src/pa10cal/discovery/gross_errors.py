@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.in_time.running import moved_between_repeats
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import compared, noise_of_repeats
@@ -31,10 +31,6 @@ from pa10cal.fit.tails import ACCUSED_RATE, Tails
 from pa10cal.observe.averages import average_groups
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 #: Probability that any reading is excluded where none is wrong and errors are normal.
 EXCLUDED_RATE = 0.1
@@ -55,19 +51,12 @@ _LEAST_NOISE = 0.1
 
 @dataclass(frozen=True)
 class GrossErrors:
-    """Which of P single readings have a gross error.
+    """Which of P single readings have a gross error."""
 
-    Attributes:
-        excluded: (P,) readings that are not to be averaged.
-        accused: (P,) those of them that no tail of right data makes.
-        times: (P,) how many times as far off as is usual.
-        off_mm: (P,) how far off, of the position or distance.
-    """
-
-    excluded: Mask
-    accused: Mask
-    times: Array
-    off_mm: Array
+    excluded: Mask  # (P,) readings that are not to be averaged
+    accused: Mask  # (P,) those of them that no tail of right data makes
+    times: Array  # (P,) how many times as far off as is usual
+    off_mm: Array  # (P,) how far off, of the position or distance
 
 
 def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:

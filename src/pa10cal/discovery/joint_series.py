@@ -7,13 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.linear import by_every_joint
 from pa10cal.discovery.motor_ripple import JointSeries
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-
-Array = NDArray[np.float64]
 
 #: Scatter of a joint's angle to begin with [rad], and rounds in which variances are found.
 _JOINT_RAD = 5e-5

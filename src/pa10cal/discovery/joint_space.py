@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: Joint error thought possible, a standard deviation: where a pose cannot separate joints (at a
 #: singular wrist, or with more joints than six) it decides, and the error found is that uncertain.
@@ -28,15 +27,10 @@ _LARGEST_STEP = 0.25
 
 @dataclass(frozen=True)
 class JointErrors:
-    """By how much further joints stand than the model says, in C cells.
+    """By how much further joints stand than the model says, in C cells."""
 
-    Attributes:
-        error_rad: (C, n) joint angle error (m for a prismatic joint).
-        std_rad: (C, n) its standard deviation by the noise of the cell.
-    """
-
-    error_rad: Array
-    std_rad: Array
+    error_rad: Array  # (C, n) joint angle error (m for a prismatic joint)
+    std_rad: Array  # (C, n) its standard deviation by the noise of the cell
 
     @property
     def weight(self) -> Array:
@@ -46,21 +40,16 @@ class JointErrors:
 
 @dataclass(frozen=True)
 class Periodogram:
-    """How much of a joint's error goes with a sine of its angle, order by order.
+    """How much of a joint's error goes with a sine of its angle, order by order."""
 
-    Attributes:
-        orders: (F,) cycles a turn of the joint.
-        explained_rad: (F,) root mean square of the error that a sine of that order explains, a
-            constant left free (generalised Lomb-Scargle periodogram).
-        marked: orders where joints are known to err: once and twice a turn of the joint, once and
-            twice a turn of the motor.
-        marked_rad: what they explain.
-    """
-
-    orders: Array
+    orders: Array  # (F,) cycles a turn of the joint
+    # (F,) root mean square of the error that a sine of that order explains, a constant left free
+    # (generalised Lomb-Scargle periodogram)
     explained_rad: Array
+    # orders where joints are known to err: once and twice a turn of the joint, once and twice a
+    # turn of the motor
     marked: tuple[float, ...]
-    marked_rad: Array
+    marked_rad: Array  # what they explain
 
 
 def joint_errors(screws: Array, left: Array) -> JointErrors:

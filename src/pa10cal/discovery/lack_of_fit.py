@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.discovery.clustered import Estimate, mean, slope
 from pa10cal.discovery.joint_space import JointErrors, Periodogram, joint_errors, periodogram
 from pa10cal.discovery.linear import (
@@ -24,9 +24,6 @@ from pa10cal.discovery.linear import (
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-
 AXES = ("x", "y", "z")
 #: Of more cells only so many, spread evenly over time, stand for all where each is looked at.
 MOST_CELLS = 1200
@@ -35,17 +32,11 @@ _HOUR_S = 3600.0
 
 @dataclass(frozen=True)
 class PureErrorTest:
-    """Remaining error against pure error: Fisher's F.
+    """Remaining error against pure error: Fisher's F."""
 
-    Attributes:
-        chi_square: sum of squares in units of the pure error's variance.
-        dof: rows less what the parameters took of them.
-        pure_dof: behind the pure error, from repeats.
-    """
-
-    chi_square: float
-    dof: float
-    pure_dof: int
+    chi_square: float  # sum of squares in units of the pure error's variance
+    dof: float  # rows less what the parameters took of them
+    pure_dof: int  # behind the pure error, from repeats
 
     @property
     def ratio(self) -> float:
@@ -60,155 +51,100 @@ class PureErrorTest:
 
 @dataclass(frozen=True)
 class ChannelTest:
-    """Lack of fit of one channel, row by row; the verdict rests on poses, not on this.
+    """Lack of fit of one channel, row by row; the verdict rests on poses, not on this."""
 
-    Attributes:
-        shared: what the cells of a pose share, by load, direction and time; None without such rows.
-        unshared: what differs among them beyond that; None without such rows.
-        shared_variance: of an error that the cells of a pose share and that would explain the
-            residuals, in variances of one reading.
-    """
-
+    # what the cells of a pose share, by load, direction and time; None without such rows
     shared: PureErrorTest | None
-    unshared: PureErrorTest | None
+    unshared: PureErrorTest | None  # what differs among them beyond that; None without such rows
+    # of an error that the cells of a pose share and that would explain the residuals, in variances
+    # of one reading
     shared_variance: float
 
 
 @dataclass(frozen=True)
 class Part:
-    """Position error over some cells, or along one axis.
+    """Position error over some cells, or along one axis."""
 
-    Attributes:
-        of: which: `22 N`, a pose's label, or `x`, `y`, `z` of the instrument.
-        cells: how many.
-        rms_mm: root mean square of the error.
-        floor_mm: what the noise of these cells alone would leave.
-    """
-
-    of: str
-    cells: int
-    rms_mm: float
-    floor_mm: float
+    of: str  # which: `22 N`, a pose's label, or `x`, `y`, `z` of the instrument
+    cells: int  # how many
+    rms_mm: float  # root mean square of the error
+    floor_mm: float  # what the noise of these cells alone would leave
 
 
 @dataclass(frozen=True)
 class Arrival:
-    """Mean over the cells at which a joint arrived from one side.
+    """Mean over the cells at which a joint arrived from one side."""
 
-    Attributes:
-        direction: +1 or -1.
-        cells: how many.
-        mean: of the joint's angle error [rad] or of its torque left [N m].
-    """
-
-    direction: int
-    cells: int
-    mean: Estimate
+    direction: int  # +1 or -1
+    cells: int  # how many
+    mean: Estimate  # of the joint's angle error [rad] or of its torque left [N m]
 
 
 @dataclass(frozen=True)
 class JointPart:
-    """Angle error of one joint.
+    """Angle error of one joint."""
 
-    Attributes:
-        joint: 1 … n.
-        rms_rad: root mean square, cells weighted by their information on the joint.
-        floor_rad: what noise alone would leave.
-        arrivals: by direction of arrival.
-        periodogram: by the joint's angle, None for a prismatic joint or hardly turned.
-    """
-
-    joint: int
-    rms_rad: float
-    floor_rad: float
-    arrivals: tuple[Arrival, ...]
+    joint: int  # 1 … n
+    rms_rad: float  # root mean square, cells weighted by their information on the joint
+    floor_rad: float  # what noise alone would leave
+    arrivals: tuple[Arrival, ...]  # by direction of arrival
+    # by the joint's angle, None for a prismatic joint or hardly turned
     periodogram: Periodogram | None
 
 
 @dataclass(frozen=True)
 class TorquePart:
-    """Torque of one joint minus that of the weights.
+    """Torque of one joint minus that of the weights."""
 
-    Attributes:
-        joint: 1 … n.
-        rms_Nm: root mean square.
-        noise_Nm: what the noise of the cells alone would leave.
-        arrivals: by direction of arrival.
-    """
-
-    joint: int
-    rms_Nm: float
-    noise_Nm: float
-    arrivals: tuple[Arrival, ...]
+    joint: int  # 1 … n
+    rms_Nm: float  # root mean square
+    noise_Nm: float  # what the noise of the cells alone would leave
+    arrivals: tuple[Arrival, ...]  # by direction of arrival
 
 
 @dataclass(frozen=True)
 class Drift:
-    """Slope of the measured less the predicted position along one axis of the instrument.
+    """Slope of the measured less the predicted position along one axis of the instrument."""
 
-    Attributes:
-        axis: `x`, `y` or `z`.
-        mm_per_h: with time; None where the cells have the same mean time, as with a way there and
-            back.
-        mm_per_K: with temperature, None where it was not logged or did not change.
-    """
-
-    axis: str
+    axis: str  # `x`, `y` or `z`
+    # with time; None where the cells have the same mean time, as with a way there and back
     mm_per_h: Estimate | None
-    mm_per_K: Estimate | None
+    mm_per_K: Estimate | None  # with temperature, None where it was not logged or did not change
 
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """Where a fit and the data disagree.
+    """Where a fit and the data disagree."""
 
-    Attributes:
-        pose: lack of fit of the poses against pure error; None without repeats.
-        torque: of the torques; None where they or the weights are not known, or without repeats.
-        rms_mm, floor_mm: position error over all cells, and what noise alone would leave.
-        by_load, by_pose, by_axis: the same by part; no poses where each is measured once.
-        by_joint: in joint space.
-        by_torque: torques left, none where they are not known.
-        drifts: along the instrument's axes.
-        cells: C cells; of many poses so many as a picture shows, spread evenly over time.
-        position_mm: (C, 3) measured less predicted, along the instrument's axes.
-        joints: in joint space, cell by cell.
-        torque_left_Nm: (C, n) logged less predicted, None where it is not known.
-    """
-
-    pose: ChannelTest | None
+    pose: ChannelTest | None  # lack of fit of the poses against pure error; None without repeats
+    # of the torques; None where they or the weights are not known, or without repeats
     torque: ChannelTest | None
+    # rms_mm and floor_mm: position error over all cells, and what noise alone would leave
     rms_mm: float
     floor_mm: float
+    # by_load, by_pose and by_axis: the same by part; no poses where each is measured once
     by_load: tuple[Part, ...]
     by_pose: tuple[Part, ...]
     by_axis: tuple[Part, ...]
-    by_joint: tuple[JointPart, ...]
-    by_torque: tuple[TorquePart, ...]
-    drifts: tuple[Drift, ...]
+    by_joint: tuple[JointPart, ...]  # in joint space
+    by_torque: tuple[TorquePart, ...]  # torques left, none where they are not known
+    drifts: tuple[Drift, ...]  # along the instrument's axes
+    # C cells; of many poses so many as a picture shows, spread evenly over time
     cells: Observations
-    position_mm: Array
-    joints: JointErrors
-    torque_left_Nm: Array | None
+    position_mm: Array  # (C, 3) measured less predicted, along the instrument's axes
+    joints: JointErrors  # in joint space, cell by cell
+    torque_left_Nm: Array | None  # (C, n) logged less predicted, None where it is not known
 
 
 @dataclass(frozen=True)
 class CellResiduals:
-    """Residuals of C cells about a model.
+    """Residuals of C cells about a model."""
 
-    Attributes:
-        at: the model.
-        cells: the cells, complete.
-        components: (C, b) measured minus predicted [m, rad].
-        cov: (C, b, b) covariance of the cells' noise.
-        screws: (C, b, n) how the components follow the joints.
-    """
-
-    at: FittedModel
-    cells: Observations
-    components: Array
-    cov: Array
-    screws: Array
+    at: FittedModel  # the model
+    cells: Observations  # the cells, complete
+    components: Array  # (C, b) measured minus predicted [m, rad]
+    cov: Array  # (C, b, b) covariance of the cells' noise
+    screws: Array  # (C, b, n) how the components follow the joints
 
     @classmethod
     def about(cls, at: FittedModel, poses: Observations, cov: Array) -> CellResiduals:
@@ -219,15 +155,10 @@ class CellResiduals:
 
 @dataclass(frozen=True)
 class TorqueResiduals:
-    """Logged torques minus those of weights and model.
+    """Logged torques minus those of weights and model."""
 
-    Attributes:
-        torque_Nm: (C, n) logged minus predicted.
-        noise_Nm: (n,) standard deviation of one reading.
-    """
-
-    torque_Nm: Array
-    noise_Nm: Array
+    torque_Nm: Array  # (C, n) logged minus predicted
+    noise_Nm: Array  # (n,) standard deviation of one reading
 
 
 def lack_of_fit(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import end_pose_with_screws
+from pa10cal.arrays import Array
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
@@ -19,8 +20,6 @@ from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Parameter, Term
 from pa10cal.terms.weights import WEIGHT
-
-Array = NDArray[np.float64]
 
 #: Standard deviation thought possible of the model's own parameters, in their scale: wide enough
 #: to leave every direction that the data determine alone, and to settle those that they do not.

@@ -10,16 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.noise import MEDIAN_TO_SIGMA
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
 from pa10cal.observe.observations import Observations
-
-Array = NDArray[np.float64]
 
 #: What a reading tells of its load is within this part of the difference from the other load, and
 #: known to so many times better.
@@ -35,16 +33,12 @@ _MOST = 0.1
 
 @dataclass(frozen=True)
 class Exchanged:
-    """Readings whose load is that of another configuration.
+    """Readings whose load is that of another configuration."""
 
-    Attributes:
-        load_N: (P,) the load that each reading tells, one of the campaign's; as stated but for
-            those exchanged.
-        gain: (P,) part of the squared error of all readings that the other load takes away.
-    """
-
+    # (P,) the load that each reading tells, one of the campaign's; as stated but for those
+    # exchanged
     load_N: Array
-    gain: Array
+    gain: Array  # (P,) part of the squared error of all readings that the other load takes away
 
 
 def loads_exchanged(

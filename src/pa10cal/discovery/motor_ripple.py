@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.sensor_or_gear import Witness
-
-Array = NDArray[np.float64]
 
 #: Probability allowed of one false line in a whole search.
 FALSE_RATE = 0.01
@@ -63,23 +62,14 @@ _TINY = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class JointSeries:
-    """One joint in P configurations of a campaign.
+    """One joint in P configurations of a campaign."""
 
-    Attributes:
-        q_rad: (P,) its angle, as commanded.
-        left_rad: (P,) by how much further it stands than the model says.
-        weight: (P,) inverse variance of that [1/rad²].
-        error_rad: (P,) error of its angle by the model, true less commanded.
-        torque_Nm: (P,) its torque; nan where not known.
-        moved: (P,) whether it moved since the configuration before.
-    """
-
-    q_rad: Array
-    left_rad: Array
-    weight: Array
-    error_rad: Array
-    torque_Nm: Array
-    moved: NDArray[np.bool_]
+    q_rad: Array  # (P,) its angle, as commanded
+    left_rad: Array  # (P,) by how much further it stands than the model says
+    weight: Array  # (P,) inverse variance of that [1/rad²]
+    error_rad: Array  # (P,) error of its angle by the model, true less commanded
+    torque_Nm: Array  # (P,) its torque; nan where not known
+    moved: NDArray[np.bool_]  # (P,) whether it moved since the configuration before
 
     def __len__(self) -> int:
         return len(self.q_rad)
@@ -102,17 +92,11 @@ class JointSeries:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of a joint's residual.
+    """A line of a joint's residual."""
 
-    Attributes:
-        order: cycles a turn of the joint.
-        share: of the error with which it is strongest.
-        nats: minus the logarithm of the probability to find it there by chance.
-    """
-
-    order: float
-    share: float
-    nats: float
+    order: float  # cycles a turn of the joint
+    share: float  # of the error with which it is strongest
+    nats: float  # minus the logarithm of the probability to find it there by chance
 
 
 def witnesses(

@@ -19,12 +19,10 @@ from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
+from pa10cal.arrays import Array, Index
 from pa10cal.errors import DiscoveryError
 from pa10cal.observe.averages import reading_groups
 from pa10cal.observe.observations import Observations
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 #: Differences below which nothing can be said of the noise.
 LEAST_DIFFERENCES = 20
@@ -43,23 +41,19 @@ MEDIAN_TO_SIGMA = 1.0 / float(ndtri(0.75))
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of single readings.
+    """Noise of single readings."""
 
-    Attributes:
-        cov: (P, b, b) covariance of each reading's components: of a pose position [m] and small
-            rotation [rad], along the instrument's axes.
-        differences: pairs of readings behind it; 0 where it is what the instrument states.
-        joint_rad: (n,) standard deviation of each joint that the scatter shows; none where the
-            scatter was not attributed to its sources.
-        instrument: factor on the instrument's stated standard uncertainty that the scatter shows.
-        torque_Nm: (n,) standard deviation of a reading's torques (nan where none is logged; zero
-            where none scatters, as in a log that was calculated).
-    """
-
+    # (P, b, b) covariance of each reading's components: of a pose position [m] and small rotation
+    # [rad], along the instrument's axes
     cov: Array
-    differences: int
+    differences: int  # pairs of readings behind it; 0 where it is what the instrument states
+    # (n,) standard deviation of each joint that the scatter shows; none where the scatter was not
+    # attributed to its sources
     joint_rad: Array = field(default_factory=lambda: np.zeros(0))
+    # factor on the instrument's stated standard uncertainty that the scatter shows
     instrument: float = 1.0
+    # (n,) standard deviation of a reading's torques (nan where none is logged; zero where none
+    # scatters, as in a log that was calculated)
     torque_Nm: Array = field(default_factory=lambda: np.zeros(0))
 
     @property

@@ -8,9 +8,9 @@ from html import escape
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.gap import Gap, Named, gap
 from pa10cal.discovery.lack_of_fit import CellResiduals, LackOfFit, lack_of_fit
 from pa10cal.discovery.linear import mean_error_of_noise_mm, residual
@@ -21,8 +21,6 @@ from pa10cal.discovery.with_effects import ModelWithEffects, with_base_term
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import average_repeats, reading_groups
 from pa10cal.observe.observations import Observations
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -35,46 +33,34 @@ class TooLittle:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NotSought(Verdict[object]):
-    """A campaign in which effects cannot be sought: its calibrated model stays as it is.
+    """A campaign in which effects cannot be sought: its calibrated model stays as it is."""
 
-    Attributes:
-        reason: what the campaign lacks.
-        calibrated: the calibrated model.
-        poses: the averaged poses of the fit, complete.
-        cov: (P, b, b) covariance of their components by noise.
-        noise: of single readings: of nearly equal poses, or as stated.
-    """
-
-    reason: TooLittle
-    calibrated: FittedModel
-    poses: Observations
-    cov: Array
-    noise: Noise
+    reason: TooLittle  # what the campaign lacks
+    calibrated: FittedModel  # the calibrated model
+    poses: Observations  # the averaged poses of the fit, complete
+    cov: Array  # (P, b, b) covariance of their components by noise
+    noise: Noise  # of single readings: of nearly equal poses, or as stated
 
     method: ClassVar[None] = None
 
     @property
     @override
     def verdict(self) -> Word:
-        """Return the verdict in a word."""
         return "not_sought"
 
     @property
     @override
     def why(self) -> str:
-        """Return why effects cannot be sought."""
         return self.reason.why
 
     @property
     @override
     def remedy(self) -> str:
-        """Return what would do."""
         return self.reason.remedy
 
     @property
     @override
     def covariance(self) -> Array:
-        """Return the covariance (k, k) of all unknowns, as calibrated; nan where not known."""
         known = self.calibrated.covariance
         count = len(self.extended.at.x)
         return np.full((count, count), np.nan) if known is None else known
@@ -82,29 +68,24 @@ class NotSought(Verdict[object]):
     @property
     @override
     def noise_floor_from(self) -> str:
-        """Return what the noise floor was found from."""
         return self.noise.origin
 
     @cached_property
     @override
     def model(self) -> FittedModel:
-        """Return the calibrated model."""
         return self.calibrated
 
     @override
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
-        """Return none: what would do is more poses or repeats of any kind."""
         return Plan(())
 
     @override
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
-        """Return where data and model disagree: the same before and after."""
         found = lack_of_fit(CellResiduals.about(self.baseline, self.poses, self.cov))
         return found, found
 
     @override
     def errors_by_name(self) -> tuple[Named, ...]:
-        """Return the errors of the calibrated model."""
         return (
             Named(
                 (),
@@ -115,7 +96,6 @@ class NotSought(Verdict[object]):
 
     @override
     def _repr_html_(self) -> str:
-        """Return the verdict as a notebook shows it."""
         return f"<p>effects were not sought: {escape(self.why)}; {escape(self.remedy)}</p>"
 
 

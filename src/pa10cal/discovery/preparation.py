@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, Statics
+from pa10cal.arrays import Array
 from pa10cal.discovery.faults import Fault, faults_of_input
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.row_faults import RowFaults, held_out_faults, row_faults
@@ -24,56 +25,38 @@ from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import Weights
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class MeasurementSetup:
-    """What is known of a campaign besides its poses.
+    """What is known of a campaign besides its poses."""
 
-    Attributes:
-        payload: apparatus, load point, gravity; None where the arm's masses are not known.
-        p_ee_targets_m: (B, 3) stated places of the balls of an apparatus, in the end-effector
-            frame; none for an instrument that measures poses, and where they are unknowns of the
-            calibration.
-        reference_temperature_C: temperature at which lengths are nominal.
-        apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
-        options: standard uncertainties of what else repeats cannot show, and how to search.
-        commanded: whether joint positions are those commanded, and not read back.
-    """
-
+    # apparatus, load point, gravity; None where the arm's masses are not known
     payload: Payload | None
+    # (B, 3) stated places of the balls of an apparatus, in the end-effector frame; none for an
+    # instrument that measures poses, and where they are unknowns of the calibration
     p_ee_targets_m: Array
-    reference_temperature_C: float
-    apparatus_m: float = 5e-6
+    reference_temperature_C: float  # temperature at which lengths are nominal
+    apparatus_m: float = 5e-6  # standard uncertainty of a target's place on the apparatus, per axis
+    # standard uncertainties of what else repeats cannot show, and how to search
     options: DiscoveryOptions = field(default_factory=DiscoveryOptions)
-    commanded: bool = False
+    commanded: bool = False  # whether joint positions are those commanded, and not read back
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A campaign made ready for the search.
+    """A campaign made ready for the search."""
 
-    Attributes:
-        readings: single readings of the poses fitted, attitudes and torques as the model has them.
-        held_out: averaged held-out poses; None where there are none.
-        baseline: the calibrated model; its chain has the bends of the long links.
-        setup: what is known besides the poses.
-        torques: where the torques come from: `logged`, `masses`, or `none`.
-        arrivals_from_order: whether directions of arrival are those of the order of poses.
-        faults: faults of single rows or poses.
-        excluded: (P,) readings that are not to be averaged; None for none.
-        suspected: (H,) held-out poses with a suspected reading; None for none.
-    """
-
+    # single readings of the poses fitted, attitudes and torques as the model has them
     readings: Observations
-    held_out: Observations | None
-    baseline: FittedModel
-    setup: MeasurementSetup
-    torques: TorqueSource
-    arrivals_from_order: bool
-    faults: tuple[Fault, ...] = ()
+    held_out: Observations | None  # averaged held-out poses; None where there are none
+    baseline: FittedModel  # the calibrated model; its chain has the bends of the long links
+    setup: MeasurementSetup  # what is known besides the poses
+    torques: TorqueSource  # where the torques come from: `logged`, `masses`, or `none`
+    arrivals_from_order: bool  # whether directions of arrival are those of the order of poses
+    faults: tuple[Fault, ...] = ()  # faults of single rows or poses
+    # (P,) readings that are not to be averaged; None for none
     excluded: NDArray[np.bool_] | None = None
+    # (H,) held-out poses with a suspected reading; None for none
     suspected: NDArray[np.bool_] | None = None
 
     @property

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.discovery.analysis_record import analysis_keys, model_parameters, name_of
 from pa10cal.discovery.bands_record import bands_part, scatter_part
@@ -53,8 +52,6 @@ from pa10cal.results.record import Campaign
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.spectrum import Band
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.discovery.faults import Fault
 from pa10cal.discovery.gross_errors import GrossErrors, gross_errors, off_prediction, poses_off
@@ -23,9 +23,6 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource
 from pa10cal.observe.observations import Observations
 from pa10cal.results.fault_kind import FaultKind
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Labels are exchanged where another order leaves so little of what is left.
 _EXCHANGED_LEFT = 0.25
@@ -37,15 +34,11 @@ _LOOK = "look at the raw reading, and measure it again or leave it out"
 
 @dataclass(frozen=True)
 class RowFaults:
-    """Faults of single readings.
+    """Faults of single readings."""
 
-    Attributes:
-        excluded: (P,) readings not to be used; more than the faults name, as some are merely far.
-        faults: what is certain.
-    """
-
+    # (P,) readings not to be used; more than the faults name, as some are merely far
     excluded: Mask
-    faults: tuple[Fault, ...]
+    faults: tuple[Fault, ...]  # what is certain
 
 
 def row_faults(

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.motor_ripple import JointSeries
 from pa10cal.discovery.sensor_or_gear import Agreement
-
-Array = NDArray[np.float64]
 
 #: Arcs of a turn over which errors are averaged, and poses that each must have.
 _ARCS = 120

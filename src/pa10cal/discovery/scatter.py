@@ -12,16 +12,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.linear import by_joints, position_m
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import TOOL_FRAME, Forward
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
-
-Array = NDArray[np.float64]
 
 #: Poses that say enough.
 _ENOUGH_POSES = 1500
@@ -33,15 +31,10 @@ INSIDE95 = 1.96
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """Standard deviations of single poses about a model.
+    """Standard deviations of single poses about a model."""
 
-    Attributes:
-        joints: (n,) of joint positions [rad, m].
-        kinds: of each kind of component, by its name [m, rad].
-    """
-
-    joints: Array
-    kinds: Mapping[str, float]
+    joints: Array  # (n,) of joint positions [rad, m]
+    kinds: Mapping[str, float]  # of each kind of component, by its name [m, rad]
 
     def covariance(self, at: FittedModel, poses: Observations) -> Array:
         """Return the covariance of the components of poses, (P, b, b)."""

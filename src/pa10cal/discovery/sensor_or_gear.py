@@ -9,10 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 Cause = Literal["sensor", "gear"]
 
@@ -33,29 +30,21 @@ class Witness:
 
     The residual of the joint has lines a cos(N n p) + b sin(N n p) in p = q + alpha e(q) +
     beta tau, with e the joint's error (true less commanded angle).
-
-    Attributes:
-        joint: which, from 1.
-        ratio: N, motor turns a joint turn.
-        orders: the n of the lines that were found.
-        alpha: share of the error that the motor followed; 0 where the gear errs, 1 where the sensor
-            does.
-        interval95: its 95 % interval by profile likelihood; ends at those of the shares tried.
-        gain_nats: log-likelihood over alpha = 0.
-        gain_over_one_nats: log-likelihood over alpha = 1.
-        beta_rad_Nm: turn of the motor a torque; None where torques are not known or do not vary.
-        alphas, profile_nats: shares tried (A,), and the log-likelihood (A,) of each less that of
-            the best.
     """
 
-    joint: int
-    ratio: float
-    orders: tuple[int, ...]
+    joint: int  # which, from 1
+    ratio: float  # N, motor turns a joint turn
+    orders: tuple[int, ...]  # the n of the lines that were found
+    # share of the error that the motor followed; 0 where the gear errs, 1 where the sensor does
     alpha: float
+    # its 95 % interval by profile likelihood; ends at those of the shares tried
     interval95: tuple[float, float]
-    gain_nats: float
-    gain_over_one_nats: float
+    gain_nats: float  # log-likelihood over alpha = 0
+    gain_over_one_nats: float  # log-likelihood over alpha = 1
+    # turn of the motor a torque; None where torques are not known or do not vary
     beta_rad_Nm: float | None
+    # alphas and profile_nats: shares tried (A,), and the log-likelihood (A,) of each less that of
+    # the best
     alphas: Array
     profile_nats: Array
 
@@ -92,17 +81,11 @@ class Witness:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How well campaigns, or turns of a joint, agree on its error where both were.
+    """How well campaigns, or turns of a joint, agree on its error where both were."""
 
-    Attributes:
-        correlation: of their means in arcs of 3°, less what noise makes of it.
-        slope: of one by the other, likewise.
-        arcs: pairs of means that were compared.
-    """
-
-    correlation: float
-    slope: float
-    arcs: int
+    correlation: float  # of their means in arcs of 3°, less what noise makes of it
+    slope: float  # of one by the other, likewise
+    arcs: int  # pairs of means that were compared
 
     @property
     def holds(self) -> bool:
@@ -112,16 +95,11 @@ class Agreement:
 
 @dataclass(frozen=True)
 class JointCause:
-    """Whose error a joint's error by its angle is, and what says so.
+    """Whose error a joint's error by its angle is, and what says so."""
 
-    Attributes:
-        joint: which, from 1.
-        witness: the motor's ripple; None where it shows none.
-        agreement: of campaigns or turns; None where no angle was seen in two of them.
-    """
-
-    joint: int
-    witness: Witness | None
+    joint: int  # which, from 1
+    witness: Witness | None  # the motor's ripple; None where it shows none
+    # of campaigns or turns; None where no angle was seen in two of them
     agreement: Agreement | None
 
     @property

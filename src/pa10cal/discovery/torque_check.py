@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.faults import Fault, fault_of
 from pa10cal.discovery.preparation import MeasurementSetup, static_loads
 from pa10cal.fit.fitted_model import FittedModel
@@ -21,8 +22,6 @@ from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.faults.family import fault_candidates
 from pa10cal.terms.faults.weights_stated import WeightStated
-
-Array = NDArray[np.float64]
 
 #: Gain in evidence that a fault needs: odds of 1000 to 1 ...
 _LEAST_NATS = 6.9
@@ -72,21 +71,13 @@ def stated_wrongly(
 
 @dataclass(frozen=True)
 class _Rows:
-    """Products of weighed rows of the torques, of two halves of the readings.
+    """Products of weighed rows of the torques, of two halves of the readings."""
 
-    Attributes:
-        normal: (2, k, k) of the columns.
-        with_data: (2, k) of the columns with the data.
-        squares: (2,) of the data.
-        known: how many columns any log may need; those of the faults follow.
-        of_faults: columns of each fault.
-    """
-
-    normal: Array
-    with_data: Array
-    squares: Array
-    known: int
-    of_faults: tuple[NDArray[np.intp], ...]
+    normal: Array  # (2, k, k) of the columns
+    with_data: Array  # (2, k) of the columns with the data
+    squares: Array  # (2,) of the data
+    known: int  # how many columns any log may need; those of the faults follow
+    of_faults: tuple[NDArray[np.intp], ...]  # columns of each fault
 
     def gains(self, chosen: Sequence[int], fault: int) -> tuple[float, float]:
         """Return the squares that a further fault takes away, of all and of the lesser half."""

@@ -5,18 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates, StaticLoads
 from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array
 from pa10cal.discovery.linear import by_every_joint
 from pa10cal.discovery.noise import Noise
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.term import yields
-
-Array = NDArray[np.float64]
 
 #: Torques a row above which their scatter about the weights says how noisy they are.
 _ROWS_A_COLUMN = 2

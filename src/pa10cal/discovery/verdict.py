@@ -10,9 +10,9 @@ from html import escape
 from typing import ClassVar, Generic, Literal, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.discovery.faults import Fault, fault_of, to_check
 from pa10cal.discovery.finding import Finding as Finding
 from pa10cal.discovery.finding import NotTestable as NotTestable
@@ -31,7 +31,6 @@ from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.faults.log_fault import LogFault
 
-Array = NDArray[np.float64]
 Word = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "not_sought"]
 P_co = TypeVar("P_co", covariant=True)
 
@@ -40,15 +39,10 @@ MAP = "joint_error_map"
 
 @dataclass(frozen=True)
 class FallsBack:
-    """Where the effects found do not hold, so that the model is the calibrated one.
+    """Where the effects found do not hold, so that the model is the calibrated one."""
 
-    Attributes:
-        within: joint positions in which they hold.
-        why: what held-out poses show, one sentence.
-    """
-
-    within: AnglesSeen
-    why: str
+    within: AnglesSeen  # joint positions in which they hold
+    why: str  # what held-out poses show, one sentence
 
     @property
     def everywhere(self) -> bool:
@@ -58,23 +52,14 @@ class FallsBack:
 
 @dataclass(frozen=True)
 class Separation:
-    """How far apart an effect and its rival are expected to be, in log evidence.
+    """How far apart an effect and its rival are expected to be, in log evidence."""
 
-    Attributes:
-        effect: found, or not testable so far.
-        rival: what explains the data as well; None for the model's own parameters.
-        before_nats: with the data so far.
-        after_nats: with all configurations suggested.
-        possible_nats: with as many configurations, were they chosen for this pair alone.
-        can_be_split: whether so many configurations bring the two apart at all.
-    """
-
-    effect: Effect
-    rival: Effect | None
-    before_nats: float
-    after_nats: float
-    possible_nats: float
-    can_be_split: bool
+    effect: Effect  # found, or not testable so far
+    rival: Effect | None  # what explains the data as well; None for the model's own parameters
+    before_nats: float  # with the data so far
+    after_nats: float  # with all configurations suggested
+    possible_nats: float  # with as many configurations, were they chosen for this pair alone
+    can_be_split: bool  # whether so many configurations bring the two apart at all
 
     @property
     def label(self) -> str:
@@ -84,80 +69,59 @@ class Separation:
 
 @dataclass(frozen=True)
 class Plan:
-    """What to measure next, and what it is expected to bring.
+    """What to measure next, and what it is expected to bring."""
 
-    Attributes:
-        poses: the configurations, in the order of choice; none where poses cannot help.
-        separations: one for each pair of effects that the data cannot separate; None where effects
-            are judged by blocks.
-    """
-
+    # the configurations, in the order of choice; none where poses cannot help
     poses: tuple[NextPose, ...]
+    # one for each pair of effects that the data cannot separate; None where effects are judged by
+    # blocks
     separations: tuple[Separation, ...] | None = None
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step of the search.
+    """One step of the search."""
 
-    Attributes:
-        effects: the set then held.
-        gain_nats: log evidence over the model without effects; None where judged by blocks.
-        rms_mm: position error that remains at the cells; None likewise.
-        squared_error_of_a_row: mean square of a whitened row of blocks held out; None where
-            judged by repeats.
-    """
-
-    effects: tuple[Effect, ...]
+    effects: tuple[Effect, ...]  # the set then held
+    # log evidence over the model without effects; None where judged by blocks
     gain_nats: float | None = None
-    rms_mm: float | None = None
+    rms_mm: float | None = None  # position error that remains at the cells; None likewise
+    # mean square of a whitened row of blocks held out; None where judged by repeats
     squared_error_of_a_row: float | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Verdict(ABC, Generic[P_co]):
-    """What became of a campaign.
+    """What became of a campaign."""
 
-    Attributes:
-        prepared: the campaign.
-        context: where effects may sit in it.
-        error_rate: probability allowed of naming anything where nothing is missing.
-        candidates: how many effects were tried.
-        findings: what was found and is in the extended model, in the order found: effects of the
-            vocabulary, and faults of the whole log.
-        unexplained: what remains without a name.
-        not_testable: effects that these data cannot show.
-        below_detection_limit: effects sought that would be missed too often at their plausible
-            size; settled before residuals are looked at. None known where judged by repeats.
-        indistinguishable: groups of named candidates that these poses cannot separate.
-        extended: the calibrated model with the effects found, and nothing generic in it.
-        noise_floor_mm: mean position error that noise alone would leave.
-        train, holdout: the gap before and after; None without held-out poses.
-        steps: of the search.
-        faults_of_rows: faults of single rows or poses that were found after the search.
-        falls_back: where the effects do not hold; None where nothing speaks against them.
-        proposed: formulas for what has no name; they name nothing.
-        gives_way: joints that give way under weights that nobody stated. Their springs are part of
-            the calibrated model already.
-    """
-
-    prepared: Prepared
-    context: CandidateContext
-    error_rate: float
-    candidates: int
+    prepared: Prepared  # the campaign
+    context: CandidateContext  # where effects may sit in it
+    error_rate: float  # probability allowed of naming anything where nothing is missing
+    candidates: int  # how many effects were tried
+    # what was found and is in the extended model, in the order found: effects of the vocabulary,
+    # and faults of the whole log
     findings: tuple[Finding[P_co], ...]
-    unexplained: tuple[Unexplained, ...]
-    not_testable: tuple[NotTestable, ...]
+    unexplained: tuple[Unexplained, ...]  # what remains without a name
+    not_testable: tuple[NotTestable, ...]  # effects that these data cannot show
+    # effects sought that would be missed too often at their plausible size; settled before
+    # residuals are looked at. None known where judged by repeats.
     below_detection_limit: tuple[NotTestable, ...] | None = None
+    # groups of named candidates that these poses cannot separate
     indistinguishable: tuple[tuple[Effect, ...], ...] = ()
+    # the calibrated model with the effects found, and nothing generic in it
     extended: ModelWithEffects
-    noise_floor_mm: float
+    noise_floor_mm: float  # mean position error that noise alone would leave
+    # train and holdout: the gap before and after; None without held-out poses
     train: Gap
     holdout: Gap | None
-    steps: tuple[Step, ...]
+    steps: tuple[Step, ...]  # of the search
+    # faults of single rows or poses that were found after the search
     faults_of_rows: tuple[Fault, ...] = ()
+    # where the effects do not hold; None where nothing speaks against them
     falls_back: FallsBack | None = None
-    proposed: tuple[Proposal, ...] = ()
+    proposed: tuple[Proposal, ...] = ()  # formulas for what has no name; they name nothing
+    # joints that give way under weights that nobody stated. Their springs are part of the
+    # calibrated model already.
     gives_way: tuple[Finding[object], ...] = ()
 
     #: How effects are judged; None where they are not sought.

@@ -10,14 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.noise import MEDIAN_TO_SIGMA
 from pa10cal.observe.instrument import Instrument
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 #: Share of undisturbed poses that weigh less than fully.
 _HUBER_TAIL = 1e-3
@@ -27,15 +24,10 @@ _MOST_SHRINK = 1e-3
 
 @dataclass(frozen=True)
 class PoseWeights:
-    """Whitening and weights of P poses.
+    """Whitening and weights of P poses."""
 
-    Attributes:
-        whitener: (P, b, b) makes the residuals of each pose independent and of unit size.
-        weight: (P,) 1, or less far outside the scatter.
-    """
-
-    whitener: Array
-    weight: Array
+    whitener: Array  # (P, b, b) makes the residuals of each pose independent and of unit size
+    weight: Array  # (P,) 1, or less far outside the scatter
 
     def whiteners(self, rows: Index) -> Array:
         """Return the whiteners of some poses times the roots of their weights."""
@@ -53,18 +45,13 @@ class PoseWeights:
 
 @dataclass(frozen=True)
 class Widening:
-    """By how much components scatter otherwise than the median of what is left says.
+    """By how much components scatter otherwise than the median of what is left says."""
 
-    Attributes:
-        scatter: of all of them, in that of the median.
-        attitudes: weight of what is no position, in that of its scatter: errors that go with the
-            pose do not average out, however many poses there are.
-        positions: columns of positions.
-    """
-
-    scatter: float = 1.0
+    scatter: float = 1.0  # of all of them, in that of the median
+    # weight of what is no position, in that of its scatter: errors that go with the pose do not
+    # average out, however many poses there are
     attitudes: float = 1.0
-    positions: tuple[int, ...] = ()
+    positions: tuple[int, ...] = ()  # columns of positions
 
 
 AS_FOUND = Widening()

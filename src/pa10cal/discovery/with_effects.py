@@ -8,13 +8,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
 from pa10cal.terms.offsets import base_frame
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,17 +22,13 @@ class ModelWithEffects:
 
     The unknowns are the parameters of the calibrated model, effect by effect, six small motions of
     the base, and the places of the instrument's targets, in that order.
-
-    Attributes:
-        effects: the effects in it.
-        at: chain and terms: those of the calibrated model, the effects, and small motions of the
-            base; with their parameters, and targets where the instrument has some of its own.
-        converged: whether the solver stopped by itself.
     """
 
     effects: tuple[Effect, ...]
+    # chain and terms: those of the calibrated model, the effects, and small motions of the base;
+    # with their parameters, and targets where the instrument has some of its own
     at: FittedModel
-    converged: bool
+    converged: bool  # whether the solver stopped by itself
 
     @property
     def model(self) -> Model:

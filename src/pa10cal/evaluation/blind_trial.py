@@ -44,76 +44,49 @@ class Name:
 
 @dataclass(frozen=True)
 class Hidden:
-    """An effect that was hidden.
+    """An effect that was hidden."""
 
-    Attributes:
-        name: which, and where.
-        size: factor of its reference size.
-        parameters: as the cell has them; vectors are lists.
-        moved_mm: how far it moves what the calibrated baseline leaves at averaged poses, root mean
-            square; None where the trial failed.
-        apart_mm: the same once the sizes of all else that is hidden are fitted; None where that is
-            not known.
-    """
-
-    name: Name
-    size: float
-    parameters: Mapping[str, object]
+    name: Name  # which, and where
+    size: float  # factor of its reference size
+    parameters: Mapping[str, object]  # as the cell has them; vectors are lists
+    # how far it moves what the calibrated baseline leaves at averaged poses, root mean square;
+    # None where the trial failed
     moved_mm: float | None
+    # the same once the sizes of all else that is hidden are fitted; None where that is not known
     apart_mm: float | None = None
 
 
 @dataclass(frozen=True)
 class Disturbed:
-    """A stressor or a fault that a wild trial puts into the raw files.
+    """A stressor or a fault that a wild trial puts into the raw files."""
 
-    Attributes:
-        id: which.
-        where: poses, joints, loads or keys.
-        stressor: whether ordinary logs have it; else somebody must be told.
-        kinds: kinds of fault of a verdict that tell it.
-        measured: whether `moved_mm` says how much it matters; else it is far above the noise.
-        moved_mm: how far it moves what the calibrated model leaves; None where not known.
-    """
-
-    id: str
-    where: tuple[str, ...]
-    stressor: bool
-    kinds: tuple[str, ...]
-    measured: bool
+    id: str  # which
+    where: tuple[str, ...]  # poses, joints, loads or keys
+    stressor: bool  # whether ordinary logs have it; else somebody must be told
+    kinds: tuple[str, ...]  # kinds of fault of a verdict that tell it
+    measured: bool  # whether `moved_mm` says how much it matters; else it is far above the noise
+    # how far it moves what the calibrated model leaves; None where not known
     moved_mm: float | None
 
 
 @dataclass(frozen=True)
 class Told:
-    """What a verdict and its calibration say of the log.
+    """What a verdict and its calibration say of the log."""
 
-    Attributes:
-        faults: kind and place of each fault of the verdict.
-        grade: of the calibration.
-        left_out: poses with quarantined rows, or that are suspected outliers.
-        motions: what is said of each motion in the course of time, in words.
-    """
-
-    faults: tuple[tuple[str, str], ...] = ()
-    grade: str = ""
+    faults: tuple[tuple[str, str], ...] = ()  # kind and place of each fault of the verdict
+    grade: str = ""  # of the calibration
+    # poses with quarantined rows, or that are suspected outliers
     left_out: frozenset[str] = frozenset()
-    motions: tuple[str, ...] = ()
+    motions: tuple[str, ...] = ()  # what is said of each motion in the course of time, in words
 
 
 @dataclass(frozen=True)
 class Named:
-    """An effect of a verdict.
+    """An effect of a verdict."""
 
-    Attributes:
-        name: which, and where.
-        alternatives: what explains the data as well.
-        parameters: value and standard uncertainty, by name.
-    """
-
-    name: Name
-    alternatives: tuple[Name, ...]
-    parameters: Mapping[str, tuple[float, float]]
+    name: Name  # which, and where
+    alternatives: tuple[Name, ...]  # what explains the data as well
+    parameters: Mapping[str, tuple[float, float]]  # value and standard uncertainty, by name
 
     @property
     def all_names(self) -> tuple[Name, ...]:
@@ -128,52 +101,33 @@ class Named:
 
 @dataclass(frozen=True)
 class Formula:
-    """A formula that was proposed.
+    """A formula that was proposed."""
 
-    Attributes:
-        form: which form.
-        of: where it sits.
-        numbers: what fixes it: orders first.
-    """
-
-    form: str
-    of: str
-    numbers: tuple[float, ...] = ()
+    form: str  # which form
+    of: str  # where it sits
+    numbers: tuple[float, ...] = ()  # what fixes it: orders first
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a trial.
+    """The verdict on a trial."""
 
-    Attributes:
-        word: `none`, `named`, `ambiguous`, `unexplained`, `check_the_log` or `not_sought`.
-        effects: what was named, in order.
-        places: where something without a name sits; None where it is unknown.
-        not_testable: what the data cannot show, or not surely at its plausible size.
-        indistinguishable: groups that the poses cannot separate.
-        springs: joints with a spring in the judged model, from 1.
-        noise_floor_mm: mean position error of repeatability alone.
-        held_out_after_mm: mean position error of the extended model at held-out poses; None where
-            there are none.
-        seconds, seconds_simulating: what judging, and making, the trial took.
-        held_out_before_mm: of the calibrated model at held-out poses; None where there are none.
-        told: what is said of the log.
-        proposed: formulas for what has no name.
-    """
-
-    word: str
-    effects: tuple[Named, ...]
-    places: tuple[str | None, ...]
-    not_testable: frozenset[Name]
-    indistinguishable: tuple[frozenset[Name], ...]
-    springs: tuple[int, ...]
-    noise_floor_mm: float
+    word: str  # `none`, `named`, `ambiguous`, `unexplained`, `check_the_log` or `not_sought`
+    effects: tuple[Named, ...]  # what was named, in order
+    places: tuple[str | None, ...]  # where something without a name sits; None where it is unknown
+    not_testable: frozenset[Name]  # what the data cannot show, or not surely at its plausible size
+    indistinguishable: tuple[frozenset[Name], ...]  # groups that the poses cannot separate
+    springs: tuple[int, ...]  # joints with a spring in the judged model, from 1
+    noise_floor_mm: float  # mean position error of repeatability alone
+    # mean position error of the extended model at held-out poses; None where there are none
     held_out_after_mm: float | None
+    # seconds and seconds_simulating: what judging, and making, the trial took
     seconds: float
     seconds_simulating: float
+    # of the calibrated model at held-out poses; None where there are none
     held_out_before_mm: float | None = None
-    told: Told = Told()
-    proposed: tuple[Formula, ...] = ()
+    told: Told = Told()  # what is said of the log
+    proposed: tuple[Formula, ...] = ()  # formulas for what has no name
 
     @property
     def says_something(self) -> bool:
@@ -183,34 +137,24 @@ class Verdict:
 
 @dataclass(frozen=True)
 class BlindTrial:
-    """A trial with its verdict.
+    """A trial with its verdict."""
 
-    Attributes:
-        campaign, kind, layout, path: which trial.
-        measured: `touched`, with poses repeated, `tracked`, without, or `wild`, either.
-        flexible_joints: joints with a spring.
-        hidden: what it hides.
-        seconds_twin: what it took to find how far the residual is moved.
-        verdict: None where it failed.
-        failed: the message where it failed.
-        refused: whether that is a command's, that the campaign is not fit to be calibrated.
-        put_in: stressors and faults in its raw files.
-        noise_mm: what noise alone leaves of positions, root mean square, by the truth; None where
-            the verdict's noise floor stands for it.
-    """
-
+    # campaign, kind, layout and path: which trial
     campaign: str
     kind: str
     layout: str
     path: str
-    measured: str
-    flexible_joints: tuple[int, ...]
-    hidden: tuple[Hidden, ...]
-    seconds_twin: float
-    verdict: Verdict | None
-    failed: str | None
+    measured: str  # `touched`, with poses repeated, `tracked`, without, or `wild`, either
+    flexible_joints: tuple[int, ...]  # joints with a spring
+    hidden: tuple[Hidden, ...]  # what it hides
+    seconds_twin: float  # what it took to find how far the residual is moved
+    verdict: Verdict | None  # None where it failed
+    failed: str | None  # the message where it failed
+    # whether that is a command's, that the campaign is not fit to be calibrated
     refused: bool = False
-    put_in: tuple[Disturbed, ...] = ()
+    put_in: tuple[Disturbed, ...] = ()  # stressors and faults in its raw files
+    # what noise alone leaves of positions, root mean square, by the truth; None where the
+    # verdict's noise floor stands for it
     noise_mm: float | None = None
 
     def moved_over_floor(self, hidden: Hidden | Disturbed) -> float | None:

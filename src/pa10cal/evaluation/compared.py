@@ -106,16 +106,12 @@ def judged_models(
 
 @dataclass(frozen=True)
 class Carried:
-    """Models carried to a campaign: base and tool fitted there, part by part where it moved.
+    """Models carried to a campaign: base and tool fitted there, part by part where it moved."""
 
-    Attributes:
-        models: errors by model.
-        parts: of the campaign, each with its own base; none where nothing moved.
-        one_base: errors by model with one base for all; empty where nothing moved.
-    """
-
-    models: dict[str, HeldOutModel]
+    models: dict[str, HeldOutModel]  # errors by model
+    # of the campaign, each with its own base; none where nothing moved
     parts: tuple[PartOfCampaign, ...] = ()
+    # errors by model with one base for all; empty where nothing moved
     one_base: Mapping[str, HeldOutModel] = field(default_factory=dict)
 
 

@@ -5,33 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 LEVEL = 0.95
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """How often intervals held the truth.
+    """How often intervals held the truth."""
 
-    Attributes:
-        inside: share of all scores inside their 95 % interval.
-        inside_low, inside_high: 95 % interval of that share, campaigns being independent and the
-            parameters of one campaign not.
-        rms: root mean square of the scores, 1 where the uncertainties are right.
-        by_parameter: (k,) share of the campaigns for each parameter.
-        rms_by_parameter: (k,) root mean square for each parameter.
-    """
-
-    inside: float
+    inside: float  # share of all scores inside their 95 % interval
+    # inside_low and inside_high: 95 % interval of that share, campaigns being independent and the
+    # parameters of one campaign not
     inside_low: float
     inside_high: float
-    rms: float
-    by_parameter: Array
-    rms_by_parameter: Array
+    rms: float  # root mean square of the scores, 1 where the uncertainties are right
+    by_parameter: Array  # (k,) share of the campaigns for each parameter
+    rms_by_parameter: Array  # (k,) root mean square for each parameter
 
 
 def coverage(scores: Array) -> Coverage:

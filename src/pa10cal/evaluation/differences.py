@@ -14,6 +14,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import TOOL
+from pa10cal.arrays import Array
 from pa10cal.calibration.general.prior import of_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.joint_spring import JointSpring
@@ -22,33 +23,21 @@ from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Term
 from pa10cal.terms.weights import Weights
 
-Array = NDArray[np.float64]
-
 #: A millimetre and a milliradian.
 UNIT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """What two models differ by, in the parameters that both have.
+    """What two models differ by, in the parameters that both have."""
 
-    Attributes:
-        terms: of the arm, those of the first model that the second has too.
-        x: (s,) their parameters in the first model.
-        by: (k,) second less first: of the arm, then of the tool, then six motions of the base.
-        covariance: (k, k) that they are expected to scatter with.
-        scale: (k,) typical sizes.
-        tool: columns of the tool.
-        base: columns of the base.
-    """
-
-    terms: tuple[Term, ...]
-    x: Array
-    by: Array
-    covariance: Array
-    scale: Array
-    tool: NDArray[np.intp]
-    base: NDArray[np.intp]
+    terms: tuple[Term, ...]  # of the arm, those of the first model that the second has too
+    x: Array  # (s,) their parameters in the first model
+    by: Array  # (k,) second less first: of the arm, then of the tool, then six motions of the base
+    covariance: Array  # (k, k) that they are expected to scatter with
+    scale: Array  # (k,) typical sizes
+    tool: NDArray[np.intp]  # columns of the tool
+    base: NDArray[np.intp]  # columns of the base
 
 
 def differences(first: FittedModel, second: FittedModel) -> Differences:

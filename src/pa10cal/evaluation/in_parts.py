@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE
+from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.general.transfer import refit_frames, with_tool_of
 from pa10cal.discovery.family import sought
@@ -37,8 +37,6 @@ from pa10cal.observe.observations import Observations
 from pa10cal.results.evaluation import PartOfCampaign
 from pa10cal.terms.of_campaign import OfPart, motion_of_base
 
-Array = NDArray[np.float64]
-
 #: Calibration poses of a part, and components seen in them, from which on it has its own base.
 _LEAST_POSES = 10
 _LEAST_COMPONENTS = 30
@@ -48,17 +46,11 @@ _FRAMES = 12
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A model whose base and tool were fitted to the calibration poses of a campaign.
+    """A model whose base and tool were fitted to the calibration poses of a campaign."""
 
-    Attributes:
-        model: the model there.
-        poses: those poses, averaged, with what its terms need.
-        rms_mm: what it leaves of them.
-    """
-
-    model: FittedModel
-    poses: Observations
-    rms_mm: float
+    model: FittedModel  # the model there
+    poses: Observations  # those poses, averaged, with what its terms need
+    rms_mm: float  # what it leaves of them
 
 
 def placed(

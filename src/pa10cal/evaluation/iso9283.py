@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import Array
 from pa10cal.observe.averages import measured_as_poses, reading_groups
 from pa10cal.observe.observations import Observations
 from pa10cal.results.evaluation import HeldOutModel
 from pa10cal.results.iso9283 import AccuracyRows, Iso9283Record, PoseAccuracy, RepeatabilityRows
 from pa10cal.results.record import Campaign
-
-Array = NDArray[np.float64]
 
 #: Repeats of a configuration below which its scatter says too little; the standard has 30.
 LEAST_REPEATS = 5
@@ -29,15 +28,11 @@ _MM = 1e3
 
 @dataclass(frozen=True)
 class Repeatability:
-    """Repeatability of one pose.
+    """Repeatability of one pose."""
 
-    Attributes:
-        RP_mm: mean distance from the mean attained position, and three standard deviations.
-        RP_deg: (3,) three standard deviations of the rotations about x, y and z; None where no
-            attitude is measured.
-    """
-
-    RP_mm: float
+    RP_mm: float  # mean distance from the mean attained position, and three standard deviations
+    # (3,) three standard deviations of the rotations about x, y and z; None where no attitude is
+    # measured
     RP_deg: Array | None
 
 

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, TOOL
+from pa10cal.arrays import Array
 from pa10cal.calibration.general.calibrate import GeneralCalibration
 from pa10cal.fit.identifiability import not_identifiable
 from pa10cal.fit.loads import with_torques
@@ -22,8 +22,6 @@ from pa10cal.observe.observations import Observations
 from pa10cal.results.calibration import CalibratedParameter
 from pa10cal.results.truth import TrueParameter
 from pa10cal.terms.joint_spring import JointSpring
-
-Array = NDArray[np.float64]
 
 _CLASSES = {
     "delta_a_": "lengths",
@@ -38,21 +36,14 @@ _CLASSES = {
 
 @dataclass(frozen=True)
 class KnownTruth:
-    """What hides behind a campaign.
+    """What hides behind a campaign."""
 
-    Attributes:
-        departures: of links, by the name of their parameter [m, rad]; those not named are zero.
-        T_instr_base: (4, 4) base in the instrument's frame [m].
-        T_ee_target: (4, 4) target of an instrument that gives poses.
-        p_ee_targets_m: (B, 3) targets of the other instruments.
-        k_lin_Nm_rad: (n,) stiffness of the joints, infinite where they are rigid.
-    """
-
+    # of links, by the name of their parameter [m, rad]; those not named are zero
     departures: Mapping[str, float]
-    T_instr_base: Array
-    T_ee_target: Array
-    p_ee_targets_m: Array
-    k_lin_Nm_rad: Array
+    T_instr_base: Array  # (4, 4) base in the instrument's frame [m]
+    T_ee_target: Array  # (4, 4) target of an instrument that gives poses
+    p_ee_targets_m: Array  # (B, 3) targets of the other instruments
+    k_lin_Nm_rad: Array  # (n,) stiffness of the joints, infinite where they are rigid
 
 
 def parameter_scores(general: GeneralCalibration, truth: KnownTruth) -> dict[str, float]:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
+from pa10cal.arrays import Array
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward, conditions
 from pa10cal.frame.pose_error import cross_matrix
 from pa10cal.results.comparison import ComparedFrame
-
-Array = NDArray[np.float64]
 
 #: Postures compared, and the seed of their draw.
 POSTURES, SEED = 400, 1
@@ -57,15 +55,11 @@ def shared_loads(first: FittedModel, second: FittedModel) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class _Predicted:
-    """A frame as a model predicts it in P postures.
+    """A frame as a model predicts it in P postures."""
 
-    Attributes:
-        T: (P, 4, 4) its poses [m].
-        noise: (P, 6, k) its motions under k independent causes of standard size one; None where
-            the covariance is not known.
-    """
-
-    T: Array
+    T: Array  # (P, 4, 4) its poses [m]
+    # (P, 6, k) its motions under k independent causes of standard size one; None where the
+    # covariance is not known
     noise: Array | None
 
 

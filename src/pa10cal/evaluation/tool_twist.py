@@ -7,12 +7,10 @@ that sat differently on the flange between the two sessions would show just so.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import Array
 from pa10cal.results.evaluation import ToolTwist as ToolTwist
-
-Array = NDArray[np.float64]
 
 
 def constant_tool_twist(R_predicted: Array, R_measured: Array) -> ToolTwist:

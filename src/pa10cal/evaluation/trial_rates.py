@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import binomtest
 
+from pa10cal.arrays import Array
 from pa10cal.results.trials import Bar, PowerCurve, Rate
-
-Array = NDArray[np.float64]
 
 LEVEL = 0.95
 #: Standard deviation expected of the slope of a power curve: none is steeper than a few of these

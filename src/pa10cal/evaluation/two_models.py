@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
@@ -28,8 +27,6 @@ from pa10cal.results.comparison import (
     ParameterRows,
 )
 from pa10cal.results.health import UNRESERVED
-
-Array = NDArray[np.float64]
 
 #: Models are said to differ where chance leaves so much in fewer than one of a hundred pairs.
 LEAST_CHANCE = 0.01

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from pa10cal.arrays import Array
 from pa10cal.evaluation.differences import UNIT, Differences, differences
 from pa10cal.fit.expected import Disagreement
 from pa10cal.fit.fitted_model import FittedModel
@@ -30,8 +30,6 @@ from pa10cal.fit.moved import (
 from pa10cal.results.comparison import MovedThing, WhatMoved
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import Term
-
-Array = NDArray[np.float64]
 
 #: What a frame may have moved by, in its unit.
 _MOTIONS = (1.0, 10.0, 100.0, 1000.0)

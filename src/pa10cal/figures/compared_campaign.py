@@ -15,27 +15,16 @@ from pa10cal.results.montecarlo import PlaneRecord
 
 @dataclass(frozen=True)
 class Found:
-    """What our side of the comparison is taken from.
+    """What our side of the comparison is taken from."""
 
-    Attributes:
-        combined: calibration of all loads together.
-        evaluated: calibration that was evaluated on held-out points.
-        cases: calibration of each load, by load as `0N`, `22N`, ….
-        held_out: evaluation on held-out points.
-        scatter: of repeats, by load.
-        planes: Monte Carlo by height [mm].
-        instrument_uncertainty_mm: as the campaign states it.
-        kcub_reading: which of the paper's cubic stiffnesses stands beside ours.
-    """
-
-    combined: PaperCalibrationRecord
-    evaluated: PaperCalibrationRecord
-    cases: dict[str, PaperCalibrationRecord]
-    held_out: HoldoutRecord
-    scatter: dict[str, Scatter]
-    planes: dict[int, PlaneRecord]
-    instrument_uncertainty_mm: float
-    kcub_reading: str
+    combined: PaperCalibrationRecord  # calibration of all loads together
+    evaluated: PaperCalibrationRecord  # calibration that was evaluated on held-out points
+    cases: dict[str, PaperCalibrationRecord]  # calibration of each load, by load as `0N`, `22N`, …
+    held_out: HoldoutRecord  # evaluation on held-out points
+    scatter: dict[str, Scatter]  # of repeats, by load
+    planes: dict[int, PlaneRecord]  # Monte Carlo by height [mm]
+    instrument_uncertainty_mm: float  # as the campaign states it
+    kcub_reading: str  # which of the paper's cubic stiffnesses stands beside ours
 
     @classmethod
     def of(cls, results: Results) -> Found:

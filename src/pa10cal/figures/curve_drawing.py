@@ -7,12 +7,9 @@ from typing import Any, cast
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from pa10cal.figures.curve_results import CurveResults
 from pa10cal.figures.style import BLACK, BLUE, GREY, ORANGE, SKY, VERMILLION, panel
-
-Array = NDArray[np.float64]
 
 #: Links of longer chains are drawn without a mark at every joint, and without their axes.
 _MOST_MARKS = 120

@@ -7,13 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.errors import RecordError
 from pa10cal.results.codec import read
 from pa10cal.results.curve import CurveRecord
-
-Array = NDArray[np.float64]
 
 #: Why a gait has nothing to show.
 ONE_SHAPE = "one shape does not move"
@@ -22,22 +20,14 @@ _PLACE_M = ["x_m", "y_m", "z_m"]
 
 @dataclass(frozen=True)
 class CurveResults:
-    """A chain of n links in T shapes.
+    """A chain of n links in T shapes."""
 
-    Attributes:
-        record: its links, statuses and limits.
-        time_s: (T,) when.
-        p_m: (T, n + 1, 3) where links join.
-        z_axis: (T, n, 3) z axes of the links.
-        curve_m: (T, k, 3) places along the curve.
-        a_deg, b_deg: (T, n - 1) joint angles.
-    """
-
-    record: CurveRecord
-    time_s: Array
-    p_m: Array
-    z_axis: Array
-    curve_m: Array
+    record: CurveRecord  # its links, statuses and limits
+    time_s: Array  # (T,) when
+    p_m: Array  # (T, n + 1, 3) where links join
+    z_axis: Array  # (T, n, 3) z axes of the links
+    curve_m: Array  # (T, k, 3) places along the curve
+    # a_deg and b_deg: (T, n - 1) joint angles
     a_deg: Array
     b_deg: Array
 

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.figures.style import MODELS
 from pa10cal.results.evaluation import HeldOutRows, HoldoutRecord
-
-Array = NDArray[np.float64]
 
 #: Told apart by more than their colours.
 _LINES = {"geometry": "--", "cubic": "-."}
@@ -37,21 +36,13 @@ _NAMES = {
 
 @dataclass(frozen=True)
 class Judged:
-    """One model on held-out poses that belong together.
+    """One model on held-out poses that belong together."""
 
-    Attributes:
-        name: in the record.
-        title: as readers see it.
-        where: `all`, or for a model that has learnt from angles `inside` those or `extrapolated`.
-        error_mm: (P,) position error.
-        angle_deg: (P,) orientation error, None where no attitude was seen.
-    """
-
-    name: str
-    title: str
-    where: str
-    error_mm: Array
-    angle_deg: Array | None
+    name: str  # in the record
+    title: str  # as readers see it
+    where: str  # `all`, or for a model that has learnt from angles `inside` those or `extrapolated`
+    error_mm: Array  # (P,) position error
+    angle_deg: Array | None  # (P,) orientation error, None where no attitude was seen
 
     @property
     def rms_mm(self) -> float:

@@ -9,22 +9,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.errors import RecordError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class JointPositions:
-    """Mean joint positions of configurations over their repeats.
+    """Mean joint positions of configurations over their repeats."""
 
-    Attributes:
-        q: one row a pose and load, one column a joint [rad; m of a prismatic joint].
-        slides: (n,) which joints slide.
-    """
-
-    q: pd.DataFrame
-    slides: NDArray[np.bool_]
+    q: pd.DataFrame  # one row a pose and load, one column a joint [rad; m of a prismatic joint]
+    slides: NDArray[np.bool_]  # (n,) which joints slide
 
     def of(self, poses: Sequence[str], loads_N: Sequence[float]) -> Array:
         """Return the joint positions (P, n) of P poses, each at its load.

@@ -5,9 +5,8 @@ from __future__ import annotations
 from bisect import bisect_left
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: Angles closer than this part of a cycle count as one.
 _SAME_PHASE = 0.1

@@ -29,25 +29,16 @@ _ANGLE = attrgetter("orientation_deg")
 
 @dataclass(frozen=True)
 class Compared:
-    """One value of the paper.
-
-    Attributes:
-        quantity, condition, unit: what it is.
-        paper: as printed.
-        ours: from this campaign.
-        source: where in the paper it stands.
-        recomputed: from the paper's other values, where it draws a conclusion from them.
-        remark: what to know before comparing.
-    """
+    """One value of the paper."""
 
     quantity: str
     condition: str
     unit: str
-    paper: str
-    ours: str
-    source: str
-    recomputed: str = ""
-    remark: str = ""
+    paper: str  # as printed
+    ours: str  # from this campaign
+    source: str  # where in the paper it stands
+    recomputed: str = ""  # from the paper's other values, where it draws a conclusion from them
+    remark: str = ""  # what to know before comparing
 
 
 def compared(found: Found) -> Iterator[Compared]:

@@ -14,23 +14,14 @@ _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 @dataclass(frozen=True)
 class Kind:
-    """Parameters of one kind, one a joint.
+    """Parameters of one kind, one a joint."""
 
-    Attributes:
-        key: begins their names in results.
-        symbol: as the paper writes it.
-        title: in words.
-        unit: to show them in.
-        scale: from the unit of results to the unit shown.
-        digits: format of a value in that unit.
-    """
-
-    key: str
-    symbol: str
-    title: str
-    unit: str
-    scale: float
-    digits: str
+    key: str  # begins their names in results
+    symbol: str  # as the paper writes it
+    title: str  # in words
+    unit: str  # to show them in
+    scale: float  # from the unit of results to the unit shown
+    digits: str  # format of a value in that unit
 
     def name(self, joint: int) -> str:
         """Return the name in results."""

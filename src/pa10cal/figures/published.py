@@ -14,16 +14,12 @@ ROBOT = "pa10_6ce"
 
 @dataclass(frozen=True)
 class PublishedError:
-    """Errors over a set of configurations.
+    """Errors over a set of configurations."""
 
-    Attributes:
-        mean_mm, peak_mm: position error.
-        orientation_deg: mean orientation error.
-    """
-
+    # mean_mm and peak_mm: position error
     mean_mm: float
     peak_mm: float
-    orientation_deg: float
+    orientation_deg: float  # mean orientation error
 
 
 #: Errors by load of the 27 grid configurations.

@@ -25,35 +25,24 @@ _FUNCTIONS: dict[str, Kind] = {"draw": "figure", "tabulate": "table", "film": "f
 
 @dataclass(frozen=True)
 class Picture:
-    """What a picture or table is.
+    """What a picture or table is."""
 
-    Attributes:
-        title: what the report calls it.
-        needs: what it is drawn from, in the names of the results it belongs to; a picture is left
-            out where one of them is not there.
-        caption: reStructuredText below it in the report; `{name}` stands for the campaign or study.
-    """
-
-    title: str
+    title: str  # what the report calls it
+    # what it is drawn from, in the names of the results it belongs to; a picture is left out where
+    # one of them is not there
     needs: tuple[str, ...]
+    # reStructuredText below it in the report; `{name}` stands for the campaign or study
     caption: str
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A picture with its module.
+    """A picture with its module."""
 
-    Attributes:
-        name: of the module and of the files.
-        kind: what it makes.
-        picture: as its module states it.
-        module: holds the function that makes it.
-    """
-
-    name: str
-    kind: Kind
-    picture: Picture
-    module: ModuleType
+    name: str  # of the module and of the files
+    kind: Kind  # what it makes
+    picture: Picture  # as its module states it
+    module: ModuleType  # holds the function that makes it
 
 
 class NothingToShowError(Exception):

@@ -19,16 +19,11 @@ class Scatter:
     """Standard deviation of the measured position within one grid configuration, at one load.
 
     That of the distance: the root of the variances along three axes together.
-
-    Attributes:
-        largest_mm: over the configurations.
-        mean_mm: over the configurations.
-        mean_of_average_mm: that of the average of a configuration's repeats, over the
-            configurations.
     """
 
-    largest_mm: float
-    mean_mm: float
+    largest_mm: float  # over the configurations
+    mean_mm: float  # over the configurations
+    # that of the average of a configuration's repeats, over the configurations
     mean_of_average_mm: float
 
     @property

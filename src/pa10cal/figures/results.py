@@ -10,9 +10,9 @@ from typing import TypeVar, cast
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
+from pa10cal.arrays import Array
 from pa10cal.campaign.description import read_description
 from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError
@@ -36,8 +36,6 @@ from pa10cal.results.health import UNRESERVED
 from pa10cal.results.montecarlo import PlaneRecord
 from pa10cal.results.record import Record
 from pa10cal.results.seed import BaseFrameRecord
-
-Array = NDArray[np.float64]
 
 _R = TypeVar("_R", bound=Record)
 _T = TypeVar("_T")
@@ -75,29 +73,17 @@ _SYNTHETIC = re.compile(r"(synthetic|simulated|virtual cell)\b", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Results:
-    """The results of one campaign.
+    """The results of one campaign."""
 
-    Attributes:
-        folder: `<results_dir>/<campaign>`.
-        raw: folder of its raw files, which may describe its arm.
-        campaign: name of the campaign.
-        provenance: where its data come from, in its own words.
-        robot: the arm it measured.
-        instrument: kind of the instrument that measured it.
-        instrument_uncertainty_mm: standard uncertainty of a measured centre, as it states.
-        settings: what the pictures read of the settings.
-        force: whether calibrations are drawn whatever their grade, every picture marked.
-    """
-
-    folder: Path
-    raw: Path
-    campaign: str
-    provenance: str
-    robot: str
-    instrument: str
-    instrument_uncertainty_mm: float
-    settings: PictureOptions
-    force: bool = False
+    folder: Path  # `<results_dir>/<campaign>`
+    raw: Path  # folder of its raw files, which may describe its arm
+    campaign: str  # name of the campaign
+    provenance: str  # where its data come from, in its own words
+    robot: str  # the arm it measured
+    instrument: str  # kind of the instrument that measured it
+    instrument_uncertainty_mm: float  # standard uncertainty of a measured centre, as it states
+    settings: PictureOptions  # what the pictures read of the settings
+    force: bool = False  # whether calibrations are drawn whatever their grade, every picture marked
     _read_once: dict[object, object] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )

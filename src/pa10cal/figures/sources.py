@@ -23,20 +23,13 @@ def _nothing(need: str) -> None:
 
 @dataclass(frozen=True)
 class Source:
-    """What the pictures of a results folder are drawn from.
+    """What the pictures of a results folder are drawn from."""
 
-    Attributes:
-        folder: which pictures, of `registry.FOLDERS`.
-        name: what messages call it, and every title begins with.
-        footer: stands below every picture: where its data come from.
-        content: what each module of that folder draws.
-        lacks: says why a need of a picture is not met, None where it is; studies have no needs.
-    """
-
-    folder: str
-    name: str
-    footer: str
-    content: Any
+    folder: str  # which pictures, of `registry.FOLDERS`
+    name: str  # what messages call it, and every title begins with
+    footer: str  # stands below every picture: where its data come from
+    content: Any  # what each module of that folder draws
+    # says why a need of a picture is not met, None where it is; studies have no needs
     lacks: Callable[[str], str | None] = _nothing
 
 

@@ -29,32 +29,20 @@ _STYLE = (
 
 @dataclass(frozen=True)
 class Shown:
-    """A part of a table as readers see it.
+    """A part of a table as readers see it."""
 
-    Attributes:
-        frame: texts.
-        caption: what the rows are; empty where the table's title says it.
-    """
-
-    frame: pd.DataFrame
-    caption: str = ""
+    frame: pd.DataFrame  # texts
+    caption: str = ""  # what the rows are; empty where the table's title says it
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table of results.
+    """A table of results."""
 
-    Attributes:
-        title: what it shows.
-        data: the CSV; what is not known is missing.
-        shown: what Markdown and HTML show.
-        notes: said below it.
-    """
-
-    title: str
-    data: pd.DataFrame
-    shown: tuple[Shown, ...]
-    notes: tuple[str, ...] = ()
+    title: str  # what it shows
+    data: pd.DataFrame  # the CSV; what is not known is missing
+    shown: tuple[Shown, ...]  # what Markdown and HTML show
+    notes: tuple[str, ...] = ()  # said below it
 
 
 def frame_of(header: Sequence[str], rows: Iterable[Sequence[object]]) -> pd.DataFrame:

@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from pa10cal.arm.attitude import roll_pitch_yaw
 from pa10cal.arm.description import Arm
-
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: Limits this near [rad, m] are one.
 _SAME_LIMIT = 1e-9

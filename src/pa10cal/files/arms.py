@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from pa10cal.arm.attitude import placed
 from pa10cal.arm.description import Arm
 from pa10cal.arm.parallel import NEARLY_PARALLEL_RAD, neighbouring_axes, with_hayati_rows
 from pa10cal.arm.urdf_patch import UrdfSource
+from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
 from pa10cal.files.arm_rows import ArmRow, Triple, check_rows, refuse_far
 from pa10cal.files.output import write_text
@@ -22,8 +22,6 @@ from pa10cal.names import ALLOWED, fits_a_folder
 from pa10cal.settings_reading import parse_section
 from pa10cal.settings_section import Section
 from pa10cal.yaml_file import parse_yaml, read_yaml
-
-Array = NDArray[np.float64]
 
 _UNREADABLE = "the arm description cannot be read"
 

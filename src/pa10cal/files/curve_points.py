@@ -7,11 +7,9 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.errors import RawDataError
-
-Array = NDArray[np.float64]
 
 _UNITS_M = {"m": 1.0, "mm": 1e-3}
 _AXES = "xyz"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: Poses that must lie within so much of an angle [rad]: the finest waves expected of a map, of 25
 #: a turn, are ten times as long.
@@ -27,17 +27,13 @@ _TURN = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class AnglesSeen:
-    """Angles of n joints that the poses of a fit have seen.
+    """Angles of n joints that the poses of a fit have seen."""
 
-    Attributes:
-        intervals: for each joint (m, 2) first and last angle of stretches without a gap, in order
-            [rad]; between 0 and a turn for a revolute joint, one that begins before 0 or goes on
-            past the turn cut in two. Of a prismatic joint the span of its positions [m].
-        turns: (n,) whether the joint turns.
-    """
-
+    # for each joint (m, 2) first and last angle of stretches without a gap, in order [rad];
+    # between 0 and a turn for a revolute joint, one that begins before 0 or goes on past the turn
+    # cut in two. Of a prismatic joint the span of its positions [m].
     intervals: tuple[Array, ...]
-    turns: tuple[bool, ...]
+    turns: tuple[bool, ...]  # (n,) whether the joint turns
 
     def inside(self, q_rad: Array) -> NDArray[np.bool_]:
         """Return which poses (P, n) keep to the angles covered in all joints, (P,)."""

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pa10cal.arm.branches import branches_of
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import (
@@ -26,8 +27,6 @@ from pa10cal.fit.forward import (
     predicted,
 )
 from pa10cal.fit.prediction import Compensation
-
-Array = NDArray[np.float64]
 
 #: A pose counts as reached within this [m, rad]; what a search leaves is far less.
 REACHED = 1e-6
@@ -54,17 +53,11 @@ _TURN = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class _Descent:
-    """How a search goes down.
+    """How a search goes down."""
 
-    Attributes:
-        exact: whether the derivative holds how the terms change with the joints.
-        steps: at most.
-        patience: steps without a gain of a third after which it ends.
-    """
-
-    exact: bool
-    steps: int
-    patience: int
+    exact: bool  # whether the derivative holds how the terms change with the joints
+    steps: int  # at most
+    patience: int  # steps without a gain of a third after which it ends
 
 
 #: By the geometry alone, whose derivative is off by some parts in a hundred, ten digits take six

@@ -6,13 +6,11 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE
+from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted_model import FittedModel
-
-Array = NDArray[np.float64]
 
 
 def covariance_path(path: Path) -> Path:

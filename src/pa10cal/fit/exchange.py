@@ -16,10 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
+from pa10cal.arrays import Array, Index
 
 #: An exchange must gain this much of the criterion, relative to one: less is rounding.
 _LEAST_GAIN = 1e-6
@@ -27,28 +25,18 @@ _LEAST_GAIN = 1e-6
 
 @dataclass(frozen=True)
 class Share:
-    """One log determinant of a criterion.
+    """One log determinant of a criterion."""
 
-    Attributes:
-        weight: with which it counts; may be negative.
-        columns: the unknowns it is of, from the first.
-    """
-
-    weight: float
-    columns: int
+    weight: float  # with which it counts; may be negative
+    columns: int  # the unknowns it is of, from the first
 
 
 @dataclass(frozen=True)
 class Exchanged:
-    """Poses chosen by exchange.
+    """Poses chosen by exchange."""
 
-    Attributes:
-        chosen: (n,) rows, in no order that means anything.
-        values: the criterion at the start and after every exchange, never falling.
-    """
-
-    chosen: Index
-    values: tuple[float, ...]
+    chosen: Index  # (n,) rows, in no order that means anything
+    values: tuple[float, ...]  # the criterion at the start and after every exchange, never falling
 
 
 class Information:

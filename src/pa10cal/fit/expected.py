@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: Part of a variance that nothing else explains; keeps the precision finite.
 _JITTER = 1e-9
@@ -23,15 +22,10 @@ _JITTER = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """The first k unknowns of a fit are normally distributed.
+    """The first k unknowns of a fit are normally distributed."""
 
-    Attributes:
-        mean: (k,) where they are expected.
-        covariance: (k, k) how well they are known.
-    """
-
-    mean: Array
-    covariance: Array
+    mean: Array  # (k,) where they are expected
+    covariance: Array  # (k, k) how well they are known
 
     @cached_property
     def precision(self) -> Array:
@@ -49,15 +43,10 @@ class Expected:
 
 @dataclass(frozen=True, eq=False)
 class Disagreement:
-    """How readings and an expectation, or two fits, disagree about k parameters.
+    """How readings and an expectation, or two fits, disagree about k parameters."""
 
-    Attributes:
-        pull: (k,) K^-1 d, for differences d expected to scatter with covariance K.
-        known: (k, k) covariance of the pull where nothing moved: K^-1 as far as it is seen.
-    """
-
-    pull: Array
-    known: Array
+    pull: Array  # (k,) K^-1 d, for differences d expected to scatter with covariance K
+    known: Array  # (k, k) covariance of the pull where nothing moved: K^-1 as far as it is seen
 
     @classmethod
     def of_fit(cls, expected: Expected, x: Array, covariance: Array) -> Disagreement:

@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain, end_pose
+from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import TARGET, TOOL_FRAME
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.of_campaign import is_constant
 from pa10cal.terms.offsets import Offsets
-
-Array = NDArray[np.float64]
 
 #: Kinds of link parameters, their factor to the unit of the table, and that unit.
 _KINDS = {
@@ -30,17 +28,11 @@ _WHATS = ("nominal", "departure", "calibrated", "u")
 
 @dataclass(frozen=True)
 class RigidPart:
-    """What a chain of rigid links holds of a fitted model.
-
-    Attributes:
-        chain: the chain.
-        coordinates: (m,) its coordinates at zero joints, unloaded, up to the flange.
-        frames: tool or targets, and their poses (4, 4) in the flange.
-    """
+    """What a chain of rigid links holds of a fitted model."""
 
     chain: Chain
-    coordinates: Array
-    frames: dict[str, Array]
+    coordinates: Array  # (m,) its coordinates at zero joints, unloaded, up to the flange
+    frames: dict[str, Array]  # tool or targets, and their poses (4, 4) in the flange
 
 
 def rigid_part(model: FittedModel) -> RigidPart:

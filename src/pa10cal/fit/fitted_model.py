@@ -14,6 +14,7 @@ from pa10cal.arm.chain import TOOL, Chain, end_pose, long_links
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.forward import FLANGE, TARGET, TOOL_FRAME, Forward, conditions, predicted
@@ -32,46 +33,35 @@ from pa10cal.terms.term import Report, Term
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 M = TypeVar("M", bound=Instrument)
 
 
 @dataclass(frozen=True, eq=False)
 class FittedModel:
-    """A chain with terms and the values of their parameters; enough by itself to predict.
+    """A chain with terms and the values of their parameters; enough by itself to predict."""
 
-    Attributes:
-        model: the nominal chain, and the terms that move it off nominal. The base frame is apart.
-        x: (k,) the terms' parameters.
-        T_instr_base: (4, 4) robot base in the instrument's frame [m].
-        R_ee_target: (3, 3) attitude of the target in the end of the chain, for an instrument that
-            measures attitudes; the target's place there is the term of the tool.
-        targets_m: (t,) places of further targets in the flange, x, y, z of each.
-        targets_off_m: (a,) by how much the places of an apparatus' targets are off those stated,
-            which moves poses measured through them; empty where that is not known.
-        target_names: (t / 3,) their names.
-        covariance: (k + 6, k + 6) of x and of six small motions of the base (the chain's `BASE`),
-            or None where it is not known. Arm and base are kept together, since what they share,
-            such as the zero of joint 1 and the yaw of the base, is uncertain in each and not in
-            where the robot is.
-        payload: what the arm carried, which springs and bending links need; None where not known.
-        fitted_to: what it was fitted to, or None.
-        seen: joint positions seen by the fit, or None.
-        falls_back: where its effects do not hold, and what is predicted there; None where they hold
-            everywhere.
-    """
-
+    # the nominal chain, and the terms that move it off nominal. The base frame is apart.
     model: Model
-    x: Array
-    T_instr_base: Array
+    x: Array  # (k,) the terms' parameters
+    T_instr_base: Array  # (4, 4) robot base in the instrument's frame [m]
+    # (3, 3) attitude of the target in the end of the chain, for an instrument that measures
+    # attitudes; the target's place there is the term of the tool
     R_ee_target: Array = field(default_factory=lambda: np.eye(3))
+    # (t,) places of further targets in the flange, x, y, z of each
     targets_m: Array = field(default_factory=lambda: np.zeros(0))
-    target_names: tuple[str, ...] = ()
+    target_names: tuple[str, ...] = ()  # (t / 3,) their names
+    # (a,) by how much the places of an apparatus' targets are off those stated, which moves poses
+    # measured through them; empty where that is not known
     targets_off_m: Array = field(default_factory=lambda: np.zeros(0))
+    # (k + 6, k + 6) of x and of six small motions of the base (the chain's `BASE`), or None where
+    # it is not known. Arm and base are kept together, since what they share, such as the zero of
+    # joint 1 and the yaw of the base, is uncertain in each and not in where the robot is.
     covariance: Array | None = None
+    # what the arm carried, which springs and bending links need; None where not known
     payload: Payload | None = None
-    fitted_to: FittedTo | None = None
-    seen: AnglesSeen | None = None
+    fitted_to: FittedTo | None = None  # what it was fitted to, or None
+    seen: AnglesSeen | None = None  # joint positions seen by the fit, or None
+    # where its effects do not hold, and what is predicted there; None where they hold everywhere
     falls_back: FallBack | None = None
 
     def __post_init__(self) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pa10cal.arm.chain import BASE, TOOL, EndPose, end_pose, end_pose_with_screws
 from pa10cal.arm.state import PoseStates, Rows
+from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.loads import statics_of, with_torques
 from pa10cal.fit.prediction import FallBack, Prediction
@@ -22,7 +23,6 @@ from pa10cal.terms.term import falsifies_log, yields
 if TYPE_CHECKING:
     from pa10cal.fit.fitted_model import FittedModel
 
-Array = NDArray[np.float64]
 
 FLANGE, TOOL_FRAME, TARGET = "flange", "tool", "target_"
 #: Step of the central differences by which terms change with the joints [rad, m]: of harmonics as
@@ -34,19 +34,12 @@ _SAME_LOAD = 1.0 + 1e-6
 
 @dataclass(frozen=True)
 class Conditions:
-    """What N poses are besides their joint positions.
+    """What N poses are besides their joint positions."""
 
-    Attributes:
-        load_N: (N,) external load.
-        arrival: (N, n) direction in which each joint arrives.
-        temperature_C: (N,) temperature.
-        time_s: (N,) time.
-    """
-
-    load_N: Array
-    arrival: Array
-    temperature_C: Array
-    time_s: Array
+    load_N: Array  # (N,) external load
+    arrival: Array  # (N, n) direction in which each joint arrives
+    temperature_C: Array  # (N,) temperature
+    time_s: Array  # (N,) time
 
     def take(self, rows: Rows) -> Conditions:
         """Return those of some poses."""
@@ -129,24 +122,16 @@ def _with_its_weights(model: FittedModel) -> FittedModel:
 
 @dataclass(frozen=True)
 class Forward:
-    """Forward kinematics of a frame of a fitted model.
+    """Forward kinematics of a frame of a fitted model."""
 
-    Attributes:
-        whole: the fitted model.
-        physical: its terms that move the robot; what an instrument reads falsely and what a torque
-            log shows falsely move none.
-        x: their parameters.
-        columns: places of these in the parameters of the whole model.
-        on_tool: whether the frame follows the end of the chain, tool included, not the flange.
-        T_end_frame: (4, 4) the frame in the end of the chain.
-    """
-
-    whole: FittedModel
+    whole: FittedModel  # the fitted model
+    # its terms that move the robot; what an instrument reads falsely and what a torque log shows
+    # falsely move none
     physical: Model
-    x: Array
-    columns: NDArray[np.intp]
-    on_tool: bool
-    T_end_frame: Array
+    x: Array  # their parameters
+    columns: NDArray[np.intp]  # places of these in the parameters of the whole model
+    on_tool: bool  # whether the frame follows the end of the chain, tool included, not the flange
+    T_end_frame: Array  # (4, 4) the frame in the end of the chain
 
     @classmethod
     def of(cls, model: FittedModel, frame: str = FLANGE) -> Forward:

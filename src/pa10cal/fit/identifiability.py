@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from pa10cal.arrays import Array
 from pa10cal.results.calibration import Observability
 from pa10cal.terms.term import Parameter
-
-Array = NDArray[np.float64]
 
 #: Singular values below this part of the largest belong to directions without any effect: exact
 #: null directions come out near 1e-16, the weakest real ones above 1e-6.
@@ -20,30 +18,19 @@ NULL_RATIO = 1e-9
 
 @dataclass(frozen=True)
 class Direction:
-    """A direction of parameter space that the data do not identify.
+    """A direction of parameter space that the data do not identify."""
 
-    Attributes:
-        weights: parameter name to its part, in its own unit, the first being 1 unit.
-    """
-
-    weights: dict[str, float]
+    weights: dict[str, float]  # parameter name to its part, in its own unit, the first being 1 unit
 
 
 @dataclass(frozen=True)
 class Identifiability:
-    """Singular values of the Jacobian in parameters divided by their scale.
+    """Singular values of the Jacobian in parameters divided by their scale."""
 
-    Attributes:
-        singular_values: (k,) descending.
-        rank: number of directions that the data identify.
-        null_space: (k, k - rank) orthonormal basis of the others, in scaled parameters.
-        condition: ratio of the largest to the smallest singular value that counts.
-    """
-
-    singular_values: Array
-    rank: int
-    null_space: Array
-    condition: float
+    singular_values: Array  # (k,) descending
+    rank: int  # number of directions that the data identify
+    null_space: Array  # (k, k - rank) orthonormal basis of the others, in scaled parameters
+    condition: float  # ratio of the largest to the smallest singular value that counts
 
 
 def identify(jacobian: Array, scale: Array) -> Identifiability:

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
+
 S = TypeVar("S")
 
 #: Part of the promised reduction below which a step counts as too long.
@@ -42,12 +43,9 @@ class Ranged(Protocol):
 
 @dataclass(frozen=True)
 class Bounds:
-    """Physical range of k unknowns.
+    """Physical range of k unknowns."""
 
-    Attributes:
-        lower, upper: (k,) its ends; infinite where there is none.
-    """
-
+    # lower and upper: (k,) its ends; infinite where there is none
     lower: Array
     upper: Array
 
@@ -77,17 +75,11 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Equations:
-    """A weighted least-squares problem at one point.
+    """A weighted least-squares problem at one point."""
 
-    Attributes:
-        cost: sum of squares.
-        gradient: (k,) half its gradient by the unknowns.
-        normal: (k, k) normal equations.
-    """
-
-    cost: float
-    gradient: Array
-    normal: Array
+    cost: float  # sum of squares
+    gradient: Array  # (k,) half its gradient by the unknowns
+    normal: Array  # (k, k) normal equations
 
     @classmethod
     def of(cls, residual: Array, jacobian: Array) -> Equations:
@@ -97,40 +89,24 @@ class Equations:
 
 @dataclass(frozen=True)
 class Step:
-    """An accepted step.
+    """An accepted step."""
 
-    Attributes:
-        step: (k,) the step.
-        held: (k,) unknowns held at the end of their range.
-        before: the problem where it began.
-        gained: by how much the sum of squares fell.
-        damping: of the normal equations' unit diagonal that it took.
-    """
-
-    step: Array
-    held: NDArray[np.bool_]
-    before: Equations
-    gained: float
-    damping: float
+    step: Array  # (k,) the step
+    held: NDArray[np.bool_]  # (k,) unknowns held at the end of their range
+    before: Equations  # the problem where it began
+    gained: float  # by how much the sum of squares fell
+    damping: float  # of the normal equations' unit diagonal that it took
 
 
 @dataclass(frozen=True)
 class Minimum(Generic[S]):
-    """Where a descent ended.
+    """Where a descent ended."""
 
-    Attributes:
-        at: the point.
-        equations: the problem there.
-        iterations: steps accepted.
-        converged: whether it stopped by itself.
-        reason: why it stopped.
-    """
-
-    at: S
-    equations: Equations
-    iterations: int
-    converged: bool
-    reason: str
+    at: S  # the point
+    equations: Equations  # the problem there
+    iterations: int  # steps accepted
+    converged: bool  # whether it stopped by itself
+    reason: str  # why it stopped
 
 
 def minimise(

@@ -7,16 +7,14 @@ from dataclasses import fields, replace
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arm.state import PoseStates, StaticLoads
 from pa10cal.arm.statics import Payload, Statics, statics
+from pa10cal.arrays import Array, Index
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 S = TypeVar("S", Statics, StaticLoads)
 
 #: Poses whose statics are worked out at once: it takes several times their size for a moment.

@@ -15,6 +15,7 @@ from pa10cal.arm.chain import BASE, TOOL, Chain
 from pa10cal.arm.description import ROW_FIELDS, Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arm.weights import WeightsKnown
+from pa10cal.arrays import Array
 from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
 from pa10cal.fit.angles_seen import AnglesSeen
@@ -26,8 +27,6 @@ from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 from pa10cal.terms.term import Term
 from pa10cal.yaml_file import read_yaml
-
-Array = NDArray[np.float64]
 
 SCHEMA = "pa10cal-model/2"
 _CONVENTIONS = {

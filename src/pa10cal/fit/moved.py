@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.fit.expected import Disagreement
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Term
-
-Array = NDArray[np.float64]
 
 JOINT_ZERO, STIFFNESS, LINK, EFFECT, MODEL_ERROR = (
     "joint_zero",
@@ -38,37 +37,24 @@ _OF_FACTORS = tuple(float(np.sqrt(factor - 1.0)) for factor in _FACTORS)
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """Something that may have moved.
+    """Something that may have moved."""
 
-    Attributes:
-        kind: `joint_zero`, `stiffness`, `link`, `effect`, or `model_error`: everything, by more
-            than the noise.
-        of: where: `joint 2`, `delta_a_2`, …
-        columns: (c,) parameters that it changes.
-        directions: (k, r) of the parameters, each of a usual size.
-        sizes: multiples of that.
-    """
-
+    # `joint_zero`, `stiffness`, `link`, `effect`, or `model_error`: everything, by more than the
+    # noise
     kind: str
-    of: str
-    columns: NDArray[np.intp]
-    directions: Array
-    sizes: tuple[float, ...]
+    of: str  # where: `joint 2`, `delta_a_2`, …
+    columns: NDArray[np.intp]  # (c,) parameters that it changes
+    directions: Array  # (k, r) of the parameters, each of a usual size
+    sizes: tuple[float, ...]  # multiples of that
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Something that moved.
+    """Something that moved."""
 
-    Attributes:
-        what: the hypothesis.
-        size: by which of its sizes.
-        gain: by how much evidence rose [nats].
-    """
-
-    what: Hypothesis
-    size: float
-    gain: float
+    what: Hypothesis  # the hypothesis
+    size: float  # by which of its sizes
+    gain: float  # by how much evidence rose [nats]
 
     @property
     def directions(self) -> Array:

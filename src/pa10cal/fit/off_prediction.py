@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.tails import ACCUSED_RATE, Tails
 from pa10cal.observe.averages import reading_groups
 from pa10cal.observe.observations import Observations
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 #: Another reading confirms one where they differ by less than this part of how far it is off.
 _CONFIRMED = 0.3

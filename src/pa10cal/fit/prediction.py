@@ -8,78 +8,54 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
+
 if TYPE_CHECKING:
     from pa10cal.fit.angles_seen import AnglesSeen
     from pa10cal.fit.fitted_model import FittedModel
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Suspicion:
-    """Something in the input that is probably wrong, as the calibration found it.
+    """Something in the input that is probably wrong, as the calibration found it."""
 
-    Attributes:
-        kind: a word of the table in `docs/raw-data.md`.
-        where: column, joint, parameter, pose or file.
-        what: what it is, one clause.
-        remedy: what to do about it.
-        would_leave_mm: root mean square position error if it were put right; None if not tried.
-    """
-
-    kind: str
-    where: str
-    what: str
-    remedy: str
+    kind: str  # a word of the table in `docs/raw-data.md`
+    where: str  # column, joint, parameter, pose or file
+    what: str  # what it is, one clause
+    remedy: str  # what to do about it
+    # root mean square position error if it were put right; None if not tried
     would_leave_mm: float | None = None
 
 
 @dataclass(frozen=True)
 class FittedTo:
-    """What a model was fitted to.
+    """What a model was fitted to."""
 
-    Attributes:
-        campaign: name of the campaign, or of the group of campaigns.
-        provenance: where its data come from, in the campaign's own words.
-        calibration: load case: `combined`, `general`, or a load such as `44N`.
-        instrument: kind of the instrument.
-        poses: poses fitted.
-        temperature_C: their mean temperature; nan where it was not logged.
-        time_s: (2,) first and last of their times.
-        grade: how good the calibration is: `good`, `few_poses`, `incomplete`, `suspect_input` or
-            `not_converged`; empty where that is not known.
-        health: the reason, and what to do, in one sentence.
-        suspicions: what is probably wrong in the input.
-        loads_N: external loads of the poses, each once; empty where that is not known.
-    """
-
-    campaign: str
-    provenance: str
-    calibration: str
-    instrument: str
-    poses: int
-    temperature_C: float
-    time_s: tuple[float, float]
+    campaign: str  # name of the campaign, or of the group of campaigns
+    provenance: str  # where its data come from, in the campaign's own words
+    calibration: str  # load case: `combined`, `general`, or a load such as `44N`
+    instrument: str  # kind of the instrument
+    poses: int  # poses fitted
+    temperature_C: float  # their mean temperature; nan where it was not logged
+    time_s: tuple[float, float]  # (2,) first and last of their times
+    # how good the calibration is: `good`, `few_poses`, `incomplete`, `suspect_input` or
+    # `not_converged`; empty where that is not known
     grade: str = ""
-    health: str = ""
-    suspicions: tuple[Suspicion, ...] = ()
+    health: str = ""  # the reason, and what to do, in one sentence
+    suspicions: tuple[Suspicion, ...] = ()  # what is probably wrong in the input
+    # external loads of the poses, each once; empty where that is not known
     loads_N: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Where a fitted model puts a frame of the robot in N poses.
+    """Where a fitted model puts a frame of the robot in N poses."""
 
-    Attributes:
-        T: (N, 4, 4) the frame in the robot's base frame [m].
-        u_mm: (N,) standard uncertainty of its position, from the noise of the measurement, the base
-            being where the fit puts it; nan where the model's covariance is not known.
-        inside: (N,) whether all joint angles were seen by the fit.
-    """
-
-    T: Array
+    T: Array  # (N, 4, 4) the frame in the robot's base frame [m]
+    # (N,) standard uncertainty of its position, from the noise of the measurement, the base being
+    # where the fit puts it; nan where the model's covariance is not known
     u_mm: Array
-    inside: NDArray[np.bool_]
+    inside: NDArray[np.bool_]  # (N,) whether all joint angles were seen by the fit
 
     def __len__(self) -> int:
         return len(self.T)
@@ -104,14 +80,10 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class FallBack:
-    """What a model falls back to outside the joint positions in which its effects hold.
+    """What a model falls back to outside the joint positions in which its effects hold."""
 
-    Attributes:
-        within: joint positions in which they hold.
-        model: the model without them, of the same arm and measured by the same instrument.
-    """
-
-    within: AnglesSeen
+    within: AnglesSeen  # joint positions in which they hold
+    # the model without them, of the same arm and measured by the same instrument
     model: FittedModel
 
 
@@ -122,24 +94,15 @@ Status = Literal["ok", "outside_limits", "unreachable", "near_singular"]
 
 @dataclass(frozen=True, eq=False)
 class Compensation:
-    """Joint positions that bring a frame of the robot to N poses, by its model.
+    """Joint positions that bring a frame of the robot to N poses, by its model."""
 
-    Attributes:
-        q: (N, n) joint positions to command [rad, m]; of an unreachable pose those that come
-            nearest.
-        status: (N,) one of `Status`.
-        error_mm: (N,) distance of the model's position there from the one wanted.
-        error_deg: (N,) angle between the model's attitude there and the one wanted.
-        u_mm: (N,) standard uncertainty of the position, as of a prediction.
-        inside: (N,) whether all joint angles were seen by the fit.
-    """
-
+    # (N, n) joint positions to command [rad, m]; of an unreachable pose those that come nearest
     q: Array
-    status: NDArray[np.str_]
-    error_mm: Array
-    error_deg: Array
-    u_mm: Array
-    inside: NDArray[np.bool_]
+    status: NDArray[np.str_]  # (N,) one of `Status`
+    error_mm: Array  # (N,) distance of the model's position there from the one wanted
+    error_deg: Array  # (N,) angle between the model's attitude there and the one wanted
+    u_mm: Array  # (N,) standard uncertainty of the position, as of a prediction
+    inside: NDArray[np.bool_]  # (N,) whether all joint angles were seen by the fit
 
     def __len__(self) -> int:
         return len(self.q)

@@ -8,43 +8,31 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Parameter
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of the problem at one point.
+    """Rows of the problem at one point."""
 
-    Attributes:
-        residual: (P, b) predicted less seen [m, rad].
-        jacobian: (P, b, k) exact derivative by all unknowns.
-    """
-
-    residual: Array
-    jacobian: Array
+    residual: Array  # (P, b) predicted less seen [m, rad]
+    jacobian: Array  # (P, b, k) exact derivative by all unknowns
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A model, the observations, and where the frames are about.
+    """A model, the observations, and where the frames are about."""
 
-    Attributes:
-        model: chain and terms: links, springs, tool, base.
-        places: coordinates of targets that are unknowns, as indices into `target_parameters`.
-        places_m: (t,) about where the targets sit.
-        T_instr_base: (4, 4) where the base is when its term is zero.
-        observations: P poses, an attitude turned so that the tool's own is near that of the chain.
-    """
-
-    model: Model
+    model: Model  # chain and terms: links, springs, tool, base
+    # coordinates of targets that are unknowns, as indices into `target_parameters`
     places: NDArray[np.intp]
-    places_m: Array
-    T_instr_base: Array
+    places_m: Array  # (t,) about where the targets sit
+    T_instr_base: Array  # (4, 4) where the base is when its term is zero
+    # P poses, an attitude turned so that the tool's own is near that of the chain
     observations: Observations
 
     @property

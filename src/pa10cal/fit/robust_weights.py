@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri, stdtrit
 
+from pa10cal.arrays import Array
 from pa10cal.fit.problem import Problem, Rows
-
-Array = NDArray[np.float64]
 
 #: Change of a scatter, relative to its size, that counts as none.
 _SAME_SCATTER = 1e-3
@@ -36,16 +35,11 @@ _HALF_WIDTH_95 = float(ndtri(0.975))
 
 @dataclass(frozen=True)
 class Scatter:
-    """What residuals show beyond the stated uncertainty, by kind of component.
+    """What residuals show beyond the stated uncertainty, by kind of component."""
 
-    Attributes:
-        size: standard deviation of it [m, rad].
-        stated: what the instrument states [m, rad], on average.
-        dof: degrees of freedom: readings that it was estimated from, less their leverage.
-    """
-
-    size: dict[str, float]
-    stated: dict[str, float]
+    size: dict[str, float]  # standard deviation of it [m, rad]
+    stated: dict[str, float]  # what the instrument states [m, rad], on average
+    # degrees of freedom: readings that it was estimated from, less their leverage
     dof: dict[str, float]
 
     def is_about(self, other: Scatter) -> bool:
@@ -87,23 +81,14 @@ class Scatter:
 
 @dataclass(frozen=True)
 class WeightedRows:
-    """Rows made independent and of unit variance, each pose by its weight.
+    """Rows made independent and of unit variance, each pose by its weight."""
 
-    Attributes:
-        residual: (P, b) predicted less seen.
-        rows: (P, b, k) its derivative by the unknowns.
-        normal: (k, k) their normal equations.
-        weights: (P,) of the poses, 1 where the robust loss leaves them alone.
-        distance: (P,) Mahalanobis distance of each pose's residual, without its weight.
-        whitener: (P, b, b) that makes stated errors and scatter independent and of unit size.
-    """
-
-    residual: Array
-    rows: Array
-    normal: Array
-    weights: Array
-    distance: Array
-    whitener: Array
+    residual: Array  # (P, b) predicted less seen
+    rows: Array  # (P, b, k) its derivative by the unknowns
+    normal: Array  # (k, k) their normal equations
+    weights: Array  # (P,) of the poses, 1 where the robust loss leaves them alone
+    distance: Array  # (P,) Mahalanobis distance of each pose's residual, without its weight
+    whitener: Array  # (P, b, b) that makes stated errors and scatter independent and of unit size
 
 
 def weighted_rows(problem: Problem, rows: Rows, scatter: Scatter, robust: bool) -> WeightedRows:

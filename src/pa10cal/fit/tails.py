@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: Probability that any of many right deviates, whatever their tails, is called wrong.
 ACCUSED_RATE = 1e-4
@@ -30,17 +29,12 @@ _ERROR_OF_RATIO = 1.4
 
 @dataclass(frozen=True)
 class Tails:
-    """Distribution of many deviates about zero: Student's t of some scale.
+    """Distribution of many deviates about zero: Student's t of some scale."""
 
-    Attributes:
-        scale: of the deviates, as a standard deviation of its bulk.
-        dof: degrees of freedom; the fewer, the heavier the tails. No more than they surely are.
-        count: deviates behind it.
-    """
-
-    scale: float
+    scale: float  # of the deviates, as a standard deviation of its bulk
+    # degrees of freedom; the fewer, the heavier the tails. No more than they surely are.
     dof: float
-    count: int
+    count: int  # deviates behind it
 
     @staticmethod
     def of(deviates: Array, surely: float = _SURELY) -> Tails:

@@ -11,27 +11,18 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array, Index
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
 class MapMotion:
-    """What a map does to N poses.
+    """What a map does to N poses."""
 
-    Attributes:
-        columns: (K,) its knots among the parameters.
-        q_rad: (N,) the joint's angle.
-        moved: (N, 3) velocity of the position by the angle.
-    """
-
-    columns: Index
-    q_rad: Array
-    moved: Array
+    columns: Index  # (K,) its knots among the parameters
+    q_rad: Array  # (N,) the joint's angle
+    moved: Array  # (N, 3) velocity of the position by the angle
 
 
 def position_covariance(

@@ -17,16 +17,11 @@ _COLUMNS = ("campaign", "arm", "measured")
 
 @dataclass(frozen=True)
 class Listed:
-    """One campaign of a fleet.
+    """One campaign of a fleet."""
 
-    Attributes:
-        campaign: name of its folder.
-        arm: which arm was measured; without a statement every campaign is of an arm of its own.
-        measured: when, in letters that sort by time, such as 2026-03-31; empty where not stated.
-    """
-
-    campaign: str
-    arm: str
+    campaign: str  # name of its folder
+    arm: str  # which arm was measured; without a statement every campaign is of an arm of its own
+    # when, in letters that sort by time, such as 2026-03-31; empty where not stated
     measured: str = ""
 
 

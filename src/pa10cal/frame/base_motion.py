@@ -19,11 +19,11 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize
 from scipy.special import chdtri
 
+from pa10cal.arrays import Array, Mask
 from pa10cal.frame.knocked_targets import (
     Knock,
     misfits,
@@ -33,8 +33,6 @@ from pa10cal.frame.knocked_targets import (
     wrong_in_shape,
 )
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Form = Literal["still", "walk", "each"]
 
 #: A motion is believed where it makes the readings more probable by so many nats.
@@ -65,29 +63,17 @@ _NEAR_M = 1.0
 
 @dataclass(frozen=True)
 class BaseMotion:
-    """How K fixed targets moved together in P readings, as an instrument saw them.
+    """How K fixed targets moved together in P readings, as an instrument saw them."""
 
-    Attributes:
-        form: `still`: nothing moved; `walk`: smoothed in time; `each`: reading by reading.
-        about_m: (3,) middle of the targets, about which they turn.
-        motion: (P, 6) shift [m] and turn [rad], zero on average.
-        cov: (P, 6, 6) their covariance; of a turn that does not show, how large it may be.
-        noise: standard deviation of the readings over that stated.
-        turns: whether the targets show turns.
-        knocked: targets that moved against the others.
-        wrong: (P, K) single readings that are not of their target.
-        used: (P, K) readings that the motion rests on.
-    """
-
-    form: Form
-    about_m: Array
-    motion: Array
-    cov: Array
-    noise: float
-    turns: bool
-    knocked: tuple[Knock, ...]
-    wrong: Mask
-    used: Mask
+    form: Form  # `still`: nothing moved; `walk`: smoothed in time; `each`: reading by reading
+    about_m: Array  # (3,) middle of the targets, about which they turn
+    motion: Array  # (P, 6) shift [m] and turn [rad], zero on average
+    cov: Array  # (P, 6, 6) their covariance; of a turn that does not show, how large it may be
+    noise: float  # standard deviation of the readings over that stated
+    turns: bool  # whether the targets show turns
+    knocked: tuple[Knock, ...]  # targets that moved against the others
+    wrong: Mask  # (P, K) single readings that are not of their target
+    used: Mask  # (P, K) readings that the motion rests on
 
 
 def base_motion(time_s: Array, p_m: Array, u_m: Array) -> BaseMotion:
@@ -145,20 +131,14 @@ def _of_all_targets(found: BaseMotion, ever: Mask) -> BaseMotion:
 
 @dataclass(frozen=True)
 class _Readings:
-    """Readings of fixed targets in order of time.
+    """Readings of fixed targets in order of time."""
 
-    Attributes:
-        step: (P - 1,) times between readings over the usual one.
-        p_m, u_m: (P, K, 3) readings and stated uncertainties, nan where not used.
-        about_m: (3,) middle of the targets.
-        modes: (K, 3, d) how each target follows shift and turn.
-    """
-
-    step: Array
+    step: Array  # (P - 1,) times between readings over the usual one
+    # p_m and u_m: (P, K, 3) readings and stated uncertainties, nan where not used
     p_m: Array
     u_m: Array
-    about_m: Array
-    modes: Array
+    about_m: Array  # (3,) middle of the targets
+    modes: Array  # (K, 3, d) how each target follows shift and turn
 
     @classmethod
     def of(cls, time_s: Array, p_m: Array, u_m: Array) -> _Readings:
@@ -299,25 +279,16 @@ def _not_in_line(b_m: Array) -> bool:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Motions of one form.
+    """Motions of one form."""
 
-    Attributes:
-        form: which.
-        motion: (P, d) shift and turn.
-        places_m: (K, 3) of the targets.
-        variance: of a reading, over the stated one.
-        evidence: logarithm of the probability of the readings, but for what is common to all forms.
-        sizes: (d,) of the motions: standard deviation of a step, or of each of them.
-        normal: band of the normal equations; None of targets that stand still.
-    """
-
-    form: Form
-    motion: Array
-    places_m: Array
-    variance: float
+    form: Form  # which
+    motion: Array  # (P, d) shift and turn
+    places_m: Array  # (K, 3) of the targets
+    variance: float  # of a reading, over the stated one
+    # logarithm of the probability of the readings, but for what is common to all forms
     evidence: float
-    sizes: Array
-    normal: _Normal | None = None
+    sizes: Array  # (d,) of the motions: standard deviation of a step, or of each of them
+    normal: _Normal | None = None  # band of the normal equations; None of targets that stand still
 
     def covariance(self) -> Array:
         """Return the covariance (P, d, d) of each motion."""
@@ -411,15 +382,10 @@ def _solve(readings: _Readings, form: Form, sizes: Array, variance: float, place
 
 @dataclass(frozen=True)
 class _Normal:
-    """Normal equations of motions, each coupled with those before and after it.
+    """Normal equations of motions, each coupled with those before and after it."""
 
-    Attributes:
-        blocks: (P, d, d) of each motion.
-        joined: (P - 1, d) coupling with the next, on the diagonal, its sign changed.
-    """
-
-    blocks: Array
-    joined: Array
+    blocks: Array  # (P, d, d) of each motion
+    joined: Array  # (P - 1, d) coupling with the next, on the diagonal, its sign changed
 
     @classmethod
     def of(cls, own: Array, prior: Array, joined: Array) -> _Normal:

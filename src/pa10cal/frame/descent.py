@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from pa10cal.arrays import Array
 from pa10cal.fit.least_squares import Equations, Step, minimise
 
-Array = NDArray[np.float64]
 S = TypeVar("S")
 
 MAX_ITERATIONS = 100
@@ -29,15 +28,10 @@ OPEN = 1e-3
 
 @dataclass(frozen=True)
 class Linearised:
-    """A least-squares problem at one point.
+    """A least-squares problem at one point."""
 
-    Attributes:
-        by_step: (m, k) derivative of the prediction by the step.
-        residual: (m,) measured less predicted.
-    """
-
-    by_step: Array
-    residual: Array
+    by_step: Array  # (m, k) derivative of the prediction by the step
+    residual: Array  # (m,) measured less predicted
 
     @property
     def cost(self) -> float:
@@ -47,15 +41,10 @@ class Linearised:
 
 @dataclass(frozen=True)
 class Split:
-    """Unknowns split into what the data identify and what they do not.
+    """Unknowns split into what the data identify and what they do not."""
 
-    Attributes:
-        identified: (k, r) columns span what is to be solved for.
-        unidentified: (k, k - r) columns of unit length span what the data do not identify.
-    """
-
-    identified: Array
-    unidentified: Array
+    identified: Array  # (k, r) columns span what is to be solved for
+    unidentified: Array  # (k, k - r) columns of unit length span what the data do not identify
 
 
 def descend(

@@ -13,13 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.descent import OPEN, axis_text
 from pa10cal.frame.target_fit import TargetProblem, first_guess, refined, residuals
-
-Array = NDArray[np.float64]
 
 #: Poses that choose between starts.
 MOST_POSES = 300
@@ -29,26 +27,20 @@ LEAST_SPREAD_M = 1e-3
 
 @dataclass(frozen=True)
 class HandEye:
-    """Base frame and targets, from B targets that were seen.
+    """Base frame and targets, from B targets that were seen."""
 
-    Attributes:
-        T_instr_base: (4, 4) instrument from base [m].
-        axis_u_rad: (3,) standard uncertainty of the directions of the base's x, y and z, per axis
-            across each, taking the residuals as independent.
-        T_ee_targets: (B, 4, 4) end-effector from target [m]; the attitude is the identity where
-            only positions were seen.
-        residuals_m: (P, B, 3) seen less modelled positions, along base axes, nan where not seen.
-        rms_m: root mean square distance of seen from modelled positions.
-        rms_rad: root mean square angle between seen and modelled attitudes.
-        held: directions of the targets that the poses do not identify, held as stated.
-    """
-
-    T_instr_base: Array
+    T_instr_base: Array  # (4, 4) instrument from base [m]
+    # (3,) standard uncertainty of the directions of the base's x, y and z, per axis across each,
+    # taking the residuals as independent
     axis_u_rad: Array
+    # (B, 4, 4) end-effector from target [m]; the attitude is the identity where only positions
+    # were seen
     T_ee_targets: Array
+    # (P, B, 3) seen less modelled positions, along base axes, nan where not seen
     residuals_m: Array
-    rms_m: float
-    rms_rad: float
+    rms_m: float  # root mean square distance of seen from modelled positions
+    rms_rad: float  # root mean square angle between seen and modelled attitudes
+    # directions of the targets that the poses do not identify, held as stated
     held: tuple[str, ...]
 
     def targets(self, T_base_ee: Array) -> Array:

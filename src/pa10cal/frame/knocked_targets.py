@@ -11,15 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.special import chdtri
 
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.frame.pose_error import cross_matrix
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 #: Half the gain in squares that a step needs, in nats, and readings on either side of it.
 _NEEDED = 20.0
@@ -43,17 +39,12 @@ _ERROR_RATE = 0.01
 
 @dataclass(frozen=True)
 class Knock:
-    """Targets of which one moved against the others.
+    """Targets of which one moved against the others."""
 
-    Attributes:
-        targets: numbers of those that explain the step equally well, from 0; one as a rule.
-        row: the first reading after the step.
-        shift_m: how far it moved, in the directions that show.
-    """
-
+    # numbers of those that explain the step equally well, from 0; one as a rule
     targets: tuple[int, ...]
-    row: int
-    shift_m: float
+    row: int  # the first reading after the step
+    shift_m: float  # how far it moved, in the directions that show
 
 
 def rigid_modes(offset_m: Array) -> Array:

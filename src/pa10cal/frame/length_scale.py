@@ -8,9 +8,8 @@ and the remaining motion of the model is as large as the measured one, whatever 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: Rows below which nothing is judged, and from which an unknown target can be allowed for too in
 #: the equation of distances.

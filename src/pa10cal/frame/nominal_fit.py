@@ -5,30 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.rigid_fit import fit_rigid, fit_rigid_weighted
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class NominalSeed:
-    """The base frame in the instrument's frame, from positions of the nominal model.
+    """The base frame in the instrument's frame, from positions of the nominal model."""
 
-    Attributes:
-        T_instr_base: (4, 4) instrument from base [m].
-        axis_u_rad: (3,) standard uncertainty of the directions of x, y and z, per axis across each,
-            taking the residuals as independent.
-        residual_rms_m: root mean square distance of measured from modelled positions.
-        poses: poses fitted.
-    """
-
-    T_instr_base: Array
+    T_instr_base: Array  # (4, 4) instrument from base [m]
+    # (3,) standard uncertainty of the directions of x, y and z, per axis across each, taking the
+    # residuals as independent
     axis_u_rad: Array
-    residual_rms_m: float
-    poses: int
+    residual_rms_m: float  # root mean square distance of measured from modelled positions
+    poses: int  # poses fitted
 
 
 def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> NominalSeed:

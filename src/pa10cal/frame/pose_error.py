@@ -10,25 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 
 @dataclass(frozen=True)
 class PoseError:
-    """Difference of predicted and measured poses, along the measuring frame's axes.
+    """Difference of predicted and measured poses, along the measuring frame's axes."""
 
-    Attributes:
-        position_m: (P, 3) predicted minus measured.
-        chord: (P, 3) orientation difference: axis times 2 sin(angle / 2).
-        by_rotation: (P, 3, 3) derivative of `chord` by a small left rotation of the prediction.
-    """
-
-    position_m: Array
-    chord: Array
-    by_rotation: Array
+    position_m: Array  # (P, 3) predicted minus measured
+    chord: Array  # (P, 3) orientation difference: axis times 2 sin(angle / 2)
+    by_rotation: Array  # (P, 3, 3) derivative of `chord` by a small left rotation of the prediction
 
 
 def pose_error(T_predicted: Array, T_measured: Array) -> PoseError:

@@ -10,12 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.descent import OPEN, Linearised, Split, axis_text, descend, split_identified
-
-Array = NDArray[np.float64]
 
 LEAST_POSES = 4
 #: Unknowns of the equation that is linear in products of target and point.
@@ -30,21 +28,13 @@ PASSES = 2
 
 @dataclass(frozen=True)
 class Ranging:
-    """The fixed point and the target.
+    """The fixed point and the target."""
 
-    Attributes:
-        p_base_point_m: (3,) fixed point in the base frame.
-        p_ee_target_m: (3,) target in the end-effector frame.
-        residuals_m: (P,) measured less modelled distances.
-        rms_m: their root mean square.
-        held: directions of the target that the poses do not identify, held as stated.
-    """
-
-    p_base_point_m: Array
-    p_ee_target_m: Array
-    residuals_m: Array
-    rms_m: float
-    held: tuple[str, ...]
+    p_base_point_m: Array  # (3,) fixed point in the base frame
+    p_ee_target_m: Array  # (3,) target in the end-effector frame
+    residuals_m: Array  # (P,) measured less modelled distances
+    rms_m: float  # their root mean square
+    held: tuple[str, ...]  # directions of the target that the poses do not identify, held as stated
 
     def distances(self, T_base_ee: Array) -> Array:
         """Return the distances (P,) of the target from the fixed point [m]."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-
-Array = NDArray[np.float64]
 
 #: A set thinner than this part of its length counts as lying on one line.
 RANK_TOLERANCE = 1e-6
@@ -21,17 +19,11 @@ MAX_ITERATIONS = 50
 
 @dataclass(frozen=True)
 class RigidFit:
-    """The rigid motion that carries points of a source frame onto points of a target frame.
+    """The rigid motion that carries points of a source frame onto points of a target frame."""
 
-    Attributes:
-        T: (..., 4, 4) target from source, in the points' length unit.
-        residuals: (..., k, 3) target point minus carried source point.
-        rms: (...) root mean square distance, weighted as the fit was.
-    """
-
-    T: Array
-    residuals: Array
-    rms: Array
+    T: Array  # (..., 4, 4) target from source, in the points' length unit
+    residuals: Array  # (..., k, 3) target point minus carried source point
+    rms: Array  # (...) root mean square distance, weighted as the fit was
 
 
 @dataclass(frozen=True)
@@ -42,18 +34,12 @@ class WeightedRigidFit:
     on the left), both along the target's axes: the true pose is [exp(w) R, p + dp]. The rotation
     turns about the source's own origin, so dp is the error of that origin and of nothing else,
     however far it lies from the points.
-
-    Attributes:
-        T: (B, 4, 4) target from source, in the points' length unit.
-        covariance: (B, 6, 6) of (dp, w) [length², length rad, rad²].
-        chi_square: (B,) weighted sum of squared residuals.
-        residuals: (B, k, 3) target point minus carried source point.
     """
 
-    T: Array
-    covariance: Array
-    chi_square: Array
-    residuals: Array
+    T: Array  # (B, 4, 4) target from source, in the points' length unit
+    covariance: Array  # (B, 6, 6) of (dp, w) [length², length rad, rad²]
+    chi_square: Array  # (B,) weighted sum of squared residuals
+    residuals: Array  # (B, k, 3) target point minus carried source point
 
 
 def fit_rigid(source: Array, target: Array, weights: Array | None = None) -> RigidFit:

@@ -5,55 +5,39 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.options import BaseFrameOptions
 
-Array = NDArray[np.float64]
 #: Positions of the same poses as measured and as the nominal model has them.
 Positions = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
 class StraightLine:
-    """A least-squares line through the measured points of one move.
+    """A least-squares line through the measured points of one move."""
 
-    Attributes:
-        direction_instr: (3,) unit vector, in the sense in which the robot's coordinate grows.
-        length_m: distance between the outermost points, along the line.
-        bend_rms_m: root mean square distance of the points from the line.
-        direction_u_rad: standard uncertainty of the direction, per axis across the line, from
-            the points' scatter about the line and their spread along it.
-        points: number of points.
-    """
-
-    direction_instr: Array
-    length_m: float
-    bend_rms_m: float
+    direction_instr: Array  # (3,) unit vector, in the sense in which the robot's coordinate grows
+    length_m: float  # distance between the outermost points, along the line
+    bend_rms_m: float  # root mean square distance of the points from the line
+    # standard uncertainty of the direction, per axis across the line, from the points' scatter
+    # about the line and their spread along it
     direction_u_rad: float
-    points: int
+    points: int  # number of points
 
 
 @dataclass(frozen=True)
 class LineSeed:
-    """The base frame in the instrument's frame, from straight moves.
+    """The base frame in the instrument's frame, from straight moves."""
 
-    Attributes:
-        T_instr_base: (4, 4) instrument from base [m].
-        line_x: the move along the robot's x axis.
-        line_y: the move along the robot's y axis, before it is made perpendicular to x.
-        angle_rad: angle between the two measured lines.
-        origin_scatter_m: root mean square distance of the single poses' origins from their mean.
-        origin_poses: poses averaged for the origin.
-    """
-
-    T_instr_base: Array
-    line_x: StraightLine
-    line_y: StraightLine
-    angle_rad: float
+    T_instr_base: Array  # (4, 4) instrument from base [m]
+    line_x: StraightLine  # the move along the robot's x axis
+    line_y: StraightLine  # the move along the robot's y axis, before it is made perpendicular to x
+    angle_rad: float  # angle between the two measured lines
+    # root mean square distance of the single poses' origins from their mean
     origin_scatter_m: float
-    origin_poses: int
+    origin_poses: int  # poses averaged for the origin
 
 
 def fit_line(p_instr_m: Array, travel_m: Array, name: str = "straight move") -> StraightLine:

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.descent import COST_TOLERANCE, Linearised, Split, descend, split_identified
-
-Array = NDArray[np.float64]
 
 #: How far from the target an error of attitude counts as the error of position it makes there.
 LEVER_M = 0.5
@@ -26,29 +25,17 @@ _ROUGHLY = 1e-6
 
 @dataclass(frozen=True)
 class TargetProblem:
-    """What was seen, one row a seen target of a pose.
+    """What was seen, one row a seen target of a pose."""
 
-    Attributes:
-        shape: P poses and B targets.
-        pose: (K,) pose of every row.
-        target: (K,) target of every row.
-        p_instr_m: (K, 3) measured positions.
-        p_base_m: (P, 3) modelled positions of the end-effector.
-        R_base: (P, 3, 3) modelled attitudes.
-        R_cmm: (P, 3, 3) measured attitudes, or none (0, 3, 3).
-        p_ee_stated_m: (B, 3) stated places of the targets.
-        weights: (P,) weights of the poses.
-    """
-
-    shape: tuple[int, int]
-    pose: NDArray[np.intp]
-    target: NDArray[np.intp]
-    p_instr_m: Array
-    p_base_m: Array
-    R_base: Array
-    R_cmm: Array
-    p_ee_stated_m: Array
-    weights: Array
+    shape: tuple[int, int]  # P poses and B targets
+    pose: NDArray[np.intp]  # (K,) pose of every row
+    target: NDArray[np.intp]  # (K,) target of every row
+    p_instr_m: Array  # (K, 3) measured positions
+    p_base_m: Array  # (P, 3) modelled positions of the end-effector
+    R_base: Array  # (P, 3, 3) modelled attitudes
+    R_cmm: Array  # (P, 3, 3) measured attitudes, or none (0, 3, 3)
+    p_ee_stated_m: Array  # (B, 3) stated places of the targets
+    weights: Array  # (P,) weights of the poses
 
     @classmethod
     def of(

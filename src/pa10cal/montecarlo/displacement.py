@@ -29,9 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
+from pa10cal.arrays import Array
 from pa10cal.montecarlo.small_turns import Turns, turns_of
-
-Array = NDArray[np.float64]
 
 #: A joint that moves the flange by less than this per radian does not move it [m].
 _STILL_M = 1e-13
@@ -42,15 +41,10 @@ _PARALLEL = 1e-14
 
 @dataclass(frozen=True)
 class JointMotion:
-    """What each joint does to the flange at P positions of the arm.
+    """What each joint does to the flange at P positions of the arm."""
 
-    Attributes:
-        axes: (P, n, 3) unit vectors of the joint axes, in the base frame.
-        jacobian: (P, 3, n) velocity of the flange by each joint [m/rad], in the base frame.
-    """
-
-    axes: Array
-    jacobian: Array
+    axes: Array  # (P, n, 3) unit vectors of the joint axes, in the base frame
+    jacobian: Array  # (P, 3, n) velocity of the flange by each joint [m/rad], in the base frame
 
 
 def joint_motion(chain: Chain, q_rad: Array) -> JointMotion:
@@ -61,17 +55,13 @@ def joint_motion(chain: Chain, q_rad: Array) -> JointMotion:
 
 @dataclass(frozen=True)
 class Product:
-    """One component of a displacement, times sine and versine of the next joint inwards.
+    """One component of a displacement, times sine and versine of the next joint inwards."""
 
-    Attributes:
-        component: (P, rows) matrix of the component; None where it is one row as it stands.
-        rows: the rows it is made of, or that row.
-        turns: the rows of the joint's sine and versine, which multiply it, each with the row that
-            holds the product.
-    """
-
+    # (P, rows) matrix of the component; None where it is one row as it stands
     component: Array | None
-    rows: slice
+    rows: slice  # the rows it is made of, or that row
+    # the rows of the joint's sine and versine, which multiply it, each with the row that holds the
+    # product
     turns: tuple[tuple[int, int], tuple[int, int]]
 
 
@@ -81,28 +71,20 @@ class DisplacementPlan:
 
     The rows are: `before` products, sines of the joints up to the last that moves something,
     versines of the joints `moving`, other products.
-
-    Attributes:
-        joints: n, all of which are drawn.
-        chains: for the two chains that meet at the link from which the displacement is seen, to the
-            tip and to the base: groups of joints with parallel axes that follow each other, from
-            that link outwards. Joints that move nothing are omitted.
-        moving: range of joints whose sines and versines are needed.
-        before: how many rows stand before the sines.
-        products: in the order they are computed.
-        matrix: (P, 3, rows) from rows to displacements [m], in a frame in which most vanishes.
-        ranges: for each of the three components the rows that are not zero at every position.
-        turns: how drawn normals become sines and versines.
     """
 
-    joints: int
+    joints: int  # n, all of which are drawn
+    # for the two chains that meet at the link from which the displacement is seen, to the tip and
+    # to the base: groups of joints with parallel axes that follow each other, from that link
+    # outwards. Joints that move nothing are omitted.
     chains: tuple[tuple[tuple[int, ...], ...], tuple[tuple[int, ...], ...]]
-    moving: slice
-    before: int
-    products: tuple[Product, ...]
-    matrix: Array
+    moving: slice  # range of joints whose sines and versines are needed
+    before: int  # how many rows stand before the sines
+    products: tuple[Product, ...]  # in the order they are computed
+    matrix: Array  # (P, 3, rows) from rows to displacements [m], in a frame in which most vanishes
+    # for each of the three components the rows that are not zero at every position
     ranges: tuple[slice, ...]
-    turns: Turns
+    turns: Turns  # how drawn normals become sines and versines
 
     @property
     def added(self) -> list[tuple[int, int]]:

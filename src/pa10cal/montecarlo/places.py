@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
+from pa10cal.arrays import Array
 from pa10cal.errors import SettingsError
-
-Array = NDArray[np.float64]
 
 _BATCH = 500
 #: Refused when fewer than one place in so many can be reached.
@@ -43,17 +42,11 @@ _ARRIVED = 1e-10  # metres and radians
 
 @dataclass(frozen=True)
 class Places:
-    """Reachable places in a plane.
+    """Reachable places in a plane."""
 
-    Attributes:
-        p_base_m: (P, 2) x and y of the flange in the base frame.
-        q_rad: (P, n) joint positions there.
-        rejected: places left out because the arm cannot reach them.
-    """
-
-    p_base_m: Array
-    q_rad: Array
-    rejected: int
+    p_base_m: Array  # (P, 2) x and y of the flange in the base frame
+    q_rad: Array  # (P, n) joint positions there
+    rejected: int  # places left out because the arm cannot reach them
 
 
 def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, float]) -> Reference:
@@ -153,31 +146,20 @@ def grid_places(
 
 @dataclass(frozen=True)
 class Reference:
-    """Where the posture was found.
+    """Where the posture was found."""
 
-    Attributes:
-        q_rad: (n,) joint positions.
-        radius_m: distance of the flange from the base axis; its azimuth is zero.
-        height_m: height of the flange above the base.
-        R_base_ee: (3, 3) attitude of the flange.
-    """
-
-    q_rad: Array
-    radius_m: float
-    height_m: float
-    R_base_ee: Array
+    q_rad: Array  # (n,) joint positions
+    radius_m: float  # distance of the flange from the base axis; its azimuth is zero
+    height_m: float  # height of the flange above the base
+    R_base_ee: Array  # (3, 3) attitude of the flange
 
 
 @dataclass(frozen=True)
 class Postures:
-    """Joint positions for P places.
+    """Joint positions for P places."""
 
-    Attributes:
-        q_rad: (P, n) joint positions; meaningless where not reached.
-        reached: (P,) whether the flange is at its place and attitude, inside the limits.
-    """
-
-    q_rad: Array
+    q_rad: Array  # (P, n) joint positions; meaningless where not reached
+    # (P,) whether the flange is at its place and attitude, inside the limits
     reached: NDArray[np.bool_]
 
 

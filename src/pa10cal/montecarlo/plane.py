@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
@@ -15,49 +14,29 @@ from pa10cal.montecarlo.places import Places, draw_places, grid_places, referenc
 from pa10cal.montecarlo.sampling import ErrorSums, Progress, sample_errors, stream
 from pa10cal.montecarlo.statistics import ExpectedError, counts_of, expected_error
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class PlaneTask:
-    """What to compute.
+    """What to compute."""
 
-    Attributes:
-        plane_mm: height of the flange above the base.
-        reach_m: least and greatest distance of the flange from the base z axis.
-        positions: places drawn.
-        cycles: draws at each place.
-        sigma_rad: standard uncertainty of every joint.
-        random_seed: of places and draws.
-        map_spacing_m: grid of the map.
-    """
-
-    plane_mm: int
-    reach_m: tuple[float, float]
-    positions: int
-    cycles: int
-    sigma_rad: float
-    random_seed: int
-    map_spacing_m: float
+    plane_mm: int  # height of the flange above the base
+    reach_m: tuple[float, float]  # least and greatest distance of the flange from the base z axis
+    positions: int  # places drawn
+    cycles: int  # draws at each place
+    sigma_rad: float  # standard uncertainty of every joint
+    random_seed: int  # of places and draws
+    map_spacing_m: float  # grid of the map
 
 
 @dataclass(frozen=True)
 class PlaneErrors:
-    """Errors in one plane.
+    """Errors in one plane."""
 
-    Attributes:
-        places: P places that were drawn.
-        sums: of the drawn errors there.
-        expected: closed form there.
-        map_places: K places of the map.
-        map_expected: closed form there.
-    """
-
-    places: Places
-    sums: ErrorSums
-    expected: ExpectedError
-    map_places: Places
-    map_expected: ExpectedError
+    places: Places  # P places that were drawn
+    sums: ErrorSums  # of the drawn errors there
+    expected: ExpectedError  # closed form there
+    map_places: Places  # K places of the map
+    map_expected: ExpectedError  # closed form there
 
 
 def study_plane(

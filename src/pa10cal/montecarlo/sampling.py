@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.montecarlo.displacement import DisplacementBlock, DisplacementPlan
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 #: Cycles a block: long enough to hide the cost of a call, short enough for the cache and for BLAS
@@ -30,17 +30,11 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class ErrorSums:
-    """Sums over the first cycles of P positions, at several counts of cycles.
+    """Sums over the first cycles of P positions, at several counts of cycles."""
 
-    Attributes:
-        cycles: (C,) counts of cycles, increasing; the last is all of them.
-        error_m: (P, C) sum of the errors of the first cycles.
-        squared_m2: (P, C) sum of their squares.
-    """
-
-    cycles: Counts
-    error_m: Array
-    squared_m2: Array
+    cycles: Counts  # (C,) counts of cycles, increasing; the last is all of them
+    error_m: Array  # (P, C) sum of the errors of the first cycles
+    squared_m2: Array  # (P, C) sum of their squares
 
 
 def stream(random_seed: int, plane_mm: int, position: int | None) -> np.random.Generator:

@@ -7,9 +7,8 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: The series leaves out δ⁴/24 of 1 - cos δ and δ⁵/120 of sin δ; it serves while the former, of
 #: an angle this many standard deviations long, stays below `_LEFT_OUT`: a longer angle comes once

@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import elliprg
 
+from pa10cal.arrays import Array
 from pa10cal.montecarlo.sampling import ErrorSums
-
-Array = NDArray[np.float64]
 
 _NORMAL_95 = 1.959963984540054
 _MEAN_OF_CHI_3 = np.sqrt(8.0 / np.pi)
@@ -29,57 +28,36 @@ _MEAN_OF_CHI_3 = np.sqrt(8.0 / np.pi)
 
 @dataclass(frozen=True)
 class ErrorStatistics:
-    """Statistics of the drawn errors at P places.
+    """Statistics of the drawn errors at P places."""
 
-    Attributes:
-        place_mean_m: (P,) mean at each place.
-        place_std_m: (P,) standard deviation at each place.
-        mean_m: mean of all draws.
-        std_within_m: spread within a place: root mean square of `place_std_m`.
-        std_between_m: standard deviation of `place_mean_m`.
-        std_total_m: standard deviation of all draws.
-        half_width_m: half the 95 % interval of `mean_m` over these places: what more cycles
-            would narrow.
-        places_half_width_m: half the 95 % interval of `mean_m` over all places of the plane: what
-            more places would narrow.
-    """
-
-    place_mean_m: Array
-    place_std_m: Array
-    mean_m: float
-    std_within_m: float
-    std_between_m: float
-    std_total_m: float
+    place_mean_m: Array  # (P,) mean at each place
+    place_std_m: Array  # (P,) standard deviation at each place
+    mean_m: float  # mean of all draws
+    std_within_m: float  # spread within a place: root mean square of `place_std_m`
+    std_between_m: float  # standard deviation of `place_mean_m`
+    std_total_m: float  # standard deviation of all draws
+    # half the 95 % interval of `mean_m` over these places: what more cycles would narrow
     half_width_m: float
+    # half the 95 % interval of `mean_m` over all places of the plane: what more places would
+    # narrow
     places_half_width_m: float
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """Mean of all places after the first cycles at each.
+    """Mean of all places after the first cycles at each."""
 
-    Attributes:
-        cycles: (C,) cycles at each place.
-        mean_m: (C,) running mean.
-        half_width_m: (C,) half its 95 % interval over these places.
-    """
-
-    cycles: NDArray[np.int64]
-    mean_m: Array
-    half_width_m: Array
+    cycles: NDArray[np.int64]  # (C,) cycles at each place
+    mean_m: Array  # (C,) running mean
+    half_width_m: Array  # (C,) half its 95 % interval over these places
 
 
 @dataclass(frozen=True)
 class ExpectedError:
-    """Expected length of the flange's displacement at P positions.
+    """Expected length of the flange's displacement at P positions."""
 
-    Attributes:
-        mean_m: (P,) mean.
-        std_m: (P,) standard deviation.
-    """
-
-    mean_m: Array
-    std_m: Array
+    mean_m: Array  # (P,) mean
+    std_m: Array  # (P,) standard deviation
 
 
 def counts_of(cycles: int, most: int = 20, first: int = 10) -> NDArray[np.int64]:

@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 
 M = TypeVar("M", bound=Instrument)
-Array = NDArray[np.float64]
 
 #: A joint that turned less [rad, or m of a prismatic joint] has not moved.
 _STOOD_STILL = 1e-4

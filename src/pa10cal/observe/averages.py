@@ -10,11 +10,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array, Index
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import Instrument, group_means
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.observe.quantities import Array, Index
 
 M = TypeVar("M", bound=Instrument)
 
@@ -24,16 +24,12 @@ LEAST_DOF = 12
 
 @dataclass(frozen=True)
 class RepeatScatter:
-    """Scatter of single readings of a pose about their mean, pooled over poses and loads.
+    """Scatter of single readings of a pose about their mean, pooled over poses and loads."""
 
-    Attributes:
-        cov_ee: (6, 6) covariance of one reading: position [m] and small rotation [rad], both along
-            the end-effector's own axes.
-        dof: readings less averaged poses; 0 where nothing was repeated.
-    """
-
+    # (6, 6) covariance of one reading: position [m] and small rotation [rad], both along the
+    # end-effector's own axes
     cov_ee: Array
-    dof: int
+    dof: int  # readings less averaged poses; 0 where nothing was repeated
 
     @property
     def is_known(self) -> bool:

@@ -14,8 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import Array
 from pa10cal.frame.pose_error import cross_matrix
-from pa10cal.observe.quantities import Array, Rows
+from pa10cal.observe.quantities import (
+    Rows,
+)
 
 _AXES = "xyz"
 _MM = 1e-3
@@ -28,19 +31,12 @@ _UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))
 
 @dataclass(frozen=True)
 class Knocked:
-    """A base target that moved against the others.
+    """A base target that moved against the others."""
 
-    Attributes:
-        targets: its name; several where they explain what was seen equally well.
-        pose: label of the first configuration after it.
-        time_s: time of that.
-        shift_mm: how far, in the directions that show.
-    """
-
-    targets: tuple[str, ...]
-    pose: str
+    targets: tuple[str, ...]  # its name; several where they explain what was seen equally well
+    pose: str  # label of the first configuration after it
     time_s: float
-    shift_mm: float
+    shift_mm: float  # how far, in the directions that show
 
     def __str__(self) -> str:
         return (
@@ -51,19 +47,12 @@ class Knocked:
 
 @dataclass(frozen=True)
 class Misread:
-    """Single readings that are not of their base target.
+    """Single readings that are not of their base target."""
 
-    Attributes:
-        target: its name.
-        readings: how many of them.
-        pose: label of the configuration of the furthest.
-        off_mm: how far that is from where the target stands.
-    """
-
-    target: str
-    readings: int
-    pose: str
-    off_mm: float
+    target: str  # its name
+    readings: int  # how many of them
+    pose: str  # label of the configuration of the furthest
+    off_mm: float  # how far that is from where the target stands
 
     def __str__(self) -> str:
         times = f"{self.readings} readings" if self.readings > 1 else "one reading"
@@ -73,26 +62,17 @@ class Misread:
 
 @dataclass(frozen=True)
 class MotionFound:
-    """How the motion of base targets was found.
+    """How the motion of base targets was found."""
 
-    Attributes:
-        form: `still`: none shows; `walk`: smoothed in time; `each`: each configuration by itself.
-        about_mm: middle of the targets in the instrument's frame, about which they turn.
-        turns: whether they show turns, as three that are not in line do.
-        noise: scatter of their readings over the stated uncertainty.
-        knocked: targets that moved against the others; their readings of the shorter stretch are
-            not used.
-        misread: targets with wrong readings, which are not used.
-        without: configurations without a reading that could be used.
-    """
-
-    form: str
+    form: str  # `still`: none shows; `walk`: smoothed in time; `each`: each configuration by itself
+    # middle of the targets in the instrument's frame, about which they turn
     about_mm: tuple[float, float, float]
-    turns: bool
-    noise: float
+    turns: bool  # whether they show turns, as three that are not in line do
+    noise: float  # scatter of their readings over the stated uncertainty
+    # targets that moved against the others; their readings of the shorter stretch are not used
     knocked: tuple[Knocked, ...]
-    misread: tuple[Misread, ...]
-    without: int
+    misread: tuple[Misread, ...]  # targets with wrong readings, which are not used
+    without: int  # configurations without a reading that could be used
 
     def plain(self) -> dict[str, Any]:
         """Return it in plain data."""
@@ -112,23 +92,14 @@ class MotionFound:
 
 @dataclass(frozen=True)
 class BaseTargets:
-    """K fixed targets as they were read in P configurations, and the motion that they show.
+    """K fixed targets as they were read in P configurations, and the motion that they show."""
 
-    Attributes:
-        names: (K,) their names, `base1` and so on.
-        p_instr_m: (P, K, 3) as read, nan where one was not seen.
-        u_m: (P, K, 3) stated standard uncertainties.
-        motion: (P, 6) shift [m] and turn [rad] of what was read, about `found.about_mm`.
-        motion_cov: (P, 6, 6) their covariance.
-        found: how they were found; None where they were not looked at yet.
-    """
-
-    names: tuple[str, ...]
-    p_instr_m: Array
-    u_m: Array
-    motion: Array
-    motion_cov: Array
-    found: MotionFound | None = None
+    names: tuple[str, ...]  # (K,) their names, `base1` and so on
+    p_instr_m: Array  # (P, K, 3) as read, nan where one was not seen
+    u_m: Array  # (P, K, 3) stated standard uncertainties
+    motion: Array  # (P, 6) shift [m] and turn [rad] of what was read, about `found.about_mm`
+    motion_cov: Array  # (P, 6, 6) their covariance
+    found: MotionFound | None = None  # how they were found; None where they were not looked at yet
 
     @classmethod
     def read(cls, names: tuple[str, ...], p_instr_m: Array, u_m: Array) -> BaseTargets:

@@ -15,10 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from pa10cal.arrays import Array, Index
 from pa10cal.frame.length_scale import scale_of_distances
 from pa10cal.frame.ranging import range_from_distances
 from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
-from pa10cal.observe.quantities import Array, Comparison, Deviations, Index, Located, Stated, Words
+from pa10cal.observe.quantities import (
+    Comparison,
+    Deviations,
+    Located,
+    Stated,
+    Words,
+)
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 from pa10cal.observe.targets import by_end_and_targets, carried_targets
 from pa10cal.terms.term import Parameter
@@ -31,21 +38,15 @@ _POINT = ("d_from_x_m", "d_from_y_m", "d_from_z_m")
 
 @dataclass(frozen=True)
 class Distance(Instrument):
-    """Distances of one target from a fixed point in P poses.
+    """Distances of one target from a fixed point in P poses."""
 
-    Attributes:
-        d_m: (P,) distances.
-        u_m: (P,) their standard uncertainties.
-        name: of the target.
-        p_ee_stated_m: (3,) its place in the end-effector frame as the campaign's description
-            states it; None where it does not.
-        p_instr_point_m: (3,) the fixed point: the frame's origin, unless it was moved.
-    """
-
-    d_m: Array
-    u_m: Array
-    name: str = _UNNAMED
+    d_m: Array  # (P,) distances
+    u_m: Array  # (P,) their standard uncertainties
+    name: str = _UNNAMED  # of the target
+    # (3,) its place in the end-effector frame as the campaign's description states it; None where
+    # it does not
     p_ee_stated_m: Array | None = None
+    # (3,) the fixed point: the frame's origin, unless it was moved
     p_instr_point_m: Array = field(default_factory=lambda: np.zeros(3))
 
     directional: ClassVar[bool] = False
@@ -65,13 +66,11 @@ class Distance(Instrument):
 
     @override
     def averaged(self, code: Index) -> Self:
-        """Average readings of each group."""
         u_m = np.sqrt(group_means(self.u_m**2, code) / np.bincount(code))
         return replace(self, d_m=group_means(self.d_m, code), u_m=u_m)
 
     @override
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
-        """Return what it would measure of poses (P, 4, 4) without error."""
         p_instr_m, _ = carried_targets(T_instr_ee, targets_m)
         d_m = np.linalg.norm(p_instr_m[:, 0] - self.p_instr_point_m, axis=1)
         return replace(self, d_m=d_m, u_m=np.ones(len(d_m)))
@@ -79,7 +78,6 @@ class Distance(Instrument):
     @classmethod
     @override
     def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Distance:
-        """Return the distances of the first target stated, as certain as stated."""
         name, place_m = next(iter(stated.targets_m.items()))
         p_instr_m, _ = carried_targets(T_instr_ee, place_m)
         d_m = np.linalg.norm(p_instr_m[:, 0], axis=1)
@@ -87,24 +85,20 @@ class Distance(Instrument):
 
     @override
     def moved(self, T: Array) -> Self:
-        """Return the distances in a frame in which the instrument's stands at T (4, 4)."""
         return replace(self, p_instr_point_m=T[:3, :3] @ self.p_instr_point_m + T[:3, 3])
 
     @property
     @override
     def target_names(self) -> tuple[str, ...]:
-        """Return the one target."""
         return (self.name,)
 
     @property
     @override
     def target_parameters(self) -> tuple[Parameter, ...]:
-        """Return the coordinates of the one target, whatever it is called."""
         return tuple(Parameter(f"target_{axis}", "m", 1e-3) for axis in "xyz")
 
     @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
-        """Compare predicted with measured distances."""
         p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
         by_end, by_targets = by_end_and_targets(T_instr_ee, arms)
         away_m = p_instr_m[:, 0] - self.p_instr_point_m
@@ -119,25 +113,21 @@ class Distance(Instrument):
     @property
     @override
     def components_seen(self) -> NDArray[np.bool_]:
-        """Return that the distance was measured in each pose, (P, 1)."""
         return np.ones((len(self), 1), dtype=bool)
 
     @property
     @override
     def stated_covariance(self) -> Array:
-        """Return the stated variance, (P, 1, 1)."""
         return (self.u_m**2)[:, None, None]
 
     @property
     @override
     def component_kinds(self) -> tuple[tuple[str, slice], ...]:
-        """Distances."""
         return (("distance", slice(0, 1)),)
 
     @property
     @override
     def places_m(self) -> Array:
-        """Return the distances, (P, 1, 1)."""
         return self.d_m[:, None, None]
 
     @override
@@ -160,19 +150,16 @@ class Distance(Instrument):
 
     @override
     def scale(self, T_base_ee: Array) -> float | None:
-        """Return how far the nominal model moves for one measured metre."""
         return scale_of_distances(self.d_m, T_base_ee)
 
     @override
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
-        """Return the misfit of the distances."""
         found = range_from_distances(T_base_ee[used], self.d_m[used], weights=weights)
         off_m = np.abs(self.d_m - found.distances(T_base_ee))
         return Misfit(off_m[:, None], np.zeros(len(self)))
 
     @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
-        """Compare predicted with measured distances; the vector is along the line of sight."""
         T_instr_ee = T_instr_base @ T_base_ee
         p_instr_m, _ = carried_targets(T_instr_ee, targets_m)
         away_m = p_instr_m[:, 0] - self.p_instr_point_m
@@ -184,13 +171,11 @@ class Distance(Instrument):
     @property
     @override
     def spread_mm(self) -> float:
-        """Return how far the distances spread about their middle, rms."""
         return 1e3 * float(np.std(self.d_m))
 
     @classmethod
     @override
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
-        """Read P poses from columns (P,) of the table of poses."""
         found = cls(MM * columns["d_mm"], MM * columns["d_u_mm"], *_stated_target(stated))
         if _POINT[0] not in columns:
             return found
@@ -198,7 +183,6 @@ class Distance(Instrument):
 
     @override
     def to_columns(self) -> dict[str, NDArray[Any]]:
-        """Return distances and uncertainties as columns (P,) of the table of poses."""
         columns = {"d_mm": self.d_m / MM, "d_u_mm": self.u_m / MM}
         if self.p_instr_point_m.any():
             point = zip(_POINT, self.p_instr_point_m, strict=True)
@@ -208,13 +192,11 @@ class Distance(Instrument):
     @classmethod
     @override
     def raw_columns(cls, header: Sequence[str]) -> RawColumns:
-        """Return the column of the distance."""
         return RawColumns(((_RAW,),))
 
     @classmethod
     @override
     def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
-        """Return rows whose distance is not above zero."""
         off = values[:, 0] <= 0.0
         found = (f"{_RAW} = {value:g}" for value in values[off, 0])
         return (Unusable(off, "the distance is not above zero", found),)
@@ -222,7 +204,6 @@ class Distance(Instrument):
     @classmethod
     @override
     def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Distance:
-        """Read P rows of distances."""
         u_m = np.where(np.isnan(u[:, 0]), stated.uncertainty_m, MM * u[:, 0])
         return Distance(MM * values[:, 0], u_m, *_stated_target(stated))
 

@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array, Index
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.joined import Joined
 from pa10cal.observe.observations import JointLog, Observations
-from pa10cal.observe.quantities import Array, Index, Start
+from pa10cal.observe.quantities import (
+    Start,
+)
 
 #: Between the name of a campaign and the label of a pose.
 _OF_CAMPAIGN = "/"
@@ -23,17 +26,11 @@ _APART_S = 3600.0
 
 @dataclass(frozen=True)
 class Member:
-    """A campaign of a group.
-
-    Attributes:
-        name: its name.
-        observations: single readings of all kinds, as its instrument measured them.
-        start: about where base, tool and targets are, as its instrument sees them.
-    """
+    """A campaign of a group."""
 
     name: str
-    observations: Observations
-    start: Start
+    observations: Observations  # single readings of all kinds, as its instrument measured them
+    start: Start  # about where base, tool and targets are, as its instrument sees them
 
 
 def join(members: Sequence[Member]) -> Observations[Joined]:
@@ -107,7 +104,6 @@ def _one_after_the_other(times_s: Sequence[Array]) -> list[Array]:
 
 
 def _states(each: Sequence[PoseStates], campaign: Index) -> PoseStates:
-    """Return the states of all campaigns."""
     return PoseStates(
         q_rad=np.concatenate([states.q_rad for states in each]),
         tau_Nm=np.concatenate([states.tau_Nm for states in each]),

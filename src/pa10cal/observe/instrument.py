@@ -18,12 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import ObservedTargets
+from pa10cal.arrays import Array, Index
 from pa10cal.observe.base_targets import BaseTargets
 from pa10cal.observe.quantities import (
-    Array,
     Comparison,
     Deviations,
-    Index,
     Located,
     Rows,
     Start,
@@ -44,32 +43,27 @@ MM = 1e-3
 
 @dataclass(frozen=True)
 class Instrument(ABC):
-    """What an instrument measured in P poses.
+    """What an instrument measured in P poses."""
 
-    Attributes:
-        kind: the word of `instrument.kind` in campaign.yaml.
-        locates_by: how `locate` finds the base, a word of `seed/base_frame.json`.
-        words: how captions speak of its errors.
-        measures_pose: whether it measures position and attitude, as the paper's model needs.
-        from_touches: whether its raw data are touches and a resolver log, as in the paper.
-        directional: whether what it measures has directions in its frame; else neither the
-            attitude of the base nor the direction of an error shows.
-        uses_lines: whether straight moves along the base's axes help to find the base frame.
-        several_targets: whether it measures several targets on the end-effector.
-        sees_base: whether it may see targets on the base as well, in every configuration.
-        least_rows: rows from which on a single one can be found to be wrong: four times those that
-            determine frames and targets.
-    """
-
-    kind: ClassVar[str]
+    kind: ClassVar[str]  # the word of `instrument.kind` in campaign.yaml
+    # how `locate` finds the base, a word of `seed/base_frame.json`
     locates_by: ClassVar[LocatingMethod] = "nominal_arm"
-    words: ClassVar[Words]
+    words: ClassVar[Words]  # how captions speak of its errors
+    # whether it measures position and attitude, as the paper's model needs
     measures_pose: ClassVar[bool] = False
+    # whether its raw data are touches and a resolver log, as in the paper
     from_touches: ClassVar[bool] = False
+    # whether what it measures has directions in its frame; else neither the attitude of the base
+    # nor the direction of an error shows
     directional: ClassVar[bool] = True
+    # whether straight moves along the base's axes help to find the base frame
     uses_lines: ClassVar[bool] = False
+    # whether it measures several targets on the end-effector
     several_targets: ClassVar[bool] = False
+    # whether it may see targets on the base as well, in every configuration
     sees_base: ClassVar[bool] = False
+    # rows from which on a single one can be found to be wrong: four times those that determine
+    # frames and targets
     least_rows: ClassVar[int]
     #: Fields that belong to all poses together.
     _of_all: ClassVar[tuple[str, ...]] = ()

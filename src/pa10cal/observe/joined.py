@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.arm.state import ObservedTargets
+from pa10cal.arrays import Array, Index
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.one_by_one import OneByOne
 from pa10cal.observe.quantities import (
-    Array,
     Comparison,
     Deviations,
-    Index,
     Located,
     Rows,
     Start,
@@ -35,38 +34,24 @@ from pa10cal.terms.term import Parameter
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a campaign stands among poses, components and targets.
+    """Where a campaign stands among poses, components and targets."""
 
-    Attributes:
-        name: of the campaign.
-        part: what was measured in it.
-        rows: (p,) its poses.
-        columns: its components.
-        targets: the coordinates of its targets.
-        stated: the coordinates of its apparatus.
-    """
-
-    name: str
-    part: Instrument
-    rows: Index
-    columns: slice
-    targets: slice
-    stated: slice
+    name: str  # of the campaign
+    part: Instrument  # what was measured in it
+    rows: Index  # (p,) its poses
+    columns: slice  # its components
+    targets: slice  # the coordinates of its targets
+    stated: slice  # the coordinates of its apparatus
 
 
 @dataclass(frozen=True)
 class Joined(OneByOne):
-    """What was measured in P poses of several campaigns.
+    """What was measured in P poses of several campaigns."""
 
-    Attributes:
-        names: (C,) names of the campaigns.
-        parts: (C,) what was measured in the poses of each, in the order in which they stand here.
-        campaign: (P,) campaign of each pose.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # (C,) names of the campaigns
+    # (C,) what was measured in the poses of each, in the order in which they stand here
     parts: tuple[Instrument, ...]
-    campaign: Index
+    campaign: Index  # (P,) campaign of each pose
 
     kind: ClassVar[str] = ""
     words: ClassVar[Words] = Words(
@@ -111,31 +96,26 @@ class Joined(OneByOne):
     @property
     @override
     def campaigns(self) -> tuple[tuple[str, Instrument], ...]:
-        """Return name and readings of every campaign."""
         return tuple(zip(self.names, self.parts, strict=True))
 
     @property
     @override
     def parts_seen(self) -> tuple[tuple[Index | slice, slice], ...]:
-        """Return the poses of every campaign, and its components."""
         return tuple((p.rows, p.columns) for p in self._shown)
 
     @property
     @override
     def kinds(self) -> tuple[str, ...]:
-        """Return the words of the instruments that measured, each once."""
         return tuple(dict.fromkeys(part.kind for part in self.parts))
 
     @override
     def take(self, rows: Rows) -> Self:
-        """Return some of the poses."""
         campaign, within = self.campaign[rows], self._within[rows]
         parts = tuple(part.take(within[campaign == k]) for k, part in enumerate(self.parts))
         return replace(self, parts=parts, campaign=campaign)
 
     @override
     def averaged(self, code: Index) -> Self:
-        """Average the readings of each group; all of one are of one campaign."""
         campaign = self.campaign[np.unique(code, return_index=True)[1]]
         parts = []
         for place in self._places:
@@ -145,17 +125,14 @@ class Joined(OneByOne):
 
     @override
     def moved(self, T: Array) -> Self:
-        """Return the readings in a frame in which that of the first stands at T (4, 4)."""
         return self._with([part.moved(T) for part in self.parts])
 
     @override
     def turned(self, R_ee_target: Array) -> Self:
-        """Return the readings with attitudes of the end-effector in place of the target's."""
         return self._with([part.turned(R_ee_target) for part in self.parts])
 
     @override
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
-        """Return what would be measured of these poses (P, 4, 4) without error."""
         return self._with(
             [p.part.ideal(T_instr_ee[p.rows], targets_m[p.targets]) for p in self._places]
         )
@@ -163,7 +140,6 @@ class Joined(OneByOne):
     @property
     @override
     def places_m(self) -> Array:
-        """Return where targets were measured (P, B, 3), nan where not; a distance stands first."""
         most = max(part.places_m.shape[1] for part in self.parts)
         places = np.full((len(self), most, 3), np.nan)
         for p in self._shown:
@@ -174,13 +150,11 @@ class Joined(OneByOne):
     @property
     @override
     def counts(self) -> tuple[str, ...]:
-        """Return what was counted of the targets of each campaign."""
         return tuple(f"{p.name}: {each}" for p in self._places for each in p.part.counts)
 
     @property
     @override
     def target_names(self) -> tuple[str, ...]:
-        """Return the targets, each with the name of its campaign."""
         return tuple(
             of_campaign(target, name) for name, part in self.campaigns for target in _targets(part)
         )
@@ -188,7 +162,6 @@ class Joined(OneByOne):
     @property
     @override
     def target_parameters(self) -> tuple[Parameter, ...]:
-        """Return the coordinates of targets, each with the name of its campaign."""
         return tuple(
             replace(each, name=of_campaign(each.name, name))
             for name, part in self.campaigns
@@ -197,7 +170,6 @@ class Joined(OneByOne):
 
     @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
-        """Compare predicted poses with what was measured of each in its own campaign."""
         count, components = self.components_seen.shape
         residual, by_end = np.zeros((count, components)), np.zeros((count, components, 6))
         by_targets = np.zeros((count, components, self._places[-1].targets.stop))
@@ -210,7 +182,6 @@ class Joined(OneByOne):
 
     @override
     def end_poses(self, T_instr_ee: Array) -> Array:
-        """Return poses of the end of the chain, as measured where they are."""
         T = T_instr_ee.copy()
         for p in self._shown:
             T[p.rows] = p.part.end_poses(T_instr_ee[p.rows])
@@ -218,7 +189,6 @@ class Joined(OneByOne):
 
     @override
     def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
-        """Return where the targets were; a pose of fewer than others has its first once more."""
         found = [p.part.readout(T_instr_ee[p.rows], targets_m[p.targets]) for p in self._shown]
         most = max(each.p_instr_targets_m.shape[1] for each in found)
         p_instr_m = np.zeros((len(self), most, 3))
@@ -232,13 +202,11 @@ class Joined(OneByOne):
 
     @override
     def axes_of_end(self, T_instr_ee: Array) -> Array:
-        """Return what turns components from the end's own axes to those measured, (P, b, b)."""
         return self._blocks(lambda p: p.part.axes_of_end(T_instr_ee[p.rows]))
 
     @property
     @override
     def by_stated_targets(self) -> Array:
-        """Return the derivative (P, b, a) by coordinates of every campaign's apparatus."""
         by_stated = np.zeros((*self.components_seen.shape, self._places[-1].stated.stop))
         for p in self._shown:
             by_stated[p.rows, p.columns, p.stated] = p.part.by_stated_targets
@@ -255,7 +223,6 @@ class Joined(OneByOne):
     @property
     @override
     def stated_covariance(self) -> Array:
-        """Return the stated covariance (P, b, b); unit where nothing was seen."""
         return self._blocks(lambda p: p.part.stated_covariance)
 
     def _blocks(self, of: Callable[[_Place], Array]) -> Array:
@@ -270,7 +237,6 @@ class Joined(OneByOne):
     @property
     @override
     def component_kinds(self) -> tuple[tuple[str, slice], ...]:
-        """Return the kinds of every campaign that has poses here, each with its name."""
         return tuple(
             (
                 of_campaign(kind, p.name),
@@ -283,14 +249,12 @@ class Joined(OneByOne):
     @property
     @override
     def position_columns(self) -> Index:
-        """Return the components of positions or distances of every campaign."""
         return np.concatenate(
             [p.columns.start + p.part.position_columns for p in self._places]
         ).astype(np.intp)
 
     @override
     def locate(self, T_base_ee: Array) -> Located:
-        """Find base and targets of each campaign; the base is that of the first with directions."""
         found = {p.name: p.part.locate(T_base_ee[p.rows]) for p in self._shown}
         first = self._leading.name
         squares = sum(each.poses * each.scatter_m**2 for each in found.values())
@@ -316,20 +280,17 @@ class Joined(OneByOne):
 
     @override
     def find_start(self, T_base_ee: Array) -> Start:
-        """Find where a fit starts: the base of one campaign, tools and targets of each."""
         starts = {p.name: p.part.find_start(T_base_ee[p.rows]) for p in self._shown}
         return Start.of_group(starts, self._leading.name)
 
     @override
     def scale(self, T_base_ee: Array) -> float | None:
-        """Return how far the nominal model moves for one measured metre, by the middle campaign."""
         found = [p.part.scale(T_base_ee[p.rows]) for p in self._shown]
         known = [each for each in found if each is not None]
         return float(np.median(known)) if known else None
 
     @override
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
-        """Return how far poses are from the nominal model, fitted to each campaign apart."""
         most = max(part.places_m.shape[1] for part in self.parts)
         length_m, turn_rad = np.full((len(self), most), np.nan), np.zeros(len(self))
         for p in self._shown:
@@ -342,7 +303,6 @@ class Joined(OneByOne):
     @property
     @override
     def attitudes(self) -> Array | None:
-        """Return the measured attitudes (P, 3, 3); None where some campaign measures none."""
         attitudes = np.zeros((len(self), 3, 3))
         for p in self._places:
             own = p.part.attitudes
@@ -353,7 +313,6 @@ class Joined(OneByOne):
 
     @override
     def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:
-        """Return predicted poses as read through targets that are off their stated places."""
         T = T_base_ee.copy()
         for p in self._shown:
             T[p.rows] = p.part.as_read(T[p.rows], T_instr_base, targets_off_m[p.stated])
@@ -361,7 +320,6 @@ class Joined(OneByOne):
 
     @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
-        """Compare predictions with measurements; no rotations unless every campaign has them."""
         distance, position = np.zeros(len(self)), np.zeros((len(self), 3))
         rotation = None if self.attitudes is None else np.zeros((len(self), 3))
         for p in self._shown:
@@ -374,13 +332,11 @@ class Joined(OneByOne):
     @property
     @override
     def spread_mm(self) -> float:
-        """Return how far measured places spread about the middle of their campaign, rms."""
         squares = sum(len(p.rows) * p.part.spread_mm**2 for p in self._shown)
         return float(np.sqrt(squares / len(self)))
 
     @override
     def to_columns(self) -> dict[str, NDArray[Any]]:
-        """Return the columns of every campaign (P,), nan in the poses of others."""
         columns: dict[str, NDArray[Any]] = {}
         for p in self._shown:
             for name, values in p.part.to_columns().items():

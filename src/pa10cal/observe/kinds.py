@@ -12,13 +12,9 @@ from pydantic_core import CoreSchema, core_schema
 
 @dataclass(frozen=True)
 class _OneOf:
-    """A word of a list that is made when a value is checked, and not before.
+    """A word of a list that is made when a value is checked, and not before."""
 
-    Attributes:
-        words: makes the list.
-    """
-
-    words: Callable[[], list[str]]
+    words: Callable[[], list[str]]  # makes the list
 
     def _check(self, word: str) -> str:
         words = self.words()

@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 from typing_extensions import TypeVar
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.observe.base_targets import BaseTargets
 from pa10cal.observe.instrument import Instrument
-from pa10cal.observe.quantities import Array, Rows
+from pa10cal.observe.quantities import (
+    Rows,
+)
 
 M = TypeVar("M", bound=Instrument)
 M_co = TypeVar("M_co", bound=Instrument, default=Instrument, covariant=True)
@@ -23,17 +26,11 @@ KINDS = ("line_x", "line_y", "grid", "holdout")
 
 @dataclass(frozen=True)
 class JointLog:
-    """How the joints of P configurations were read.
+    """How the joints of P configurations were read."""
 
-    Attributes:
-        q_u: (P, n) standard uncertainty of the mean position [rad, m], nan where unknown.
-        tau_u: (P, n) standard uncertainty of the mean torque [N m, N], nan where unknown.
-        samples: (P,) samples averaged; 0 where there is no log.
-    """
-
-    q_u: Array
-    tau_u: Array
-    samples: NDArray[np.int64]
+    q_u: Array  # (P, n) standard uncertainty of the mean position [rad, m], nan where unknown
+    tau_u: Array  # (P, n) standard uncertainty of the mean torque [N m, N], nan where unknown
+    samples: NDArray[np.int64]  # (P,) samples averaged; 0 where there is no log
 
     def take(self, rows: Rows) -> JointLog:
         """Return some of the configurations."""
@@ -42,27 +39,18 @@ class JointLog:
 
 @dataclass(frozen=True)
 class Observations(Generic[M_co]):
-    """P measured poses; `Observations[Pose]` where position and attitude were measured.
+    """P measured poses; `Observations[Pose]` where position and attitude were measured."""
 
-    Attributes:
-        pose: (P,) labels; the same label is the same command.
-        states: state of the arm in each pose.
-        measured: what the instrument measured in each.
-        kind: (P,) one of `KINDS`.
-        repeat: (P,) number of the repeat; of averages that of the first reading.
-        readings: (P,) readings averaged into each row.
-        log: how the joints were read; None where that is not known, as of averages.
-        base: targets on the base as they were read, and their motion, which `measured` is without;
-            None where there are none, and of averages.
-    """
-
-    pose: NDArray[np.str_]
-    states: PoseStates
-    measured: M_co
-    kind: NDArray[np.str_]
-    repeat: NDArray[np.int64]
-    readings: NDArray[np.int64]
+    pose: NDArray[np.str_]  # (P,) labels; the same label is the same command
+    states: PoseStates  # state of the arm in each pose
+    measured: M_co  # what the instrument measured in each
+    kind: NDArray[np.str_]  # (P,) one of `KINDS`
+    repeat: NDArray[np.int64]  # (P,) number of the repeat; of averages that of the first reading
+    readings: NDArray[np.int64]  # (P,) readings averaged into each row
+    # how the joints were read; None where that is not known, as of averages
     log: JointLog | None = None
+    # targets on the base as they were read, and their motion, which `measured` is without; None
+    # where there are none, and of averages
     base: BaseTargets | None = None
 
     @staticmethod

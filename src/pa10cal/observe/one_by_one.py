@@ -7,9 +7,12 @@ from typing import NoReturn, Self
 
 from typing_extensions import override
 
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.observe.instrument import Instrument
-from pa10cal.observe.quantities import Array, Stated
+from pa10cal.observe.quantities import (
+    Stated,
+)
 from pa10cal.observe.raw import RawColumns
 
 
@@ -19,25 +22,21 @@ class OneByOne(Instrument):
     @classmethod
     @override
     def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Instrument:
-        """Refuse: campaigns are planned one by one."""
         _refuse("measurements are foreseen")
 
     @classmethod
     @override
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
-        """Refuse: campaigns are read one by one."""
         _refuse("tables of poses are read")
 
     @classmethod
     @override
     def raw_columns(cls, header: Sequence[str]) -> RawColumns:
-        """Refuse: campaigns are read one by one."""
         _refuse("raw files are read")
 
     @classmethod
     @override
     def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Instrument:
-        """Refuse: campaigns are read one by one."""
         _refuse("raw files are read")
 
 

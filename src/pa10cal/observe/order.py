@@ -11,14 +11,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array, Mask
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.quantities import Array
-
-Mask = NDArray[np.bool_]
 
 #: Rank correlation with time from which on the order goes with a joint or a load.
 ORDERED = 0.9
@@ -38,15 +35,10 @@ _LEAST_ROWS = 8
 
 @dataclass(frozen=True)
 class Driver:
-    """A joint or the load: what the order of rows may go with.
+    """A joint or the load: what the order of rows may go with."""
 
-    Attributes:
-        joint: its number, from 1; 0 of the load.
-        slides: whether it is a joint that slides.
-    """
-
-    joint: int
-    slides: bool = False
+    joint: int  # its number, from 1; 0 of the load
+    slides: bool = False  # whether it is a joint that slides
 
     def of(self, states: PoseStates) -> Array:
         """Return its values, (P,)."""
@@ -60,15 +52,10 @@ class Driver:
 
 @dataclass(frozen=True)
 class Parting:
-    """A place of a joint or load that parts the rows before a time from those after it.
+    """A place of a joint or load that parts the rows before a time from those after it."""
 
-    Attributes:
-        driver: the joint or the load.
-        at: the place [rad, m or N].
-    """
-
-    driver: Driver
-    at: float
+    driver: Driver  # the joint or the load
+    at: float  # the place [rad, m or N]
 
 
 def drivers(states: PoseStates, prismatic: Mask | None = None) -> tuple[Driver, ...]:

@@ -11,12 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from pa10cal.arrays import Array, Index
 from pa10cal.frame.hand_eye import hand_eye_from_points
 from pa10cal.frame.length_scale import scale_of_points
 from pa10cal.frame.pose_error import cross_matrix
 from pa10cal.observe.base_targets import BaseTargets, columns_of_covariance, covariance_of
 from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
-from pa10cal.observe.quantities import Array, Comparison, Deviations, Index, Located, Stated, Words
+from pa10cal.observe.quantities import (
+    Comparison,
+    Deviations,
+    Located,
+    Stated,
+    Words,
+)
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 from pa10cal.observe.targets import (
     AXES,
@@ -34,23 +41,18 @@ _COORDINATE = re.compile(r"(?!u_)([A-Za-z0-9]+)_[xyz]_mm")
 
 @dataclass(frozen=True)
 class Points(Instrument):
-    """Positions of B targets in P poses.
+    """Positions of B targets in P poses."""
 
-    Attributes:
-        names: (B,) names of the targets.
-        p_instr_m: (P, B, 3) positions in the instrument's frame, nan where a target was not seen.
-        cov_m2: (P, B, 3, 3) their covariances, nan where a target was not seen.
-        p_ee_stated_m: (B, 3) places of the targets in the end-effector frame as the campaign's
-            description states them; None where it does not state them all.
-        motion_cov: (P, 6, 6) covariance of a shift [m] and a turn [rad] about the instrument's
-            origin that all targets of a pose share, as targets on the base leave it; None of an
-            instrument that is taken to stand still.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # (B,) names of the targets
+    # (P, B, 3) positions in the instrument's frame, nan where a target was not seen
     p_instr_m: Array
-    cov_m2: Array
+    cov_m2: Array  # (P, B, 3, 3) their covariances, nan where a target was not seen
+    # (B, 3) places of the targets in the end-effector frame as the campaign's description states
+    # them; None where it does not state them all
     p_ee_stated_m: Array | None
+    # (P, 6, 6) covariance of a shift [m] and a turn [rad] about the instrument's origin that all
+    # targets of a pose share, as targets on the base leave it; None of an instrument that is taken
+    # to stand still
     motion_cov: Array | None = None
 
     kind: ClassVar[str] = "points"
@@ -71,7 +73,6 @@ class Points(Instrument):
 
     @override
     def averaged(self, code: Index) -> Self:
-        """Average each target over the readings in which it was seen."""
         seen = np.isfinite(self.p_instr_m[..., 0])
         share = group_means(seen.astype(float), code)
         share[share == 0.0] = np.nan  # not seen in any reading
@@ -88,7 +89,6 @@ class Points(Instrument):
 
     @override
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
-        """Return what it would measure of poses (P, 4, 4) without error, all targets in sight."""
         p_instr_m, _ = carried_targets(T_instr_ee, targets_m)
         unit = np.broadcast_to(np.eye(3), (*p_instr_m.shape[:2], 3, 3))
         return replace(self, p_instr_m=p_instr_m, cov_m2=unit, motion_cov=None)
@@ -96,7 +96,6 @@ class Points(Instrument):
     @classmethod
     @override
     def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Points:
-        """Return the positions of the targets stated, every coordinate as certain as stated."""
         names = tuple(stated.targets_m)
         places_m = np.array([stated.targets_m[name] for name in names])
         p_instr_m, _ = carried_targets(T_instr_ee, places_m.ravel())
@@ -105,7 +104,6 @@ class Points(Instrument):
 
     @override
     def moved(self, T: Array) -> Self:
-        """Return the positions in a frame in which the instrument's stands at T (4, 4)."""
         R = T[:3, :3]
         along = np.block([[R, cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
         return replace(
@@ -117,26 +115,22 @@ class Points(Instrument):
 
     @override
     def steadied(self, base: BaseTargets) -> Self:
-        """Return the positions less the motion, whose noise all targets of a pose share."""
         T = np.linalg.inv(base.T_moved)
         p_instr_m = np.einsum("pij,pbj->pbi", T[:, :3, :3], self.p_instr_m) + T[:, None, :3, 3]
         return replace(self, p_instr_m=p_instr_m, motion_cov=base.cov_at_origin)
 
     @override
     def in_order(self, order: Sequence[int]) -> Self:
-        """Return the positions with each target under the label of another."""
         at = list(order)
         return replace(self, p_instr_m=self.p_instr_m[:, at], cov_m2=self.cov_m2[:, at])
 
     @property
     @override
     def target_names(self) -> tuple[str, ...]:
-        """Return the names of the targets."""
         return self.names
 
     @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
-        """Compare predicted with measured positions, target by target."""
         p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
         residual = p_instr_m - self.p_instr_m
         by_end, by_targets = by_end_and_targets(T_instr_ee, arms)
@@ -151,13 +145,11 @@ class Points(Instrument):
     @property
     @override
     def components_seen(self) -> NDArray[np.bool_]:
-        """Return which coordinates were measured in each pose, (P, 3 B)."""
         return np.isfinite(self.p_instr_m).reshape(len(self), 3 * len(self.names))
 
     @property
     @override
     def stated_covariance(self) -> Array:
-        """Return the stated covariance (P, 3 B, 3 B); unit where a target was not seen."""
         count, targets = self.p_instr_m.shape[:2]
         cov = np.zeros((count, targets, 3, targets, 3))
         for b in range(targets):
@@ -176,25 +168,21 @@ class Points(Instrument):
     @property
     @override
     def component_kinds(self) -> tuple[tuple[str, slice], ...]:
-        """Positions."""
         return (("position", slice(0, 3 * len(self.names))),)
 
     @property
     @override
     def places_m(self) -> Array:
-        """Return the targets' positions, (P, B, 3), nan where not seen."""
         return self.p_instr_m
 
     @property
     @override
     def counts(self) -> tuple[str, ...]:
-        """Return how often targets were seen."""
         seen = np.isfinite(self.p_instr_m[..., 0])
         return (f"targets {', '.join(self.names)} seen {seen.sum()} times of {seen.size}",)
 
     @override
     def locate(self, T_base_ee: Array) -> Located:
-        """Find base and targets from positions alone."""
         found = hand_eye_from_points(
             T_base_ee, self.p_instr_m, self.p_ee_stated_m, names=self.names
         )
@@ -210,21 +198,18 @@ class Points(Instrument):
 
     @override
     def scale(self, T_base_ee: Array) -> float | None:
-        """Return how far the model moves for a measured metre of the target seen most."""
         seen = np.isfinite(self.p_instr_m[..., 0])
         best = int(seen.sum(axis=0).argmax())
         return scale_of_points(self.p_instr_m[seen[:, best], best], T_base_ee[seen[:, best]])
 
     @override
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
-        """Return the misfit of the positions."""
         found = hand_eye_from_points(T_base_ee[used], self.p_instr_m[used], weights=weights)
         off_m = self.p_instr_m - found.targets(T_base_ee)[..., :3, 3]
         return Misfit(np.linalg.norm(off_m, axis=2), np.zeros(len(self)))
 
     @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
-        """Compare predicted with measured positions: rms and mean over the targets seen."""
         T_instr_ee = T_instr_base @ T_base_ee
         residual = self.compare(T_instr_ee, targets_m).residual
         each_mm = 1e3 * residual.reshape(len(residual), -1, 3)
@@ -238,20 +223,17 @@ class Points(Instrument):
     @property
     @override
     def spread_mm(self) -> float:
-        """Return how far the targets' positions spread about their middle, rms."""
         return 1e3 * float(np.sqrt(np.sum(np.nanvar(self.p_instr_m.reshape(-1, 3), axis=0))))
 
     @classmethod
     @override
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
-        """Read P poses from columns (P,) of the table of poses."""
         names = names_of_columns(columns)
         p_m, cov_m2, _ = places_of_columns(columns, names)
         return cls(names, p_m, cov_m2, stated.places_m(names), covariance_of(columns, _SHARED))
 
     @override
     def to_columns(self) -> dict[str, NDArray[Any]]:
-        """Return the targets as columns (P,) of the table of poses."""
         touches = np.zeros(self.p_instr_m.shape[:2], dtype=np.int64)
         columns = columns_of_places(self.names, self.p_instr_m, self.cov_m2, touches)
         shared = {} if self.motion_cov is None else columns_of_covariance(self.motion_cov, _SHARED)
@@ -272,7 +254,6 @@ class Points(Instrument):
     @classmethod
     @override
     def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
-        """Return rows in which a target has some of its coordinates only, or none was seen."""
         blank = np.isnan(values).reshape(len(values), len(columns.targets), 3).sum(axis=2)
         part = (blank > 0) & (blank < 3)
         torn, unseen = part.any(axis=1), (blank == 3).all(axis=1)
@@ -285,7 +266,6 @@ class Points(Instrument):
     @classmethod
     @override
     def raw_notes(cls, columns: RawColumns, stated: Stated) -> tuple[str, ...]:
-        """Describe where stated places and columns are not of the same targets."""
         names = _names(columns)
         unstated = sorted(set(names) - set(stated.targets_m))
         absent = sorted(set(stated.targets_m) - set(names))
@@ -301,7 +281,6 @@ class Points(Instrument):
     @classmethod
     @override
     def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Points:
-        """Read P rows of positions of targets."""
         names = _names(columns)
         p_m = MM * values.reshape(len(values), len(names), 3)
         u_m = np.where(np.isnan(u), stated.uncertainty_m, MM * u).reshape(p_m.shape)

@@ -13,12 +13,19 @@ from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
 from pa10cal.arm.state import ObservedTargets
+from pa10cal.arrays import Array, Index
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
 from pa10cal.frame.length_scale import scale_of_points
 from pa10cal.frame.pose_error import cross_matrix, pose_error
 from pa10cal.observe.base_targets import BaseTargets
 from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
-from pa10cal.observe.quantities import Array, Comparison, Deviations, Index, Located, Stated, Words
+from pa10cal.observe.quantities import (
+    Comparison,
+    Deviations,
+    Located,
+    Stated,
+    Words,
+)
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 
 RAW_PLACE = ("x_mm", "y_mm", "z_mm")
@@ -37,20 +44,17 @@ _COVARIANCE = tuple(f"ee_cov_{i}{j}" for i in range(6) for j in range(i, 6))
 
 @dataclass(frozen=True)
 class Pose(Instrument):
-    """Position and attitude of one target in P poses.
+    """Position and attitude of one target in P poses."""
 
-    Attributes:
-        T_instr_target: (P, 4, 4) target in the instrument's frame [m]; for balls that are touched
-            the end-effector itself, by the balls' stated places.
-        cov: (P, 6, 6) covariance of position [m] and of a small rotation [rad] applied on the
-            left, both along the instrument's axes.
-        by_apparatus: (P, 6, a) derivative of the measured pose (position, small left rotation) by
-            the a coordinates of targets on the apparatus [m], whose error is the same in every
-            pose; a = 0 where the instrument measures the pose itself.
-    """
-
+    # (P, 4, 4) target in the instrument's frame [m]; for balls that are touched the end-effector
+    # itself, by the balls' stated places
     T_instr_target: Array
+    # (P, 6, 6) covariance of position [m] and of a small rotation [rad] applied on the left, both
+    # along the instrument's axes
     cov: Array
+    # (P, 6, a) derivative of the measured pose (position, small left rotation) by the a
+    # coordinates of targets on the apparatus [m], whose error is the same in every pose; a = 0
+    # where the instrument measures the pose itself
     by_apparatus: Array
 
     kind: ClassVar[str] = "pose"
@@ -76,7 +80,6 @@ class Pose(Instrument):
 
     @override
     def averaged(self, code: Index) -> Self:
-        """Average readings: mean positions, chordal mean of the attitudes."""
         T = group_means(self.T_instr_target, code)
         U, _, Vt = np.linalg.svd(T[:, :3, :3])
         U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
@@ -90,7 +93,6 @@ class Pose(Instrument):
 
     @override
     def steadied(self, base: BaseTargets) -> Self:
-        """Return the poses less the motion, whose noise adds to theirs."""
         T = np.linalg.inv(base.T_moved) @ self.T_instr_target
         by_motion = np.tile(np.eye(6), (len(T), 1, 1))
         by_motion[:, :3, 3:] = -cross_matrix(T[:, :3, 3])
@@ -99,7 +101,6 @@ class Pose(Instrument):
 
     @override
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Pose:
-        """Return what it would measure of poses (P, 4, 4) without error."""
         return Pose.of(T_instr_ee, np.broadcast_to(np.eye(6), (len(T_instr_ee), 6, 6)))
 
     @classmethod
@@ -118,7 +119,6 @@ class Pose(Instrument):
 
     @override
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
-        """Compare predicted with measured poses: position, then chord of the attitude."""
         count = len(T_instr_ee)
         error = pose_error(T_instr_ee, self.T_instr_target)
         by_end = np.zeros((count, 6, 6))
@@ -129,7 +129,6 @@ class Pose(Instrument):
 
     @override
     def end_poses(self, T_instr_ee: Array) -> Array:
-        """Return the measured poses."""
         return self.T_instr_target
 
     @override
@@ -154,42 +153,35 @@ class Pose(Instrument):
 
     @override
     def axes_of_end(self, T_instr_ee: Array) -> Array:
-        """Return what turns position and rotation from the end's axes to the instrument's."""
         return super().axes_of_end(self.T_instr_target)
 
     @property
     @override
     def by_stated_targets(self) -> Array:
-        """Return the derivative of the pose by the balls' places on the apparatus."""
         return self.by_apparatus
 
     @property
     @override
     def components_seen(self) -> NDArray[np.bool_]:
-        """Return that all six components were measured in each pose, (P, 6)."""
         return np.ones((len(self), 6), dtype=bool)
 
     @property
     @override
     def stated_covariance(self) -> Array:
-        """Return the stated covariance (P, 6, 6)."""
         return self.cov
 
     @property
     @override
     def component_kinds(self) -> tuple[tuple[str, slice], ...]:
-        """Positions and attitudes."""
         return (("position", slice(0, 3)), ("attitude", slice(3, 6)))
 
     @property
     @override
     def places_m(self) -> Array:
-        """Return the target's position, (P, 1, 3)."""
         return self.T_instr_target[:, None, :3, 3]
 
     @override
     def locate(self, T_base_ee: Array) -> Located:
-        """Find base and target by hand-eye calibration."""
         found = hand_eye_from_poses(T_base_ee, self.T_instr_target)
         return Located(
             T_instr_base=found.T_instr_base,
@@ -203,17 +195,14 @@ class Pose(Instrument):
 
     @override
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
-        """Return the mean target (4, 4) in the end-effector frame."""
         return target_on_base(T_instr_base, T_base_ee, self.T_instr_target)
 
     @override
     def scale(self, T_base_ee: Array) -> float | None:
-        """Return how far the nominal model moves for one measured metre."""
         return scale_of_points(self.T_instr_target[:, :3, 3], T_base_ee)
 
     @override
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
-        """Return the misfit of positions and attitudes."""
         T = self.T_instr_target
         found = hand_eye_from_poses(T_base_ee[used], T[used], weights=weights)
         modelled = found.targets(T_base_ee)[:, 0]
@@ -223,7 +212,6 @@ class Pose(Instrument):
 
     @override
     def moved(self, T: Array) -> Self:
-        """Return the poses in a frame in which the instrument's stands at T (4, 4)."""
         both = block_diag(T[:3, :3], T[:3, :3])
         return replace(
             self,
@@ -234,7 +222,6 @@ class Pose(Instrument):
 
     @override
     def turned(self, R_ee_target: Array) -> Self:
-        """Return the measurements with attitudes of the end-effector in place of the target's."""
         T = self.T_instr_target.copy()
         T[:, :3, :3] = T[:, :3, :3] @ R_ee_target.T
         return replace(self, T_instr_target=T)
@@ -242,12 +229,10 @@ class Pose(Instrument):
     @property
     @override
     def attitudes(self) -> Array:
-        """Return the measured attitudes (P, 3, 3)."""
         return self.T_instr_target[:, :3, :3]
 
     @override
     def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:
-        """Return predicted poses as read through targets off their stated places."""
         R = T_instr_base[:3, :3]
         moved = self.by_apparatus @ targets_off_m
         T: Array = T_base_ee.copy()
@@ -258,7 +243,6 @@ class Pose(Instrument):
 
     @override
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
-        """Compare predictions with measurements, an attitude turned to the end-effector's."""
         error = pose_error(T_instr_base @ T_base_ee, self.T_instr_target)
         to_base = T_instr_base[:3, :3]
         chord = np.linalg.norm(error.chord, axis=1)
@@ -275,19 +259,16 @@ class Pose(Instrument):
     @property
     @override
     def spread_mm(self) -> float:
-        """Return how far the target's places spread about their middle, rms."""
         return 1e3 * float(np.sqrt(np.sum(np.var(self.T_instr_target[:, :3, 3], axis=0))))
 
     @classmethod
     @override
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
-        """Read P poses from columns (P,) of the table of poses."""
         T, cov = pose_of_columns(columns)
         return cls(T, cov, np.zeros((len(T), 6, 0)))
 
     @override
     def to_columns(self) -> dict[str, NDArray[Any]]:
-        """Return the poses and their covariances as columns (P,) of the table of poses."""
         quaternion = Rotation.from_matrix(self.T_instr_target[:, :3, :3]).as_quat(
             canonical=True, scalar_first=True
         )
@@ -299,13 +280,11 @@ class Pose(Instrument):
     @classmethod
     @override
     def raw_columns(cls, header: Sequence[str]) -> RawColumns:
-        """Return the columns of position and attitude."""
         return RawColumns((RAW_PLACE,), RAW_QUATERNION)
 
     @classmethod
     @override
     def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
-        """Return rows whose quaternion is none of a rotation."""
         length = np.linalg.norm(values[:, 3:], axis=1)
         off = np.abs(length - 1.0) >= _LENGTH_TOLERANCE
         found = (f"length {value:.4g}" for value in length[off])
@@ -314,7 +293,6 @@ class Pose(Instrument):
     @classmethod
     @override
     def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Pose:
-        """Read P rows of position and attitude; see `_rotation_covariance`."""
         T = np.tile(np.eye(4), (len(values), 1, 1))
         T[:, :3, 3] = MM * values[:, :3]
         T[:, :3, :3] = Rotation.from_quat(values[:, 3:], scalar_first=True).as_matrix()

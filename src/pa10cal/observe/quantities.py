@@ -8,23 +8,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
+from pa10cal.arrays import Array, Index
+
 Rows = Index | NDArray[np.bool_] | slice
 
 
 @dataclass(frozen=True)
 class Stated:
-    """What a campaign's description states of its instrument.
+    """What a campaign's description states of its instrument."""
 
-    Attributes:
-        uncertainty_m: standard uncertainty of one measured coordinate or distance.
-        targets_m: places of targets in the end-effector frame (3,), by name.
-        attitude_rad: standard uncertainty of an attitude about each axis; None where not stated.
-    """
-
-    uncertainty_m: float
-    targets_m: Mapping[str, Array]
+    uncertainty_m: float  # standard uncertainty of one measured coordinate or distance
+    targets_m: Mapping[str, Array]  # places of targets in the end-effector frame (3,), by name
+    # standard uncertainty of an attitude about each axis; None where not stated
     attitude_rad: float | None = None
 
     def places_m(self, names: tuple[str, ...]) -> Array | None:
@@ -36,88 +31,63 @@ class Stated:
 
 @dataclass(frozen=True)
 class Words:
-    """How messages and captions speak of an instrument and of its errors.
-
-    Attributes:
-        instrument: what it is.
-        error: label of an axis: `position error`.
-        of: what the errors are of, one sentence.
-        arrows: what an arrow that shows one is.
-    """
+    """How messages and captions speak of an instrument and of its errors."""
 
     instrument: str
-    error: str
-    of: str
-    arrows: str
+    error: str  # label of an axis: `position error`
+    of: str  # what the errors are of, one sentence
+    arrows: str  # what an arrow that shows one is
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Predicted minus measured in P poses, b components each; zero rows where nothing was seen.
+    """Predicted minus measured in P poses, b components each; zero rows where nothing was seen."""
 
-    Attributes:
-        residual: (P, b) [m], and chord of the attitude [rad] where it is measured.
-        by_end: (P, b, 6) derivative by velocity and angular velocity of the end of the chain, along
-            the instrument's axes.
-        by_targets: (P, b, t) derivative by the places of targets (t = 0 where the tool is part of
-            the chain).
-    """
-
-    residual: Array
+    residual: Array  # (P, b) [m], and chord of the attitude [rad] where it is measured
+    # (P, b, 6) derivative by velocity and angular velocity of the end of the chain, along the
+    # instrument's axes
     by_end: Array
+    # (P, b, t) derivative by the places of targets (t = 0 where the tool is part of the chain)
     by_targets: Array
 
 
 @dataclass(frozen=True)
 class Located:
-    """Base frame and targets, found with the nominal arm.
+    """Base frame and targets, found with the nominal arm."""
 
-    Attributes:
-        T_instr_base: (4, 4) base in the instrument's frame [m].
-        scatter_m: root mean square of the residuals, positions or distances.
-        poses: how many it rests on.
-        axis_u_rad: (3,) standard uncertainty of the directions of the base's axes, per axis across
-            each; None where the instrument has no directions.
-        scatter_rad: root mean square angle between measured and modelled attitudes; None where none
-            is measured.
-        T_ee_target: (4, 4) the one target whose attitude is measured; None where it is the
-            end-effector itself, or there is none.
-        p_ee_targets_m: (B, 3) places of targets, in the order of `Instrument.target_names`.
-        T_ee_target_of: (4, 4) `T_ee_target` of each campaign of a group, by its name.
-        held: directions of the targets that the poses do not determine, held as stated.
-        stated: whether the places of the targets are stated; None where it does not matter.
-    """
-
-    T_instr_base: Array
-    scatter_m: float
-    poses: int
+    T_instr_base: Array  # (4, 4) base in the instrument's frame [m]
+    scatter_m: float  # root mean square of the residuals, positions or distances
+    poses: int  # how many it rests on
+    # (3,) standard uncertainty of the directions of the base's axes, per axis across each; None
+    # where the instrument has no directions
     axis_u_rad: Array | None = None
+    # root mean square angle between measured and modelled attitudes; None where none is measured
     scatter_rad: float | None = None
+    # (4, 4) the one target whose attitude is measured; None where it is the end-effector itself,
+    # or there is none
     T_ee_target: Array | None = None
+    # (B, 3) places of targets, in the order of `Instrument.target_names`
     p_ee_targets_m: Array | None = None
+    # (4, 4) `T_ee_target` of each campaign of a group, by its name
     T_ee_target_of: Mapping[str, Array] = field(default_factory=dict)
+    # directions of the targets that the poses do not determine, held as stated
     held: tuple[str, ...] | None = None
+    # whether the places of the targets are stated; None where it does not matter
     stated: bool | None = None
 
 
 @dataclass(frozen=True)
 class Start:
-    """Approximate frames and targets, from which a fit starts.
+    """Approximate frames and targets, from which a fit starts."""
 
-    Attributes:
-        T_instr_base: (4, 4) base in the instrument's frame [m].
-        p_ee_target_m: (3,) origin of the tool frame in the end-effector frame, where the
-            instrument measures poses.
-        R_ee_target: (3, 3) attitude of that frame; measured attitudes are turned by it, so that
-            the tool's remaining attitude is small.
-        targets_m: (t,) places of targets in the end-effector frame, x, y, z of each.
-        p_ee_targets_of_m: (3,) the same as `p_ee_target_m` for each campaign of a group, by name.
-    """
-
-    T_instr_base: Array
+    T_instr_base: Array  # (4, 4) base in the instrument's frame [m]
+    # (3,) origin of the tool frame in the end-effector frame, where the instrument measures poses
     p_ee_target_m: Array
+    # (3, 3) attitude of that frame; measured attitudes are turned by it, so that the tool's
+    # remaining attitude is small
     R_ee_target: Array
-    targets_m: Array
+    targets_m: Array  # (t,) places of targets in the end-effector frame, x, y, z of each
+    # (3,) the same as `p_ee_target_m` for each campaign of a group, by name
     p_ee_targets_of_m: Mapping[str, Array] = field(default_factory=dict)
 
     @staticmethod
@@ -135,18 +105,15 @@ class Start:
 
 @dataclass(frozen=True)
 class Deviations:
-    """Predicted minus measured in P configurations.
+    """Predicted minus measured in P configurations."""
 
-    Attributes:
-        distance_mm: (P,) position error; root mean square over the targets seen; the error of the
-            distance itself where a distance was measured.
-        position_mm: (P, 3) mean over the targets, along base axes; along the line of sight where a
-            distance was measured.
-        rotation_deg: (P, 3) axis times angle along base axes; None where no attitude is measured.
-    """
-
+    # (P,) position error; root mean square over the targets seen; the error of the distance itself
+    # where a distance was measured
     distance_mm: Array
+    # (P, 3) mean over the targets, along base axes; along the line of sight where a distance was
+    # measured
     position_mm: Array
+    # (P, 3) axis times angle along base axes; None where no attitude is measured
     rotation_deg: Array | None
 
     @property

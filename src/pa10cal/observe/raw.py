@@ -6,26 +6,19 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array, Mask
 from pa10cal.frame.target_fit import LEVER_M
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class RawColumns:
-    """Columns of `files.poses` that hold what an instrument measured.
+    """Columns of `files.poses` that hold what an instrument measured."""
 
-    Attributes:
-        targets: (B,) columns that place each target [mm]: three coordinates, or one distance.
-        others: further columns, without unit.
-        may_be_blank: whether an empty field says that a target was not seen; else it is an error.
-    """
-
+    # (B,) columns that place each target [mm]: three coordinates, or one distance
     targets: tuple[tuple[str, ...], ...]
-    others: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()  # further columns, without unit
+    # whether an empty field says that a target was not seen; else it is an error
     may_be_blank: bool = False
 
     @property
@@ -41,30 +34,19 @@ class RawColumns:
 
 @dataclass(frozen=True)
 class Unusable:
-    """Rows whose fields, all of them numbers or blank, are no measurement.
+    """Rows whose fields, all of them numbers or blank, are no measurement."""
 
-    Attributes:
-        rows: (N,) which.
-        reason: why.
-        values: what was found in each of them, as text.
-    """
-
-    rows: Mask
-    reason: str
-    values: Iterable[str]
+    rows: Mask  # (N,) which
+    reason: str  # why
+    values: Iterable[str]  # what was found in each of them, as text
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """How far B targets were measured from where the nominal model, fitted to them, puts them.
+    """How far B targets were measured from where the nominal model, fitted to them, puts them."""
 
-    Attributes:
-        length_m: (P, B) distance, nan where a target was not seen.
-        turn_rad: (P,) angle between the attitudes; 0 where none is measured.
-    """
-
-    length_m: Array
-    turn_rad: Array
+    length_m: Array  # (P, B) distance, nan where a target was not seen
+    turn_rad: Array  # (P,) angle between the attitudes; 0 where none is measured
 
     @property
     def size_m(self) -> Array:

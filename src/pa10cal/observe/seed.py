@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.options import BaseFrameOptions
 from pa10cal.frame.straight_lines import LineSeed, StraightLine, seed_from_lines
@@ -23,8 +24,6 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Located
 from pa10cal.results import seed as records
 from pa10cal.results.seed import BaseFrameRecord
-
-Array = NDArray[np.float64]
 
 UNLOADED = "grid poses at the lowest load"
 

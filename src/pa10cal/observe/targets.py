@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.frame.pose_error import cross_matrix
-
-Array = NDArray[np.float64]
 
 AXES = "xyz"
 _MM = 1e-3

@@ -11,12 +11,17 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.arm.state import ObservedTargets
+from pa10cal.arrays import Array, Index
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.nominal_fit import seed_from_nominal
 from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
 from pa10cal.observe.instrument import MM, LocatingMethod, group_means
 from pa10cal.observe.pose import POSE_SCALE, Pose, pose_of_columns
-from pa10cal.observe.quantities import Array, Index, Located, Stated, Words
+from pa10cal.observe.quantities import (
+    Located,
+    Stated,
+    Words,
+)
 from pa10cal.observe.targets import columns_of_places, names_of_columns, places_of_columns
 
 #: Balls nearer to one line than this do not show a turn about it.
@@ -25,19 +30,12 @@ _COLLINEAR_MM = 1.0
 
 @dataclass(frozen=True)
 class Touched(Pose):
-    """Pose of the end-effector in P poses, through the centres of B tooling balls.
+    """Pose of the end-effector in P poses, through the centres of B tooling balls."""
 
-    Attributes:
-        names: (B,) names of the balls.
-        p_instr_balls_m: (P, B, 3) centres of the balls in the instrument's frame.
-        cov_balls_m2: (P, B, 3, 3) their covariances.
-        touches: (P, B) touches behind each centre.
-    """
-
-    names: tuple[str, ...]
-    p_instr_balls_m: Array
-    cov_balls_m2: Array
-    touches: NDArray[np.int64]
+    names: tuple[str, ...]  # (B,) names of the balls
+    p_instr_balls_m: Array  # (P, B, 3) centres of the balls in the instrument's frame
+    cov_balls_m2: Array  # (P, B, 3, 3) their covariances
+    touches: NDArray[np.int64]  # (P, B) touches behind each centre
 
     kind: ClassVar[str] = "touch_trigger_cmm"
     locates_by: ClassVar[LocatingMethod] = "rigid_fit_nominal"
@@ -103,7 +101,6 @@ class Touched(Pose):
 
     @override
     def averaged(self, code: Index) -> Self:
-        """Average readings; see `Pose.averaged`."""
         count = np.bincount(code)
         return replace(
             super().averaged(code),
@@ -116,7 +113,6 @@ class Touched(Pose):
 
     @override
     def moved(self, T: Array) -> Self:
-        """Return poses and balls in a frame in which the instrument's stands at T (4, 4)."""
         R = T[:3, :3]
         return replace(
             super().moved(T),
@@ -127,7 +123,6 @@ class Touched(Pose):
     @property
     @override
     def counts(self) -> tuple[str, ...]:
-        """Return how many balls were located."""
         return (f"{self.touches.size} balls",)
 
     @override
@@ -145,7 +140,6 @@ class Touched(Pose):
 
     @override
     def locate(self, T_base_ee: Array) -> Located:
-        """Find the base by a rigid fit of positions: the end-effector itself is measured."""
         found = seed_from_nominal(self.T_instr_target[:, :3, 3], T_base_ee[:, :3, 3])
         return Located(
             T_instr_base=found.T_instr_base,
@@ -156,13 +150,11 @@ class Touched(Pose):
 
     @override
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
-        """Return None: the end-effector itself is measured."""
         return None
 
     @classmethod
     @override
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
-        """Read P poses from columns (P,) of the table of poses."""
         T, cov = pose_of_columns(columns)
         names = names_of_columns(columns)
         p_m, cov_m2, touches = places_of_columns(columns, names)
@@ -170,6 +162,5 @@ class Touched(Pose):
 
     @override
     def to_columns(self) -> dict[str, NDArray[Any]]:
-        """Return balls and poses as columns (P,) of the table of poses."""
         balls = columns_of_places(self.names, self.p_instr_balls_m, self.cov_balls_m2, self.touches)
         return balls | super().to_columns()

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+import dataclasses
 import inspect
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +82,30 @@ def _docstring(thing: Any) -> str:
     return inspect.getdoc(getattr(thing, "__func__", thing)) or ""
 
 
+def _fields(thing: Any) -> list[str]:
+    """Return the fields of a class with their comments, which stand behind or above them."""
+    if not dataclasses.is_dataclass(thing) or not isinstance(thing, type):
+        return []
+    lines = inspect.getsource(thing).splitlines()
+    said: list[str] = []
+    for statement in ast.parse(textwrap.dedent("\n".join(lines))).body[0].body:  # type: ignore[attr-defined]
+        if not isinstance(statement, ast.AnnAssign):
+            continue
+        row = statement.lineno - 2
+        above = ""
+        while lines[row].lstrip().startswith("# "):
+            above = f"{lines[row].lstrip()[2:]} {above}"
+            row -= 1
+        behind = lines[(statement.end_lineno or statement.lineno) - 1].partition("  # ")[2]
+        said += textwrap.wrap(
+            f"{ast.unparse(statement.target)}: {above or behind}".strip().removesuffix(":"),
+            _LINE - 20,
+            initial_indent="    ",
+            subsequent_indent="        ",
+        )
+    return ["", "Attributes:", *said]
+
+
 def _signature(thing: Any) -> str:
     function = getattr(thing, "__func__", thing)
     if not inspect.isfunction(function):
@@ -92,10 +119,10 @@ def _signature(thing: Any) -> str:
 
 
 def _text(thing: Any) -> str:
-    """Return a docstring, its sections as they are typed."""
+    """Return a docstring, its sections as they are typed, and the fields of a class."""
     lines = _docstring(thing).splitlines()
     summary, rest = lines[:1], lines[1:]
-    body = "\n".join(rest).strip()
+    body = "\n".join([*rest, *_fields(thing)]).strip()
     return "\n".join([*summary, *([f"\n```text\n{body}\n```"] if body else [])]) + "\n"
 
 

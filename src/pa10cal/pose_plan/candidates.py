@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from pa10cal.arm.chain import Chain
@@ -24,10 +23,9 @@ from pa10cal.arm.room import (
     Within,
     admissible,
 )
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.pose_plan.options import PlanOptions
-
-Array = NDArray[np.float64]
 
 _MM = 1e-3
 #: Joint positions are chosen as a plan's file has them [deg, mm].
@@ -47,16 +45,11 @@ _CLEARANCE_SHARE = 0.05
 
 @dataclass(frozen=True)
 class Candidates:
-    """Poses from which a plan is chosen.
+    """Poses from which a plan is chosen."""
 
-    Attributes:
-        q: (N, n) joint positions [rad, or m of a prismatic joint].
-        drawn: how many were drawn.
-        removed: how many of these each constraint removed, by the option that states it.
-    """
-
-    q: Array
-    drawn: int
+    q: Array  # (N, n) joint positions [rad, or m of a prismatic joint]
+    drawn: int  # how many were drawn
+    # how many of these each constraint removed, by the option that states it
     removed: dict[str, int]
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array
 from pa10cal.calibration.general.problem import GeneralProblem, general_problem
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.discovery.family import why_unknown
@@ -33,8 +33,6 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates
 from pa10cal.terms.term import Parameter
 
-Array = NDArray[np.float64]
-
 _MM = 1e-3
 _TEMPERATURE_C = 20.0
 #: Where targets sit by default: so far in front of the flange, and off its axis [m].
@@ -46,25 +44,19 @@ _STANDS_OFF = 1.5
 
 @dataclass(frozen=True)
 class Expected:
-    """Rows of N poses, those of all loads together.
+    """Rows of N poses, those of all loads together."""
 
-    Attributes:
-        parameters: the k unknowns of the model.
-        sizes: (k,) standard deviation thought possible of each.
-        white: (N, b, k + e) rows of unit variance, each unknown in the size possible of it, each
-            parameter of an effect in its plausible one.
-        tool: (N, 3, k) derivative of the first target's position by the unknowns in these sizes
-            [m], without load.
-        effects: missing effects that would show, with the columns (from k on) of each.
-        springs: joints to which the model gives a spring.
-    """
-
-    parameters: tuple[Parameter, ...]
-    sizes: Array
+    parameters: tuple[Parameter, ...]  # the k unknowns of the model
+    sizes: Array  # (k,) standard deviation thought possible of each
+    # (N, b, k + e) rows of unit variance, each unknown in the size possible of it, each parameter
+    # of an effect in its plausible one
     white: Array
+    # (N, 3, k) derivative of the first target's position by the unknowns in these sizes [m],
+    # without load
     tool: Array
+    # missing effects that would show, with the columns (from k on) of each
     effects: dict[Effect, slice]
-    springs: tuple[int, ...]
+    springs: tuple[int, ...]  # joints to which the model gives a spring
 
     @property
     def unknowns(self) -> int:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.campaign.rows import position_columns
 from pa10cal.errors import SettingsError
 from pa10cal.files.output import whole_files
@@ -21,8 +21,6 @@ from pa10cal.results.plan import (
 )
 from pa10cal.settings_reading import parse_section
 from pa10cal.yaml_file import read_yaml
-
-Array = NDArray[np.float64]
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
+from pa10cal.arrays import Array, Index
 
 _MOST_ROUNDS = 50
 _SHORTER = 1e-9

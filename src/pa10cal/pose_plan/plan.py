@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array, Index
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.exchange import Criterion, Share, exchange, one_by_one
@@ -27,9 +28,6 @@ from pa10cal.pose_plan.path import path_length, short_path
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import Parameter
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-
 #: Sets drawn at random, to hold the plan against.
 _RANDOM_SETS = 20
 #: Turns of the exchange through all poses: among many poses there is little left to gain.
@@ -40,58 +38,34 @@ _IDENTIFIED = 0.3
 
 @dataclass(frozen=True)
 class ExpectedEffect:
-    """How well poses would show a missing effect.
+    """How well poses would show a missing effect."""
 
-    Attributes:
-        effect: which, and where.
-        u_alone: its standard uncertainty in its plausible size, the model's parameters unknown.
-        u_among_all: the same, all other effects unknown too.
-    """
-
-    effect: Effect
-    u_alone: float
-    u_among_all: float
+    effect: Effect  # which, and where
+    u_alone: float  # its standard uncertainty in its plausible size, the model's parameters unknown
+    u_among_all: float  # the same, all other effects unknown too
 
 
 @dataclass(frozen=True, eq=False)
 class PosePlan:
-    """Poses to measure, in the order in which to drive to them, and what to expect of them.
+    """Poses to measure, in the order in which to drive to them, and what to expect of them."""
 
-    Attributes:
-        arm: the nominal arm.
-        kind: what measures.
-        options: what was wanted.
-        q: (N, n) joint positions [rad, or m of a prismatic joint].
-        p_base_target_m: (N, 3) where the first target comes, by the nominal arm.
-        u_tool_mm: (N,) expected standard uncertainty of that position after the calibration.
-        u_tool_all_mm: the same, root mean square over all candidates.
-        u_tool_random_mm: the same after as many poses drawn at random, median of several sets.
-        parameters: the k unknowns of the model.
-        u_parameters: (k,) their expected standard uncertainties.
-        not_identified: unknowns that these poses hardly determine.
-        effects: how well missing effects would show.
-        springs: joints to which the model gives a spring.
-        log_dets: the criterion at the start of the exchange, and after each; never falling.
-        candidates: from which the poses were chosen.
-        travel_rad: sum over moves of the furthest that a joint turns [rad, m].
-    """
-
-    arm: Arm
-    kind: type[Instrument]
-    options: PlanOptions
-    q: Array
-    p_base_target_m: Array
-    u_tool_mm: Array
-    u_tool_all_mm: float
-    u_tool_random_mm: float
-    parameters: tuple[Parameter, ...]
-    u_parameters: Array
-    not_identified: tuple[str, ...]
-    effects: tuple[ExpectedEffect, ...]
-    springs: tuple[int, ...]
+    arm: Arm  # the nominal arm
+    kind: type[Instrument]  # what measures
+    options: PlanOptions  # what was wanted
+    q: Array  # (N, n) joint positions [rad, or m of a prismatic joint]
+    p_base_target_m: Array  # (N, 3) where the first target comes, by the nominal arm
+    u_tool_mm: Array  # (N,) expected standard uncertainty of that position after the calibration
+    u_tool_all_mm: float  # the same, root mean square over all candidates
+    u_tool_random_mm: float  # the same after as many poses drawn at random, median of several sets
+    parameters: tuple[Parameter, ...]  # the k unknowns of the model
+    u_parameters: Array  # (k,) their expected standard uncertainties
+    not_identified: tuple[str, ...]  # unknowns that these poses hardly determine
+    effects: tuple[ExpectedEffect, ...]  # how well missing effects would show
+    springs: tuple[int, ...]  # joints to which the model gives a spring
+    # the criterion at the start of the exchange, and after each; never falling
     log_dets: tuple[float, ...]
-    candidates: Candidates
-    travel_rad: float
+    candidates: Candidates  # from which the poses were chosen
+    travel_rad: float  # sum over moves of the furthest that a joint turns [rad, m]
 
     def __len__(self) -> int:
         return len(self.q)

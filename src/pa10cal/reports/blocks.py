@@ -19,30 +19,20 @@ class Block:
 
 @dataclass(frozen=True)
 class Paragraph(Block):
-    """A paragraph.
-
-    Attributes:
-        text: plain text.
-        lead: whether it is the sentence of its section.
-    """
+    """A paragraph."""
 
     kind = "paragraph"
-    text: str
-    lead: bool = False
+    text: str  # plain text
+    lead: bool = False  # whether it is the sentence of its section
 
 
 @dataclass(frozen=True)
 class Callout(Block):
-    """A sentence that stands out, with a word that says why.
-
-    Attributes:
-        word: `warning`, `missing` or `note`.
-        text: plain text.
-    """
+    """A sentence that stands out, with a word that says why."""
 
     kind = "callout"
-    word: Literal["warning", "missing", "note"]
-    text: str
+    word: Literal["warning", "missing", "note"]  # `warning`, `missing` or `note`
+    text: str  # plain text
 
 
 @dataclass(frozen=True)
@@ -63,54 +53,34 @@ class Items(Block):
 
 @dataclass(frozen=True)
 class Grid(Block):
-    """A table.
-
-    Attributes:
-        caption: what the rows are.
-        header: one text a column; the first column names the row.
-        rows: texts, each row as long as the header.
-        numbers: columns of numbers, from 0: aligned to the right.
-    """
+    """A table."""
 
     kind = "grid"
-    caption: str
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    numbers: frozenset[int] = frozenset()
+    caption: str  # what the rows are
+    header: tuple[str, ...]  # one text a column; the first column names the row
+    rows: tuple[tuple[str, ...], ...]  # texts, each row as long as the header
+    numbers: frozenset[int] = frozenset()  # columns of numbers, from 0: aligned to the right
 
 
 @dataclass(frozen=True)
 class Code(Block):
-    """Something to type.
-
-    Attributes:
-        caption: what it does.
-        text: as it is typed.
-    """
+    """Something to type."""
 
     kind = "code"
-    caption: str
-    text: str
+    caption: str  # what it does
+    text: str  # as it is typed
 
 
 @dataclass(frozen=True)
 class Drawing(Block):
-    """A figure.
-
-    Attributes:
-        figure: of plotly.
-        title: what it shows, in a few words.
-        caption: what to see in it.
-        id: of its element in the page.
-        in_space: whether it is drawn in three dimensions and can be turned.
-    """
+    """A figure."""
 
     kind = "drawing"
-    figure: Figure
-    title: str
-    caption: str
-    id: str
-    in_space: bool = False
+    figure: Figure  # of plotly
+    title: str  # what it shows, in a few words
+    caption: str  # what to see in it
+    id: str  # of its element in the page
+    in_space: bool = False  # whether it is drawn in three dimensions and can be turned
 
 
 @dataclass(frozen=True)
@@ -123,31 +93,20 @@ class Beside(Block):
 
 @dataclass(frozen=True)
 class Folded(Block):
-    """What few readers need, unfolded by them.
-
-    Attributes:
-        summary: what is inside.
-        blocks: it.
-    """
+    """What few readers need, unfolded by them."""
 
     kind = "folded"
-    summary: str
+    summary: str  # what is inside
     blocks: tuple[Block, ...]
 
 
 @dataclass(frozen=True)
 class Section:
-    """A section of the page.
+    """A section of the page."""
 
-    Attributes:
-        id: of its element in the page.
-        title: its heading.
-        blocks: in the order of reading.
-    """
-
-    id: str
-    title: str
-    blocks: tuple[Block, ...]
+    id: str  # of its element in the page
+    title: str  # its heading
+    blocks: tuple[Block, ...]  # in the order of reading
 
 
 def grid(

@@ -47,44 +47,29 @@ _STAGES = {
 
 @dataclass(frozen=True)
 class Absent:
-    """A result that is not there.
+    """A result that is not there."""
 
-    Attributes:
-        file: where it would be, under the results of the campaign.
-        why: the message of the stage that did not write it, or that it was not run.
-        remedy: what to do about it.
-    """
-
-    file: str
-    why: str
-    remedy: str
+    file: str  # where it would be, under the results of the campaign
+    why: str  # the message of the stage that did not write it, or that it was not run
+    remedy: str  # what to do about it
 
 
 @dataclass(frozen=True)
 class Gathered:
-    """The results of one campaign; what is not there is None.
+    """The results of one campaign; what is not there is None."""
 
-    Attributes:
-        folder: `<results_dir>/<campaign>`.
-        campaign: name of the campaign.
-        provenance: where its data come from, in its own words; None where no result says it.
-        load_case: calibration that was evaluated: `combined`, or a load.
-        description: what the campaign says of itself, where its raw files were given.
-        poses: the table of poses.
-        quarantined: how many raw rows are not used, by reason.
-        absent: what a whole run would have left and is not there.
-        base_frame, calibration, general, verdict, analysis, extended, held_out, iso9283: the
-            records; `general` is the general model beside the paper's.
-    """
-
-    folder: Path
-    campaign: str
+    folder: Path  # `<results_dir>/<campaign>`
+    campaign: str  # name of the campaign
+    # where its data come from, in its own words; None where no result says it
     provenance: str | None
-    load_case: str
+    load_case: str  # calibration that was evaluated: `combined`, or a load
+    # what the campaign says of itself, where its raw files were given
     description: CampaignDescription | None
-    poses: pd.DataFrame | None
-    quarantined: Mapping[str, int]
-    absent: tuple[Absent, ...]
+    poses: pd.DataFrame | None  # the table of poses
+    quarantined: Mapping[str, int]  # how many raw rows are not used, by reason
+    absent: tuple[Absent, ...]  # what a whole run would have left and is not there
+    # base_frame, calibration, general, verdict, analysis, extended, held_out and iso9283: the
+    # records; `general` is the general model beside the paper's
     base_frame: BaseFrameRecord | None
     calibration: CalibrationRecord | None
     general: CalibrationRecord | None

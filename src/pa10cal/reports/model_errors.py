@@ -20,25 +20,17 @@ _SPRINGS = {
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of one model over some configurations.
+    """Errors of one model over some configurations."""
 
-    Attributes:
-        poses: `fitted` or `held out`.
-        load: `all`, or a load such as `22N`.
-        model: as readers see it.
-        rms_mm, peak_mm, mean_mm: position error.
-        orientation_deg: mean orientation error; None where no attitude is measured.
-        configurations: how many.
-    """
-
-    poses: str
-    load: str
-    model: str
+    poses: str  # `fitted` or `held out`
+    load: str  # `all`, or a load such as `22N`
+    model: str  # as readers see it
+    # rms_mm, peak_mm and mean_mm: position error
     rms_mm: float
     peak_mm: float
     mean_mm: float
-    orientation_deg: float | None
-    configurations: int
+    orientation_deg: float | None  # mean orientation error; None where no attitude is measured
+    configurations: int  # how many
 
     @property
     def kind(self) -> str:

@@ -46,17 +46,11 @@ SYNTHETIC = "Synthetic data: simulated, no robot was measured."
 
 @dataclass(frozen=True)
 class Glance:
-    """One of the answers at the top of the page.
+    """One of the answers at the top of the page."""
 
-    Attributes:
-        question: what it answers.
-        answer: in a word or a number.
-        more: one sentence.
-    """
-
-    question: str
-    answer: str
-    more: str
+    question: str  # what it answers
+    answer: str  # in a word or a number
+    more: str  # one sentence
 
 
 def write_page(

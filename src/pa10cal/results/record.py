@@ -29,13 +29,9 @@ from pa10cal.results.arrays import Shape
 
 @dataclass(frozen=True)
 class Key:
-    """Describes the keys of a mapping, as the docs write them: `dict[Annotated[str, Key(...)]`.
+    """Describes the keys of a mapping, as the docs write them: `dict[Annotated[str, Key(...)]`."""
 
-    Attributes:
-        name: placeholder without brackets, such as `load`.
-    """
-
-    name: str
+    name: str  # placeholder without brackets, such as `load`
 
 
 #: Keys of a mapping by load: `22N`.
@@ -209,7 +205,6 @@ def _columns(table: type[Table], rows: Any) -> dict[str, Any]:
 
 
 def _entry(column: JsonSchemaValue) -> JsonSchemaValue:
-    """Return the schema of an entry of a column from that of the column."""
     described: JsonSchemaValue = {k: column[k] for k in ("description", "title") if k in column}
     if "anyOf" in column:  # a column that may be unknown as a whole
         return {"anyOf": [_entry(option) for option in column["anyOf"]], **described}

@@ -41,19 +41,13 @@ LIBRARIES = {
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at.
-
-    Attributes:
-        name: what.
-        state: `ok`, `missing` where something that is needed is not there, else `note`.
-        found: what was found.
-        remedy: what to do; empty where nothing is to be done.
-    """
+    """One thing that was looked at."""
 
     name: str
+    # `ok`, `missing` where something that is needed is not there, else `note`
     state: Literal["ok", "missing", "note"]
-    found: str
-    remedy: str = ""
+    found: str  # what was found
+    remedy: str = ""  # what to do; empty where nothing is to be done
 
     @property
     def mark(self) -> str:

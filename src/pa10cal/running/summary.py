@@ -30,22 +30,17 @@ _PATHS = {
 
 @dataclass(frozen=True)
 class CampaignSummary:
-    """What a reader is told of a campaign.
+    """What a reader is told of a campaign."""
 
-    Attributes:
-        name, grade, verdict: in a word each.
-        before, after: mean error of the uncalibrated arm and of the final model [mm].
-        over: poses that these are of: `held-out poses` or `fitted poses`.
-        notes: the sentence of the grade, effects, faults.
-    """
-
+    # name, grade and verdict: in a word each
     name: str
     grade: str
     verdict: str
+    # before and after: mean error of the uncalibrated arm and of the final model [mm]
     before: float | None
     after: float | None
-    over: str
-    notes: tuple[str, ...]
+    over: str  # poses that these are of: `held-out poses` or `fitted poses`
+    notes: tuple[str, ...]  # the sentence of the grade, effects, faults
 
     @property
     def cells(self) -> tuple[str, ...]:

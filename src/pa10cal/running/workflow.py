@@ -50,29 +50,18 @@ class Display(Protocol):
 
 @dataclass(frozen=True)
 class Workflow:
-    """A run of the workflow.
+    """A run of the workflow."""
 
-    Attributes:
-        file: Snakefile, inside the folder of the workflow.
-        targets: rules or files; none for the default.
-        config: settings, each as YAML on one line.
-        folder: working folder; gets Snakemake's own files.
-        results: folder of results; gets the work folder.
-        cores: how many to use; 0 for all.
-        settings: file of settings, over the shipped ones.
-        more: further options of Snakemake.
-        profile: folder of a profile of Snakemake, such as for a cluster, or the name of one of
-            `workflow/profiles`.
-    """
-
-    file: str
-    config: Mapping[str, str]
-    folder: Path
-    results: Path
-    cores: int = 0
-    targets: Sequence[str] = ()
-    settings: Path | None = None
-    more: Sequence[str] = field(default=())
+    file: str  # Snakefile, inside the folder of the workflow
+    config: Mapping[str, str]  # settings, each as YAML on one line
+    folder: Path  # working folder; gets Snakemake's own files
+    results: Path  # folder of results; gets the work folder
+    cores: int = 0  # how many to use; 0 for all
+    targets: Sequence[str] = ()  # rules or files; none for the default
+    settings: Path | None = None  # file of settings, over the shipped ones
+    more: Sequence[str] = field(default=())  # further options of Snakemake
+    # folder of a profile of Snakemake, such as for a cluster, or the name of one of
+    # `workflow/profiles`
     profile: str | None = None
 
     def __post_init__(self) -> None:

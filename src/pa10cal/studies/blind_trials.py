@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.drive_trials import DRIVE_KINDS, DriveKind, draw_drive_trials
 from pa10cal.cell.options import SimulateOptions
@@ -35,7 +35,6 @@ from pa10cal.studies.judging import CalibratedCampaign, calibrated_campaign
 from pa10cal.studies.trial_records import truth_record
 from pa10cal.studies.wild_trials import try_wild_trial
 
-Array = NDArray[np.float64]
 Measured = Literal["touched", "tracked", "points_one", "points_three", "distance", "wild", "drives"]
 
 

@@ -28,19 +28,12 @@ from pa10cal.terms.joint_spring import JointSpring
 
 @dataclass(frozen=True)
 class Judged:
-    """What the commands made of a campaign.
+    """What the commands made of a campaign."""
 
-    Attributes:
-        calibration: with which discovery began.
-        verdict: its verdict.
-        left_out: poses with quarantined rows, or that are suspected outliers.
-        seconds: of the processor that discovery and evaluation took.
-    """
-
-    calibration: CalibrationRecord
+    calibration: CalibrationRecord  # with which discovery began
     verdict: VerdictRecord
-    left_out: tuple[str, ...]
-    seconds: float
+    left_out: tuple[str, ...]  # poses with quarantined rows, or that are suspected outliers
+    seconds: float  # of the processor that discovery and evaluation took
 
     def record(self, simulating: float, calibrating: float) -> JudgedTrialRecord:
         """Return the verdict on a trial.

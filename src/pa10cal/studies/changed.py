@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.cell.individual import draw_individual
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.cell.robot import Robot
-
-Array = NDArray[np.float64]
 
 #: Base and tool are mounted anew about as well as they were.
 _SHIFT_M, _TURN_RAD = 2e-3, 2e-3
@@ -21,19 +19,12 @@ _SHIFT_M, _TURN_RAD = 2e-3, 2e-3
 
 @dataclass(frozen=True)
 class Change:
-    """What happened to an arm.
+    """What happened to an arm."""
 
-    Attributes:
-        place: whether base and tool are mounted anew.
-        zero_rad: by joint, from 1: how far its zero moved.
-        softer: by joint: factor of its stiffness.
-        longer_m: by row: how much further the next joint is away.
-    """
-
-    place: bool = False
-    zero_rad: tuple[tuple[int, float], ...] = ()
-    softer: tuple[tuple[int, float], ...] = ()
-    longer_m: tuple[tuple[int, float], ...] = ()
+    place: bool = False  # whether base and tool are mounted anew
+    zero_rad: tuple[tuple[int, float], ...] = ()  # by joint, from 1: how far its zero moved
+    softer: tuple[tuple[int, float], ...] = ()  # by joint: factor of its stiffness
+    longer_m: tuple[tuple[int, float], ...] = ()  # by row: how much further the next joint is away
 
 
 def draw_changed(

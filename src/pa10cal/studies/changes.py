@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from pa10cal.arm.description import Arm
@@ -36,8 +35,6 @@ from pa10cal.studies.simulated import (
     payload_of_individual,
 )
 
-Array = NDArray[np.float64]
-
 #: Sizes of what happens; between the ends any is as likely on a scale of logarithms.
 ZERO_RAD, SOFTER, LONGER_M = (0.2e-3, 2e-3), (0.1, 0.5), (0.1e-3, 1e-3)
 #: Joints with a spring, of which those named may change; joints whose zero neither base nor tool
@@ -59,16 +56,11 @@ _CHANGE, _BEFORE, _AFTER, _FURTHER = 1, 2, 3, 4
 
 @dataclass(frozen=True)
 class _Happened:
-    """What happens to one arm.
-
-    Attributes:
-        change: the change.
-        of: where, as a verdict names it; empty where no such place is to be told.
-        by: by how much [rad], of a stiffness the part of its windup; None where not scored.
-    """
+    """What happens to one arm."""
 
     change: Change
-    of: str = ""
+    of: str = ""  # where, as a verdict names it; empty where no such place is to be told
+    # by how much [rad], of a stiffness the part of its windup; None where not scored
     by: float | None = None
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign import read
 from pa10cal.cell.campaign import Campaign, simulate_campaign
@@ -25,26 +26,16 @@ from pa10cal.observe.registry import instruments
 from pa10cal.studies.simulated import as_read
 from pa10cal.terms.model import Model
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Commanded:
-    """N targets, commanded through the arm as designed and through its model.
+    """N targets, commanded through the arm as designed and through its model."""
 
-    Attributes:
-        before_mm: (N,) distance of the true tool from the target, commanded as designed.
-        after_mm: (N,) the same, commanded through the model.
-        after_deg: (N,) angle between them then.
-        promised_mm: (N,) standard uncertainty that the model states.
-        status: (N,) what compensation says of each.
-    """
-
-    before_mm: Array
-    after_mm: Array
-    after_deg: Array
-    promised_mm: Array
-    status: NDArray[np.str_]
+    before_mm: Array  # (N,) distance of the true tool from the target, commanded as designed
+    after_mm: Array  # (N,) the same, commanded through the model
+    after_deg: Array  # (N,) angle between them then
+    promised_mm: Array  # (N,) standard uncertainty that the model states
+    status: NDArray[np.str_]  # (N,) what compensation says of each
 
 
 def simulated_model(

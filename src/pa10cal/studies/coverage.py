@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import calibrate
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
 from pa10cal.calibration.general.start import find_start
@@ -52,8 +53,6 @@ from pa10cal.studies.simulated import (
     truth_of,
 )
 from pa10cal.terms.baseline import baseline
-
-Array = NDArray[np.float64]
 
 PROVENANCE = "synthetic: virtual cell, no hidden effect"
 #: Poses in which each calibration has to predict.
@@ -163,20 +162,13 @@ def _touched_scores(simulate: SimulateOptions, options: CalibrationOptions) -> d
 
 @dataclass(frozen=True)
 class _Scores:
-    """Scores of the campaigns of one case.
+    """Scores of the campaigns of one case."""
 
-    Attributes:
-        unknowns: parameters sought and left out, and names of all that were scored.
-        parameters: (C, k) scores, nan where one had no interval.
-        predictions: (C, m) scores.
-        converged: (C,) whether the fits ended where they should.
-    """
-
-    unknowns: Unknowns
+    unknowns: Unknowns  # parameters sought and left out, and names of all that were scored
     names: tuple[str, ...]
-    parameters: Array
-    predictions: Array
-    converged: NDArray[np.bool_]
+    parameters: Array  # (C, k) scores, nan where one had no interval
+    predictions: Array  # (C, m) scores
+    converged: NDArray[np.bool_]  # (C,) whether the fits ended where they should
 
 
 def _general_model(

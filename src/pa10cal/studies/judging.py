@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import deviations
 from pa10cal.calibration.calibrate import Calibration, calibrate, fitted_model
 from pa10cal.calibration.campaign import calibration_record
@@ -30,26 +30,16 @@ from pa10cal.results.trials import JudgedTrialRecord
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.joint_spring import JointSpring
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class CalibratedCampaign:
-    """A campaign with its calibrated model, ready to be judged.
+    """A campaign with its calibrated model, ready to be judged."""
 
-    Attributes:
-        campaign: as it was read.
-        model: fitted to all its loads.
-        residual_mm: (C, 3) what the model leaves at averaged grid poses, along the base axes.
-        seconds: of the processor that reading and calibrating took.
-        options: by which it is judged.
-    """
-
-    campaign: Campaign
-    model: FittedModel
-    residual_mm: Array
-    seconds: float
-    options: JudgingOptions
+    campaign: Campaign  # as it was read
+    model: FittedModel  # fitted to all its loads
+    residual_mm: Array  # (C, 3) what the model leaves at averaged grid poses, along the base axes
+    seconds: float  # of the processor that reading and calibrating took
+    options: JudgingOptions  # by which it is judged
 
     def verdict(self, seconds_simulating: float) -> JudgedTrialRecord:
         """Return the verdict, without suggestions.

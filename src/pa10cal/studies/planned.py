@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.cell.mechanism import Mechanism
 from pa10cal.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
@@ -23,8 +23,6 @@ from pa10cal.pose_plan.options import PlanOptions
 from pa10cal.pose_plan.plan import covariance_of, plan_poses, rms_mm
 from pa10cal.studies.commanded import simulated_model, true_frame
 
-Array = NDArray[np.float64]
-
 #: Test poses in the box: grids of these parts of the paper's spacing, other attitudes each.
 _INNER_GRIDS = (0.35, 0.7, 1.0)
 _TESTED = 200
@@ -36,22 +34,14 @@ _SEED = 1
 
 @dataclass(frozen=True)
 class Cell:
-    """An arm under an instrument, and the middle of its grid.
+    """An arm under an instrument, and the middle of its grid."""
 
-    Attributes:
-        robot: name of the arm.
-        instrument: what measures.
-        centre_deg: joint angles in the middle of the 3 x 3 x 3 grid.
-        loads_N: external loads; every pose is measured under each.
-        flexible_joints: joints with a spring.
-        position_mm, attitude_rad: noise of a coordinate, and of an attitude.
-    """
-
-    robot: str
-    instrument: TrackerKind
-    centre_deg: tuple[float, ...]
-    loads_N: tuple[float, ...] = (0.0,)
-    flexible_joints: tuple[int, ...] = ()
+    robot: str  # name of the arm
+    instrument: TrackerKind  # what measures
+    centre_deg: tuple[float, ...]  # joint angles in the middle of the 3 x 3 x 3 grid
+    loads_N: tuple[float, ...] = (0.0,)  # external loads; every pose is measured under each
+    flexible_joints: tuple[int, ...] = ()  # joints with a spring
+    # position_mm and attitude_rad: noise of a coordinate, and of an attitude
     position_mm: float = 0.03
     attitude_rad: float = 1e-4
     arm: Arm = field(init=False)

@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
@@ -28,8 +27,6 @@ from pa10cal.evaluation.known_truth import KnownTruth
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Stated
 from pa10cal.observe.registry import instruments
-
-Array = NDArray[np.float64]
 
 _TEMPERATURE_C = 20.0
 #: Noise so far below any instrument's that what is seen counts as exact.

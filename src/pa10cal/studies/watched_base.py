@@ -35,17 +35,11 @@ _POSES, _HELD_OUT = 300, 0.3
 
 @dataclass(frozen=True)
 class Watched:
-    """What one campaign came to.
+    """What one campaign came to."""
 
-    Attributes:
-        scores: errors of link parameters over their standard uncertainties.
-        errors: the same errors over the parameters' scales.
-        held_out_mm: root mean square position error of held-out poses.
-    """
-
-    scores: tuple[float, ...]
-    errors: tuple[float, ...]
-    held_out_mm: float
+    scores: tuple[float, ...]  # errors of link parameters over their standard uncertainties
+    errors: tuple[float, ...]  # the same errors over the parameters' scales
+    held_out_mm: float  # root mean square position error of held-out poses
 
 
 def campaign_of(seed: int, base_targets: int, walk_mm: float) -> Watched:

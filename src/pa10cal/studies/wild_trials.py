@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.cell.after_geometry import after_geometry
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.disturbances.disturbance import all_disturbances
@@ -31,8 +31,6 @@ from pa10cal.results.trials import (
 )
 from pa10cal.studies.by_commands import calibrated_by_commands, judged_by_commands
 from pa10cal.studies.trial_records import truth_record
-
-Array = NDArray[np.float64]
 
 
 def try_wild_trial(

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import link_departures
-
-Array = NDArray[np.float64]
 
 #: Torque at which springs are stated of joints whose rated torque is not known.
 _UNRATED_NM = 100.0

@@ -5,25 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.term import Parameter, Report, Term, TorqueTerm, shows_torque
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Fixed:
-    """What a term adds at known parameters; nothing of it is unknown any more.
+    """What a term adds at known parameters; nothing of it is unknown any more."""
 
-    Attributes:
-        term: the term, whose effect on chain coordinates is kept.
-        x_term: (k,) its parameters.
-    """
-
-    term: Term
-    x_term: Array
+    term: Term  # the term, whose effect on chain coordinates is kept
+    x_term: Array  # (k,) its parameters
 
     @property
     def id(self) -> str:
@@ -67,13 +60,9 @@ class Fixed:
 
 @dataclass(frozen=True, eq=False)
 class FixedTorque(Fixed):
-    """What a term that shows in torques adds to them at known parameters.
+    """What a term that shows in torques adds to them at known parameters."""
 
-    Attributes:
-        term: the term, whose effect on torques is kept too.
-    """
-
-    term: TorqueTerm
+    term: TorqueTerm  # the term, whose effect on torques is kept too
 
     @property
     def carried(self) -> bool:

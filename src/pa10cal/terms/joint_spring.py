@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.springs import UnitDeflection, deflection_rad, unit_deflection
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.term import OPTIONAL, Parameter, Report
-
-Array = NDArray[np.float64]
 
 #: Sizes by which the solver scales, near the uncertainties of a good campaign.
 _WINDUP_SCALE_RAD = 1e-5
@@ -54,17 +52,12 @@ class JointSpring:
     Solved in its windup at a reference torque and the share of the cubic part there, which stay
     bounded and nearly independent however few data there are; reported as K_lin and K_cub.
     Stiffness is positive, as the paper requires.
-
-    Attributes:
-        joint: 1 … n.
-        tau_ref_Nm: reference torque, best the largest that the joint carried.
-        cubic: whether K_cub is an unknown; a linear spring has K_cub = 0.
-        plausible_rad: windup to be expected; None where any is as likely.
     """
 
-    joint: int
-    tau_ref_Nm: float
-    cubic: bool = True
+    joint: int  # 1 … n
+    tau_ref_Nm: float  # reference torque, best the largest that the joint carried
+    cubic: bool = True  # whether K_cub is an unknown; a linear spring has K_cub = 0
+    # windup to be expected; None where any is as likely
     plausible_rad: float | None = field(default=None, metadata={OPTIONAL: True})
     id: ClassVar[str] = "joint_spring"
 

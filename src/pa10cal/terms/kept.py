@@ -10,13 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.term import Term
-
-Array = NDArray[np.float64]
 
 _FIELDS = frozenset(field.name for field in fields(PoseStates))
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import (
     Chain,
@@ -17,24 +16,18 @@ from pa10cal.arm.chain import (
     end_pose_with_screws,
 )
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.kept import Kept
 from pa10cal.terms.offsets import identity
 from pa10cal.terms.term import Parameter, Report, Term, TorqueTerm, Yielding, shows_torque, yields
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class PoseJacobian:
-    """Predicted poses and their derivative by the parameters of a model.
+    """Predicted poses and their derivative by the parameters of a model."""
 
-    Attributes:
-        T_base_ee: (P, 4, 4) predicted poses [m].
-        derivative: gives the derivative.
-    """
-
-    T_base_ee: Array
-    derivative: Callable[[], Array]
+    T_base_ee: Array  # (P, 4, 4) predicted poses [m]
+    derivative: Callable[[], Array]  # gives the derivative
 
     @cached_property
     def jacobian(self) -> Array:
@@ -47,17 +40,12 @@ class PoseJacobian:
 
 @dataclass(frozen=True)
 class Model:
-    """Predicts the pose of the end-effector from the state of the arm.
+    """Predicts the pose of the end-effector from the state of the arm."""
 
-    Attributes:
-        chain: the nominal chain.
-        terms: what moves it off nominal.
-        kept: keeps derivatives where the same terms are asked again and again at the same states;
-            None to work them out each time.
-    """
-
-    chain: Chain
-    terms: tuple[Term, ...]
+    chain: Chain  # the nominal chain
+    terms: tuple[Term, ...]  # what moves it off nominal
+    # keeps derivatives where the same terms are asked again and again at the same states; None to
+    # work them out each time
     kept: Kept | None = field(default=None, compare=False, repr=False)
 
     @cached_property

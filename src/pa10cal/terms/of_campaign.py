@@ -12,26 +12,20 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.errors import TermError
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Parameter, Report, Term, shows_torque, yields
-
-Array = NDArray[np.float64]
 
 #: Between the name of a parameter or target and that of its campaign, in no name of either.
 OF = "@"
 
 
 class _InSomePoses:
-    """Adds what another term does, in some poses alone.
+    """Adds what another term does, in some poses alone."""
 
-    Attributes:
-        term: the term; it neither yields to torques nor shows in them.
-        name: of those poses, which the parameters bear.
-    """
-
-    term: Term
-    name: str
+    term: Term  # the term; it neither yields to torques nor shows in them
+    name: str  # of those poses, which the parameters bear
 
     def __post_init__(self) -> None:
         if yields(self.term) or shows_torque(self.term):
@@ -85,17 +79,11 @@ class _InSomePoses:
 
 @dataclass(frozen=True)
 class OfCampaign(_InSomePoses):
-    """Adds what another term does, in the poses of one campaign alone.
+    """Adds what another term does, in the poses of one campaign alone."""
 
-    Attributes:
-        term: the term; it neither yields to torques nor shows in them.
-        campaign: number of the campaign in the group, from 0.
-        name: its name, which the parameters bear.
-    """
-
-    term: Term
-    campaign: int
-    name: str
+    term: Term  # the term; it neither yields to torques nor shows in them
+    campaign: int  # number of the campaign in the group, from 0
+    name: str  # its name, which the parameters bear
     id: ClassVar[str] = "of_campaign"
 
     def _here(self, states: PoseStates) -> NDArray[np.bool_]:
@@ -106,19 +94,12 @@ class OfCampaign(_InSomePoses):
 
 @dataclass(frozen=True)
 class OfPart(_InSomePoses):
-    """Adds what another term does, in the poses of one part of a campaign alone.
+    """Adds what another term does, in the poses of one part of a campaign alone."""
 
-    Attributes:
-        term: the term; it neither yields to torques nor shows in them.
-        from_s: the part begins after this time.
-        to_s: and ends with this one; infinite of the last.
-        name: its name, which the parameters bear.
-    """
-
-    term: Term
-    from_s: float
-    to_s: float
-    name: str
+    term: Term  # the term; it neither yields to torques nor shows in them
+    from_s: float  # the part begins after this time
+    to_s: float  # and ends with this one; infinite of the last
+    name: str  # its name, which the parameters bear
     id: ClassVar[str] = "of_part"
 
     def _here(self, states: PoseStates) -> NDArray[np.bool_]:

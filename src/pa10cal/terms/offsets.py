@@ -8,30 +8,22 @@ from functools import cache
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arrays import Array
 from pa10cal.terms.term import Parameter, Report, report_as_solved
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Offsets:
-    """Adds each parameter to one chain coordinate, the same in every pose.
+    """Adds each parameter to one chain coordinate, the same in every pose."""
 
-    Attributes:
-        parameters: k parameters.
-        coordinates: the k coordinates they shift.
-        of: `links`, `base` or `tool`.
-    """
-
-    parameters: tuple[Parameter, ...]
-    coordinates: tuple[str, ...]
-    of: str = "links"
+    parameters: tuple[Parameter, ...]  # k parameters
+    coordinates: tuple[str, ...]  # the k coordinates they shift
+    of: str = "links"  # `links`, `base` or `tool`
     id: ClassVar[str] = "offsets"
 
     @property

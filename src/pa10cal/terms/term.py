@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import Protocol, TypeGuard
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
-
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: In the metadata of a field of a term: omitted from files where it has its default.
 OPTIONAL = "optional"
@@ -18,39 +16,27 @@ OPTIONAL = "optional"
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown of a model.
+    """One unknown of a model."""
 
-    Attributes:
-        name: unique within a model.
-        unit: SI unit.
-        scale: a typical size, by which it is scaled in solving and in judging rank.
-        tolerance: manufacturing tolerance (paper, Section II.C), or None where it has none.
-        lower, upper: ends of the range with a physical meaning, or None.
-        plausible: size to be expected of an effect, a standard deviation about zero, or None.
-    """
-
-    name: str
-    unit: str
-    scale: float
+    name: str  # unique within a model
+    unit: str  # SI unit
+    scale: float  # a typical size, by which it is scaled in solving and in judging rank
+    # manufacturing tolerance (paper, Section II.C), or None where it has none
     tolerance: float | None = None
+    # lower and upper: ends of the range with a physical meaning, or None
     lower: float | None = None
     upper: float | None = None
+    # size to be expected of an effect, a standard deviation about zero, or None
     plausible: float | None = None
 
 
 @dataclass(frozen=True)
 class Report:
-    """Parameters in the form readers know them, from those a term is solved in.
+    """Parameters in the form readers know them, from those a term is solved in."""
 
-    Attributes:
-        parameters: k' reported parameters.
-        values: (k',) their values.
-        jacobian: (k', k) derivative by the solved parameters, for uncertainties.
-    """
-
-    parameters: tuple[Parameter, ...]
-    values: Array
-    jacobian: Array
+    parameters: tuple[Parameter, ...]  # k' reported parameters
+    values: Array  # (k',) their values
+    jacobian: Array  # (k', k) derivative by the solved parameters, for uncertainties
 
 
 class Term(Protocol):

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from abc import abstractmethod
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pa10cal.arm.state import PoseStates
-
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 
 class TorqueOnly:

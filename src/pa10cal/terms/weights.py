@@ -6,15 +6,13 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.term import OPTIONAL, Parameter, Report, report_as_solved
 from pa10cal.terms.torque_only import TorqueOnly
-
-Array = NDArray[np.float64]
 
 #: Start of the names of its parameters.
 WEIGHT = "weight_"
@@ -23,21 +21,13 @@ _PARTS = (("mass", "kg"), ("moment_x", "kg m"), ("moment_y", "kg m"), ("moment_z
 
 @dataclass(frozen=True)
 class WeightSizes:
-    """Standard uncertainties of the weights of an arm.
+    """Standard uncertainties of the weights of an arm."""
 
-    Attributes:
-        link_mass: (n,) of the links' masses, relative.
-        link_com_m: (n,) of their centres of mass, per axis.
-        payload_kg: of the mass that the last link carries.
-        payload_kg_m: of its first moment in the end-effector frame, per axis.
-        level_rad: of the direction of gravity in the base frame.
-    """
-
-    link_mass: Array
-    link_com_m: Array
-    payload_kg: float
-    payload_kg_m: float
-    level_rad: float
+    link_mass: Array  # (n,) of the links' masses, relative
+    link_com_m: Array  # (n,) of their centres of mass, per axis
+    payload_kg: float  # of the mass that the last link carries
+    payload_kg_m: float  # of its first moment in the end-effector frame, per axis
+    level_rad: float  # of the direction of gravity in the base frame
 
     def columns(self, arm: Arm) -> Array:
         """Return the uncertainty of each column of `StaticLoads.by_weights`, (4 n + 3,)."""
@@ -54,23 +44,17 @@ class Weights(TorqueOnly):
 
     For torques that were calculated from the masses described: the joints carry those torques and,
     beyond them, what the weights differ by. It moves the arm by way of the springs alone.
-
-    Attributes:
-        n: joints of the arm.
-        columns: which columns of `StaticLoads.by_weights` are unknowns.
-        sizes: standard uncertainty of each, about what is described.
-        unknown_tool: whether the mass of the tool is not known at all.
-        held: column that follows the others, so that the weights as a whole stay as heavy as they
-            are described: stiffness is then known relative to these. None where some load of known
-            size sets the scale, and no column is held.
-        by_held: how much it follows each of the columns.
     """
 
-    n: int
-    columns: tuple[int, ...]
-    sizes: tuple[float, ...]
-    unknown_tool: bool = False
+    n: int  # joints of the arm
+    columns: tuple[int, ...]  # which columns of `StaticLoads.by_weights` are unknowns
+    sizes: tuple[float, ...]  # standard uncertainty of each, about what is described
+    unknown_tool: bool = False  # whether the mass of the tool is not known at all
+    # column that follows the others, so that the weights as a whole stay as heavy as they are
+    # described: stiffness is then known relative to these. None where some load of known size sets
+    # the scale, and no column is held.
     held: int | None = field(default=None, metadata={OPTIONAL: True})
+    # how much it follows each of the columns
     by_held: tuple[float, ...] = field(default=(), metadata={OPTIONAL: True})
     id: ClassVar[str] = "weights"
     of: ClassVar[str] = "arm"

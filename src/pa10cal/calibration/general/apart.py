@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.general.fit import Fit, reach_of
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.fit.problem import Problem
 from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.term import Parameter
-
-Array = NDArray[np.float64]
 
 #: A parameter is determined by a campaign that knows it to this part of what it may well be.
 _DETERMINED = 0.1
@@ -34,39 +33,22 @@ _SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
 
 @dataclass(frozen=True)
 class Alone:
-    """What one campaign gives without the others.
+    """What one campaign gives without the others."""
 
-    Attributes:
-        name: of the campaign.
-        poses: how many it has.
-        rms_mm: remaining position error of its poses in the fit of the group.
-        alone_rms_mm: the same with parameters of its own.
-        off: (s,) its shared parameters less those of all others together.
-        u_off: (s,) standard uncertainty of that.
-        std: (s,) standard uncertainty of its shared parameters.
-        determined: (s,) which of them it determines.
-        chi_square: of its difference from the others.
-        dof: directions of shared parameters that both determine.
-        worst: number of the one parameter that, if it alone differed, explains most.
-        worst_off: by how much it then differs.
-        worst_u: standard uncertainty of that.
-        worst_chi_square: how much of the chi-square it explains.
-    """
-
-    name: str
-    poses: int
-    rms_mm: float
-    alone_rms_mm: float
-    off: Array
-    u_off: Array
-    std: Array
-    determined: NDArray[np.bool_]
-    chi_square: float
-    dof: float
-    worst: int
-    worst_off: float
-    worst_u: float
-    worst_chi_square: float
+    name: str  # of the campaign
+    poses: int  # how many it has
+    rms_mm: float  # remaining position error of its poses in the fit of the group
+    alone_rms_mm: float  # the same with parameters of its own
+    off: Array  # (s,) its shared parameters less those of all others together
+    u_off: Array  # (s,) standard uncertainty of that
+    std: Array  # (s,) standard uncertainty of its shared parameters
+    determined: NDArray[np.bool_]  # (s,) which of them it determines
+    chi_square: float  # of its difference from the others
+    dof: float  # directions of shared parameters that both determine
+    worst: int  # number of the one parameter that, if it alone differed, explains most
+    worst_off: float  # by how much it then differs
+    worst_u: float  # standard uncertainty of that
+    worst_chi_square: float  # how much of the chi-square it explains
 
     @property
     def p_value(self) -> float:
@@ -86,17 +68,11 @@ class Alone:
 
 @dataclass(frozen=True)
 class Apart:
-    """The campaigns of a group, each alone.
+    """The campaigns of a group, each alone."""
 
-    Attributes:
-        shared: the s parameters that all share.
-        std: (s,) their standard uncertainties by all together.
-        campaigns: each alone.
-    """
-
-    shared: tuple[Parameter, ...]
-    std: Array
-    campaigns: tuple[Alone, ...]
+    shared: tuple[Parameter, ...]  # the s parameters that all share
+    std: Array  # (s,) their standard uncertainties by all together
+    campaigns: tuple[Alone, ...]  # each alone
 
     @property
     def contradictions(self) -> tuple[InputFinding, ...]:

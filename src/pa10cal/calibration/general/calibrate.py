@@ -12,6 +12,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
 from pa10cal.arm.weights import weights_known
+from pa10cal.arrays import Array
 from pa10cal.calibration.general.fit import Fit, fit, reach_of
 from pa10cal.calibration.general.prior import Moved
 from pa10cal.calibration.general.problem import check_enough, general_problem, loaded_joints
@@ -28,8 +29,6 @@ from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Term
 from pa10cal.terms.weights import WEIGHT, Weights
 
-Array = NDArray[np.float64]
-
 #: Part of the largest torque that a joint's torque must vary by for its spring to be there, whether
 #: or not the readings show it.
 _FULL_TORQUE_SHARE = 0.02
@@ -43,31 +42,19 @@ _RIGID_RAD = 1e-9
 
 @dataclass(frozen=True)
 class GeneralCalibration:
-    """A calibrated general model.
+    """A calibrated general model."""
 
-    Attributes:
-        arm: the nominal arm.
-        start: where frames and targets were thought to be, and how the attitude is turned.
-        unknowns: geometric parameters chosen, and those omitted.
-        settled: tilts of parallel axes left at zero, as the readings do not show them.
-        springs: joints with a spring.
-        torques_from: `logged`, `masses`, or `none`.
-        payload: what the arm carried; None where that is not known.
-        problem: what was solved.
-        fit: where it ended.
-        moved: what a prior was no longer right about; None without a prior.
-    """
-
-    arm: Arm
-    start: Start
-    unknowns: Unknowns
+    arm: Arm  # the nominal arm
+    start: Start  # where frames and targets were thought to be, and how the attitude is turned
+    unknowns: Unknowns  # geometric parameters chosen, and those omitted
+    # tilts of parallel axes left at zero, as the readings do not show them
     settled: tuple[Settled, ...]
-    springs: tuple[int, ...]
-    torques_from: TorqueSource
-    payload: Payload | None
-    problem: Problem
-    fit: Fit
-    moved: Moved | None = None
+    springs: tuple[int, ...]  # joints with a spring
+    torques_from: TorqueSource  # `logged`, `masses`, or `none`
+    payload: Payload | None  # what the arm carried; None where that is not known
+    problem: Problem  # what was solved
+    fit: Fit  # where it ended
+    moved: Moved | None = None  # what a prior was no longer right about; None without a prior
 
     def without_rows(self) -> GeneralCalibration:
         """Return the calibration without the rows of its fit."""

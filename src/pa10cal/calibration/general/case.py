@@ -11,6 +11,7 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arm.weights import weights_known
+from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import Accuracy, summarise, summarise_by_load
 from pa10cal.calibration.general.apart import Apart, apart
 from pa10cal.calibration.general.calibrate import (
@@ -37,8 +38,6 @@ from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
 from pa10cal.terms.weights import Weights
 
-Array = NDArray[np.float64]
-
 #: Standard uncertainty of a windup, in its size, below which poses show it.
 _SHOWN = 0.5
 #: Part of the spread of the places seen that no calibrated arm is off by.
@@ -47,38 +46,26 @@ _NO_FIT = 0.05
 
 @dataclass(frozen=True)
 class GeneralCase:
-    """One load case, computed with the general model.
+    """One load case, computed with the general model."""
 
-    Attributes:
-        load: `combined`, `general`, or a load such as `44N`.
-        full: links, springs, frames.
-        geometry: the same without springs; `full` itself where it has none, and `nominal` where it
-            started from a prior.
-        nominal: frames and targets alone.
-        grid: poses of every load, with torques.
-        residuals: of the full model on `grid`.
-        before, after: nominal and full model on `grid`, for every load.
-        geometry_after: geometry alone on `grid`, for every load.
-        unidentified_directions, not_identifiable: what the poses do not identify.
-        suspected_outliers: poses far outside the scatter of the others.
-        health: whether it is good.
-        apart: of a group, what each campaign says alone; None of a single campaign.
-    """
-
-    load: str
-    full: GeneralCalibration
+    load: str  # `combined`, `general`, or a load such as `44N`
+    full: GeneralCalibration  # links, springs, frames
+    # the same without springs; `full` itself where it has none, and `nominal` where it started
+    # from a prior
     geometry: GeneralCalibration
-    nominal: GeneralCalibration
-    grid: Observations
-    residuals: Deviations
+    nominal: GeneralCalibration  # frames and targets alone
+    grid: Observations  # poses of every load, with torques
+    residuals: Deviations  # of the full model on `grid`
+    # before and after: nominal and full model on `grid`, for every load
     before: dict[float, Accuracy]
     after: dict[float, Accuracy]
-    geometry_after: dict[float, Accuracy]
+    geometry_after: dict[float, Accuracy]  # geometry alone on `grid`, for every load
+    # unidentified_directions and not_identifiable: what the poses do not identify
     unidentified_directions: tuple[Direction, ...]
     not_identifiable: frozenset[str]
-    suspected_outliers: tuple[SuspectedOutlier, ...]
-    health: Health
-    apart: Apart | None
+    suspected_outliers: tuple[SuspectedOutlier, ...]  # poses far outside the scatter of the others
+    health: Health  # whether it is good
+    apart: Apart | None  # of a group, what each campaign says alone; None of a single campaign
 
 
 def work_out_general(

@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dtrtri
 
+from pa10cal.arrays import Array
 from pa10cal.fit.expected import Expected
 from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, identify
 from pa10cal.fit.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.fit.problem import Problem, Rows
 from pa10cal.fit.robust_weights import WeightedRows, first_scatter, refreshed, weighted_rows
 from pa10cal.terms.weights import Weights
-
-Array = NDArray[np.float64]
 
 #: A step this small, in standard uncertainties, ends the search ...
 _ARRIVED = 1e-4
@@ -42,46 +41,30 @@ _ROUNDING = 1e-13
 
 @dataclass(frozen=True)
 class Fit:
-    """Where a fit ended.
+    """Where a fit ended."""
 
-    Attributes:
-        x: (k,) unknowns.
-        at_bound: (k,) unknowns held at the end of their physical range.
-        scatter: standard deviation of each kind beyond what the instrument states [m, rad].
-        weights: (P,) of the poses, 1 where the robust loss leaves them alone.
-        distance: (P,) Mahalanobis distance of each pose's residual.
-        residual: (P, b) predicted less seen.
-        jacobian: (P, b, k) its derivative.
-        whitener: (P, b, b) that makes stated errors and scatter independent and of unit size.
-        covariance: (k, k) of the unknowns, such that 1.96 standard uncertainties make an interval
-            of 95 %: wider than that of the normal distribution where the scatter was found from few
-            poses (Student's t). Along directions that the data do not identify it is the reach.
-        identifiability: rank and singular values of the weighted rows, in scales; directions
-            identified no better than the reach of the unknowns do not count; those of which
-            something was known before do.
-        cost: weighted sum of squares.
-        dof: components seen less the rank.
-        iterations: steps taken.
-        converged: whether the last step was a small part of the uncertainty.
-        reason: why it stopped.
-        widening: by which factor standard uncertainties are wider for the readings being few.
-    """
-
-    x: Array
-    at_bound: NDArray[np.bool_]
+    x: Array  # (k,) unknowns
+    at_bound: NDArray[np.bool_]  # (k,) unknowns held at the end of their physical range
+    # standard deviation of each kind beyond what the instrument states [m, rad]
     scatter: dict[str, float]
-    weights: Array
-    distance: Array
-    residual: Array
-    jacobian: Array
-    whitener: Array
+    weights: Array  # (P,) of the poses, 1 where the robust loss leaves them alone
+    distance: Array  # (P,) Mahalanobis distance of each pose's residual
+    residual: Array  # (P, b) predicted less seen
+    jacobian: Array  # (P, b, k) its derivative
+    whitener: Array  # (P, b, b) that makes stated errors and scatter independent and of unit size
+    # (k, k) of the unknowns, such that 1.96 standard uncertainties make an interval of 95 %: wider
+    # than that of the normal distribution where the scatter was found from few poses (Student's
+    # t). Along directions that the data do not identify it is the reach.
     covariance: Array
+    # rank and singular values of the weighted rows, in scales; directions identified no better
+    # than the reach of the unknowns do not count; those of which something was known before do
     identifiability: Identifiability
-    cost: float
-    dof: int
-    iterations: int
-    converged: bool
-    reason: str
+    cost: float  # weighted sum of squares
+    dof: int  # components seen less the rank
+    iterations: int  # steps taken
+    converged: bool  # whether the last step was a small part of the uncertainty
+    reason: str  # why it stopped
+    # by which factor standard uncertainties are wider for the readings being few
     widening: float = 1.0
 
     def without_rows(self) -> Fit:
@@ -170,18 +153,12 @@ def reach_of(problem: Problem) -> Array:
 
 @dataclass(frozen=True)
 class _Span:
-    """Where the k unknowns may lie.
+    """Where the k unknowns may lie."""
 
-    Attributes:
-        start: where they are thought to be.
-        bounds: ends of their physical range.
-        reach: how far from the start they may well be.
-        expected: what is known of the first of them, in place of start and reach; or None.
-    """
-
-    start: Array
-    bounds: Bounds
-    reach: Array
+    start: Array  # where they are thought to be
+    bounds: Bounds  # ends of their physical range
+    reach: Array  # how far from the start they may well be
+    # what is known of the first of them, in place of start and reach; or None
     expected: Expected | None
 
     @classmethod

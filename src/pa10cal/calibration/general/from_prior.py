@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array
 from pa10cal.calibration.general.calibrate import GeneralCalibration, at_rest
 from pa10cal.calibration.general.fit import Fit, fit
 from pa10cal.calibration.general.prior import Moved, Prior, Release
@@ -31,8 +31,6 @@ from pa10cal.observe.quantities import Start
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets
-
-Array = NDArray[np.float64]
 
 #: Searches for what moved, each about the fit with what the one before found.
 _MOST_ROUNDS = 4

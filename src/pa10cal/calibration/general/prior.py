@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.expected import Expected
 from pa10cal.fit.fitted_model import FittedModel
@@ -25,8 +25,6 @@ from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.term import Parameter, Term
 from pa10cal.terms.weights import Weights
 
-Array = NDArray[np.float64]
-
 #: Where effects sit that may be others in another campaign: of its foundation and its tool.
 _OF_PLACE = ("base", "tool")
 #: Grades of calibrations that say nothing reliable of an arm.
@@ -37,23 +35,15 @@ _AT_BOUND = 30.0
 
 @dataclass(frozen=True)
 class Release:
-    """Something that moved since the prior was fitted, and is found anew.
+    """Something that moved since the prior was fitted, and is found anew."""
 
-    Attributes:
-        kind: see `fit.moved.Hypothesis`.
-        of: where.
-        by: by how much, where it is one number, of a stiffness as part of the windup; else None.
-        std: its standard uncertainty; likewise.
-        unit: of both.
-        gain: by how much evidence rose [nats].
-    """
-
-    kind: str
-    of: str
+    kind: str  # see `fit.moved.Hypothesis`
+    of: str  # where
+    # by how much, where it is one number, of a stiffness as part of the windup; else None
     by: float | None
-    std: float | None
-    unit: str
-    gain: float
+    std: float | None  # its standard uncertainty; likewise
+    unit: str  # of both
+    gain: float  # by how much evidence rose [nats]
 
     @property
     def words(self) -> str:
@@ -71,16 +61,11 @@ class Release:
 
 @dataclass(frozen=True)
 class Moved:
-    """What a prior was no longer right about.
+    """What a prior was no longer right about."""
 
-    Attributes:
-        campaign: to which the prior was fitted; None where that is not known.
-        releases: what moved, the clearest first.
-        factor: of the prior's variances of links and springs, where all depart by more than noise.
-    """
-
-    campaign: str | None
-    releases: tuple[Release, ...]
+    campaign: str | None  # to which the prior was fitted; None where that is not known
+    releases: tuple[Release, ...]  # what moved, the clearest first
+    # of the prior's variances of links and springs, where all depart by more than noise
     factor: float
 
     @property
@@ -98,17 +83,11 @@ class Moved:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known of an arm.
+    """What is known of an arm."""
 
-    Attributes:
-        model: the fitted model that says it.
-        terms: those of its terms that belong to the arm.
-        expected: of their parameters.
-    """
-
-    model: FittedModel
-    terms: tuple[Term, ...]
-    expected: Expected
+    model: FittedModel  # the fitted model that says it
+    terms: tuple[Term, ...]  # those of its terms that belong to the arm
+    expected: Expected  # of their parameters
 
 
 def refuse_unsound(model: FittedModel, *, force: bool = False) -> None:

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
 from pa10cal.arm.weights import weights_known
+from pa10cal.arrays import Array
 from pa10cal.calibration.general.unknowns import Unknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
@@ -26,8 +26,6 @@ from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.weights import Weights
-
-Array = NDArray[np.float64]
 
 #: Part of the largest torque that a joint's torque must vary by for its spring to be looked for.
 _LEAST_TORQUE_SHARE = 0.005
@@ -43,21 +41,14 @@ _LARGE_SAG_RAD = 5e-3
 
 @dataclass(frozen=True)
 class GeneralProblem:
-    """The general model, ready to be fitted.
+    """The general model, ready to be fitted."""
 
-    Attributes:
-        problem: model and observations, with the torques of the nominal arm where none were logged.
-        x_start: (k,) nominal geometry, usual springs.
-        unknowns: geometric parameters chosen, and those omitted.
-        springs: joints with a spring.
-        torques_from: `logged`, `masses`, or `none`.
-    """
-
+    # model and observations, with the torques of the nominal arm where none were logged
     problem: Problem
-    x_start: Array
-    unknowns: Unknowns
-    springs: tuple[int, ...]
-    torques_from: TorqueSource
+    x_start: Array  # (k,) nominal geometry, usual springs
+    unknowns: Unknowns  # geometric parameters chosen, and those omitted
+    springs: tuple[int, ...]  # joints with a spring
+    torques_from: TorqueSource  # `logged`, `masses`, or `none`
 
 
 def general_problem(

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.calibration.general.fit import Fit
 from pa10cal.fit.problem import Problem
 from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.results.calibration import SuspectedOutlier as SuspectedOutlier
-
-Array = NDArray[np.float64]
 
 #: A pose with less weight than this is listed in any case.
 _LITTLE_WEIGHT = 0.5

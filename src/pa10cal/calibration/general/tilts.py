@@ -10,28 +10,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.calibration.general.fit import Fit
 from pa10cal.fit.problem import Problem
 from pa10cal.terms.term import Parameter
-
-Array = NDArray[np.float64]
 
 _TILT = "delta_beta_"
 
 
 @dataclass(frozen=True)
 class Settled:
-    """A parameter left at zero because the readings do not show it.
+    """A parameter left at zero because the readings do not show it."""
 
-    Attributes:
-        parameter: which.
-        std: its standard uncertainty, had it been fitted.
-    """
-
-    parameter: Parameter
-    std: float
+    parameter: Parameter  # which
+    std: float  # its standard uncertainty, had it been fitted
 
 
 def tilts_not_shown(problem: Problem, fit: Fit) -> tuple[Settled, ...]:

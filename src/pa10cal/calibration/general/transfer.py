@@ -7,11 +7,11 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import Payload
 from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arrays import Array
 from pa10cal.calibration.general.case import base_motion
 from pa10cal.calibration.general.fit import fit
 from pa10cal.calibration.general.problem import start_of_tool
@@ -27,8 +27,6 @@ from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, OfPart, about_moved_base, motion_of_base
 from pa10cal.terms.offsets import Offsets
 from pa10cal.terms.weights import Weights, WeightSizes
-
-Array = NDArray[np.float64]
 
 #: Poses that say enough of how frames follow the arm, and how many of them are taken at once.
 _ENOUGH_POSES = 2000

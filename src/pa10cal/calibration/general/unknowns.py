@@ -21,13 +21,12 @@ from pa10cal.arm.chain import TOOL, Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.tolerances import Tolerances
+from pa10cal.arrays import Array
 from pa10cal.observe.instrument import Instrument
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.offsets import Offsets, base_frame, link_departures
 from pa10cal.terms.term import Parameter
-
-Array = NDArray[np.float64]
 
 #: Joint positions at which redundancy is judged.
 _CONFIGURATIONS = 60
@@ -45,35 +44,23 @@ _WIDEST_RAD = np.pi
 
 @dataclass(frozen=True)
 class Redundant:
-    """A redundant parameter, and those that replace it.
+    """A redundant parameter, and those that replace it."""
 
-    Attributes:
-        name: the parameter.
-        replaced_by: name to part, in its own unit for one unit of the parameter.
-    """
-
-    name: str
-    replaced_by: dict[str, float]
+    name: str  # the parameter
+    replaced_by: dict[str, float]  # name to part, in its own unit for one unit of the parameter
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """The geometric parameters of a complete and minimal model.
+    """The geometric parameters of a complete and minimal model."""
 
-    Attributes:
-        links: departures kept.
-        frames: motions kept of the tool, none where the instrument has targets of its own; of a
-            group, of every campaign's tool and of the bases of all campaigns but the first.
-        base: motions of the base kept.
-        places: coordinates of targets kept, as indices into `target_parameters`.
-        redundant: parameters omitted, with those that replace them.
-    """
-
-    links: Offsets
+    links: Offsets  # departures kept
+    # motions kept of the tool, none where the instrument has targets of its own; of a group, of
+    # every campaign's tool and of the bases of all campaigns but the first
     frames: tuple[Offsets | OfCampaign, ...]
-    base: Offsets
-    places: NDArray[np.intp]
-    redundant: tuple[Redundant, ...]
+    base: Offsets  # motions of the base kept
+    places: NDArray[np.intp]  # coordinates of targets kept, as indices into `target_parameters`
+    redundant: tuple[Redundant, ...]  # parameters omitted, with those that replace them
 
     @property
     def frame_names(self) -> tuple[str, ...]:

@@ -13,13 +13,11 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr
 
+from pa10cal.arrays import Array
 from pa10cal.cell.mechanism import Mechanism, Statics, Strain
 from pa10cal.settings_section import Section
-
-Array = NDArray[np.float64]
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 FinitePositive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -31,18 +29,12 @@ LONG_LINKS = ("upper_arm", "forearm")
 
 @dataclass(frozen=True)
 class Motion:
-    """How the joints came to stand in P configurations.
+    """How the joints came to stand in P configurations."""
 
-    Attributes:
-        q_rad: (P, n) motor-side joint positions; (P,) of one joint.
-        arrival: (P, n) direction in which each joint arrived: -1, 0 (did not move) or +1; (P,) of
-            one joint.
-        gear_ratio: (n,) motor turns a joint turn; (1,) of one joint.
-    """
-
-    q_rad: Array
+    q_rad: Array  # (P, n) motor-side joint positions; (P,) of one joint
+    # (P, n) direction in which each joint arrived: -1, 0 (did not move) or +1; (P,) of one joint
     arrival: Array
-    gear_ratio: Array
+    gear_ratio: Array  # (n,) motor turns a joint turn; (1,) of one joint
 
     def of(self, joint: int) -> Motion:
         """Return how one joint, from 0, came to stand."""
@@ -52,19 +44,12 @@ class Motion:
 
 @dataclass(frozen=True)
 class Loading:
-    """What the structure bears in P configurations.
+    """What the structure bears in P configurations."""
 
-    Attributes:
-        mechanism: the links.
-        statics: what weights bend them with.
-        time_s: (P,) times since the start of the campaign.
-        warming_K: (P,) temperatures above the reference.
-    """
-
-    mechanism: Mechanism
-    statics: Statics
-    time_s: Array
-    warming_K: Array
+    mechanism: Mechanism  # the links
+    statics: Statics  # what weights bend them with
+    time_s: Array  # (P,) times since the start of the campaign
+    warming_K: Array  # (P,) temperatures above the reference
 
     def link(self, name: str) -> int:
         """Return the number, from 0, of `upper_arm` or `forearm`."""
@@ -78,22 +63,14 @@ class Loading:
 
 @dataclass(frozen=True)
 class Site:
-    """Where an effect is put in a trial, and what its usual size goes by.
+    """Where an effect is put in a trial, and what its usual size goes by."""
 
-    Attributes:
-        of: where it sits.
-        rated_Nm: rated torque of the joint; 0 of none.
-        typical_Nm: torque under which the joint usually stands; 0 of none.
-        coulomb_Nm: Coulomb friction of the joint; 0 of none.
-        half_m: how far the targets mostly lie from the middle of the measured volume.
-        middle_m: coordinates of that middle in the instrument's frame.
-    """
-
-    of: str
-    rated_Nm: float = 0.0
-    typical_Nm: float = 0.0
-    coulomb_Nm: float = 0.0
-    half_m: float = 0.0
+    of: str  # where it sits
+    rated_Nm: float = 0.0  # rated torque of the joint; 0 of none
+    typical_Nm: float = 0.0  # torque under which the joint usually stands; 0 of none
+    coulomb_Nm: float = 0.0  # Coulomb friction of the joint; 0 of none
+    half_m: float = 0.0  # how far the targets mostly lie from the middle of the measured volume
+    # coordinates of that middle in the instrument's frame
     middle_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 

@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import Field
 from scipy.interpolate import CubicSpline
 
+from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import (
     ARC_SECOND,
-    Array,
     DriveEffect,
     Finite,
     FinitePositive,

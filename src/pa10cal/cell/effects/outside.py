@@ -7,9 +7,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
+from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import (
     ARC_SECOND,
-    Array,
     CarriedTorqueEffect,
     Finite,
     FinitePositive,

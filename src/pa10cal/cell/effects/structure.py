@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
+from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import (
     LONG_LINKS,
-    Array,
     Finite,
     Loading,
     StructureEffect,

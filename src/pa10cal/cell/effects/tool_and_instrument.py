@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
+from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import (
-    Array,
     Finite,
     InstrumentEffect,
     ToolEffect,

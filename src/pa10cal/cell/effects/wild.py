@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import (
     ARC_SECOND,
-    Array,
     Finite,
     FinitePositive,
     JointDriveEffect,

@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import Effect, InstrumentEffect, ToolEffect, TorqueLogEffect
 from pa10cal.cell.equilibrium import Rest
 from pa10cal.cell.options import SimulateOptions
@@ -19,7 +19,6 @@ from pa10cal.cell.poses import Poses
 from pa10cal.cell.robot import Robot
 from pa10cal.cell.schedule import Schedule
 
-Array = NDArray[np.float64]
 Streams = Mapping[str, np.random.Generator]
 
 #: Decimals of logged positions.
@@ -29,25 +28,16 @@ MM_DECIMALS = 4
 
 @dataclass(frozen=True)
 class Truth:
-    """Everything that a campaign hides.
+    """Everything that a campaign hides."""
 
-    Attributes:
-        robot: the robot as built.
-        effects: what it does beyond the paper's model.
-        poses: commanded joint positions by purpose; None where they were drawn one by one.
-        schedule: the C configurations in the order of time.
-        q_motor: (C, n) motor positions at rest [rad, or m of a prismatic joint].
-        rest: where the links came to rest.
-        temperature_C: (C,) temperatures at rest.
-    """
-
-    robot: Robot
-    effects: tuple[Effect, ...]
+    robot: Robot  # the robot as built
+    effects: tuple[Effect, ...]  # what it does beyond the paper's model
+    # commanded joint positions by purpose; None where they were drawn one by one
     poses: Poses | None
-    schedule: Schedule
-    q_motor: Array
-    rest: Rest
-    temperature_C: Array
+    schedule: Schedule  # the C configurations in the order of time
+    q_motor: Array  # (C, n) motor positions at rest [rad, or m of a prismatic joint]
+    rest: Rest  # where the links came to rest
+    temperature_C: Array  # (C,) temperatures at rest
 
     @property
     def tool_shift_m(self) -> Array:
@@ -76,20 +66,14 @@ class Truth:
 
 
 class Instrument(ABC):
-    """How a robot is brought to its poses and measured there.
+    """How a robot is brought to its poses and measured there."""
 
-    Attributes:
-        kind: the word of `instrument.kind` in campaign.yaml.
-        files: names of the raw files by their key in campaign.yaml.
-        streams: purposes of the streams of random numbers; a new one goes to the end, so that the
-            others stay as they are.
-        decimals: how many a column has in its file, by the end of its name; others are written as
-            they are.
-    """
-
-    kind: ClassVar[str]
-    files: ClassVar[Mapping[str, str]]
+    kind: ClassVar[str]  # the word of `instrument.kind` in campaign.yaml
+    files: ClassVar[Mapping[str, str]]  # names of the raw files by their key in campaign.yaml
+    # purposes of the streams of random numbers; a new one goes to the end, so that the others stay
+    # as they are
     streams: ClassVar[tuple[str, ...]]
+    # how many a column has in its file, by the end of its name; others are written as they are
     decimals: ClassVar[Mapping[str, int]]
 
     def __init__(self, settings: SimulateOptions) -> None:

@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
+from pa10cal.arrays import Array
 from pa10cal.cell.effects.effect import CarriedTorqueEffect
 from pa10cal.cell.instruments.instrument import (
-    Array,
     Instrument,
     Streams,
     Truth,

@@ -9,11 +9,11 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
+from pa10cal.arrays import Array
 from pa10cal.cell.effects.structure import BaseDrift
 from pa10cal.cell.individual import refuse_unrated
 from pa10cal.cell.instruments.instrument import (
     MM_DECIMALS,
-    Array,
     Instrument,
     Streams,
     Truth,

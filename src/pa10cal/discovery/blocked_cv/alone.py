@@ -16,14 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.refit import Refit, one_step
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.term import Report
-
-Array = NDArray[np.float64]
 
 #: Angles of a turn at which errors are compared.
 ANGLES_RAD = np.radians(np.arange(360.0))
@@ -39,58 +38,36 @@ _HALF_WIDTH_95 = 1.96
 
 @dataclass(frozen=True)
 class Curve:
-    """The error of a joint by its angle, as one campaign has it.
+    """The error of a joint by its angle, as one campaign has it."""
 
-    Attributes:
-        error_rad: (A,) at `ANGLES_RAD`.
-        visited: (A,) whether the campaign has poses there.
-    """
-
-    error_rad: Array
-    visited: NDArray[np.bool_]
+    error_rad: Array  # (A,) at `ANGLES_RAD`
+    visited: NDArray[np.bool_]  # (A,) whether the campaign has poses there
 
 
 @dataclass(frozen=True)
 class Pair:
-    """How well two campaigns agree on the error of a joint.
+    """How well two campaigns agree on the error of a joint."""
 
-    Attributes:
-        first, second: their names.
-        correlation: over the angles that both visited; nan where they have too few.
-        correlation95: its interval of 95 %.
-        slope: of the second by the first, both uncertain alike.
-        slope95: its interval of 95 %.
-        rms_rad: of each there, less its mean.
-        difference_rad: root mean square of what they differ by.
-        share: part of the turn that both visited.
-    """
-
+    # first and second: their names
     first: str
     second: str
-    correlation: float
-    correlation95: tuple[float, float]
-    slope: float
-    slope95: tuple[float, float]
-    rms_rad: tuple[float, float]
-    difference_rad: float
-    share: float
+    correlation: float  # over the angles that both visited; nan where they have too few
+    correlation95: tuple[float, float]  # its interval of 95 %
+    slope: float  # of the second by the first, both uncertain alike
+    slope95: tuple[float, float]  # its interval of 95 %
+    rms_rad: tuple[float, float]  # of each there, less its mean
+    difference_rad: float  # root mean square of what they differ by
+    share: float  # part of the turn that both visited
 
 
 @dataclass(frozen=True)
 class ByCampaign:
-    """An effect as each campaign alone has it.
+    """An effect as each campaign alone has it."""
 
-    Attributes:
-        effect: which.
-        reports: its parameters and their covariance, by campaign.
-        curves: of an error by a joint's angle, by campaign; empty for other effects.
-        pairs: how well campaigns agree on that error.
-    """
-
-    effect: Effect
-    reports: dict[str, tuple[Report, Array]]
-    curves: dict[str, Curve]
-    pairs: tuple[Pair, ...]
+    effect: Effect  # which
+    reports: dict[str, tuple[Report, Array]]  # its parameters and their covariance, by campaign
+    curves: dict[str, Curve]  # of an error by a joint's angle, by campaign; empty for other effects
+    pairs: tuple[Pair, ...]  # how well campaigns agree on that error
 
 
 def by_campaign(survey: Survey, found: Refit) -> tuple[ByCampaign, ...]:

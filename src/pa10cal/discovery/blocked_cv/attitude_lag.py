@@ -10,15 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.linear import by_joints
 from pa10cal.discovery.verdict import Unexplained
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext, turning_joints
-
-Array = NDArray[np.float64]
 
 #: What attitudes are expected to lag by [rad].
 _LAG_RAD = 1e-4
@@ -28,17 +26,11 @@ _TOLD = 0.5
 
 @dataclass(frozen=True, eq=False)
 class AttitudeLag:
-    """By how much attitudes turn with the way that each joint came.
+    """By how much attitudes turn with the way that each joint came."""
 
-    Attributes:
-        joints: which, from 1.
-        campaigns: how many a group has, each with lags of its own; 1 of a single campaign.
-        amounts: (campaigns * joints,) in `sizes`; None until they are found.
-    """
-
-    joints: tuple[int, ...]
-    campaigns: int = 1
-    amounts: Array | None = None
+    joints: tuple[int, ...]  # which, from 1
+    campaigns: int = 1  # how many a group has, each with lags of its own; 1 of a single campaign
+    amounts: Array | None = None  # (campaigns * joints,) in `sizes`; None until they are found
 
     @property
     def sizes(self) -> Array:

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.candidate import Candidate, standard_error
 from pa10cal.discovery.blocked_cv.finest import (
     FINER_KNOTS,
@@ -37,9 +37,6 @@ from pa10cal.terms.effects.joint_error_map import (
 from pa10cal.terms.effects.sensor_error import FINE, TYPICAL
 from pa10cal.terms.effects.spectrum import Spectrum
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 #: Highest order that decides about a spectrum, in cycles a turn: beyond it there is the floor.
 _HIGHEST = 107
 #: Tenths of a joint's visited angles that are left out: both of few joints, one each of many.
@@ -53,21 +50,13 @@ _NONE_RAD = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class InBands:
-    """Maps whose waves have a band, and what was left out to compare them.
+    """Maps whose waves have a band, and what was left out to compare them."""
 
-    Attributes:
-        level: the members, maps with their bands, by linear least squares.
-        found: the bands.
-        of_time: (B, 2) squared errors of stretches of time left out, before and with the bands.
-        of_angles: (S, 2) the same of stretches of angles.
-        widening: how components scatter, and what attitudes weigh.
-    """
-
-    level: Level
-    found: Bands
-    of_time: Array
-    of_angles: Array
-    widening: Widening
+    level: Level  # the members, maps with their bands, by linear least squares
+    found: Bands  # the bands
+    of_time: Array  # (B, 2) squared errors of stretches of time left out, before and with the bands
+    of_angles: Array  # (S, 2) the same of stretches of angles
+    widening: Widening  # how components scatter, and what attitudes weigh
 
 
 def in_bands(rows: Rows, fine: Level) -> InBands | None:

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import Columns, State
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, harmonic_orders
 from pa10cal.terms.effects.spectrum import Fading
-
-Array = NDArray[np.float64]
 
 #: Spacings and smoothnesses of maps that are tried: knots a turn, with the order at which half as
 #: much is expected; and sizes [rad].
@@ -26,15 +24,10 @@ _SURELY_WORSE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An effect at one shape, or a map of one spacing and smoothness.
+    """An effect at one shape, or a map of one spacing and smoothness."""
 
-    Attributes:
-        shaped: which.
-        columns: its columns and the sizes expected.
-    """
-
-    shaped: ShapedEffect
-    columns: Columns
+    shaped: ShapedEffect  # which
+    columns: Columns  # its columns and the sizes expected
 
     @property
     def effect(self) -> Effect:
@@ -79,15 +72,10 @@ def map_candidate(effect: JointErrorMap, rows: Rows) -> Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """A set that the search holds.
+    """A set that the search holds."""
 
-    Attributes:
-        members: in the order in which they joined.
-        state: its products, the model's own columns before those of the members.
-    """
-
-    members: tuple[Candidate, ...]
-    state: State
+    members: tuple[Candidate, ...]  # in the order in which they joined
+    state: State  # its products, the model's own columns before those of the members
 
     @property
     def squares(self) -> Array:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.gap import Gap, Named, gap, in_order, left_by
@@ -21,8 +21,6 @@ from pa10cal.fit.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-
-Array = NDArray[np.float64]
 
 #: Steps of a fit that sets out nearby.
 _STEPS = 3

@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
+from pa10cal.arrays import Array
 from pa10cal.discovery import verdict
 from pa10cal.discovery.blocked_cv.bands import InBands
 from pa10cal.discovery.blocked_cv.causes import with_causes
@@ -55,58 +55,40 @@ from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
-Array = NDArray[np.float64]
-
 #: Most of the squared error that parameters are thought to take up by chance.
 _MOST_BY_CHANCE = 0.9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class VerdictByBlocks(Verdict[Prediction]):
-    """What became of a campaign of many different poses.
+    """What became of a campaign of many different poses."""
 
-    Attributes:
-        survey: the campaign as it was judged.
-        nameless: smooth unknown functions that the search held.
-        tried: what else was tried on the remaining error, the most helpful first.
-        remaining: position error of the held-out blocks, against noise.
-        least_gain: sum of squares by which one must help at least.
-        extended: the model with the effects found.
-        noise: of single readings.
-        finest: the effects, by linear least squares.
-        causes: what is known of the cause of each map, joint by joint.
-        bands: of maps that have one; None where none has.
-    """
-
-    survey: Survey
-    nameless: tuple[Effect, ...]
-    tried: tuple[Tried, ...]
-    remaining: Remaining
-    least_gain: float
-    extended: Refit
-    noise: Noise
-    finest: Level
-    causes: tuple[JointCause, ...] = ()
-    bands: InBands | None = None
+    survey: Survey  # the campaign as it was judged
+    nameless: tuple[Effect, ...]  # smooth unknown functions that the search held
+    tried: tuple[Tried, ...]  # what else was tried on the remaining error, the most helpful first
+    remaining: Remaining  # position error of the held-out blocks, against noise
+    least_gain: float  # sum of squares by which one must help at least
+    extended: Refit  # the model with the effects found
+    noise: Noise  # of single readings
+    finest: Level  # the effects, by linear least squares
+    causes: tuple[JointCause, ...] = ()  # what is known of the cause of each map, joint by joint
+    bands: InBands | None = None  # of maps that have one; None where none has
 
     method: ClassVar[str] = "cross-validation over blocks"
 
     @property
     @override
     def covariance(self) -> Array:
-        """Return the covariance (k, k) of all unknowns of the extended model."""
         return self.extended.covariance
 
     @cached_property
     @override
     def seen(self) -> AnglesSeen | None:
-        """Return the joint positions that maps have learnt from; None without a map."""
         return _seen(self.survey, self.extended.effects)
 
     @cached_property
     @override
     def scatter(self) -> Scatter | None:
-        """Return what single poses scatter by about the model; None without a map."""
         if not any(isinstance(effect, JointErrorMap) for effect in self.extended.effects):
             return None
         at, poses = self.extended.at, self.survey.poses
@@ -128,29 +110,24 @@ class VerdictByBlocks(Verdict[Prediction]):
     @property
     @override
     def noise_floor_from(self) -> str:
-        """Return what the noise floor was found from."""
         return self.noise.origin
 
     @property
     @override
     def without_name(self) -> tuple[Effect, ...]:
-        """Return the maps found and the rivals that the search held."""
         return (*super().without_name, *(self.nameless if self.over_noise else ()))
 
     @property
     @override
     def over_noise(self) -> bool:
-        """Return whether the remaining error exceeds noise."""
         return self.remaining.over_floor
 
     @override
     def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
-        """Return what short forms are held against."""
         return arena_by_blocks(self, held, most_poses)
 
     @override
     def with_findings(self, findings: Sequence[Finding[Prediction]]) -> VerdictByBlocks:
-        """Return the verdict with these findings, all fitted anew."""
         effects = tuple(finding.effect for finding in findings)
         known = set(self.extended.effects)
         starts = tuple(
@@ -190,12 +167,10 @@ class VerdictByBlocks(Verdict[Prediction]):
 
     @override
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
-        """Return configurations that take joints to positions not seen."""
         return Plan(fill(self.survey, _every_seen(self.survey), count, random_seed))
 
     @override
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
-        """Return where data and model disagree, before and after."""
         before, after = (
             lack_of_fit(CellResiduals.about(at, self.survey.poses, self.noise.cov))
             for at in (self.baseline, self.extended.fitted())
@@ -204,7 +179,6 @@ class VerdictByBlocks(Verdict[Prediction]):
 
     @override
     def errors_by_name(self) -> tuple[Named, ...]:
-        """Return the errors of the calibrated model, and as each effect joins it."""
         return errors_by_name(self.survey, self.extended, self.train, self.holdout)
 
 

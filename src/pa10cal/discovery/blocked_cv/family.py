@@ -9,9 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.candidate import Candidate, map_candidates
 from pa10cal.discovery.blocked_cv.products import Products
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
@@ -21,9 +21,6 @@ from pa10cal.discovery.family import is_fault, sought, why_hidden, why_unknown
 from pa10cal.discovery.verdict import NotTestable
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 
 def computable(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[NotTestable, ...]]:
@@ -52,18 +49,13 @@ _RARELY = 0.05
 
 @dataclass(frozen=True)
 class Family:
-    """The candidates of a survey.
+    """The candidates of a survey."""
 
-    Attributes:
-        shown: candidates that these poses can show, all forms of each.
-        hidden: effects that they cannot.
-        gains: of each effect shown, by name: sum of squares of all poses that it is expected to
-            take away at its plausible size, beside the model's own parameters, in all but one of
-            twenty directions of its parameters.
-    """
-
-    shown: tuple[Candidate, ...]
-    hidden: tuple[NotTestable, ...]
+    shown: tuple[Candidate, ...]  # candidates that these poses can show, all forms of each
+    hidden: tuple[NotTestable, ...]  # effects that they cannot
+    # of each effect shown, by name: sum of squares of all poses that it is expected to take away
+    # at its plausible size, beside the model's own parameters, in all but one of twenty directions
+    # of its parameters
     gains: dict[tuple[str, str], float]
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.sparse import csr_array
 
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate, standard_error
 from pa10cal.discovery.blocked_cv.products import Products, map_columns, products
 from pa10cal.discovery.blocked_cv.rows import BlockRows, Rows, ShapedEffect
@@ -20,31 +20,20 @@ from pa10cal.discovery.blocked_cv.survey import BLOCKS
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines_by_knots
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-
 #: Spacings beyond those of the search, tried once it is known which joints have a map.
 FINER_KNOTS = (216, 360)
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Members with maps of some spacing each, by linear least squares about the calibrated model.
-
-    Attributes:
-        members: the members.
-        squares: (B,) squared errors of the held-out blocks.
-        total: products over all blocks: own parameters, effects, B-splines of one map after the
-            other.
-        prior: (N, N) precision expected of these columns.
-        at: columns of each member.
-    """
+    """Members with maps of one spacing each, by linear least squares about the calibrated one."""
 
     members: tuple[Candidate, ...]
-    squares: Array
+    squares: Array  # (B,) squared errors of the held-out blocks
+    # products over all blocks: own parameters, effects, B-splines of one map after the other
     total: Products
-    prior: Array
-    at: tuple[Index, ...]
+    prior: Array  # (N, N) precision expected of these columns
+    at: tuple[Index, ...]  # columns of each member
 
     def with_only(self, effects: tuple[Effect, ...]) -> Level:
         """Return the level with some of its members alone; of held-out blocks it knows no more."""

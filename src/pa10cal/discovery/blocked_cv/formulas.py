@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.formulas.rows import Arena, Contest
 from pa10cal.discovery.linear import by_targets, by_terms, possible_sizes
 from pa10cal.terms.effects.effect import Effect
@@ -19,8 +20,6 @@ from pa10cal.terms.weights import Weights
 if TYPE_CHECKING:
     from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
     from pa10cal.observe.observations import Observations
-
-Array = NDArray[np.float64]
 
 
 def arena_by_blocks(

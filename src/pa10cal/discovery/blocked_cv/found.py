@@ -25,23 +25,14 @@ from pa10cal.discovery.weights import AS_FOUND
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a survey comes to.
+    """What a survey comes to."""
 
-    Attributes:
-        survey: the campaign, with the motion of its base as these effects leave it.
-        rows: by which it was searched.
-        searched: what the search found.
-        fine: the effects, by linear least squares.
-        finer_steps: steps to finer maps.
-        bands: of maps that have one; None where none has.
-    """
-
-    survey: Survey
-    rows: Rows
-    searched: Searched
-    fine: Level
-    finer_steps: tuple[Step, ...]
-    bands: InBands | None = None
+    survey: Survey  # the campaign, with the motion of its base as these effects leave it
+    rows: Rows  # by which it was searched
+    searched: Searched  # what the search found
+    fine: Level  # the effects, by linear least squares
+    finer_steps: tuple[Step, ...]  # steps to finer maps
+    bands: InBands | None = None  # of maps that have one; None where none has
 
     @cached_property
     def extended(self) -> Refit:

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.candidate import standard_error
 from pa10cal.discovery.blocked_cv.judge import Prediction
 from pa10cal.discovery.blocked_cv.refit import Refit
@@ -23,37 +23,23 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.in_time import BaseDrift
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class FoundAfter:
-    """An effect that was found after the search.
-
-    Attributes:
-        effect: the effect.
-        proof: how well it predicts every tenth pose.
-        alternatives: effects that predict these as well in its place.
-    """
+    """An effect that was found after the search."""
 
     effect: Effect
-    proof: Prediction
-    alternatives: tuple[Effect, ...]
+    proof: Prediction  # how well it predicts every tenth pose
+    alternatives: tuple[Effect, ...]  # effects that predict these as well in its place
 
 
 @dataclass(frozen=True, eq=False)
 class Squares:
-    """Squared errors of held-out poses, weighed.
+    """Squared errors of held-out poses, weighed."""
 
-    Attributes:
-        total: (B,) of every block.
-        positions: (B,) the part of positions in it.
-        rms_mm: root mean square of the position error.
-    """
-
-    total: Array
-    positions: Array
-    rms_mm: float
+    total: Array  # (B,) of every block
+    positions: Array  # (B,) the part of positions in it
+    rms_mm: float  # root mean square of the position error
 
     @property
     def kinds(self) -> tuple[Array, Array]:

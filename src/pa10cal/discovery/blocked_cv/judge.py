@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.candidate import Chosen, both_kinds_agree, standard_error
 from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search
@@ -15,8 +15,6 @@ from pa10cal.discovery.blocked_cv.survey import BLOCKS
 from pa10cal.discovery.linear import error_mm
 from pa10cal.discovery.verdict import Unexplained
 from pa10cal.terms.effects.effect import Effect
-
-Array = NDArray[np.float64]
 
 #: The remaining error counts as more than noise where it is so many times as large.
 _OVER_FLOOR = 1.15
@@ -28,23 +26,18 @@ CARRIED = 0.5
 
 @dataclass(frozen=True)
 class Prediction:
-    """How well held-out blocks are predicted without an effect and with it.
+    """How well held-out blocks are predicted without an effect and with it."""
 
-    Attributes:
-        rms_without_mm, rms_with_mm: root mean square of the position error there.
-        blocks, improved: how many blocks, and in how many the weighed sum of squares came down.
-        gain: part by which the weighed sum of squares came down.
-        gain_std: its standard error, from how it scatters between blocks.
-        carrier: the one pose without which not half of the gain would be left, and too little for
-            a name; None where there is no such pose.
-    """
-
+    # rms_without_mm and rms_with_mm: root mean square of the position error there
     rms_without_mm: float
     rms_with_mm: float
+    # blocks and improved: how many blocks, and in how many the weighed sum of squares came down
     blocks: int
     improved: int
-    gain: float
-    gain_std: float
+    gain: float  # part by which the weighed sum of squares came down
+    gain_std: float  # its standard error, from how it scatters between blocks
+    # the one pose without which not half of the gain would be left, and too little for a name;
+    # None where there is no such pose
     carrier: str | None = None
 
     @property
@@ -55,39 +48,25 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Tried:
-    """Something that was tried on the remaining error.
+    """Something that was tried on the remaining error."""
 
-    Attributes:
-        effect: the smooth unknown function, or effect, that was tried.
-        gain: part by which it brings down the weighed sum of squares of held-out blocks.
-        gain_std: its standard error.
-        helps: whether that is enough to say that it is there.
-        kinds_agree: whether it makes neither positions nor attitudes worse; what does is no effect
-            by that name. None where it does not help.
-    """
-
-    effect: Effect
-    gain: float
-    gain_std: float
-    helps: bool
+    effect: Effect  # the smooth unknown function, or effect, that was tried
+    gain: float  # part by which it brings down the weighed sum of squares of held-out blocks
+    gain_std: float  # its standard error
+    helps: bool  # whether that is enough to say that it is there
+    # whether it makes neither positions nor attitudes worse; what does is no effect by that name.
+    # None where it does not help.
     kinds_agree: bool | None
 
 
 @dataclass(frozen=True)
 class Remaining:
-    """Position error of held-out blocks, against noise.
+    """Position error of held-out blocks, against noise."""
 
-    Attributes:
-        mean_mm: mean position error.
-        std_mm: its standard error, over blocks.
-        rms_mm: root mean square.
-        floor_mm: mean error that noise alone leaves.
-    """
-
-    mean_mm: float
-    std_mm: float
-    rms_mm: float
-    floor_mm: float
+    mean_mm: float  # mean position error
+    std_mm: float  # its standard error, over blocks
+    rms_mm: float  # root mean square
+    floor_mm: float  # mean error that noise alone leaves
 
     @property
     def over_floor(self) -> bool:

@@ -12,13 +12,11 @@ from __future__ import annotations
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, lapack
 
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.sensor_error import TYPICAL
 from pa10cal.terms.effects.spectrum import Band
-
-Array = NDArray[np.float64]
 
 #: Standard deviation, in logarithms, by which the numbers of a band may differ from typical
 #: ones, and by which those of a joint may differ from the arm's.
@@ -37,22 +35,16 @@ _DIFFERENCE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Waves:
-    """Products of weighed rows in columns whose sizes are known, then waves of one map a joint.
+    """Products of weighed rows in columns whose sizes are known, then waves of one map a joint."""
 
-    Attributes:
-        gram, projection, squares: (N, N), (N,) and a number: of columns with each other, of columns
-            with the data, of the data with themselves.
-        rows: how many rows there were.
-        known: columns before the waves; each in its size.
-        orders: (M,) cycles a turn of the waves, the same for every map.
-    """
-
+    # gram, projection and squares: (N, N), (N,) and a number: of columns with each other, of
+    # columns with the data, of the data with themselves
     gram: Array
     projection: Array
     squares: float
-    rows: int
-    known: int
-    orders: Array
+    rows: int  # how many rows there were
+    known: int  # columns before the waves; each in its size
+    orders: Array  # (M,) cycles a turn of the waves, the same for every map
 
     @property
     def maps(self) -> int:
@@ -62,21 +54,13 @@ class Waves:
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """The most likely bands.
+    """The most likely bands."""
 
-    Attributes:
-        bands: one a map; all the same where the data ask for no more.
-        log_std: (maps, k) standard uncertainty of the logarithms of the numbers of each.
-        scatter: of the rows, in their stated unit.
-        shared: whether all maps have one band.
-        nats: log-likelihood at the maximum, up to a constant.
-    """
-
-    bands: tuple[Band, ...]
-    log_std: Array
-    scatter: float
-    shared: bool
-    nats: float
+    bands: tuple[Band, ...]  # one a map; all the same where the data ask for no more
+    log_std: Array  # (maps, k) standard uncertainty of the logarithms of the numbers of each
+    scatter: float  # of the rows, in their stated unit
+    shared: bool  # whether all maps have one band
+    nats: float  # log-likelihood at the maximum, up to a constant
 
 
 def most_likely(waves: Waves) -> Bands:
@@ -130,21 +114,13 @@ def minus_twice_log_likelihood(
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A point of the climb: logarithms of the numbers, what joints have of their own, scatter.
+    """A point of the climb: logarithms of the numbers, what joints have of their own, scatter."""
 
-    Attributes:
-        at: (k + own k + 1,) the point; what joints have of their own in `_OF_A_JOINT`.
-        value: minus twice the log-likelihood, with what is expected of the numbers.
-        gradient: its derivative.
-        curvature: its second derivative, as is to be expected.
-        logs: the logarithms of every map.
-    """
-
-    at: Array
-    value: float
-    gradient: Array
-    curvature: Array
-    logs: tuple[Array, ...]
+    at: Array  # (k + own k + 1,) the point; what joints have of their own in `_OF_A_JOINT`
+    value: float  # minus twice the log-likelihood, with what is expected of the numbers
+    gradient: Array  # its derivative
+    curvature: Array  # its second derivative, as is to be expected
+    logs: tuple[Array, ...]  # the logarithms of every map
 
 
 class _Cost:

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.joint_error_map import b_splines
-
-Array = NDArray[np.float64]
 
 #: Rows are left out where no more than this part of them was seen.
 _WORTHWHILE = 0.75
@@ -25,18 +23,12 @@ _WORTHWHILE = 0.75
 
 @dataclass(frozen=True, eq=False)
 class Products:
-    """Products of N columns and the data in each of B blocks.
+    """Products of N columns and the data in each of B blocks."""
 
-    Attributes:
-        gram: (B, N, N) of columns with columns.
-        projection: (B, N) of columns with the data.
-        squares: (B,) of the data.
-        of_positions: the same of the rows of positions alone, where it was requested.
-    """
-
-    gram: Array
-    projection: Array
-    squares: Array
+    gram: Array  # (B, N, N) of columns with columns
+    projection: Array  # (B, N) of columns with the data
+    squares: Array  # (B,) of the data
+    # the same of the rows of positions alone, where it was requested
     of_positions: Products | None = None
 
     def summed(self) -> Products:

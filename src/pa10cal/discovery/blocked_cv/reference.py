@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
@@ -13,8 +13,6 @@ from pa10cal.discovery.noise import Noise
 from pa10cal.discovery.weights import pose_weights, unweighted
 from pa10cal.terms.effects.joint_error_map import harmonic_orders
 from pa10cal.terms.effects.spectrum import Fading
-
-Array = NDArray[np.float64]
 
 _REWEIGHTED = 2
 #: Maps of all joints by which poses are weighed: of middle spacing and smoothness.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, block_diag, cho_factor
 from scipy.linalg.lapack import dpotri
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.selection import no_wider_than
 from pa10cal.discovery.blocked_cv.survey import Survey
@@ -22,8 +23,6 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines_by_knots
 from pa10cal.terms.term import Term
 
-Array = NDArray[np.float64]
-
 _MOST_STEPS = 6
 #: Damping that hardly shortens a step.
 _HARDLY = 1e-3
@@ -33,15 +32,10 @@ _ARRIVED = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Refit(ModelWithEffects):
-    """The calibrated model with effects, fitted anew.
+    """The calibrated model with effects, fitted anew."""
 
-    Attributes:
-        covariance: (k, k) of all unknowns.
-        weights: what each pose counted.
-    """
-
-    covariance: Array
-    weights: PoseWeights
+    covariance: Array  # (k, k) of all unknowns
+    weights: PoseWeights  # what each pose counted
 
 
 def refit(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.products import Products, in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
 from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes, residual
@@ -23,24 +24,16 @@ from pa10cal.terms.effects.effect import Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import b_splines_by_knots, harmonics_at_knots
 from pa10cal.terms.weights import Weights
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-
 #: What is expected of weights stands among the rows, and not beside them.
 _NOT_TWICE = 100.0
 
 
 @dataclass(frozen=True)
 class ShapedEffect:
-    """An effect at one of its shapes.
+    """An effect at one of its shapes."""
 
-    Attributes:
-        effect: which, and where.
-        shape: number of its start.
-    """
-
-    effect: Effect
-    shape: int = 0
+    effect: Effect  # which, and where
+    shape: int = 0  # number of its start
 
     @property
     def start(self) -> Array:
@@ -50,19 +43,12 @@ class ShapedEffect:
 
 @dataclass(frozen=True)
 class BlockRows:
-    """Weighed rows of one block of p poses.
+    """Weighed rows of one block of p poses."""
 
-    Attributes:
-        data: (b p,) measured less predicted.
-        dense: (b p, d) columns of own parameters and effects, each in its size.
-        screws: (p, b, j) how the rows follow the angle of every revolute joint.
-        q_rad: (p, j) these angles.
-    """
-
-    data: Array
-    dense: Array
-    screws: Array
-    q_rad: Array
+    data: Array  # (b p,) measured less predicted
+    dense: Array  # (b p, d) columns of own parameters and effects, each in its size
+    screws: Array  # (p, b, j) how the rows follow the angle of every revolute joint
+    q_rad: Array  # (p, j) these angles
 
     def maps(self, knots: Sequence[int]) -> csr_array:
         """Return the columns of the B-splines of every revolute joint's map, K of each given."""
@@ -71,19 +57,12 @@ class BlockRows:
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows about the calibrated model, in columns: own parameters, effects, harmonics of maps.
+    """Rows about the calibrated model, in columns: own parameters, effects, harmonics of maps."""
 
-    Attributes:
-        survey: the campaign.
-        weights: what each pose counts.
-        shaped: effects, in the order of their columns.
-        knots: K of the maps, whose columns are the K - 1 harmonics of each revolute joint.
-    """
-
-    survey: Survey
-    weights: PoseWeights
-    shaped: tuple[ShapedEffect, ...]
-    knots: int
+    survey: Survey  # the campaign
+    weights: PoseWeights  # what each pose counts
+    shaped: tuple[ShapedEffect, ...]  # effects, in the order of their columns
+    knots: int  # K of the maps, whose columns are the K - 1 harmonics of each revolute joint
 
     @cached_property
     def place(self) -> FittedModel:

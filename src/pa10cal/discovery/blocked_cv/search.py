@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.candidate import (
     Candidate,
     Chosen,
@@ -29,9 +29,6 @@ from pa10cal.discovery.family import is_fault
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-
 #: Standard errors over blocks by which an effect must help.
 STANDARD_ERRORS = 3.0
 #: Part of the remaining error over the noise that an effect must be worth.
@@ -46,15 +43,10 @@ _HOPELESS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step of the search.
+    """One step of the search."""
 
-    Attributes:
-        members: what is in the model after it.
-        squares: (B,) what is then left of each block.
-    """
-
-    members: tuple[Candidate, ...]
-    squares: Array
+    members: tuple[Candidate, ...]  # what is in the model after it
+    squares: Array  # (B,) what is then left of each block
 
 
 class Search:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.candidate import Candidate
 from pa10cal.discovery.blocked_cv.family import below_detection_limit, family
 from pa10cal.discovery.blocked_cv.judge import (
@@ -24,8 +22,6 @@ from pa10cal.discovery.noise import noise_of_near_poses
 from pa10cal.discovery.torque_noise import with_torque_noise
 from pa10cal.discovery.verdict import NotTestable
 from pa10cal.terms.effects.effect import Effect
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

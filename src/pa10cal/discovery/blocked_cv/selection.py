@@ -13,13 +13,10 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.products import Products
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 #: Part of a parameter's own certainty that stands for a prior where it has none.
 _ROUNDING = 1e-12
@@ -27,15 +24,10 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Columns that join together, with the sizes expected of their parameters.
+    """Columns that join together, with the sizes expected of their parameters."""
 
-    Attributes:
-        at: (k,) which columns.
-        sizes: (k,) standard deviation expected of each.
-    """
-
-    at: Index
-    sizes: Array
+    at: Index  # (k,) which columns
+    sizes: Array  # (k,) standard deviation expected of each
 
     @property
     def prior(self) -> Array:
@@ -45,19 +37,13 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A set of members beside the calibrated model.
+    """A set of members beside the calibrated model."""
 
-    Attributes:
-        products: of all columns, block by block.
-        total: the same summed over the blocks.
-        members: the calibrated model's own columns, then members in the order in which they joined.
-        inverse: (B, n, n) inverse of the normal equations with each block held out.
-    """
-
-    products: Products
-    total: Products
+    products: Products  # of all columns, block by block
+    total: Products  # the same summed over the blocks
+    # the calibrated model's own columns, then members in the order in which they joined
     members: tuple[Columns, ...]
-    inverse: Array
+    inverse: Array  # (B, n, n) inverse of the normal equations with each block held out
 
     @cached_property
     def at(self) -> Index:

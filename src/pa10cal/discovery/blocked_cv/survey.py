@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.attitude_lag import AttitudeLag, attitude_lag
 from pa10cal.discovery.in_time.wander import Wander
 from pa10cal.discovery.linear import residual
@@ -19,9 +19,6 @@ from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.model import Model
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-
 #: Blocks of poses, each held out in turn.
 BLOCKS = 10
 #: A block of fewer poses says too little of how well it is predicted.
@@ -32,29 +29,20 @@ LEAST_FOR_BLOCKS = BLOCKS * _LEAST_POSES
 
 @dataclass(frozen=True)
 class Survey:
-    """P different poses and the calibrated model.
+    """P different poses and the calibrated model."""
 
-    Attributes:
-        poses: in order of time; their states hold what weights do and how they were seen.
-        block: (P,) number of the block of each pose, from 0: stretches of time of even size, or
-            every tenth pose where the base moves in the course of time.
-        baseline: the calibrated model, its chain with the bends of the long links.
-        setup: what is known besides the poses.
-        context: where effects may sit.
-        torques_logged: whether the torques are those of a log, and not of described masses.
-        wander: how the base moves in the course of time; None where the data prefer that it
-            does not.
-        lag: of attitudes behind the motion; None where there can be none.
-    """
-
+    # in order of time; their states hold what weights do and how they were seen
     poses: Observations
+    # (P,) number of the block of each pose, from 0: stretches of time of even size, or every tenth
+    # pose where the base moves in the course of time
     block: Index
-    baseline: FittedModel
-    setup: MeasurementSetup
-    context: CandidateContext
-    torques_logged: bool
+    baseline: FittedModel  # the calibrated model, its chain with the bends of the long links
+    setup: MeasurementSetup  # what is known besides the poses
+    context: CandidateContext  # where effects may sit
+    torques_logged: bool  # whether the torques are those of a log, and not of described masses
+    # how the base moves in the course of time; None where the data prefer that it does not
     wander: Wander | None = None
-    lag: AttitudeLag | None = None
+    lag: AttitudeLag | None = None  # of attitudes behind the motion; None where there can be none
 
     @property
     def cells(self) -> Observations:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import Block
 from pa10cal.discovery.evidence.problem import Problem
@@ -21,27 +22,20 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
 from pa10cal.terms.weights import Weights
 
-Array = NDArray[np.float64]
-
 #: Effects whose directions are closer than this look the same.
 INDISTINGUISHABLE = 0.999
 
 
 @dataclass(frozen=True)
 class Linearised:
-    """The rows of a fit and of candidates about it.
+    """The rows of a fit and of candidates about it."""
 
-    Attributes:
-        pose_data, torque_data: whitened rows of measured minus predicted, with the linear part of
-            the fit's own effects put back, as if they had not been in it.
-        own: (R, k) whitened rows of the model's own parameters, at their possible size.
-        blocks: of each candidate requested, in order.
-    """
-
+    # pose_data and torque_data: whitened rows of measured minus predicted, with the linear part of
+    # the fit's own effects put back, as if they had not been in it
     pose_data: Array
     torque_data: Array
-    own: Array
-    blocks: tuple[Block, ...]
+    own: Array  # (R, k) whitened rows of the model's own parameters, at their possible size
+    blocks: tuple[Block, ...]  # of each candidate requested, in order
 
 
 def linearise(problem: Problem, found: Fit, candidates: tuple[Effect, ...]) -> Linearised:

@@ -10,14 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.noise import mean_covariance, same_circumstances
 from pa10cal.observe.averages import average_groups
 from pa10cal.observe.observations import Observations
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 #: Readings a cell at most: a drift shows between the cells of a longer row of repeats.
 READINGS_A_CELL = 4
@@ -56,14 +53,11 @@ class SharedError:
 
     A pose may be off, and differently with load, with direction, and in the course of time. In
     `turn`ed rows that covariance is diagonal: 1 + variance * `size`.
-
-    Attributes:
-        turn: (C, C) orthogonal, block by block of the cells of a pose.
-        size: (C,) variance of each turned row a unit variance of the shared error, the unit being
-            the variance of one reading.
     """
 
-    turn: Array
+    turn: Array  # (C, C) orthogonal, block by block of the cells of a pose
+    # (C,) variance of each turned row a unit variance of the shared error, the unit being the
+    # variance of one reading
     size: Array
 
 

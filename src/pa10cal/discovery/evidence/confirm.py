@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.likelihood import SIZES, Block
 from pa10cal.discovery.evidence.noise_model import NoiseModel
@@ -23,9 +24,6 @@ from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.evidence.search import EndOfSearch
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.weights import Weights
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 FLIPS = 999
 #: A name without one pose keeps more of its evidence than this, or that pose alone carries it.
@@ -36,33 +34,23 @@ _SEED = 20080427
 
 @dataclass(frozen=True)
 class HeldOutGain:
-    """How an effect does on rows that were held out of the fit.
+    """How an effect does on rows that were held out of the fit."""
 
-    Attributes:
-        explained: part of the error without the effect that it explains there.
-        z: mean gain over poses, in its own standard error.
-    """
-
-    explained: float
-    z: float
+    explained: float  # part of the error without the effect that it explains there
+    z: float  # mean gain over poses, in its own standard error
 
 
 @dataclass(frozen=True)
 class Confirmation:
-    """What speaks for one effect, all others being in the model.
+    """What speaks for one effect, all others being in the model."""
 
-    Attributes:
-        loss: evidence that the model would lose without it, natural logarithm.
-        p_flips: probability that chance gives any candidate of the family as much (max-T).
-        poses, loads: blocks of poses, and whole loads, held out; None where there is one load.
-        carrier: the one pose without which not half of this would be left, and too little for a
-            name; None where there is no such pose.
-    """
-
-    loss: float
-    p_flips: float
+    loss: float  # evidence that the model would lose without it, natural logarithm
+    p_flips: float  # probability that chance gives any candidate of the family as much (max-T)
+    # poses and loads: blocks of poses, and whole loads, held out; None where there is one load
     poses: HeldOutGain
     loads: HeldOutGain | None
+    # the one pose without which not half of this would be left, and too little for a name; None
+    # where there is no such pose
     carrier: str | None = None
 
     @property
@@ -73,21 +61,13 @@ class Confirmation:
 
 @dataclass(frozen=True)
 class WeighedRows:
-    """Weighed rows of both channels.
+    """Weighed rows of both channels."""
 
-    Attributes:
-        own: (R, k) of the model's own parameters and of the members.
-        members: columns of each member in `own`.
-        data: (R,) measured minus predicted.
-        family: rows of each candidate.
-        cell: (R,) the cell of each row.
-    """
-
-    own: Array
-    members: tuple[slice, ...]
-    data: Array
-    family: tuple[Array, ...]
-    cell: Index
+    own: Array  # (R, k) of the model's own parameters and of the members
+    members: tuple[slice, ...]  # columns of each member in `own`
+    data: Array  # (R,) measured minus predicted
+    family: tuple[Array, ...]  # rows of each candidate
+    cell: Index  # (R,) the cell of each row
 
 
 def confirm(problem: Problem, found: EndOfSearch, needed: float = 0.0) -> tuple[Confirmation, ...]:

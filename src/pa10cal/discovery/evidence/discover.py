@@ -8,10 +8,10 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.evidence.candidates import testable
 from pa10cal.discovery.evidence.confirm import Confirmation
@@ -47,8 +47,6 @@ from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
 
-Array = NDArray[np.float64]
-
 #: Pairs for which configurations are chosen, the found ones first.
 _MOST_PAIRS = 8
 _ROUNDS_OF_TIME = 2
@@ -58,34 +56,24 @@ _OF_STATED = 0.1
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class VerdictByRepeats(Verdict[Confirmation]):
-    """What became of a campaign whose poses are repeated.
+    """What became of a campaign whose poses are repeated."""
 
-    Attributes:
-        problem: the campaign as it was weighed.
-        start: the baseline, fitted as everything else is.
-        family: candidates that these data can show.
-        judgement: what the verdict rests on.
-        extended: the model with the effects found.
-    """
-
-    problem: Problem
-    start: Fit
-    family: tuple[Effect, ...]
-    judgement: Judgement
-    extended: Fit
+    problem: Problem  # the campaign as it was weighed
+    start: Fit  # the baseline, fitted as everything else is
+    family: tuple[Effect, ...]  # candidates that these data can show
+    judgement: Judgement  # what the verdict rests on
+    extended: Fit  # the model with the effects found
 
     method: ClassVar[str] = "evidence of repeats"
 
     @cached_property
     @override
     def covariance(self) -> Array:
-        """Return the covariance (k, k) of all unknowns of the extended model."""
         return covariance_of(self.problem, self.extended)
 
     @property
     @override
     def targets_off_m(self) -> Array:
-        """Return the fitted positions of the stated targets, (a,)."""
         return apparatus_m(self.problem, self.extended)
 
     @override
@@ -105,7 +93,6 @@ class VerdictByRepeats(Verdict[Confirmation]):
 
     @override
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
-        """Return where data and model disagree, before and after."""
         return (
             evidence_lack_of_fit(self.problem, self.start),
             evidence_lack_of_fit(self.problem, self.extended),
@@ -113,26 +100,22 @@ class VerdictByRepeats(Verdict[Confirmation]):
 
     @override
     def errors_by_name(self) -> tuple[Named, ...]:
-        """Return the errors of the baseline, and as each effect is added, all refitted."""
         return errors_by_name(self.problem, self.extended, self.train, self.holdout)
 
     @property
     @override
     def torque_test(self) -> PureErrorTest | None:
-        """Return the lack of fit of the logged torques; None where none were logged."""
         torque = channel_tests(self.problem, self.extended)[1]
         return torque.shared if torque is not None and self.problem.torques_logged else None
 
     @property
     @override
     def states(self) -> PoseStates:
-        """Return the states of the cells that were judged."""
         return self.judgement.found.problem.cells.states
 
     @property
     @override
     def without_name(self) -> tuple[Effect, ...]:
-        """Return the maps found and the rivals that the search held, in the order found."""
         maps = super().without_name
         places = {(each.form, each.of) for each in self.judgement.unexplained}
         return tuple(
@@ -144,24 +127,20 @@ class VerdictByRepeats(Verdict[Confirmation]):
     @property
     @override
     def everything(self) -> tuple[Effect, ...]:
-        """Return what has no name, and those names beside it that the search ended with."""
         searched = self.judgement.found.fit.effects
         return tuple(effect for effect in super().everything if effect in searched)
 
     @property
     @override
     def over_noise(self) -> bool:
-        """Return whether the readings of a pose share more error than repeatability explains."""
         return any(each.form is None for each in self.judgement.unexplained)
 
     @override
     def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
-        """Return what short forms are held against; cells are few, and all are taken."""
         return arena_by_repeats(self, held)
 
     @override
     def with_findings(self, findings: Sequence[Finding[Confirmation]]) -> VerdictByRepeats:
-        """Return the verdict with these findings, all fitted anew."""
         size = dict(zip(self.extended.effects, self.extended.sizes, strict=True))
         for finding in self.findings:
             for other in finding.alternatives:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.linear import (
@@ -23,8 +23,6 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Parameter, shows_torque
 
-Array = NDArray[np.float64]
-
 #: A step that lowers the sum of squares by less than this part is the last.
 _PRECISION = 1e-8
 _MOST_STEPS = 50
@@ -33,14 +31,10 @@ _FIRST_DAMPING = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Fit(ModelWithEffects):
-    """The calibrated model with effects, fitted as the evidence weighs.
+    """The calibrated model with effects, fitted as the evidence weighs."""
 
-    Attributes:
-        sizes: index in `likelihood.SIZES` of the size expected of each effect.
-        pose_variance, torque_variance: shared errors by which it was weighed.
-    """
-
-    sizes: tuple[int, ...]
+    sizes: tuple[int, ...]  # index in `likelihood.SIZES` of the size expected of each effect
+    # pose_variance and torque_variance: shared errors by which it was weighed
     pose_variance: float
     torque_variance: float
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.confirm import weighed_rows
 from pa10cal.discovery.formulas.rows import Arena, Contest
 from pa10cal.terms.effects.effect import Effect
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from pa10cal.discovery.evidence.discover import VerdictByRepeats
     from pa10cal.discovery.evidence.search import EndOfSearch
 
-Array = NDArray[np.float64]
 
 #: Blocks of poses that are left out in turn.
 _FOLDS = 9

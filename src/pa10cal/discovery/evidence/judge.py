@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.confirm import Confirmation, confirm
 from pa10cal.discovery.evidence.fit import Fit, covariance_of, fit
 from pa10cal.discovery.evidence.likelihood import Evidence, Score
@@ -17,8 +18,6 @@ from pa10cal.discovery.linear import mean_length, position_noise
 from pa10cal.discovery.verdict import MAP, Finding, Unexplained, Word, is_named, reported, word_of
 from pa10cal.observe.averages import reading_groups
 from pa10cal.terms.effects.effect import Effect
-
-Array = NDArray[np.float64]
 
 #: Probability allowed that the truth is missing among an effect and its alternatives.
 MISSED_RATE = 0.03
@@ -34,19 +33,12 @@ _MOST_REFITS = 12
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the search comes to.
+    """What the search comes to."""
 
-    Attributes:
-        verdict: in a word.
-        findings: effects of the vocabulary, in the order found.
-        unexplained: what remains without a name.
-        found: the search, its fit holding every finding and every generic effect.
-    """
-
-    verdict: Word
-    findings: tuple[Finding[Confirmation], ...]
-    unexplained: tuple[Unexplained, ...]
-    found: EndOfSearch
+    verdict: Word  # in a word
+    findings: tuple[Finding[Confirmation], ...]  # effects of the vocabulary, in the order found
+    unexplained: tuple[Unexplained, ...]  # what remains without a name
+    found: EndOfSearch  # the search, its fit holding every finding and every generic effect
 
 
 def judge(found: EndOfSearch, needed: float = 0.0) -> Judgement:

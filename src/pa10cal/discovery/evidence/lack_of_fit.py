@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.evidence.problem import Problem
@@ -18,8 +18,6 @@ from pa10cal.discovery.lack_of_fit import (
     lack_of_fit,
 )
 from pa10cal.discovery.linear import by_every_joint, possible_sizes
-
-Array = NDArray[np.float64]
 
 #: Rows with less of the shared error than this compare cells of a pose with each other.
 _NO_PART = 1e-9

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg.blas import dtrsm
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.evidence.reduced import (
     SHARED_VARIANCES,
@@ -29,7 +30,6 @@ from pa10cal.discovery.evidence.reduced import (
     spread,
 )
 
-Array = NDArray[np.float64]
 Columns = NDArray[np.intp]
 
 #: Variances looked at between the neighbours of the best one tried, where a spline is laid.
@@ -41,51 +41,34 @@ SIZES = (0.1, 1.0, 10.0)
 
 @dataclass(frozen=True)
 class Block:
-    """Linearised rows of one candidate.
+    """Linearised rows of one candidate."""
 
-    Attributes:
-        pose, torque: (R, k), (R', k) whitened rows a unit of each parameter.
-        factor: (k, k) L, with L L^T the covariance to be expected of the parameters.
-    """
-
+    # pose and torque: (R, k), (R', k) whitened rows a unit of each parameter
     pose: Array
     torque: Array
-    factor: Array
+    factor: Array  # (k, k) L, with L L^T the covariance to be expected of the parameters
 
 
 @dataclass(frozen=True)
 class Score:
-    """Evidence of one set of candidates.
+    """Evidence of one set of candidates."""
 
-    Attributes:
-        log_evidence: natural logarithm, up to a constant of the data.
-        pose_variance, torque_variance: shared errors that go with it, in variances of a reading.
-        sizes: index of the size in `SIZES`, for each member.
-        nearest: of the variances tried, those next to the two.
-    """
-
-    log_evidence: float
+    log_evidence: float  # natural logarithm, up to a constant of the data
+    # pose_variance and torque_variance: shared errors that go with it, in variances of a reading
     pose_variance: float
     torque_variance: float
-    sizes: tuple[int, ...]
-    nearest: tuple[int, int]
+    sizes: tuple[int, ...]  # index of the size in `SIZES`, for each member
+    nearest: tuple[int, int]  # of the variances tried, those next to the two
 
 
 @dataclass(frozen=True)
 class _Given:
-    """Products of w columns at V variances, a set of candidates taken as there.
+    """Products of w columns at V variances, a set of candidates taken as there."""
 
-    Attributes:
-        place: (p,) where each of all columns stands among the w.
-        projection: (V, w) products with the data, after the set took its part.
-        constant: (V,) minus twice the logarithm of the likelihood with the set.
-        taken: (V, m, w) what the set takes of each column.
-    """
-
-    place: Columns
-    projection: Array
-    constant: Array
-    taken: Array
+    place: Columns  # (p,) where each of all columns stands among the w
+    projection: Array  # (V, w) products with the data, after the set took its part
+    constant: Array  # (V,) minus twice the logarithm of the likelihood with the set
+    taken: Array  # (V, m, w) what the set takes of each column
 
     def gains(self, own: Columns, grams: Array) -> Array:
         """Return the gain in evidence of candidates at each of `SIZES`, the best variance.

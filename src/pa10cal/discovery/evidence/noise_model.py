@@ -12,27 +12,19 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.cells import SharedError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Rows of C cells with b components each.
+    """Rows of C cells with b components each."""
 
-    Attributes:
-        whitener: (C, b, b) makes the noise of each cell's mean independent and of unit size.
-        shared: errors that the cells of a pose share.
-        common: (C b, c) whitened rows of errors common to all poses, each of unit size.
-    """
-
-    whitener: Array
-    shared: SharedError
-    common: Array
+    whitener: Array  # (C, b, b) makes the noise of each cell's mean independent and of unit size
+    shared: SharedError  # errors that the cells of a pose share
+    common: Array  # (C b, c) whitened rows of errors common to all poses, each of unit size
     _whitenings: dict[float, Whitening] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
@@ -84,19 +76,12 @@ class NoiseModel:
 
 @dataclass(frozen=True)
 class Whitening:
-    """What makes rows of a channel independent and of unit variance.
+    """What makes rows of a channel independent and of unit variance."""
 
-    Attributes:
-        scale: (R,) by which each row is scaled.
-        directions: (R, c) orthonormal directions of the common errors in scaled rows.
-        shrink: (c,) part by which rows shrink along them.
-        log_determinant: of the covariance of the rows.
-    """
-
-    scale: Array
-    directions: Array
-    shrink: Array
-    log_determinant: float
+    scale: Array  # (R,) by which each row is scaled
+    directions: Array  # (R, c) orthonormal directions of the common errors in scaled rows
+    shrink: Array  # (c,) part by which rows shrink along them
+    log_determinant: float  # of the covariance of the rows
 
     def __call__(self, rows: Array) -> Array:
         """Weigh rows (R, k)."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload, Statics
+from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.cells import READINGS_A_CELL, gather, shared_error
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.in_time.wander import STILL, InTime
@@ -27,42 +27,26 @@ from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.kept import Kept
 
-Array = NDArray[np.float64]
 MM = 1e-3
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Everything that the search weighs effects by.
+    """Everything that the search weighs effects by."""
 
-    Attributes:
-        baseline: the calibrated model.
-        setup: what is known besides the poses.
-        readings: single readings, with what they carry.
-        cells: the same in cells.
-        cell_cov: (C, b, b) covariance of each cell's mean by the noise of readings.
-        noise: of single readings.
-        pose: rows of the poses.
-        torque: rows of the torques, None where they or the masses are not known.
-        torque_left_Nm: (C, n) logged torques less those of all weights (zero where not known).
-        context: where effects may sit.
-        torques_logged: whether the torques are those of a log, and scatter.
-        in_time: how base or instrument move in the course of time.
-        kept: what effects make of the cells, the same in all fits.
-    """
-
-    baseline: FittedModel
-    setup: MeasurementSetup
-    readings: Observations
-    cells: Observations
-    cell_cov: Array
-    noise: Noise
-    pose: NoiseModel
-    torque: NoiseModel | None
-    torque_left_Nm: Array
-    context: CandidateContext
-    torques_logged: bool
-    in_time: InTime = STILL
+    baseline: FittedModel  # the calibrated model
+    setup: MeasurementSetup  # what is known besides the poses
+    readings: Observations  # single readings, with what they carry
+    cells: Observations  # the same in cells
+    cell_cov: Array  # (C, b, b) covariance of each cell's mean by the noise of readings
+    noise: Noise  # of single readings
+    pose: NoiseModel  # rows of the poses
+    torque: NoiseModel | None  # rows of the torques, None where they or the masses are not known
+    torque_left_Nm: Array  # (C, n) logged torques less those of all weights (zero where not known)
+    context: CandidateContext  # where effects may sit
+    torques_logged: bool  # whether the torques are those of a log, and scatter
+    in_time: InTime = STILL  # how base or instrument move in the course of time
+    # what effects make of the cells, the same in all fits
     kept: Kept = field(default_factory=Kept, compare=False, repr=False)
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.noise_model import NoiseModel
 
-Array = NDArray[np.float64]
 Columns = NDArray[np.intp]
 
 #: Variances of the shared error tried, in those of one reading: from none to a hundred times the
@@ -25,17 +25,11 @@ _NO_PART = 1e-9
 
 @dataclass(frozen=True)
 class Reduced:
-    """One channel at each of the G shared variances, the model's own parameters integrated out.
+    """One channel at each of the G shared variances, the model's own parameters integrated out."""
 
-    Attributes:
-        gram: (G, p, p) products of the candidates' columns, in units of their expected sizes.
-        projection: (G, p) products with the data.
-        constant: (G,) minus twice the logarithm of the likelihood without candidates.
-    """
-
-    gram: Array
-    projection: Array
-    constant: Array
+    gram: Array  # (G, p, p) products of the candidates' columns, in units of their expected sizes
+    projection: Array  # (G, p) products with the data
+    constant: Array  # (G,) minus twice the logarithm of the likelihood without candidates
 
     def of(self, columns: Columns) -> Reduced:
         """Return the products of some columns (p',)."""

@@ -16,8 +16,6 @@ from pa10cal.discovery.linear import error_mm, residual
 from pa10cal.discovery.verdict import Step
 from pa10cal.terms.effects.effect import Effect
 
-Array = NDArray[np.float64]
-
 #: A forward step may be a proxy for what comes later; it need only make the data likelier.
 _FORWARD_GAIN = 1.0
 #: Effects at a time, more than that is no longer a finding.
@@ -27,29 +25,17 @@ _MOST_ROUNDS = 6
 
 @dataclass(frozen=True)
 class EndOfSearch:
-    """Where the search ended.
+    """Where the search ended."""
 
-    Attributes:
-        problem: the campaign, noise and weights computed about that fit.
-        fit: the model with the effects found.
-        score: its evidence about that fit.
-        without: evidence of the set less each of its effects.
-        evidence: about that fit, over the whole family.
-        family: the candidates, in the order of the evidence's blocks.
-        same: (m, m) which of them look the same in these poses.
-        nothing: evidence of the empty set about that fit.
-        steps: sets after every refit, with their evidence gain over the empty set.
-    """
-
-    problem: Problem
-    fit: Fit
-    score: Score
-    without: tuple[Score, ...]
-    evidence: Evidence
-    family: tuple[Effect, ...]
-    same: NDArray[np.bool_]
-    nothing: Score
-    steps: tuple[Step, ...]
+    problem: Problem  # the campaign, noise and weights computed about that fit
+    fit: Fit  # the model with the effects found
+    score: Score  # its evidence about that fit
+    without: tuple[Score, ...]  # evidence of the set less each of its effects
+    evidence: Evidence  # about that fit, over the whole family
+    family: tuple[Effect, ...]  # the candidates, in the order of the evidence's blocks
+    same: NDArray[np.bool_]  # (m, m) which of them look the same in these poses
+    nothing: Score  # evidence of the empty set about that fit
+    steps: tuple[Step, ...]  # sets after every refit, with their evidence gain over the empty set
 
 
 def threshold(family: int, error_rate: float) -> float:

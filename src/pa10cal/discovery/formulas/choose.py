@@ -6,14 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.formulas.rows import Arena
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.catalogue import further
 from pa10cal.terms.forms.form import Form
-
-Array = NDArray[np.float64]
 
 #: Standard errors over blocks by which a form must help, and the part of what is over the noise.
 _SURELY, _MOST_OF_IT = 3.0, 0.8
@@ -36,33 +34,24 @@ _MOST_OTHERS = 6
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A formula for what has no name; it changes nothing of what is named.
+    """A formula for what has no name; it changes nothing of what is named."""
 
-    Attributes:
-        form: which, and where.
-        x, covariance: its reported parameters, and their covariance.
-        instead: maps and rivals that it does as well as; none where it leaves noise alone.
-        gain: part of the squared error of blocks left out that it takes away.
-        gain_std: its standard error.
-        squares: squared error of blocks left out without it, with what it may stand for (None where
-            there is none), and with it; a whitened row of noise alone leaves 1.
-        rows: how many rows that is of.
-        blocks: how many blocks.
-        orders: lowest and highest order that does as well; None where it has no order.
-        others: other forms that do as well and are no shorter.
-    """
-
-    form: Form
+    form: Form  # which, and where
+    # x and covariance: its reported parameters, and their covariance
     x: Array
     covariance: Array
+    # maps and rivals that it does as well as; none where it leaves noise alone
     instead: tuple[Effect, ...]
-    gain: float
-    gain_std: float
+    gain: float  # part of the squared error of blocks left out that it takes away
+    gain_std: float  # its standard error
+    # squared error of blocks left out without it, with what it may stand for (None where there is
+    # none), and with it; a whitened row of noise alone leaves 1
     squares: tuple[float, float | None, float]
-    rows: int
-    blocks: int
+    rows: int  # how many rows that is of
+    blocks: int  # how many blocks
+    # lowest and highest order that does as well; None where it has no order
     orders: tuple[int, int] | None
-    others: tuple[Form, ...]
+    others: tuple[Form, ...]  # other forms that do as well and are no shorter
 
     @property
     def of(self) -> str:
@@ -84,19 +73,13 @@ class _Tried:
 
 @dataclass(frozen=True, eq=False)
 class _Judge:
-    """What forms are measured by in an arena.
+    """What forms are measured by in an arena."""
 
-    Attributes:
-        arena: rows, blocks, and what is held against forms.
-        needed: squared error by which a form must help at least.
-        nothing: squared error of every block with nothing, (B,).
-        held: the same with the maps and rivals in question; None where there are none, or where
-            they are no better than nothing.
-    """
-
-    arena: Arena
-    needed: float
-    nothing: Array
+    arena: Arena  # rows, blocks, and what is held against forms
+    needed: float  # squared error by which a form must help at least
+    nothing: Array  # squared error of every block with nothing, (B,)
+    # the same with the maps and rivals in question; None where there are none, or where they are
+    # no better than nothing
     held: Array | None
 
     @classmethod

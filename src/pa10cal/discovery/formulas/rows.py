@@ -11,29 +11,20 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array, Index
 from pa10cal.terms.forms.form import Form
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
 class Contest:
-    """R weighed rows, in B blocks.
+    """R weighed rows, in B blocks."""
 
-    Attributes:
-        data: (R,) measured minus predicted.
-        own: (R, n) columns of what the model has anyway, each in the size expected of it.
-        block: (R,) number of the block of each row, from 0.
-    """
-
-    data: Array
-    own: Array
-    block: Index
+    data: Array  # (R,) measured minus predicted
+    own: Array  # (R, n) columns of what the model has anyway, each in the size expected of it
+    block: Index  # (R,) number of the block of each row, from 0
 
     @cached_property
     def blocks(self) -> list[Index]:
@@ -116,22 +107,17 @@ class Contest:
 
 @dataclass(frozen=True, eq=False)
 class Arena:
-    """Where short forms are held against what they may stand for.
+    """Where short forms are held against what they may stand for."""
 
-    Attributes:
-        contest: rows and blocks.
-        held: (R, h) columns of the maps and rivals in question, in the size expected of them; None
-            where there are none.
-        columns_of: gives the columns (R, k) of forms, in their size.
-        states: of the poses that its rows are of.
-        noise: squared error of all rows that noise alone would leave; None where rows are weighed
-            by that noise.
-    """
-
-    contest: Contest
+    contest: Contest  # rows and blocks
+    # (R, h) columns of the maps and rivals in question, in the size expected of them; None where
+    # there are none
     held: Array | None
+    # gives the columns (R, k) of forms, in their size
     columns_of: Callable[[Sequence[Form]], list[Array]]
-    states: PoseStates
+    states: PoseStates  # of the poses that its rows are of
+    # squared error of all rows that noise alone would leave; None where rows are weighed by that
+    # noise
     noise: float | None
 
 

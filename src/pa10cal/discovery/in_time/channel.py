@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.discovery.family import why_unknown
 from pa10cal.discovery.faults import Fault
 from pa10cal.discovery.in_time.find import find_in_time
@@ -28,8 +29,6 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import Driver, Parting, drivers, measured_again, partings, slow_joints
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-
-Array = NDArray[np.float64]
 
 #: Effects of time are expected to be so many plausible sizes large: theirs is what they explain.
 _SIZES = 3.0
@@ -166,14 +165,11 @@ def steps_in_time(wander: Wander, at: FittedModel, readings: Observations) -> tu
 
 @dataclass(frozen=True)
 class Rivals:
-    """Errors that go with joints or the load, where these go with the order: rivals of time.
+    """Errors that go with joints or the load, where these go with the order: rivals of time."""
 
-    Attributes:
-        partings: places of joints and loads that part the rows as a jump does.
-        walks: joints that move slowly, where a walk was found: it is one of theirs as well.
-    """
-
+    # places of joints and loads that part the rows as a jump does
     partings: tuple[Parting, ...] = ()
+    # joints that move slowly, where a walk was found: it is one of theirs as well
     walks: tuple[Driver, ...] = ()
 
     def __add__(self, other: Rivals) -> Rivals:

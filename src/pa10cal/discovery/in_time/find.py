@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.in_time.wander import (
     WAVES,
     InTime,
@@ -30,9 +30,6 @@ from pa10cal.discovery.linear import error_mm, position_noise, residual
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 #: Root mean square of the walk, and standard deviation of a jump, that are tried [m].
 _WALKS_M = np.geomspace(3e-6, 3e-3, 9)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.noise import MEDIAN_TO_SIGMA
 from pa10cal.observe.observations import Observations
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 #: Readings over which a median runs.
 _WINDOW = 11

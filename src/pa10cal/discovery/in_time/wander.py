@@ -9,15 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.linear import by_terms
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.offsets import base_frame
-
-Array = NDArray[np.float64]
 
 #: Waves of a random walk over the campaign: beyond them 4 % of its variance is left.
 WAVES = 16
@@ -25,20 +23,14 @@ WAVES = 16
 
 @dataclass(frozen=True)
 class Jump:
-    """A sudden motion of the base against the instrument.
+    """A sudden motion of the base against the instrument."""
 
-    Attributes:
-        time_s: its most likely time.
-        before_s, after_s: times of the readings between which it happened.
-        size_m: standard deviation expected of its shift.
-        turn: expected turn a shift [rad/m].
-    """
-
-    time_s: float
+    time_s: float  # its most likely time
+    # before_s and after_s: times of the readings between which it happened
     before_s: float
     after_s: float
-    size_m: float = 0.0
-    turn: float = 0.0
+    size_m: float = 0.0  # standard deviation expected of its shift
+    turn: float = 0.0  # expected turn a shift [rad/m]
 
     @classmethod
     def between(cls, before_s: float, after_s: float) -> Jump:
@@ -48,22 +40,15 @@ class Jump:
 
 @dataclass(frozen=True, eq=False)
 class Wander:
-    """Motion of the base in the course of time, its mean over the readings zero.
+    """Motion of the base in the course of time, its mean over the readings zero."""
 
-    Attributes:
-        times_s: (P,) times of the readings, in order; the walk goes with their number.
-        jumps: sudden motions, the most certain first.
-        walk_m: root mean square expected of the walk's shift; 0 without a walk.
-        walk_turn: its expected turn a shift [rad/m].
-        amounts: (6 c,) most likely motions for each course, in their expected sizes.
-        rms_mm: root mean square of the motion at the readings, and of the walk alone.
-    """
-
-    times_s: Array
-    jumps: tuple[Jump, ...]
-    walk_m: float = 0.0
-    walk_turn: float = 0.0
+    times_s: Array  # (P,) times of the readings, in order; the walk goes with their number
+    jumps: tuple[Jump, ...]  # sudden motions, the most certain first
+    walk_m: float = 0.0  # root mean square expected of the walk's shift; 0 without a walk
+    walk_turn: float = 0.0  # its expected turn a shift [rad/m]
+    # (6 c,) most likely motions for each course, in their expected sizes
     amounts: Array | None = None
+    # root mean square of the motion at the readings, and of the walk alone
     rms_mm: tuple[float, float] = (0.0, 0.0)
 
     def courses(self, time_s: Array) -> Array:
@@ -102,20 +87,14 @@ class Wander:
 
 @dataclass(frozen=True, eq=False)
 class InTime:
-    """What readings show of time.
+    """What readings show of time."""
 
-    Attributes:
-        wander: jumps and walk; None where the data prefer neither.
-        drifts: whether an effect of time shows beside them.
-        rivals: joints, rails and loads, in words, that the order goes with where more was seen:
-            errors that go with them explain that as well.
-        rivals_mm: root mean square of all that was seen before they were held against it.
-    """
-
-    wander: Wander | None
-    drifts: bool
+    wander: Wander | None  # jumps and walk; None where the data prefer neither
+    drifts: bool  # whether an effect of time shows beside them
+    # joints, rails and loads, in words, that the order goes with where more was seen: errors that
+    # go with them explain that as well
     rivals: tuple[str, ...] = ()
-    rivals_mm: float = 0.0
+    rivals_mm: float = 0.0  # root mean square of all that was seen before they were held against it
 
     @property
     def rms_mm(self) -> float:

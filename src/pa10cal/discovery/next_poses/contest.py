@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.fit import Fit
 from pa10cal.discovery.evidence.likelihood import SIZES
@@ -18,7 +18,6 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
 
-Array = NDArray[np.float64]
 #: An effect and what may stand in its place: another, or the model's own parameters alone.
 Pair = tuple[Effect, Effect | None]
 
@@ -28,18 +27,13 @@ _ANY_SIZE = SIZES[-1]
 
 @dataclass(frozen=True)
 class _Rows:
-    """Weighed rows of C poses with b components each.
+    """Weighed rows of C poses with b components each."""
 
-    Attributes:
-        own: (C, b, k) of the model's own parameters and of the errors common to all poses, at the
-            size expected of them.
-        blocks: (C, b, k') of each effect, a unit of each parameter.
-        factors: (k', k') of each effect, for the size expected of it.
-    """
-
+    # (C, b, k) of the model's own parameters and of the errors common to all poses, at the size
+    # expected of them
     own: Array
-    blocks: dict[Effect, Array]
-    factors: dict[Effect, Array]
+    blocks: dict[Effect, Array]  # (C, b, k') of each effect, a unit of each parameter
+    factors: dict[Effect, Array]  # (k', k') of each effect, for the size expected of it
 
 
 def outlooks(

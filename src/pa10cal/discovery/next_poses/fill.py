@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.discovery.next_poses.room import (
     Measured,
@@ -14,8 +13,6 @@ from pa10cal.discovery.next_poses.room import (
 )
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import WITHIN_RAD, AnglesSeen
-
-Array = NDArray[np.float64]
 
 _POOL = 2000
 _TURN = 2.0 * np.pi

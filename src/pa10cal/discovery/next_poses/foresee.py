@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.fit import Fit
 from pa10cal.discovery.evidence.problem import Problem, noise_models
 from pa10cal.discovery.linear import by_every_joint
@@ -17,8 +17,6 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.fit.loads import statics_of
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
-
-Array = NDArray[np.float64]
 
 
 def foresee(problem: Problem, found: Fit, q_rad: Array, load_N: Array, arrival: Array) -> Problem:

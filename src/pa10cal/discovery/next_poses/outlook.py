@@ -14,33 +14,25 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 
 @dataclass(frozen=True)
 class Outlook:
-    """What distinguishes an effect from all that may replace it.
+    """What distinguishes an effect from all that may replace it."""
 
-    Attributes:
-        adjustable: (N, b, k) weighed rows of N poses that could be measured: of the adjustable
-            parameters, a unit of each being what is expected of it.
-        cov: (k, k) covariance of these parameters, as known so far.
-        left: (N, b, m) rows of the effect in these poses, less what the rest says of them; of an
-            effect of unknown size, m equally likely contributions that add up in squares.
-        spread: (N, b, b) covariance of what the rest says.
-        energy: sum of squares of the effect that the rest could not follow so far.
-        components: D, of all poses measured so far.
-    """
-
+    # (N, b, k) weighed rows of N poses that could be measured: of the adjustable parameters, a
+    # unit of each being what is expected of it
     adjustable: Array
-    cov: Array
+    cov: Array  # (k, k) covariance of these parameters, as known so far
+    # (N, b, m) rows of the effect in these poses, less what the rest says of them; of an effect of
+    # unknown size, m equally likely contributions that add up in squares
     left: Array
-    spread: Array
-    energy: float
-    components: int
+    spread: Array  # (N, b, b) covariance of what the rest says
+    energy: float  # sum of squares of the effect that the rest could not follow so far
+    components: int  # D, of all poses measured so far
 
     @classmethod
     def of(

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.room import Above, OffColumn, OffLinks, Postures, admissible
+from pa10cal.arrays import Array
 from pa10cal.discovery.preparation import MeasurementSetup, targets_m
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-
-Array = NDArray[np.float64]
 
 _DRAWN_AT_ONCE = 20_000
 _MOST_DRAWS = 15
@@ -22,21 +21,15 @@ _MOST_DRAWS = 15
 
 @dataclass(frozen=True)
 class NextPose:
-    """One configuration to measure.
+    """One configuration to measure."""
 
-    Attributes:
-        q_rad: (n,) joint positions [rad, or m of a prismatic joint].
-        load_N: external load.
-        purposes: what it serves, in words.
-        arrival: (n,) direction in which each joint should arrive: -1 or +1; None where any will do.
-        separation_nats: expected separation of the hardest pair of effects once this one and those
-            before it are measured; None where it serves something else.
-    """
-
-    q_rad: Array
-    load_N: float
-    purposes: tuple[str, ...]
+    q_rad: Array  # (n,) joint positions [rad, or m of a prismatic joint]
+    load_N: float  # external load
+    purposes: tuple[str, ...]  # what it serves, in words
+    # (n,) direction in which each joint should arrive: -1 or +1; None where any will do
     arrival: Array | None = None
+    # expected separation of the hardest pair of effects once this one and those before it are
+    # measured; None where it serves something else
     separation_nats: float | None = None
 
 
@@ -58,23 +51,16 @@ class Measured(Protocol):
 
 @dataclass(frozen=True)
 class Room:
-    """Where arm and tool may go.
+    """Where arm and tool may go."""
 
-    Attributes:
-        limit_margin: part of each joint's range kept clear at either end.
-        volume_factor: the end stays in the box of the measured places, so many times as large ...
-        least_margin_m: ... and at least so much larger on every side.
-        floor_m: end and targets stay so far above the base's origin, along the base's z axis.
-        column_m: end and targets stay so far off the base's axis.
-        clearance_m: targets stay so far off the line from joint to joint.
-    """
-
-    limit_margin: float = 0.05
+    limit_margin: float = 0.05  # part of each joint's range kept clear at either end
+    # the end stays in the box of the measured places, so many times as large ..
     volume_factor: float = 2.0
-    least_margin_m: float = 0.3
+    least_margin_m: float = 0.3  # ... and at least so much larger on every side.
+    # end and targets stay so far above the base's origin, along the base's z axis
     floor_m: float = 0.15
-    column_m: float = 0.25
-    clearance_m: float = 0.15
+    column_m: float = 0.25  # end and targets stay so far off the base's axis
+    clearance_m: float = 0.15  # targets stay so far off the line from joint to joint
 
 
 def draw_admissible(problem: Measured, count: int, room: Room, rng: np.random.Generator) -> Array:

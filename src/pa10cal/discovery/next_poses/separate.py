@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.fit import Fit
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.next_poses.contest import Pair, outlooks
@@ -20,8 +20,6 @@ from pa10cal.discovery.next_poses.foresee import foresee
 from pa10cal.discovery.next_poses.outlook import Outlook
 from pa10cal.discovery.next_poses.room import NextPose, Room, draw_admissible
 from pa10cal.discovery.verdict import Plan, Separation, label_of
-
-Array = NDArray[np.float64]
 
 #: A pair that the best configurations bring apart by less (odds of 20 to 1) counts as one that
 #: poses cannot distinguish.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.results import Results
@@ -25,7 +24,6 @@ robot, and not to one set-up.
 """,
 )
 
-Array = NDArray[np.float64]
 Compared = tuple[str, CampaignsAgree]
 
 _ROW_MM, _BELOW_MM, _ABOVE_MM = 7.0, 21.0, 12.0

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
+from pa10cal.arrays import Array
 from pa10cal.figures.joint_columns import joint_panels, label_below, over_angle
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
@@ -47,7 +48,6 @@ joint's error, more so where the instrument does not measure orientation.
 """,
 )
 
-Array = NDArray[np.float64]
 
 _ROW_MM, _BETWEEN_MM, _BELOW_MM, _ABOVE_MM = 38.0, 4.0, 33.0, 14.0
 #: Most bins of the running mean over what a joint turned, and share of the errors in sight.
@@ -65,36 +65,23 @@ _NOTHING = 1e-2
 
 @dataclass(frozen=True)
 class PoseResiduals:
-    """Residuals of P poses about a model.
+    """Residuals of P poses about a model."""
 
-    Attributes:
-        q: (P, n) joint positions [rad, m].
-        position_mm: (P, 3) predicted less measured, along the axes of the base.
-        rotation_deg: (P, 3) axis times angle, along the axes of the base; None where no attitude
-            was seen.
-    """
-
-    q: Array
-    position_mm: Array
+    q: Array  # (P, n) joint positions [rad, m]
+    position_mm: Array  # (P, 3) predicted less measured, along the axes of the base
+    # (P, 3) axis times angle, along the axes of the base; None where no attitude was seen
     rotation_deg: Array | None
 
 
 @dataclass(frozen=True)
 class _Row:
-    """A row of panels.
+    """A row of panels."""
 
-    Attributes:
-        title: what its poses are.
-        colour: of its points.
-        q: (P, n) joint positions [deg, mm].
-        error: (P, n) errors of the joints [mrad, mm].
-        beyond: (P,) poses with a joint at an angle that the model has not learnt from.
-    """
-
-    title: str
-    colour: str
-    q: Array
-    error: Array
+    title: str  # what its poses are
+    colour: str  # of its points
+    q: Array  # (P, n) joint positions [deg, mm]
+    error: Array  # (P, n) errors of the joints [mrad, mm]
+    # (P,) poses with a joint at an angle that the model has not learnt from
     beyond: NDArray[np.bool_]
 
 

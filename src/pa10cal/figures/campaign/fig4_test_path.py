@@ -10,8 +10,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import PLACE_MM, Results
 from pa10cal.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, new_figure, panel
@@ -29,7 +29,6 @@ shows where the arm went, not how accurate it was.
 """,
 )
 
-Array = NDArray[np.float64]
 
 _GRID: dict[str, Any] = {"color": BLUE, "marker": "o", "linewidth": 0.8}
 _HELD_OUT: dict[str, Any] = {"color": VERMILLION, "marker": "^", "linestyle": "none"}

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.figures.held_out_models import Judged, judged
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.results import COMBINED, Results
@@ -37,7 +37,6 @@ extrapolated and drawn apart, dotted.
 """,
 )
 
-Array = NDArray[np.float64]
 
 _TITLE = "Error of held-out poses, which no fit uses: share of poses with a smaller error"
 #: Of more poses only so many are drawn: more would not be seen.

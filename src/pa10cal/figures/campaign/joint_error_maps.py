@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
+from pa10cal.arrays import Array
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
@@ -41,7 +42,6 @@ without a map showed no need of one.
 """,
 )
 
-Array = NDArray[np.float64]
 
 _TITLE = "Errors that depend on a joint angle, as found"
 _MAPS = ("joint_error_map", "sensor_error", "gear_error")

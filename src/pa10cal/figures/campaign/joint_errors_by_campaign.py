@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
@@ -38,7 +38,6 @@ motor's own ripple shows it: 0 if the gear makes the error, 1 if the sensor does
 """,
 )
 
-Array = NDArray[np.float64]
 
 #: Common angles from which campaigns are drawn about one mean [deg].
 _LEAST_COMMON_DEG = 10

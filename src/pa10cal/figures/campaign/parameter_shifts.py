@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.figures.parameter_names import K_CUB, K_LIN, KINDS, LINKS, Kind, joints_of
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
@@ -36,7 +36,6 @@ named, nothing moved.
 """,
 )
 
-Array = NDArray[np.float64]
 
 _HALF_WIDTH_95 = 1.96
 _ROW_MM = 4.0

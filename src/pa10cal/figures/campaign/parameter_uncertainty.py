@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.figures.parameter_names import K_CUB, K_LIN, LINKS, Kind, joints_of, std_of
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.repeats import incompleteness, scatter_by_load
@@ -47,7 +47,6 @@ estimation error.
 """,
 )
 
-Array = NDArray[np.float64]
 
 _HALF_WIDTH_95 = 1.96
 _OPEN = VERMILLION

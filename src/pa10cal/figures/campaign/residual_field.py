@@ -13,6 +13,7 @@ from matplotlib.quiver import Quiver
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import (
@@ -45,7 +46,6 @@ lacks; the arrows on the right should be short and have no common direction.
 """,
 )
 
-Array = NDArray[np.float64]
 
 #: The longest arrow, at least, and as a part of what the places span.
 _LONGEST_ARROW_MM, _LONGEST_PART = 220.0, 0.15
@@ -67,18 +67,11 @@ _BEYOND: dict[str, Any] = {"color": GREY, "marker": "s"}
 
 @dataclass(frozen=True)
 class _Arrows:
-    """Arrows from (N, 3) places [mm].
+    """Arrows from (N, 3) places [mm]."""
 
-    Attributes:
-        name: what the poses are.
-        place_mm: where each begins.
-        vector_mm: (N, 3) arrows [mm] by what the model is: `before`, `after`.
-        look: how they look.
-    """
-
-    name: str
-    place_mm: Array
-    vector_mm: dict[str, Array]
+    name: str  # what the poses are
+    place_mm: Array  # where each begins
+    vector_mm: dict[str, Array]  # (N, 3) arrows [mm] by what the model is: `before`, `after`
     look: dict[str, Any]
 
     def drawn(self, share: float) -> _Arrows:

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 from matplotlib.ticker import MultipleLocator
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import BLACK, BLUE, ORANGE, new_figure, panel, round_down, write_text_at
@@ -30,7 +30,6 @@ lacks, even where the mean error looks small.
 """,
 )
 
-Array = NDArray[np.float64]
 
 _LONGEST_ARROW_MM = 140.0
 _MARGIN_MM = 25.0

@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
@@ -42,7 +41,6 @@ Errors common to all poses are removed first.
 """,
 )
 
-Array = NDArray[np.float64]
 
 _HALF_WIDTH_95 = 1.96
 _S_PER_H = 3600.0

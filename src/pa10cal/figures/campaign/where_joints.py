@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.figures.joint_columns import LEFT_MM, joint_panels, label_below, over_angle
 from pa10cal.figures.orders_told import highest_told
 from pa10cal.figures.registry import Picture
@@ -43,7 +44,6 @@ in the arm appears in several joints.
 """,
 )
 
-Array = NDArray[np.float64]
 
 _HEIGHT_MM = 131.0
 #: Cells with so many times the usual uncertainty of a joint's angle do not set the scale.

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Paragraph, Section, grid
 from pa10cal.reports.gathered import Gathered
 from pa10cal.reports.looks import BLUE, ORANGE, new_space
 from pa10cal.reports.written import mm
-
-Array = NDArray[np.float64]
 
 #: The longest line is this part of what the positions span.
 _LONGEST_PART = 0.25
@@ -29,20 +28,13 @@ _LOOKS = {"fitted": (BLUE, "circle"), "held out": (ORANGE, "diamond")}
 
 @dataclass(frozen=True)
 class _Field:
-    """Residuals of N configurations along the base's axes.
+    """Residuals of N configurations along the base's axes."""
 
-    Attributes:
-        poses: `fitted` or `held out`.
-        label: (N,) labels of the poses.
-        load_N: (N,) loads.
-        place_mm: (N, 3) where they are.
-        residual_mm: (N, 3) by what the model is: `calibrated`, `with the effects found`.
-    """
-
-    poses: str
-    label: NDArray[np.str_]
+    poses: str  # `fitted` or `held out`
+    label: NDArray[np.str_]  # (N,) labels of the poses
     load_N: Array
-    place_mm: Array
+    place_mm: Array  # (N, 3) where they are
+    # (N, 3) by what the model is: `calibrated`, `with the effects found`
     residual_mm: dict[str, Array]
 
 

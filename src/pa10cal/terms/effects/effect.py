@@ -8,49 +8,32 @@ from functools import cached_property
 from typing import ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import ObservedTargets, PoseStates, StaticLoads
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.term import Parameter, Report, report_as_solved
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class CandidateContext:
-    """What decides where an effect may sit.
+    """What decides where an effect may sit."""
 
-    Attributes:
-        arm: the nominal arm.
-        flexible_joints: joints, from 1, to which the model gives a spring.
-        reference_temperature_C: temperature at which lengths are nominal.
-        tau_span_Nm: (n,) largest torque that each joint carried.
-        T_instr_base: (4, 4) approximate base frame in the instrument's frame.
-        p_instr_middle_m: (3,) middle of the measured places in the instrument's frame.
-        q_span_rad: (n, 2) lowest and highest angle that each joint took.
-        time_span_s: first and last reading of the campaign.
-        loads_N: external loads that were measured at.
-        tool_kg: mass stated of the tool; 0 where it is not known.
-        torques: where torques come from: `logged`, `masses`, or `none`.
-        commanded: whether joint positions are those commanded, and not read back.
-        campaigns: names of the campaigns of a group; none of a single one.
-    """
-
-    arm: Arm
-    flexible_joints: tuple[int, ...]
-    reference_temperature_C: float
-    tau_span_Nm: Array
-    T_instr_base: Array
-    p_instr_middle_m: Array
-    q_span_rad: Array
-    time_span_s: tuple[float, float]
-    loads_N: tuple[float, ...] = ()
-    tool_kg: float = 0.0
+    arm: Arm  # the nominal arm
+    flexible_joints: tuple[int, ...]  # joints, from 1, to which the model gives a spring
+    reference_temperature_C: float  # temperature at which lengths are nominal
+    tau_span_Nm: Array  # (n,) largest torque that each joint carried
+    T_instr_base: Array  # (4, 4) approximate base frame in the instrument's frame
+    p_instr_middle_m: Array  # (3,) middle of the measured places in the instrument's frame
+    q_span_rad: Array  # (n, 2) lowest and highest angle that each joint took
+    time_span_s: tuple[float, float]  # first and last reading of the campaign
+    loads_N: tuple[float, ...] = ()  # external loads that were measured at
+    tool_kg: float = 0.0  # mass stated of the tool; 0 where it is not known
+    # where torques come from: `logged`, `masses`, or `none`
     torques: Literal["logged", "masses", "none"] = "none"
-    commanded: bool = False
-    campaigns: tuple[str, ...] = ()
+    commanded: bool = False  # whether joint positions are those commanded, and not read back
+    campaigns: tuple[str, ...] = ()  # names of the campaigns of a group; none of a single one
 
     @property
     def rated_Nm(self) -> Array:
@@ -67,12 +50,9 @@ class Effect(ABC):
     """A term of the vocabulary; its parameters are zero where the effect is absent.
 
     Parameters past the first `linear` shape the effect and matter only where it is present.
-
-    Attributes:
-        of: where it sits: `joint 2`, `forearm`, `base`, ...
     """
 
-    of: str
+    of: str  # where it sits: `joint 2`, `forearm`, `base`, ..
     id: ClassVar[str]
     #: Whether it only gives the place of a missing effect, not its cause: no name.
     generic: ClassVar[bool] = False

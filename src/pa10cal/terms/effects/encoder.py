@@ -7,25 +7,19 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects.effect import CandidateContext, Effect, joint_of, turning_joints
 from pa10cal.terms.term import Parameter, Report
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class JointHarmonic(Effect):
-    """A sin(order q_j + phi), solved in its parts A cos phi (sine) and A sin phi (cosine).
+    """A sin(order q_j + phi), solved in its parts A cos phi (sine) and A sin phi (cosine)."""
 
-    Attributes:
-        order: cycles a turn of the joint.
-    """
-
-    order: float
+    order: float  # cycles a turn of the joint
     plausible_rad: ClassVar[float] = 3e-4
 
     @classmethod

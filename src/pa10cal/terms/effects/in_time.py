@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, time_in
 from pa10cal.terms.term import Parameter
-
-Array = NDArray[np.float64]
 
 _SECONDS_AN_HOUR = 3600.0
 #: Amplitude expected of the slowest wave of a base that drifts; of others a part as of a random
@@ -27,16 +25,11 @@ class BaseDrift(NamedEffect):
 
     In its slow form it moves by a few cosines of the time besides, and stands still before the
     first and after the last reading, where nothing is known of it.
-
-    Attributes:
-        start_s: time of the first reading.
-        end_s: time of the last one; None of a constant rate, which goes on.
-        waves: cosines along each axis, of half a cycle more each; 0 of a constant rate.
     """
 
-    start_s: float
-    end_s: float | None = None
-    waves: int = 0
+    start_s: float  # time of the first reading
+    end_s: float | None = None  # time of the last one; None of a constant rate, which goes on
+    waves: int = 0  # cosines along each axis, of half a cycle more each; 0 of a constant rate
     id: ClassVar[str] = "base_drift"
     goes_with_time: ClassVar[bool] = True
 
@@ -88,17 +81,11 @@ class BaseDrift(NamedEffect):
 
 @dataclass(frozen=True)
 class ThermalGrowth(NamedEffect):
-    """Pedestal and long links grow by alpha (T - reference), alpha in 1/K.
+    """Pedestal and long links grow by alpha (T - reference), alpha in 1/K."""
 
-    Attributes:
-        lengths: chain coordinates of these links' lengths.
-        lengths_m: their nominal values.
-        reference_temperature_C: temperature at which lengths are nominal.
-    """
-
-    lengths: tuple[str, ...]
-    lengths_m: tuple[float, ...]
-    reference_temperature_C: float
+    lengths: tuple[str, ...]  # chain coordinates of these links' lengths
+    lengths_m: tuple[float, ...]  # their nominal values
+    reference_temperature_C: float  # temperature at which lengths are nominal
     id: ClassVar[str] = "thermal_growth"
     positive: ClassVar[bool] = True
     goes_with_time: ClassVar[bool] = True

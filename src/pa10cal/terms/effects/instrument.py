@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import TOOL
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, seen_in
 from pa10cal.terms.term import Parameter
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, JointEffect, NamedEffect, turning_joints
 from pa10cal.terms.of_campaign import of_campaign
 from pa10cal.terms.term import Parameter
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -68,11 +66,9 @@ class ArrivalError(JointEffect):
     Lost motion acts behind the motor, whatever its controller does, and is a joint's own. A
     controller stops where friction lets it, by another amount in each campaign, and only angles
     that were commanded and not read back hide where it stopped.
-
-    Attributes:
-        campaigns: names of the campaigns of a group, each with an amount of its own; none of one.
     """
 
+    # names of the campaigns of a group, each with an amount of its own; none of one
     campaigns: tuple[str, ...] = ()
     id: ClassVar[str] = "arrival_error"
 
@@ -105,13 +101,9 @@ class ArrivalError(JointEffect):
 
 @dataclass(frozen=True)
 class WristCoupling(NamedEffect):
-    """The last joint turns with the one before it: c q_(n-1) [rad], c without unit.
+    """The last joint turns with the one before it: c q_(n-1) [rad], c without unit."""
 
-    Attributes:
-        last: the last joint, n.
-    """
-
-    last: int
+    last: int  # the last joint, n
     id: ClassVar[str] = "wrist_coupling"
 
     @property

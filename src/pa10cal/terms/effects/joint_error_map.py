@@ -7,16 +7,14 @@ from functools import cache
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline, CubicSpline, PPoly
 from scipy.sparse import csr_array
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.effects.spectrum import Spectrum
 from pa10cal.terms.term import Parameter
-
-Array = NDArray[np.float64]
 
 KNOTS = 12
 _PLAUSIBLE_RAD = 3e-4
@@ -36,15 +34,11 @@ class JointErrorMap(JointEffect):
 
     Solved in the error at each knot [rad]; knot k of K stands at 2 pi k / K. A prismatic joint has
     no turn after which its error would come again, and gets none.
-
-    Attributes:
-        knots: K, knots a turn.
-        spectrum: sizes expected of the harmonics. Where None, knots at a distance d are expected to
-            go together as exp(-2 sin²(d/2) / l²), l = 0.7 rad: what 12 knots can follow and little
-            more.
     """
 
-    knots: int = KNOTS
+    knots: int = KNOTS  # K, knots a turn
+    # sizes expected of the harmonics. Where None, knots at a distance d are expected to go
+    # together as exp(-2 sin²(d/2) / l²), l = 0.7 rad: what 12 knots can follow and little more.
     spectrum: Spectrum | None = None
     id: ClassVar[str] = "joint_error_map"
 

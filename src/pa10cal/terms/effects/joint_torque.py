@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import (
     CandidateContext,
     JointEffect,
@@ -18,8 +18,6 @@ from pa10cal.terms.effects.effect import (
 )
 from pa10cal.terms.term import Parameter
 from pa10cal.terms.torque_only import TorqueOnly
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -44,13 +42,9 @@ class FalseTorque(TorqueOnly, JointEffect):
 
 @dataclass(frozen=True)
 class FrictionTorque(FalseTorque):
-    """What friction holds of a load: logged torque = tau_j + tau_c s_j, tau_c in N m.
+    """What friction holds of a load: logged torque = tau_j + tau_c s_j, tau_c in N m."""
 
-    Attributes:
-        rated_Nm: rated torque of the joint.
-    """
-
-    rated_Nm: float
+    rated_Nm: float  # rated torque of the joint
     id: ClassVar[str] = "friction_torque"
     positive: ClassVar[bool] = True
 

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, JointEffect, turning_joints
 from pa10cal.terms.term import Parameter, Report
-
-Array = NDArray[np.float64]
 
 #: A joint so stiff counts as rigid: its reported stiffness stays finite [rad/(N m)].
 _RIGID = 1e-12
@@ -25,12 +23,9 @@ class JointCompliance(JointEffect):
     """A spring at a joint that the model holds rigid: deflection tau_j / K, K in N m/rad.
 
     Solved in the compliance 1/K [rad/(N m)], zero for a rigid joint.
-
-    Attributes:
-        rated_Nm: rated torque of the joint.
     """
 
-    rated_Nm: float
+    rated_Nm: float  # rated torque of the joint
     id: ClassVar[str] = "joint_compliance"
     positive: ClassVar[bool] = True
 
@@ -88,14 +83,10 @@ class SoftWindup(JointEffect):
     """A drive softer near zero torque: it deflects further by A tanh(tau_j / tau0).
 
     A in rad, tau0 in N m.
-
-    Attributes:
-        rated_Nm: rated torque of the joint.
-        span_Nm: largest torque that the joint carried.
     """
 
-    rated_Nm: float
-    span_Nm: float
+    rated_Nm: float  # rated torque of the joint
+    span_Nm: float  # largest torque that the joint carried
     id: ClassVar[str] = "soft_windup"
     positive: ClassVar[bool] = True
 

@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.effects.encoder import JointHarmonic
 from pa10cal.terms.term import Parameter, Report
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -21,12 +19,9 @@ class PeriodicError(JointHarmonic):
 
     It is not sought: k is found where a map of the joint does no better than one line
     (`discovery/formulas`). One and two cycles, and those of the gear, have names of their own.
-
-    Attributes:
-        order: k.
     """
 
-    order: float = 3.0
+    order: float = 3.0  # k
     id: ClassVar[str] = "periodic_error"
     sought: ClassVar[bool] = False
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pa10cal.arrays import Array
 
 #: How steeply a band begins: the power of the order in its step.
 _STEEP = 8
@@ -21,14 +20,10 @@ class Fading:
 
     Sine and cosine part of m cycles a turn have the standard deviation
     size / (1 + (m / half_order)²), each for itself.
-
-    Attributes:
-        size_rad: of the coarsest.
-        half_order: cycles a turn of which half as much is expected.
     """
 
-    size_rad: float
-    half_order: float
+    size_rad: float  # of the coarsest
+    half_order: float  # cycles a turn of which half as much is expected
 
     def sizes_rad(self, orders: Array) -> Array:
         """Return the standard deviation of sine and cosine part of orders (M,)."""
@@ -43,23 +38,16 @@ class Band:
     Sine and cosine part of m cycles a turn have the variance
     (below² + (level² - below²) / (1 + (first / m)⁸)) / (1 + (m / last)^(2 decay)) + floor²;
     those of one and of two cycles, which a ring off its axis or oval makes, slow² + floor².
-
-    Attributes:
-        slow_rad: of one and of two cycles a turn.
-        below_rad: level of the orders between them and the band.
-        level_rad: level in the band.
-        first_order, last_order: where the band begins and ends, in cycles a turn.
-        decay: power of the order by which sizes fall above the band.
-        floor_rad: that no order falls below.
     """
 
-    slow_rad: float
-    below_rad: float
-    level_rad: float
+    slow_rad: float  # of one and of two cycles a turn
+    below_rad: float  # level of the orders between them and the band
+    level_rad: float  # level in the band
+    # first_order and last_order: where the band begins and ends, in cycles a turn
     first_order: float
     last_order: float
-    decay: float
-    floor_rad: float
+    decay: float  # power of the order by which sizes fall above the band
+    floor_rad: float  # that no order falls below
 
     def sizes_rad(self, orders: Array) -> Array:
         """Return the standard deviation of sine and cosine part of orders (M,)."""

@@ -6,16 +6,14 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import bend_coordinates, link_spans_m, long_links
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.weights import weights_known
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, NamedEffect, static_loads_in
 from pa10cal.terms.term import OPTIONAL, Parameter
-
-Array = NDArray[np.float64]
 
 _LONG_LINKS = ("upper_arm", "forearm")
 GRAVITY_M_S2 = 9.81
@@ -39,17 +37,13 @@ def _compliance(name: str, scale: float, plausible: float, of_arm_Nm: float | No
 
 @dataclass(frozen=True)
 class LinkEffect(NamedEffect):
-    """An effect of a long link, on the six small motions of its end.
+    """An effect of a long link, on the six small motions of its end."""
 
-    Attributes:
-        row: the link's row, from 1.
-        span_m: from the link's joint to its end, along the axes of that end.
-        moment_of_arm_Nm: moment at which a plausible turn is reached, where weights are assumed and
-            a compliance is as large as these are small; None where they are stated.
-    """
-
-    row: int
+    row: int  # the link's row, from 1
+    # from the link's joint to its end, along the axes of that end
     span_m: tuple[float, float, float]
+    # moment at which a plausible turn is reached, where weights are assumed and a compliance is as
+    # large as these are small; None where they are stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     #: Names of the links at which it may sit.
     places: ClassVar[tuple[str, ...]] = _LONG_LINKS
@@ -149,12 +143,10 @@ class BaseCompliance(NamedEffect):
     """The base tilts about x and y by cx M_x and cy M_y, M the overturning moment.
 
     cx and cy in rad/(N m), M about the base's origin along base axes.
-
-    Attributes:
-        moment_of_arm_Nm: moment at which a plausible tilt is reached, where weights are assumed;
-            None where they are stated.
     """
 
+    # moment at which a plausible tilt is reached, where weights are assumed; None where they are
+    # stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     id: ClassVar[str] = "base_compliance"
     positive: ClassVar[bool] = True

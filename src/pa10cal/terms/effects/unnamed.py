@@ -9,10 +9,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 from numpy.polynomial.legendre import legder, legval, legvander
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import (
     CandidateContext,
     JointEffect,
@@ -25,8 +25,6 @@ from pa10cal.terms.effects.joint_windup import loaded_joints
 from pa10cal.terms.term import Parameter
 from pa10cal.terms.torque_only import TorqueOnly
 
-Array = NDArray[np.float64]
-
 #: A joint that turned less, or a campaign that was shorter, shows no shape [rad; s].
 _LEAST_SPAN = 1e-3
 
@@ -37,11 +35,9 @@ class PlaceMap(FalseReading):
 
     Monomials of degree 1 to 3 in the three coordinates about a fixed middle, in units of 0.3 m;
     each parameter [m] is the error along one axis where its monomial is one.
-
-    Attributes:
-        middle_instr_m: where the coordinates are counted from, in the instrument's frame.
     """
 
+    # where the coordinates are counted from, in the instrument's frame
     middle_instr_m: tuple[float, float, float]
     id: ClassVar[str] = "place_map"
     generic: ClassVar[bool] = True
@@ -92,14 +88,10 @@ class TorqueMap(TorqueOnly, JointEffect):
     """The joint carries, beyond the weights, a torque that is a smooth function of its angle.
 
     Legendre polynomials of degree 1 to 4 over the measured span of the angle [N m].
-
-    Attributes:
-        span_rad: lowest and highest measured angle.
-        rated_Nm: rated torque of the joint.
     """
 
-    span_rad: tuple[float, float]
-    rated_Nm: float
+    span_rad: tuple[float, float]  # lowest and highest measured angle
+    rated_Nm: float  # rated torque of the joint
     id: ClassVar[str] = "torque_map"
     generic: ClassVar[bool] = True
     degrees: ClassVar[int] = 4
@@ -147,12 +139,9 @@ class WindupMap(JointEffect):
     """The joint deflects further by a smooth function of the torque it carries.
 
     Legendre polynomials of degree 1 to 5 over the span of the torque, either sign [rad].
-
-    Attributes:
-        span_Nm: largest torque that the joint carried.
     """
 
-    span_Nm: float
+    span_Nm: float  # largest torque that the joint carried
     id: ClassVar[str] = "windup_map"
     generic: ClassVar[bool] = True
     degrees: ClassVar[int] = 5
@@ -197,14 +186,10 @@ class DirectionMap(JointEffect):
 
     s_j times Legendre polynomials: of degree 0 to 3 in the torque's size, where the joint carried
     any, and of degree 1 and 2 in its angle [rad].
-
-    Attributes:
-        span_Nm: largest torque that the joint carried, 0 where it carried none.
-        span_rad: lowest and highest angle.
     """
 
-    span_Nm: float
-    span_rad: tuple[float, float]
+    span_Nm: float  # largest torque that the joint carried, 0 where it carried none
+    span_rad: tuple[float, float]  # lowest and highest angle
     id: ClassVar[str] = "direction_map"
     generic: ClassVar[bool] = True
 
@@ -269,12 +254,9 @@ class DriftMap(NamedEffect):
     """The base shifts [m] and turns [rad] by a smooth function of time.
 
     Legendre polynomials of degree 1 to 3 over the campaign, for each of its six small motions.
-
-    Attributes:
-        span_s: first and last reading.
     """
 
-    span_s: tuple[float, float]
+    span_s: tuple[float, float]  # first and last reading
     id: ClassVar[str] = "drift_map"
     goes_with_time: ClassVar[bool] = True
     generic: ClassVar[bool] = True

@@ -6,28 +6,18 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pa10cal.arrays import Array
 from pa10cal.results.fault_kind import FaultKind
 from pa10cal.terms.effects.effect import NamedEffect
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class FaultText:
-    """A fault in words.
+    """A fault in words."""
 
-    Attributes:
-        where: column, joint, load, pose, row or time.
-        what: what is wrong and by how much, one clause.
-        remedy: what to do about it.
-    """
-
-    where: str
-    what: str
-    remedy: str
+    where: str  # column, joint, load, pose, row or time
+    what: str  # what is wrong and by how much, one clause
+    remedy: str  # what to do about it
 
 
 @dataclass(frozen=True)

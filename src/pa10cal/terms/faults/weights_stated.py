@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.results.fault_kind import FaultKind
 from pa10cal.terms.effects.effect import CandidateContext, static_loads_in
 from pa10cal.terms.faults.log_fault import FaultText, LogFault
 from pa10cal.terms.term import Parameter
 from pa10cal.terms.torque_only import TorqueOnly
-
-Array = NDArray[np.float64]
 
 #: Part by which a load may well be misstated.
 _LOAD_PART = 0.1
@@ -31,12 +29,9 @@ class WeightStated(TorqueOnly, LogFault):
 
     A log of torques shows it, and the springs know of it. Torques that were calculated lack it,
     and it moves the arm by way of the springs.
-
-    Attributes:
-        of_calculated: whether torques were calculated.
     """
 
-    of_calculated: bool
+    of_calculated: bool  # whether torques were calculated
 
     @property
     def carried(self) -> bool:
@@ -56,13 +51,9 @@ class WeightStated(TorqueOnly, LogFault):
 
 @dataclass(frozen=True)
 class LoadStated(WeightStated):
-    """One external load is not what is stated, in all poses: true load = (1 + part) load.
+    """One external load is not what is stated, in all poses: true load = (1 + part) load."""
 
-    Attributes:
-        load_N: the load as stated.
-    """
-
-    load_N: float
+    load_N: float  # the load as stated
     id: ClassVar[str] = "load_stated"
     kind: ClassVar[FaultKind] = "load"
 
@@ -101,15 +92,10 @@ class LoadStated(WeightStated):
 
 @dataclass(frozen=True)
 class ToolStated(WeightStated):
-    """Mass or centre of the tool are not what is stated, where torques were logged.
+    """Mass or centre of the tool are not what is stated, where torques were logged."""
 
-    Attributes:
-        n: joints of the arm.
-        tool_kg: mass as stated.
-    """
-
-    n: int
-    tool_kg: float
+    n: int  # joints of the arm
+    tool_kg: float  # mass as stated
     id: ClassVar[str] = "tool_stated"
     kind: ClassVar[FaultKind] = "payload"
 

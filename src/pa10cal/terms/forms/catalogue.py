@@ -10,16 +10,14 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations_with_replacement, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, joint_of, turning_joints
 from pa10cal.terms.effects.joint_windup import loaded_joints
 from pa10cal.terms.forms.elsewhere import ReadingForm, ShiftForm, TiltForm
 from pa10cal.terms.forms.form import Form
 from pa10cal.terms.forms.of_joints import AngleForm, PullForm
-
-Array = NDArray[np.float64]
 
 #: Cycles a turn that are tried: as many as there are positions, within these.
 _FEWEST_CYCLES, _MOST_CYCLES = 12, 360

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import TOOL
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import seen_in, static_loads_in
 from pa10cal.terms.forms.form import Form, Numbers, Shape, sines, size
 from pa10cal.terms.term import Parameter, Report
-
-Array = NDArray[np.float64]
 
 #: Tilt of a base to be expected [rad] at the moment at which it is [N m]; shift in time [m].
 _TILT_RAD, _MOMENT_NM = 2e-4, 300.0
@@ -140,11 +138,9 @@ class ReadingForm(Form):
 
     Its first number is the axis that reads so, the next are those along which it does, 0 to 2 for x
     to z. Coordinates are counted from a middle, in the instrument's frame.
-
-    Attributes:
-        middle_instr_m: where the coordinates are counted from.
     """
 
+    # where the coordinates are counted from
     middle_instr_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     shapes: ClassVar[Mapping[str, Shape]] = {
         "quadratic": Shape(

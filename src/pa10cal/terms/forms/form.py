@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, NamedEffect
 from pa10cal.terms.effects.encoder import amplitude_and_phase
 from pa10cal.terms.term import Parameter, Report, report_as_solved
 
-Array = NDArray[np.float64]
 Numbers = tuple[float, ...]
 Columns = Callable[[PoseStates, int, Numbers], tuple[Array, ...]]
 
@@ -26,37 +25,25 @@ _ANY_SIZE = 10.0
 
 @dataclass(frozen=True)
 class Shape:
-    """One kind of form.
+    """One kind of form."""
 
-    Attributes:
-        words: the formula, with `{j}` for the joint and `{0}`, `{1}`, … for the numbers.
-        columns: what each parameter is multiplied with, (P,) each, of states, joint and numbers.
-        solved: the parameters it is solved in.
-        numbers: names of the numbers that fix it and a reader has to be given.
-        reported: `as solved`; `turning` where a sine and a cosine part are an amplitude A and a
-            phase phi; `offset` where a slope and a constant are a slope and the place of its zero.
-        between: which number, from 0, may have any value; None where all are whole.
-    """
-
-    words: str
+    words: str  # the formula, with `{j}` for the joint and `{0}`, `{1}`, … for the numbers
+    # what each parameter is multiplied with, (P,) each, of states, joint and numbers
     columns: Columns
-    solved: tuple[Parameter, ...]
-    numbers: tuple[str, ...] = ()
+    solved: tuple[Parameter, ...]  # the parameters it is solved in
+    numbers: tuple[str, ...] = ()  # names of the numbers that fix it and a reader has to be given
+    # `as solved`; `turning` where a sine and a cosine part are an amplitude A and a phase phi;
+    # `offset` where a slope and a constant are a slope and the place of its zero
     reported: Literal["as solved", "turning", "offset"] = "as solved"
-    between: int | None = None
+    between: int | None = None  # which number, from 0, may have any value; None where all are whole
 
 
 @dataclass(frozen=True)
 class Form(NamedEffect):
-    """A short form at a place, proportional to its parameters.
+    """A short form at a place, proportional to its parameters."""
 
-    Attributes:
-        form: which of `shapes`.
-        numbers: what fixes it: orders, thresholds, other joints.
-    """
-
-    form: str
-    numbers: Numbers = ()
+    form: str  # which of `shapes`
+    numbers: Numbers = ()  # what fixes it: orders, thresholds, other joints
     id: ClassVar[str] = "short_form"
     shapes: ClassVar[Mapping[str, Shape]]
 

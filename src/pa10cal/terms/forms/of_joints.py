@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
+from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import joint_of
 from pa10cal.terms.forms.form import Form, Numbers, Shape, sines, size
 from pa10cal.terms.term import Parameter
 from pa10cal.terms.torque_only import TorqueOnly
-
-Array = NDArray[np.float64]
 
 #: Errors of angles to be expected [rad], and torques that go with an angle [N m].
 _ANGLE_RAD = 3e-4
