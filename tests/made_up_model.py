@@ -10,7 +10,8 @@ from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.general.unknowns import tool_frame
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
-from pa10cal.fit.fitted_model import FittedModel, FittedTo
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.prediction import FittedTo
 from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.effects.family import candidates
 from pa10cal.terms.joint_spring import JointSpring

@@ -8,7 +8,6 @@ from pa10cal.results.accuracy import Accuracy, BeforeAfter, EffectParameter
 from pa10cal.results.discovery import (
     AllUnexplained,
     BlockedCrossValidation,
-    EffectName,
     EvidenceByBlocks,
     FoundEffect,
     Gap,
@@ -20,6 +19,7 @@ from pa10cal.results.discovery import (
     Unexplained,
     VerdictKeys,
 )
+from pa10cal.results.effect_name import EffectName
 
 
 def accuracy(mean_mm=0.02, peak_mm=None, rms_mm=None, configurations=45):

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.calibration.design import pose_design, poses_needed
 from pa10cal.calibration.health import Errors, FitSummary, HeldOut, health
 from pa10cal.calibration.repeats import ScatterOfRepeats
 from pa10cal.campaign.findings import InputFinding
 from pa10cal.fit.identifiability import identify, not_identifiable
+from pa10cal.results.accuracy import Accuracy
 from pa10cal.terms.term import Parameter
 
 NOISE_M = 1e-5

@@ -7,13 +7,7 @@ import re
 import pytest
 
 from pa10cal.errors import Pa10calError
-from spoiling import (
-    compressed,
-    delete,
-    ingest,
-    replace,
-    retime,
-)
+from spoiling import compressed, delete, ingest, replace, retime
 
 
 def decimal_commas(raw):

@@ -10,7 +10,6 @@ from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.arm.tolerances import Tolerances
-from pa10cal.calibration.accuracy import Accuracy
 from pa10cal.discovery.analysis_record import lack_of_fit_part
 from pa10cal.discovery.clustered import mean, slope
 from pa10cal.discovery.evidence.discover import compare, errors_by_name
@@ -22,6 +21,7 @@ from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import average_repeats
+from pa10cal.results.accuracy import Accuracy
 from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.encoder import TransmissionError
 from pa10cal.terms.effects.joint_torque import FrictionTorque

@@ -7,11 +7,7 @@ import pytest
 
 from made_up_poses import measured_poses
 from pa10cal.arm.state import PoseStates
-from pa10cal.discovery.noise import (
-    LEAST_DIFFERENCES,
-    noise_of_repeats,
-    same_circumstances,
-)
+from pa10cal.discovery.noise import LEAST_DIFFERENCES, noise_of_repeats, same_circumstances
 from pa10cal.errors import DiscoveryError
 
 POSES, LOADS_N, REPEATS = 40, (0.0, 44.0), 8

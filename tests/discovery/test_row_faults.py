@@ -13,10 +13,10 @@ from pa10cal.campaign.screens import OFF_REPEATS
 from pa10cal.campaign.wrong_rows import wrong_rows
 from pa10cal.discovery import discover as search
 from pa10cal.discovery.evidence.confirm import confirm
+from pa10cal.discovery.finding import Unexplained
 from pa10cal.discovery.loads_exchanged import loads_exchanged
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.row_faults import carries, held_out_faults, of_wrong_row, row_faults
-from pa10cal.discovery.verdict import Unexplained
 from pa10cal.fit.tails import Tails
 
 

@@ -12,14 +12,7 @@ import pytest
 from pa10cal.figures import published
 from pa10cal.figures.campaign import paper_against_ours, table1_parameters
 from pa10cal.figures.options import PictureOptions
-from pa10cal.figures.table import (
-    Table,
-    figures,
-    frame_of,
-    shown,
-    with_half_width,
-    write_table,
-)
+from pa10cal.figures.table import Table, figures, frame_of, shown, with_half_width, write_table
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
-from pa10cal.figures.campaign import (
-    where_joints,
-)
+from pa10cal.figures.campaign import where_joints
 
 pytestmark = pytest.mark.usefixtures("project_looks")
 

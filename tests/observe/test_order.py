@@ -9,13 +9,7 @@ import pytest
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.order import (
-    Driver,
-    goes_with,
-    partings,
-    slow_joints,
-    with_what_tells_time,
-)
+from pa10cal.observe.order import Driver, goes_with, partings, slow_joints, with_what_tells_time
 
 ROWS, JOINTS = 120, 4
 NONE_SLIDES = np.zeros(JOINTS, dtype=bool)

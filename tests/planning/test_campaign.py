@@ -4,12 +4,7 @@ import os
 
 import pytest
 
-from pa10cal.planning.campaign import (
-    arm_files,
-    campaign_name,
-    raw_files,
-    robot_name,
-)
+from pa10cal.planning.campaign import arm_files, campaign_name, raw_files, robot_name
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from pa10cal.calibration.inner import fit_base_frame
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
-from pa10cal.results.accuracy import Accuracy as Accuracy
+from pa10cal.results.accuracy import Accuracy
 from pa10cal.terms.model import Model
 
 

@@ -13,12 +13,7 @@ from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.solve import Solution, random_starts, solve
 from pa10cal.calibration.tolerance_terms import all_terms, null_space_terms, residual_weight
-from pa10cal.calibration.uncertainty import (
-    Covariances,
-    ErrorSources,
-    propagate,
-    with_own_scatter,
-)
+from pa10cal.calibration.uncertainty import Covariances, ErrorSources, propagate, with_own_scatter
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import span_seen
 from pa10cal.fit.fitted_model import FittedModel

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.springs import reported_name
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import Accuracy, summarise
+from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.design import PoseDesign, pose_design, poses_needed
 from pa10cal.calibration.grade import SMALL_SHARE, Departure, Evidence, graded
 from pa10cal.calibration.repeats import ScatterOfRepeats
@@ -17,6 +17,7 @@ from pa10cal.campaign.findings import InputFinding
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
+from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.health import Grade
 from pa10cal.terms.joint_spring import stiffness_by_solved
 from pa10cal.terms.term import Parameter

@@ -9,7 +9,7 @@ from pa10cal.calibration.accuracy import deviations, summarise
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.solve import solve
 from pa10cal.calibration.tolerance_terms import all_terms
-from pa10cal.results.calibration import LCurvePoint as LCurvePoint
+from pa10cal.results.calibration import LCurvePoint
 
 #: Enough for a curve; heavy weights bend the valley so that the last digits would cost most.
 _PRECISION = 1e-8

@@ -9,22 +9,11 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import (
-    Accuracy,
-    align_nominal,
-    deviations,
-    summarise,
-    summarise_by_load,
-)
-from pa10cal.calibration.calibrate import (
-    Calibration,
-    calibrate,
-    fitted_model,
-    solve_one_level,
-)
+from pa10cal.calibration.accuracy import align_nominal, deviations, summarise, summarise_by_load
+from pa10cal.calibration.calibrate import Calibration, calibrate, fitted_model, solve_one_level
 from pa10cal.calibration.health import Errors, FitSummary, Health, health, held_out_errors
 from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependence
-from pa10cal.calibration.l_curve import LCurvePoint, l_curve
+from pa10cal.calibration.l_curve import l_curve
 from pa10cal.calibration.levels import TwoLevel
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.repeats import gross_errors_of_repeats, scatter_of_repeats
@@ -39,6 +28,8 @@ from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
+from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.calibration import LCurvePoint
 from pa10cal.terms.baseline import baseline, nominal
 from pa10cal.terms.model import Model
 

@@ -10,7 +10,7 @@ import numpy as np
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import Accuracy, summarise_by_load
+from pa10cal.calibration.accuracy import summarise_by_load
 from pa10cal.calibration.base_parameters import report_base
 from pa10cal.calibration.calibrate import (
     Calibration,
@@ -22,13 +22,13 @@ from pa10cal.calibration.health import Health
 from pa10cal.calibration.health_record import health_part
 from pa10cal.calibration.load_case import LoadCase, model_deviations
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.fit.fitted_model import FittedModel, FittedTo
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import observability
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
-from pa10cal.fit.prediction import Suspicion
+from pa10cal.fit.prediction import FittedTo, Suspicion
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.results.accuracy import ResidualRows
+from pa10cal.results.accuracy import Accuracy, ResidualRows
 from pa10cal.results.calibration import (
     CalibratedParameter,
     CalibrationRecord,

@@ -14,12 +14,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.levels import TwoLevelRows
-from pa10cal.observe.averages import (
-    average_repeats,
-    reading_groups,
-    repeat_scatter,
-    with_scatter,
-)
+from pa10cal.observe.averages import average_repeats, reading_groups, repeat_scatter, with_scatter
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model

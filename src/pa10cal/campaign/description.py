@@ -11,10 +11,7 @@ from pydantic import Field, FiniteFloat, StringConstraints
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
-from pa10cal.campaign.bounds import (
-    refuse_impossible_gravity,
-    refuse_impossible_temperature,
-)
+from pa10cal.campaign.bounds import refuse_impossible_gravity, refuse_impossible_temperature
 from pa10cal.campaign.own_columns import OwnColumns
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import Instrument as MeasuredBy

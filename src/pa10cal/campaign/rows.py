@@ -16,14 +16,7 @@ from pa10cal.campaign.base_motion import base_columns, base_target_names, base_t
 from pa10cal.campaign.bounds import Bounds, within_bounds
 from pa10cal.campaign.quarantine import Quarantined
 from pa10cal.campaign.raw_file import RawFile
-from pa10cal.campaign.raw_rows import (
-    NumberColumn,
-    RawRows,
-    choices,
-    finite,
-    numbers,
-    whole_numbers,
-)
+from pa10cal.campaign.raw_rows import NumberColumn, RawRows, choices, finite, numbers, whole_numbers
 from pa10cal.campaign.same_commands import labels, same_commands
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import KINDS, JointLog, Observations

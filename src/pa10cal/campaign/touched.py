@@ -30,13 +30,7 @@ from pa10cal.campaign.dwell import (
     dwell_readings,
     find_dwells,
 )
-from pa10cal.campaign.labels import (
-    EXCHANGED,
-    exchange_text,
-    exchanged,
-    misfit_mm,
-    nominal_places,
-)
+from pa10cal.campaign.labels import EXCHANGED, exchange_text, exchanged, misfit_mm, nominal_places
 from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.quarantine import Ingested, Quarantined, quarantined, refuse_too_many
 from pa10cal.campaign.raw_file import RawFile

@@ -17,13 +17,7 @@ from scipy.optimize import lsq_linear
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
-from pa10cal.arm.weights import (
-    CENTRE,
-    DRIVES,
-    WeightsKnown,
-    weights_known,
-    with_assumed_weights,
-)
+from pa10cal.arm.weights import CENTRE, DRIVES, WeightsKnown, weights_known, with_assumed_weights
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.findings import InputFinding

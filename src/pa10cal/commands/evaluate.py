@@ -35,11 +35,7 @@ def evaluate(
     from pa10cal.commands.extended import read_extended
     from pa10cal.discovery.options import DiscoveryOptions
     from pa10cal.discovery.setup import setup_of
-    from pa10cal.evaluation.compared import (
-        judged_by_parts,
-        judged_models,
-        judged_where_repeated,
-    )
+    from pa10cal.evaluation.compared import judged_by_parts, judged_models, judged_where_repeated
     from pa10cal.evaluation.iso9283 import iso9283_record
     from pa10cal.evaluation.records import holdout_record, said_of_parts, summary
     from pa10cal.results.calibration import CalibrationRecord

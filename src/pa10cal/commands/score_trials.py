@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pa10cal.results.trials import Bar, JudgedTrial
+    from pa10cal.results.trial_bars import Bar
+    from pa10cal.results.trials import JudgedTrial
 
 
 def score_trials(

@@ -28,7 +28,7 @@ from pa10cal.results.analysis import (
     ParameterShift,
     SearchStep,
 )
-from pa10cal.results.discovery import EffectName
+from pa10cal.results.effect_name import EffectName
 from pa10cal.terms.effects.effect import Effect
 
 #: A parameter known no better than this part of what is possible is not identified by the data.

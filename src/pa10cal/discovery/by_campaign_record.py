@@ -9,12 +9,7 @@ import numpy as np
 from pa10cal.discovery.blocked_cv.alone import ByCampaign, Pair, by_campaign
 from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
 from pa10cal.discovery.verdict import Verdict
-from pa10cal.results.group import (
-    CampaignsAgree,
-    EffectByCampaign,
-    JointErrorAlone,
-    ParameterAlone,
-)
+from pa10cal.results.group import CampaignsAgree, EffectByCampaign, JointErrorAlone, ParameterAlone
 
 
 def by_campaign_part(found: Verdict[object]) -> tuple[EffectByCampaign, ...] | None:

@@ -10,6 +10,7 @@ import numpy as np
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS, enough
 from pa10cal.discovery.compliance import with_compliance
+from pa10cal.discovery.finding import Unexplained
 from pa10cal.discovery.formulas.one_line import with_lines_named
 from pa10cal.discovery.formulas.propose import with_proposals
 from pa10cal.discovery.gates import gated
@@ -19,7 +20,7 @@ from pa10cal.discovery.not_sought import TooLittle, not_sought
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, prepared
 from pa10cal.discovery.row_faults import carries, of_wrong_row
 from pa10cal.discovery.torque_check import stated_wrongly
-from pa10cal.discovery.verdict import Unexplained, is_named, label_of
+from pa10cal.discovery.verdict import is_named, label_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from pa10cal.campaign.findings import InputFinding
-    from pa10cal.discovery.verdict import Finding, Verdict
+    from pa10cal.discovery.finding import Finding
+    from pa10cal.discovery.verdict import Verdict
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.observe.observations import Observations
 

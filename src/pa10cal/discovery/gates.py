@@ -13,11 +13,12 @@ from typing import TypeVar
 import numpy as np
 
 from pa10cal.calibration.grade import JOINT_RAD, most_stated
+from pa10cal.discovery.finding import Finding, Unexplained
 from pa10cal.discovery.gap import trusted
 from pa10cal.discovery.harm import harmless
 from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.verdict import Finding, Unexplained, Verdict, is_named, label_of
+from pa10cal.discovery.verdict import Verdict, is_named, label_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.order import drivers, measured_again, slow_joints

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.calibration.accuracy import summarise
+from pa10cal.discovery.finding import Finding, Unexplained
 from pa10cal.discovery.gap import Gap, beside_motion, fallen_back, reduction, trusted
 from pa10cal.discovery.linear import position_noise, residual_and_jacobian
-from pa10cal.discovery.verdict import FallsBack, Finding, Unexplained, Verdict, is_named, label_of
+from pa10cal.discovery.verdict import FallsBack, Verdict, is_named, label_of
 from pa10cal.fit.angles_seen import AnglesSeen, nothing_seen, span_visited
 from pa10cal.results.accuracy import Accuracy
 from pa10cal.terms.effects.effect import JointEffect

@@ -14,13 +14,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.discovery.clustered import Estimate, mean, slope
 from pa10cal.discovery.joint_space import JointErrors, Periodogram, joint_errors, periodogram
-from pa10cal.discovery.linear import (
-    by_joints,
-    error_mm,
-    position_m,
-    position_noise,
-    residual,
-)
+from pa10cal.discovery.linear import by_joints, error_mm, position_m, position_noise, residual
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 

@@ -20,19 +20,12 @@ from pa10cal.discovery.evidence.judge import FLIP_RATE, shared_error_mm
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.explained import explained
 from pa10cal.discovery.faults import Fault, steps_told
-from pa10cal.discovery.finding import GivesWay
+from pa10cal.discovery.finding import Finding, GivesWay, NotTestable, Unexplained
 from pa10cal.discovery.formulas.record import proposed_formula
 from pa10cal.discovery.gap import trusted
 from pa10cal.discovery.gap_record import set_gap
 from pa10cal.discovery.next_poses.room import NextPose
-from pa10cal.discovery.verdict import (
-    Finding,
-    NotTestable,
-    Plan,
-    Unexplained,
-    Verdict,
-    without_a_cause,
-)
+from pa10cal.discovery.verdict import Plan, Verdict, without_a_cause
 from pa10cal.discovery.witness_record import ripple_words, witness_of
 from pa10cal.fit import angles_seen
 from pa10cal.fit.model_file import model_to_plain

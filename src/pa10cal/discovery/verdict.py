@@ -14,9 +14,7 @@ import numpy as np
 from pa10cal.arm.state import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.faults import Fault, fault_of, to_check
-from pa10cal.discovery.finding import Finding as Finding
-from pa10cal.discovery.finding import NotTestable as NotTestable
-from pa10cal.discovery.finding import Unexplained as Unexplained
+from pa10cal.discovery.finding import Finding, NotTestable, Unexplained
 from pa10cal.discovery.formulas.choose import Proposal
 from pa10cal.discovery.formulas.rows import Arena
 from pa10cal.discovery.gap import Gap, Named
@@ -26,7 +24,8 @@ from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.scatter import Scatter
 from pa10cal.discovery.with_effects import ModelWithEffects
 from pa10cal.fit.angles_seen import AnglesSeen
-from pa10cal.fit.fitted_model import FallBack, FittedModel
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.prediction import FallBack
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.faults.log_fault import LogFault

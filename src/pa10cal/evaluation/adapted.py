@@ -8,7 +8,7 @@ import numpy as np
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.accuracy import Accuracy, summarise
+from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.general.calibrate import calibrate_general
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.from_prior import calibrate_from
@@ -20,6 +20,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.observations import Observations
+from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.adaptation import AdaptedStep
 
 

@@ -12,13 +12,7 @@ from pa10cal.discovery.extended import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.preparation import prepared as made_ready
 from pa10cal.evaluation.holdout import judged, prepared
-from pa10cal.evaluation.in_parts import (
-    Placed,
-    parts_of,
-    placed,
-    steps_elsewhere,
-    worth_cutting,
-)
+from pa10cal.evaluation.in_parts import Placed, parts_of, placed, steps_elsewhere, worth_cutting
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.arrivals import with_arrivals

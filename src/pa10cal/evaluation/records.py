@@ -6,12 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from pa10cal.evaluation.compared import Carried
 from pa10cal.results.accuracy import Accuracy
-from pa10cal.results.evaluation import (
-    HeldOutModel,
-    HoldoutRecord,
-    PartOfCampaign,
-    TransferRecord,
-)
+from pa10cal.results.evaluation import HeldOutModel, HoldoutRecord, PartOfCampaign, TransferRecord
 from pa10cal.results.record import Campaign
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
-from pa10cal.results.evaluation import ToolTwist as ToolTwist
+from pa10cal.results.evaluation import ToolTwist
 
 
 def constant_tool_twist(R_predicted: Array, R_measured: Array) -> ToolTwist:

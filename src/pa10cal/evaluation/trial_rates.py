@@ -10,7 +10,8 @@ from scipy.optimize import minimize
 from scipy.stats import binomtest
 
 from pa10cal.arrays import Array
-from pa10cal.results.trials import Bar, PowerCurve, Rate
+from pa10cal.results.trial_bars import Bar, Rate
+from pa10cal.results.trials import PowerCurve
 
 LEVEL = 0.95
 #: Standard deviation expected of the slope of a power curve: none is steeper than a few of these

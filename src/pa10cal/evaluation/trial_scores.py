@@ -8,14 +8,8 @@ import numpy as np
 
 from pa10cal.evaluation.blind_trial import OUTSIDE, TRACKED, BlindTrial, Hidden
 from pa10cal.evaluation.trial_rates import bar, figure, rate
-from pa10cal.results.trials import (
-    Bar,
-    GapScore,
-    NothingHidden,
-    Outside,
-    Several,
-    Singles,
-)
+from pa10cal.results.trial_bars import Bar
+from pa10cal.results.trials import GapScore, NothingHidden, Outside, Several, Singles
 
 NOTHING_HIDDEN = ("null", "wrong_noise", "wrong_mass")
 SEVERAL = ("pair", "triple")

@@ -20,12 +20,7 @@ from pa10cal.evaluation.predictions_apart import compared_frame, shared_loads, s
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import FLANGE, TOOL_FRAME
-from pa10cal.results.comparison import (
-    ComparedFrame,
-    ComparedModel,
-    ComparisonRecord,
-    ParameterRows,
-)
+from pa10cal.results.comparison import ComparedFrame, ComparedModel, ComparisonRecord, ParameterRows
 from pa10cal.results.health import UNRESERVED
 
 #: Models are said to differ where chance leaves so much in fewer than one of a hundred pairs.

@@ -14,7 +14,7 @@ from pa10cal.evaluation.blind_trial import BlindTrial, Disturbed, Name
 from pa10cal.evaluation.formula_scores import score_formulas
 from pa10cal.evaluation.trial_rates import rate
 from pa10cal.evaluation.trial_scores import LIMIT
-from pa10cal.results.trials import Bar, Rate
+from pa10cal.results.trial_bars import Bar, Rate
 from pa10cal.results.wild_trials import WildScoresRecord, WildSubject, WildTrial
 
 #: From here on, in units of the noise floor, something wrong must show.

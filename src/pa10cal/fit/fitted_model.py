@@ -19,10 +19,7 @@ from pa10cal.errors import ModelError
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.forward import FLANGE, TARGET, TOOL_FRAME, Forward, conditions, predicted
 from pa10cal.fit.loads import with_torques
-from pa10cal.fit.prediction import Compensation as Compensation
-from pa10cal.fit.prediction import FallBack as FallBack
-from pa10cal.fit.prediction import FittedTo as FittedTo
-from pa10cal.fit.prediction import Prediction as Prediction
+from pa10cal.fit.prediction import Compensation, FallBack, FittedTo, Prediction
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Comparison, Deviations

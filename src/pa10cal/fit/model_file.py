@@ -20,9 +20,9 @@ from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.covariance_file import covariance_beside, covariance_path, write_covariance
-from pa10cal.fit.fitted_model import FallBack, FittedModel, FittedTo
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import FLANGE
-from pa10cal.fit.prediction import Suspicion
+from pa10cal.fit.prediction import FallBack, FittedTo, Suspicion
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 from pa10cal.terms.term import Term

@@ -16,9 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.frame.pose_error import cross_matrix
-from pa10cal.observe.quantities import (
-    Rows,
-)
+from pa10cal.observe.quantities import Rows
 
 _AXES = "xyz"
 _MM = 1e-3

@@ -14,9 +14,7 @@ from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.joined import Joined
 from pa10cal.observe.observations import JointLog, Observations
-from pa10cal.observe.quantities import (
-    Start,
-)
+from pa10cal.observe.quantities import Start
 
 #: Between the name of a campaign and the label of a pose.
 _OF_CAMPAIGN = "/"

@@ -20,15 +20,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.state import ObservedTargets
 from pa10cal.arrays import Array, Index
 from pa10cal.observe.base_targets import BaseTargets
-from pa10cal.observe.quantities import (
-    Comparison,
-    Deviations,
-    Located,
-    Rows,
-    Start,
-    Stated,
-    Words,
-)
+from pa10cal.observe.quantities import Comparison, Deviations, Located, Rows, Start, Stated, Words
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 from pa10cal.observe.targets import by_end_and_targets, carried_targets
 from pa10cal.terms.term import Parameter

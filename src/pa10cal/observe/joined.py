@@ -19,14 +19,7 @@ from pa10cal.arm.state import ObservedTargets
 from pa10cal.arrays import Array, Index
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.one_by_one import OneByOne
-from pa10cal.observe.quantities import (
-    Comparison,
-    Deviations,
-    Located,
-    Rows,
-    Start,
-    Words,
-)
+from pa10cal.observe.quantities import Comparison, Deviations, Located, Rows, Start, Words
 from pa10cal.observe.raw import Misfit
 from pa10cal.terms.of_campaign import of_campaign
 from pa10cal.terms.term import Parameter

@@ -13,9 +13,7 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.observe.base_targets import BaseTargets
 from pa10cal.observe.instrument import Instrument
-from pa10cal.observe.quantities import (
-    Rows,
-)
+from pa10cal.observe.quantities import Rows
 
 M = TypeVar("M", bound=Instrument)
 M_co = TypeVar("M_co", bound=Instrument, default=Instrument, covariant=True)

@@ -10,9 +10,7 @@ from typing_extensions import override
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.observe.instrument import Instrument
-from pa10cal.observe.quantities import (
-    Stated,
-)
+from pa10cal.observe.quantities import Stated
 from pa10cal.observe.raw import RawColumns
 
 

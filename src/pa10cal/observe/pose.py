@@ -19,13 +19,7 @@ from pa10cal.frame.length_scale import scale_of_points
 from pa10cal.frame.pose_error import cross_matrix, pose_error
 from pa10cal.observe.base_targets import BaseTargets
 from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
-from pa10cal.observe.quantities import (
-    Comparison,
-    Deviations,
-    Located,
-    Stated,
-    Words,
-)
+from pa10cal.observe.quantities import Comparison, Deviations, Located, Stated, Words
 from pa10cal.observe.raw import Misfit, RawColumns, Unusable
 
 RAW_PLACE = ("x_mm", "y_mm", "z_mm")

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from pa10cal.figures.parameter_names import written
 from pa10cal.results.accuracy import EffectParameter
-from pa10cal.results.discovery import EffectName
+from pa10cal.results.effect_name import EffectName
 
 #: From a standard uncertainty to half of a 95 % interval.
 HALF_WIDTH_95 = 1.96

@@ -8,15 +8,13 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, JsonValue
 
 from pa10cal.results.accuracy import Accuracy, BeforeAfter, EffectParameter, Parameter
-from pa10cal.results.angles import AnglesSeen as AnglesSeen
-from pa10cal.results.angles import FallsBack as FallsBack
-from pa10cal.results.bands import Bands as Bands
-from pa10cal.results.bands import PoseScatter as PoseScatter
-from pa10cal.results.effect_name import EffectName as EffectName
-from pa10cal.results.explained import Explained as Explained
+from pa10cal.results.angles import AnglesSeen, FallsBack
+from pa10cal.results.bands import Bands, PoseScatter
+from pa10cal.results.effect_name import EffectName
+from pa10cal.results.explained import Explained
 from pa10cal.results.fault_kind import FaultKind
 from pa10cal.results.group import EffectByCampaign
-from pa10cal.results.map_form import MapForm as MapForm
+from pa10cal.results.map_form import MapForm
 from pa10cal.results.proposed import ProposedFormula
 from pa10cal.results.record import (
     Key,
@@ -28,7 +26,7 @@ from pa10cal.results.record import (
     PoseMatrix,
     optional,
 )
-from pa10cal.results.witness import JointWitness as JointWitness
+from pa10cal.results.witness import JointWitness
 
 Verdict = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "not_sought"]
 

@@ -38,10 +38,7 @@ from pa10cal.results.pictures import PicturesRecord
 from pa10cal.results.plan import PlanRecord
 from pa10cal.results.record import Key, Part, Record, Table
 from pa10cal.results.seed import BaseFrameRecord
-from pa10cal.results.studies import (
-    CoverageRecord,
-    CurveCalibrationRecord,
-)
+from pa10cal.results.studies import CoverageRecord, CurveCalibrationRecord
 from pa10cal.results.trials import TrialScoresRecord, TrialTruthRecord, TrialVerdictRecord
 from pa10cal.results.truth import TruthRecord
 from pa10cal.results.wild_trials import WildScoresRecord

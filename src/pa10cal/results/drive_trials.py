@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from pa10cal.results.record import Part, Record
-from pa10cal.results.trials import Bar
+from pa10cal.results.trial_bars import Bar
 
 Outcome = Literal["right", "ambiguous", "wrong", "no_cause", "missed", "failed"]
 

@@ -7,15 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pa10cal.results.record import (
-    Key,
-    Matrix3,
-    MeasuredRecord,
-    Part,
-    PoseMatrix,
-    Vector3,
-    optional,
-)
+from pa10cal.results.record import Key, Matrix3, MeasuredRecord, Part, PoseMatrix, Vector3, optional
 
 
 class StraightLine(Part):

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
-from pa10cal.results.discovery import EffectName, VerdictKeys
+from pa10cal.results.discovery import VerdictKeys
+from pa10cal.results.effect_name import EffectName
 from pa10cal.results.formula_scores import FormulaScores
 from pa10cal.results.health import Grade
 from pa10cal.results.record import CampaignRecord, Key, Part, Record, optional
-from pa10cal.results.trial_bars import Bar as Bar
-from pa10cal.results.trial_bars import Rate as Rate
+from pa10cal.results.trial_bars import Bar, Rate
 
 _Id = Annotated[str, Key("id")]
 _Kind = Annotated[str, Key("kind")]

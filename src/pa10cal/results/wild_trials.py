@@ -8,7 +8,7 @@ from pydantic import Field
 
 from pa10cal.results.formula_scores import FormulaScores
 from pa10cal.results.record import Part, Record
-from pa10cal.results.trials import Bar
+from pa10cal.results.trial_bars import Bar
 
 
 class WildSubject(Part):

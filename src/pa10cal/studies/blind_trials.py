@@ -25,11 +25,7 @@ from pa10cal.errors import SettingsError
 from pa10cal.evaluation.blind_trial import DRIVES
 from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
-from pa10cal.results.trials import (
-    FailedTrialRecord,
-    TrialTruthRecord,
-    TrialVerdictRecord,
-)
+from pa10cal.results.trials import FailedTrialRecord, TrialTruthRecord, TrialVerdictRecord
 from pa10cal.studies.drive_trials import try_drive_trial
 from pa10cal.studies.judging import CalibratedCampaign, calibrated_campaign
 from pa10cal.studies.trial_records import truth_record

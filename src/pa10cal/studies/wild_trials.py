@@ -23,12 +23,7 @@ from pa10cal.evaluation.blind_trial import WILD
 from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.results.calibration import CalibrationRecord
-from pa10cal.results.trials import (
-    FailedTrialRecord,
-    PutIn,
-    TrialTruthRecord,
-    TrialVerdictRecord,
-)
+from pa10cal.results.trials import FailedTrialRecord, PutIn, TrialTruthRecord, TrialVerdictRecord
 from pa10cal.studies.by_commands import calibrated_by_commands, judged_by_commands
 from pa10cal.studies.trial_records import truth_record
 

@@ -8,13 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pa10cal.arm.chain import (
-    Chain,
-    EndPose,
-    end_pose,
-    end_pose_and_screws,
-    end_pose_with_screws,
-)
+from pa10cal.arm.chain import Chain, EndPose, end_pose, end_pose_and_screws, end_pose_with_screws
 from pa10cal.arm.state import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.kept import Kept

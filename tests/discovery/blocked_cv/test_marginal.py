@@ -5,11 +5,7 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
-from pa10cal.discovery.blocked_cv.marginal import (
-    Waves,
-    minus_twice_log_likelihood,
-    most_likely,
-)
+from pa10cal.discovery.blocked_cv.marginal import Waves, minus_twice_log_likelihood, most_likely
 from pa10cal.terms.effects.joint_error_map import harmonic_orders
 from pa10cal.terms.effects.spectrum import Band
 

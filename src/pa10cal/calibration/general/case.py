@@ -12,15 +12,12 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arm.weights import weights_known
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import Accuracy, summarise, summarise_by_load
+from pa10cal.calibration.accuracy import summarise, summarise_by_load
 from pa10cal.calibration.general.apart import Apart, apart
-from pa10cal.calibration.general.calibrate import (
-    GeneralCalibration,
-    calibrate_general,
-)
+from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
 from pa10cal.calibration.general.from_prior import calibrate_from
 from pa10cal.calibration.general.prior import prior_of
-from pa10cal.calibration.general.suspected_outliers import SuspectedOutlier, suspected_outliers
+from pa10cal.calibration.general.suspected_outliers import suspected_outliers
 from pa10cal.calibration.health import Errors, FitSummary, Health, health, held_out_errors
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.repeats import scatter_of_repeats
@@ -34,6 +31,8 @@ from pa10cal.fit.loads import with_torques
 from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations, Start
+from pa10cal.results.accuracy import Accuracy
+from pa10cal.results.calibration import SuspectedOutlier
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
 from pa10cal.terms.weights import Weights

@@ -13,9 +13,10 @@ from pa10cal.calibration.general.calibrate import GeneralCalibration
 from pa10cal.calibration.general.case import GeneralCase, fitted
 from pa10cal.calibration.health_record import health_part
 from pa10cal.calibration.records import by_load, fitted_to, reported_keys
-from pa10cal.fit.fitted_model import FittedModel, FittedTo
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import not_identifiable, observability
 from pa10cal.fit.model_file import model_to_plain
+from pa10cal.fit.prediction import FittedTo
 from pa10cal.results.accuracy import ResidualRows
 from pa10cal.results.calibration import (
     CalibratedParameter,
@@ -30,12 +31,7 @@ from pa10cal.results.calibration import (
     Solved,
     Spring,
 )
-from pa10cal.results.group import (
-    CampaignAlone,
-    Difference,
-    GroupOfCampaigns,
-    SharedParameter,
-)
+from pa10cal.results.group import CampaignAlone, Difference, GroupOfCampaigns, SharedParameter
 from pa10cal.results.record import Campaign
 from pa10cal.terms.joint_spring import JointSpring
 

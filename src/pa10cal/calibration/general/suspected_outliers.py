@@ -8,7 +8,7 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.general.fit import Fit
 from pa10cal.fit.problem import Problem
 from pa10cal.fit.robust_weights import suspect_beyond
-from pa10cal.results.calibration import SuspectedOutlier as SuspectedOutlier
+from pa10cal.results.calibration import SuspectedOutlier
 
 #: A pose with less weight than this is listed in any case.
 _LITTLE_WEIGHT = 0.5

@@ -18,7 +18,8 @@ from pa10cal.calibration.general.problem import start_of_tool
 from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.fitted_model import FallBack, FittedModel
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.prediction import FallBack
 from pa10cal.fit.problem import Problem
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.observe.observations import Observations

@@ -15,9 +15,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arrays import Array
 from pa10cal.cell.disturbances.disturbance import Disturbance
 from pa10cal.cell.effects.effect import Finite, FinitePositive
-from pa10cal.cell.raw_log import (
-    RawLog,
-)
+from pa10cal.cell.raw_log import RawLog
 
 
 class HeavyTails(Disturbance):

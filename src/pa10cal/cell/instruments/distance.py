@@ -7,10 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.cell.instruments.instrument import (
-    Streams,
-    Truth,
-)
+from pa10cal.cell.instruments.instrument import Streams, Truth
 from pa10cal.cell.instruments.tracker import Tracker
 from pa10cal.cell.robot import Robot
 

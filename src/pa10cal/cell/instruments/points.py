@@ -8,10 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.cell.instruments.instrument import (
-    Streams,
-    Truth,
-)
+from pa10cal.cell.instruments.instrument import Streams, Truth
 from pa10cal.cell.instruments.tracker import Tracker, xyz_columns
 from pa10cal.cell.robot import Robot
 

@@ -7,10 +7,7 @@ from typing import Any, ClassVar
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
-from pa10cal.cell.instruments.instrument import (
-    Streams,
-    Truth,
-)
+from pa10cal.cell.instruments.instrument import Streams, Truth
 from pa10cal.cell.instruments.tracker import Tracker, xyz_columns
 from pa10cal.cell.robot import Robot
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pa10cal.arrays import Array
+from pa10cal.discovery.finding import Unexplained
 from pa10cal.discovery.linear import by_joints
-from pa10cal.discovery.verdict import Unexplained
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext, turning_joints

@@ -30,15 +30,11 @@ from pa10cal.discovery.blocked_cv.refit import Refit, refit
 from pa10cal.discovery.blocked_cv.slow_drift import slow_drift
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.family import sought
+from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.formulas.rows import Arena
 from pa10cal.discovery.gap import Gap, Named, left_by
 from pa10cal.discovery.harm import WORSE
-from pa10cal.discovery.in_time.channel import (
-    in_time_of,
-    steps_in_time,
-    told_with_rivals,
-    wandering,
-)
+from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
 from pa10cal.discovery.in_time.wander import InTime
 from pa10cal.discovery.lack_of_fit import CellResiduals, LackOfFit, lack_of_fit
 from pa10cal.discovery.linear import mean_error_of_noise_mm
@@ -48,7 +44,7 @@ from pa10cal.discovery.preparation import Prepared, complete_about
 from pa10cal.discovery.scatter import Scatter, scatter_of, share_inside
 from pa10cal.discovery.sensor_or_gear import JointCause
 from pa10cal.discovery.torque_noise import with_torque_noise
-from pa10cal.discovery.verdict import Finding, Plan, Verdict, reported
+from pa10cal.discovery.verdict import Plan, Verdict, reported
 from pa10cal.discovery.weights import AS_FOUND
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 from pa10cal.observe.observations import Observations

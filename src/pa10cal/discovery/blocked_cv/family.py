@@ -18,7 +18,7 @@ from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import Columns, solve
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.family import is_fault, sought, why_hidden, why_unknown
-from pa10cal.discovery.verdict import NotTestable
+from pa10cal.discovery.finding import NotTestable
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 

@@ -12,8 +12,8 @@ from pa10cal.discovery.blocked_cv.candidate import Chosen, both_kinds_agree, sta
 from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import BLOCKS
+from pa10cal.discovery.finding import Unexplained
 from pa10cal.discovery.linear import error_mm
-from pa10cal.discovery.verdict import Unexplained
 from pa10cal.terms.effects.effect import Effect
 
 #: The remaining error counts as more than noise where it is so many times as large.

@@ -18,9 +18,9 @@ from pa10cal.discovery.blocked_cv.judge import (
 from pa10cal.discovery.blocked_cv.reference import noise_squares
 from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search, Step
+from pa10cal.discovery.finding import NotTestable
 from pa10cal.discovery.noise import noise_of_near_poses
 from pa10cal.discovery.torque_noise import with_torque_noise
-from pa10cal.discovery.verdict import NotTestable
 from pa10cal.terms.effects.effect import Effect
 
 

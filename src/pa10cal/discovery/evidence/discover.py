@@ -23,14 +23,10 @@ from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, search, threshold
 from pa10cal.discovery.family import effects_in, is_fault, sought
 from pa10cal.discovery.faults import Fault
+from pa10cal.discovery.finding import Finding, Unexplained
 from pa10cal.discovery.formulas.rows import Arena
 from pa10cal.discovery.gap import Gap, Named, gap, in_order, left_by
-from pa10cal.discovery.in_time.channel import (
-    in_time_of,
-    steps_in_time,
-    told_with_rivals,
-    wandering,
-)
+from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
 from pa10cal.discovery.in_time.running import moved_between_repeats
 from pa10cal.discovery.in_time.wander import STILL, moved_frames
 from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
@@ -39,7 +35,7 @@ from pa10cal.discovery.next_poses.contest import Pair
 from pa10cal.discovery.next_poses.separate import plan
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import Prepared, complete, complete_about
-from pa10cal.discovery.verdict import Finding, Plan, Unexplained, Verdict, reported
+from pa10cal.discovery.verdict import Plan, Verdict, reported
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.averages import average_repeats, reading_groups

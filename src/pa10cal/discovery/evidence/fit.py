@@ -11,11 +11,7 @@ import numpy as np
 from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import Problem
-from pa10cal.discovery.linear import (
-    possible_sizes,
-    residual_and_jacobian,
-    residual_then_jacobian,
-)
+from pa10cal.discovery.linear import possible_sizes, residual_and_jacobian, residual_then_jacobian
 from pa10cal.discovery.with_effects import ModelWithEffects, at_unknowns, unknowns, with_base_term
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.least_squares import Bounds, Equations, minimise

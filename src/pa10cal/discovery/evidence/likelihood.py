@@ -22,13 +22,7 @@ from scipy.linalg.blas import dtrsm
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.noise_model import NoiseModel
-from pa10cal.discovery.evidence.reduced import (
-    SHARED_VARIANCES,
-    Reduced,
-    nothing,
-    reduced,
-    spread,
-)
+from pa10cal.discovery.evidence.reduced import SHARED_VARIANCES, Reduced, nothing, reduced, spread
 
 Columns = NDArray[np.intp]
 

@@ -15,12 +15,7 @@ from pa10cal.discovery.in_time.wander import STILL, InTime
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import Noise, noise_of_repeats, same_circumstances
 from pa10cal.discovery.options import DiscoveryOptions
-from pa10cal.discovery.preparation import (
-    MeasurementSetup,
-    complete_about,
-    context_of,
-    static_loads,
-)
+from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of, static_loads
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import unknown_tool
 from pa10cal.observe.observations import Observations

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TypeVar
 
+from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.formulas.choose import Proposal
 from pa10cal.discovery.gates import unfit
 from pa10cal.discovery.harm import harmless
-from pa10cal.discovery.verdict import MAP, Finding, Verdict
+from pa10cal.discovery.verdict import MAP, Verdict
 from pa10cal.terms.effects.effect import joint_of
 from pa10cal.terms.effects.periodic_error import PeriodicError
 from pa10cal.terms.forms.catalogue import all_around

@@ -8,11 +8,7 @@ from pa10cal.figures.parameter_names import written
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
 from pa10cal.figures.table import Row, Shown, Table, figures, frame_of, shown
-from pa10cal.results.calibration import (
-    CalibratedParameter,
-    GeneralCalibrationRecord,
-    Redundant,
-)
+from pa10cal.results.calibration import CalibratedParameter, GeneralCalibrationRecord, Redundant
 
 PICTURE = Picture(
     title="Parameters of the general model",

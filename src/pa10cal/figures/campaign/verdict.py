@@ -11,7 +11,6 @@ from pa10cal.figures.results import Results
 from pa10cal.figures.table import Row, Shown, Table, frame_of, shown, with_half_width
 from pa10cal.results.accuracy import BeforeAfter, EffectParameter
 from pa10cal.results.discovery import (
-    EffectName,
     EvidenceByBlocks,
     EvidenceByRepeats,
     EvidenceOfSag,
@@ -22,6 +21,7 @@ from pa10cal.results.discovery import (
     SetGap,
     VerdictRecord,
 )
+from pa10cal.results.effect_name import EffectName
 from pa10cal.results.explained import ExplainedEffect, percent
 from pa10cal.results.proposed import ProposedFormula
 

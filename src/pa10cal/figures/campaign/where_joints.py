@@ -17,15 +17,7 @@ from pa10cal.figures.joint_columns import LEFT_MM, joint_panels, label_below, ov
 from pa10cal.figures.orders_told import highest_told
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.results import Results
-from pa10cal.figures.style import (
-    AFTER,
-    BEFORE,
-    GREY,
-    SEPARATOR,
-    legend_at,
-    new_figure,
-    points,
-)
+from pa10cal.figures.style import AFTER, BEFORE, GREY, SEPARATOR, legend_at, new_figure, points
 from pa10cal.results.analysis import CellJoint, LackOfFit, Periodogram
 
 PICTURE = Picture(

@@ -9,15 +9,7 @@ from scipy.special import ndtri
 
 from pa10cal.figures.rates import draw_rates
 from pa10cal.figures.registry import NothingToShowError, Picture
-from pa10cal.figures.style import (
-    BLACK,
-    BLUE,
-    GREY,
-    name_rows,
-    new_figure,
-    panel,
-    write_text_at,
-)
+from pa10cal.figures.style import BLACK, BLUE, GREY, name_rows, new_figure, panel, write_text_at
 from pa10cal.results.trials import TrialScoresRecord
 
 PICTURE = Picture(
