@@ -104,7 +104,7 @@ commanded: tools
 
 measured: setup
 	$(SNAKEMAKE) measured
-	$(BIN)/python -m pa10cal.datasets.measured_table
+	$(BIN)/python -m pa10cal.datasets.measured
 
 plan: tools
 	$(BIN)/python -m benchmarks.plan

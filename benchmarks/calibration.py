@@ -16,15 +16,13 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.tolerances import Tolerances
-from pa10cal.calibration.calibrate import tolerance_rows
-from pa10cal.calibration.inner_poses import rows_of, spread_poses
-from pa10cal.calibration.levels import TwoLevel
+from pa10cal.calibration.calibrate import nominal_start, solve, tolerance_rows
+from pa10cal.calibration.levels import TwoLevel, rows_of, spread_poses
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.terms.baseline import baseline
+from pa10cal.terms.joint_spring import baseline
 
 Array = NDArray[np.float64]
 

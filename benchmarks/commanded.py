@@ -80,7 +80,7 @@ def commanded(instrument, robot, flexible, hidden):
 
     from pa10cal.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
     from pa10cal.discovery.given import Place
-    from pa10cal.studies.commanded import command, simulated_model
+    from pa10cal.studies.planned import command, simulated_model
 
     plan = TrackerOptions(
         instrument=instrument,

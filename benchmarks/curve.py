@@ -11,12 +11,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from pa10cal.curve.angles import JointAngles, chain_points, first_axes, joint_angles
-from pa10cal.curve.curve import Array, Curve
-from pa10cal.curve.first_crossing import first_crossing
-from pa10cal.curve.points import Points, lay_points
-from pa10cal.curve.polynomial import PiecewisePolynomial, spline_through
-from pa10cal.curve.roll import smallest_angle
-from pa10cal.curve.roll_map import RollMap
+from pa10cal.curve.curve import Array, Curve, PiecewisePolynomial, spline_through
+from pa10cal.curve.points import Points, first_crossing, lay_points
+from pa10cal.curve.roll import RollMap, smallest_angle
 
 COUNTS = tuple(int(n) for n in np.geomspace(10, 100_000, 13).round())
 ROUNDS = 7

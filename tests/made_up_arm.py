@@ -17,17 +17,16 @@ from pa10cal.discovery.evidence.discover import VerdictByRepeats, discover_by_re
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, evidence_about, less
+from pa10cal.discovery.linear import moved_base
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared
-from pa10cal.discovery.with_effects import moved_base
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import fit_rigid, pose_by_source
-from pa10cal.observe.averages import average_repeats
-from pa10cal.observe.observations import Observations
+from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.pose import Pose
-from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.joint_spring import baseline
 from pa10cal.terms.model import Model
 
 ARM = load_arm("pa10_6ce")

@@ -19,7 +19,7 @@ from pa10cal.results.discovery import (
     Unexplained,
     VerdictKeys,
 )
-from pa10cal.results.effect_name import EffectName
+from pa10cal.results.record import EffectName
 
 
 def accuracy(mean_mm=0.02, peak_mm=None, rms_mm=None, configurations=45):

@@ -10,7 +10,7 @@ from pa10cal.commands.command_line import run_command
 from pa10cal.results.accuracy import EffectParameter
 from pa10cal.results.codec import write
 from pa10cal.results.discovery import Fault, VerdictRecord
-from pa10cal.results.proposed import ProposedEvidence, ProposedFormula
+from pa10cal.results.explained import ProposedEvidence, ProposedFormula
 
 NAME = "small"
 PLAN = {"robot": "ur10", "without_touches": {"instrument": "pose", "poses": 40}}

@@ -29,6 +29,7 @@ PURE = {
     "curve",
 }
 FLOOR = {
+    "arrays",
     "errors",
     "extras",
     "names",
@@ -63,7 +64,7 @@ MAY_IMPORT = {
     "frame": {"fit.least_squares"},
     "observe": {"arm", "terms", "frame"},
     "campaign": {
-        "files.cells",
+        "files.output",
         "arm",
         "files.arms",
         "fit.loads",
@@ -77,7 +78,6 @@ MAY_IMPORT = {
         "arm",
         "campaign.conventions",
         "campaign.description",
-        "campaign.findings",
         "campaign.labels",
         "campaign.weighed_arm",
         "fit",
@@ -90,7 +90,6 @@ MAY_IMPORT = {
         "arm",
         "calibration",
         "campaign.description",
-        "campaign.findings",
         "fit",
         "frame",
         "observe",
@@ -129,11 +128,10 @@ MAY_IMPORT = {
     },
     "datasets": {"campaign", "files", "settings"},
     "files": {
-        "arm.attitude",
+        "arm.chain",
         "arm.description",
         "arm.imported",
-        "arm.parallel",
-        "arm.urdf_patch",
+        "arm.exports",
         "settings",
     },
     "figures": {
@@ -152,10 +150,10 @@ MAY_IMPORT = {
         "campaign.options",
         "discovery.options",
         "evaluation",
-        "files.cells",
+        "files.output",
         "fit",
         "frame.options",
-        "running.summary",
+        "running.display",
     },
     "reports": {
         "observe.quantities",

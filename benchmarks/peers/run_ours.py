@@ -8,9 +8,8 @@ from benchmarks.peers.adapter import Fitted, main
 from benchmarks.peers.problem import Array, Problem
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.tolerances import Tolerances
-from pa10cal.calibration.general.calibrate import calibrate_general
+from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.calibration.general.start import find_start
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.commands.command_line import limit_threads
 from pa10cal.files.arms import load_arm

@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pa10cal.campaign.read import Campaign as Campaign
     from pa10cal.campaign.read import read_campaign as read_campaign
-    from pa10cal.campaign.read_group import read_group as read_group
+    from pa10cal.campaign.read import read_group as read_group
     from pa10cal.discovery.verdict import Verdict as Verdict
     from pa10cal.errors import Pa10calError as Pa10calError
     from pa10cal.files.arms import load_arm as load_arm
-    from pa10cal.fit.fitted_model import Compensation as Compensation
     from pa10cal.fit.fitted_model import FittedModel as FittedModel
-    from pa10cal.fit.fitted_model import Prediction as Prediction
     from pa10cal.fit.model_file import load_model as load_model
+    from pa10cal.fit.prediction import Compensation as Compensation
+    from pa10cal.fit.prediction import Prediction as Prediction
     from pa10cal.interface import calibrate as calibrate
     from pa10cal.interface import compare as compare
     from pa10cal.interface import discover as discover
@@ -40,7 +40,7 @@ __version__ = "0.2.0"
 _HOMES = {
     "plan": "pa10cal.interface",
     "read_campaign": "pa10cal.campaign.read",
-    "read_group": "pa10cal.campaign.read_group",
+    "read_group": "pa10cal.campaign.read",
     "load_arm": "pa10cal.files.arms",
     "calibrate": "pa10cal.interface",
     "discover": "pa10cal.interface",
@@ -51,8 +51,8 @@ _HOMES = {
     "PosePlan": "pa10cal.pose_plan.plan",
     "Campaign": "pa10cal.campaign.read",
     "FittedModel": "pa10cal.fit.fitted_model",
-    "Prediction": "pa10cal.fit.fitted_model",
-    "Compensation": "pa10cal.fit.fitted_model",
+    "Prediction": "pa10cal.fit.prediction",
+    "Compensation": "pa10cal.fit.prediction",
     "Verdict": "pa10cal.discovery.verdict",
     "Pa10calError": "pa10cal.errors",
 }

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.read import Campaign, read_campaign
-from pa10cal.campaign.read_group import read_group
+from pa10cal.campaign.read import Campaign, read_campaign, read_group
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
@@ -104,7 +103,7 @@ def discover(
         CalibrationError: when a joint with a spring has no torque.
     """
     from pa10cal.discovery.discover import discover as search
-    from pa10cal.discovery.setup import setup_of
+    from pa10cal.discovery.preparation import setup_of
 
     setup = setup_of(
         campaign.description, campaign.arm, CalibrationOptions(), options or DiscoveryOptions()

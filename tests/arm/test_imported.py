@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain, frames
+from pa10cal.arm.description import neighbouring_axes
+from pa10cal.arm.exports import urdf_text
 from pa10cal.arm.imported import arm_from_urdf_text
-from pa10cal.arm.parallel import neighbouring_axes
 from pa10cal.arm.statics import Payload, statics
-from pa10cal.arm.urdf import urdf_text
 from pa10cal.errors import ArmError
 from pa10cal.files.arms import arm_names, load_arm
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arm.joint_axes import rows_through
+from pa10cal.arm.imported import rows_through
 
 angles = st.sampled_from([0.0, np.pi, np.pi / 2, -np.pi / 2, 1e-12, 3e-8, 1e-3, 0.08, 0.09, 0.7])
 lengths = st.sampled_from([0.0, 1e-11, 1e-6, 0.1, -0.4])

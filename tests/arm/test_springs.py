@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.arm.springs import deflection_rad, unit_deflection
+from pa10cal.arm.statics import deflection_rad, unit_deflection
 
 stiffness = st.floats(1e2, 1e6)
 torque = st.floats(-300, 300)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from ikpy.chain import Chain as IkpyChain
 
 from pa10cal.arm.chain import BASE, Chain, end_pose
-from pa10cal.arm.urdf import urdf_text
+from pa10cal.arm.exports import urdf_text
 from pa10cal.files.arms import arm_names, load_arm
 
 

@@ -11,12 +11,16 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.arm.attitude import placed
-from pa10cal.arm.chain import BASE, TOOL, Chain, end_pose
+from pa10cal.arm.chain import BASE, TOOL, Chain, end_pose, placed
+from pa10cal.arm.exports import (
+    LINKS,
+    UrdfSource,
+    flange_off_m,
+    patched_urdf,
+    ur_kinematics,
+    urdf_text,
+)
 from pa10cal.arm.imported import arm_from_urdf_text
-from pa10cal.arm.ur_layout import LINKS, flange_off_m, ur_kinematics
-from pa10cal.arm.urdf import urdf_text
-from pa10cal.arm.urdf_patch import UrdfSource, patched_urdf
 from pa10cal.errors import ArmError
 from pa10cal.files.arms import arm_names, load_arm
 

@@ -16,7 +16,7 @@ from pa10cal.arm.tolerances import Tolerances
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.terms.baseline import baseline
+from pa10cal.terms.joint_spring import baseline
 from pa10cal.terms.model import Model
 
 

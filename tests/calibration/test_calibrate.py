@@ -9,22 +9,21 @@ from pa10cal.arm.tolerances import Tolerances
 from pa10cal.calibration.accuracy import deviations, summarise
 from pa10cal.calibration.calibrate import (
     calibrate,
+    nominal_start,
+    solve,
     solve_one_level,
     tolerance_rows,
     weak_directions,
 )
-from pa10cal.calibration.inner_dependence import inner_dependence
-from pa10cal.calibration.l_curve import l_curve
 from pa10cal.calibration.levels import TwoLevel
-from pa10cal.calibration.load_case import load_cases, rows_of_load
+from pa10cal.calibration.load_case import inner_dependence, l_curve, load_cases, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.solve import nominal_start, solve
 from pa10cal.calibration.uncertainty import ErrorSources
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.identifiability import identify, observability, unidentified_directions
 from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
-from pa10cal.observe.averages import average_repeats
-from pa10cal.terms.baseline import baseline
+from pa10cal.observe.observations import average_repeats
+from pa10cal.terms.joint_spring import baseline
 from pa10cal.terms.model import Model
 
 AS_MEASURED = ErrorSources()

@@ -7,10 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.design import pose_design, poses_needed
-from pa10cal.calibration.health import Errors, FitSummary, HeldOut, health
-from pa10cal.calibration.repeats import ScatterOfRepeats
-from pa10cal.campaign.findings import InputFinding
+from pa10cal.calibration.health import (
+    Errors,
+    FitSummary,
+    HeldOut,
+    health,
+    pose_design,
+    poses_needed,
+)
+from pa10cal.calibration.uncertainty import ScatterOfRepeats
+from pa10cal.campaign.description import InputFinding
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.results.accuracy import Accuracy
 from pa10cal.terms.term import Parameter

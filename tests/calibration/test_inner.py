@@ -4,9 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pa10cal.calibration.inner import fit_base_frame
+from pa10cal.calibration.levels import fit_base_frame
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.pose_error import angle_rad, pose_error
+from pa10cal.frame.rigid_fit import angle_rad, pose_error
 
 
 def random_poses(rng, count):

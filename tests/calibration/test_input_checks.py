@@ -12,7 +12,7 @@ from made_up_sightings import sighted
 from mended import QUATERNION, describe, findings, mend, simulated
 from pa10cal.arm.chain import Chain
 from pa10cal.calibration.input_checks import explained
-from pa10cal.campaign.findings import InputFinding
+from pa10cal.campaign.description import InputFinding
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 

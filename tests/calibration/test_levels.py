@@ -3,8 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.inner_poses import random_poses, rows_of, spread_poses
-from pa10cal.calibration.levels import TwoLevel
+from pa10cal.calibration.levels import TwoLevel, random_poses, rows_of, spread_poses
 from pa10cal.errors import CalibrationError
 
 

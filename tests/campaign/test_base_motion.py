@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from pa10cal.calibration.general.start import find_start
+from pa10cal.calibration.general.calibrate import find_start
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.table import read_base_motion, read_observations, write_pose_table
 from pa10cal.cell.campaign import simulate_campaign
@@ -14,8 +14,8 @@ from pa10cal.cell.write import write_campaign
 from pa10cal.commands.command_line import main
 from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
-from pa10cal.frame.pose_error import cross_matrix
-from pa10cal.observe.group import Member, join
+from pa10cal.frame.rigid_fit import cross_matrix
+from pa10cal.observe.joined import Member, join
 from pa10cal.settings_reading import parse_section
 
 WALK = ({"id": "random_walk", "parameters": {"size_mm": 0.05, "turn_mrad": 0.01}},)

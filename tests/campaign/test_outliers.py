@@ -7,7 +7,7 @@ import pytest
 
 from made_up_sightings import sighted
 from pa10cal.campaign.screens import off_model
-from pa10cal.observe.raw import Misfit
+from pa10cal.observe.quantities import Misfit
 from spoiling import ingest, replace
 
 

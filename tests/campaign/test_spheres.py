@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.campaign.spheres import fit_spheres, pooled_touch_sigma_mm, touch_sigma_mm
+from pa10cal.campaign.balls import fit_spheres, pooled_touch_sigma_mm, touch_sigma_mm
 
 RADIUS_MM = 12.7
 FIVE = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], dtype=float)

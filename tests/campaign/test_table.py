@@ -10,7 +10,7 @@ from made_up_poses import measured_poses
 from pa10cal.arm.state import PoseStates
 from pa10cal.campaign.table import read_observations, read_pose_table, write_pose_table
 from pa10cal.errors import RawDataError
-from pa10cal.observe.averages import poses_of
+from pa10cal.observe.observations import poses_of
 from spoiling import ingest
 
 ARMS, AXES = 6, "xyz"

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pa10cal.campaign.spheres import find_outliers
+from pa10cal.campaign.balls import find_outliers
 
 RADIUS_MM, SIGMA_MM = 12.7, 0.01
 LIMIT_MM = 6 * SIGMA_MM

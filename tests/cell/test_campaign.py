@@ -9,8 +9,7 @@ from pa10cal.cell.campaign import measure_campaign, simulate_campaign
 from pa10cal.cell.effects.effect import InstrumentEffect
 from pa10cal.cell.effects.joint import Backlash, FrictionTorque, TorqueGain, TransmissionError
 from pa10cal.cell.effects.outside import BowedAxis, DressPack, Hysteresis
-from pa10cal.cell.effects.structure import BaseDrift, ThermalGrowth
-from pa10cal.cell.effects.tool_and_instrument import CmmScale, ToolSag
+from pa10cal.cell.effects.structure import BaseDrift, CmmScale, ThermalGrowth, ToolSag
 from pa10cal.cell.options import CellNoiseOptions, SimulateOptions
 from pa10cal.cell.robot import Departures
 from pa10cal.errors import SettingsError

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pa10cal.cell.effects.joint import JointCompliance, SoftWindup
-from pa10cal.cell.equilibrium import rest_poses
 from pa10cal.cell.individual import PAPER_K_CUB, TABLE_1_K_LIN, draw_individual
+from pa10cal.cell.instruments.instrument import rest_poses
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.cell.robot import Springs
 from pa10cal.errors import SimulationError

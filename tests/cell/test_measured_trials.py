@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
-from pa10cal.cell.after_geometry import after_geometry
 from pa10cal.cell.campaign import robot_of, simulate_campaign
+from pa10cal.cell.individual import NAME, REACH_M, TOOL_SHARE
 from pa10cal.cell.measured_trials import (
     NO_SPRINGS,
     NOTHING,
@@ -18,9 +18,9 @@ from pa10cal.cell.measured_trials import (
     SPRING,
     UNSTATED,
     UNSTATED_SUBJECTS,
+    after_geometry,
     measured_benches,
 )
-from pa10cal.cell.unstated import NAME, REACH_M, TOOL_SHARE
 from pa10cal.cell.wild_trials import draw_wild_trials
 from pa10cal.cell.write import write_campaign
 from pa10cal.errors import SettingsError, SimulationError

@@ -131,7 +131,7 @@ def test_refuses_further_poses_that_the_arm_cannot_take(arm, robot, pose_deg, va
 
 def test_the_poses_tell_34_of_the_36_unknowns(robot, poses):
     """Jacobian of flange poses by finite differences of the cell's own chain and springs."""
-    from pa10cal.cell.equilibrium import rest_poses
+    from pa10cal.cell.instruments.instrument import rest_poses
 
     q = np.concatenate([poses.grid, poses.grid])
     load_N = np.repeat([0.0, 44.0], len(poses.grid))

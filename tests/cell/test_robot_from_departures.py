@@ -8,11 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from made_up_robot import rebuilt
 from pa10cal.arm.chain import BASE, TOOL, Chain, end_pose, end_pose_with_screws
-from pa10cal.cell.equilibrium import rest_poses
 from pa10cal.cell.individual import draw_individual, robot_from_departures
+from pa10cal.cell.instruments.instrument import rest_poses
 from pa10cal.cell.options import TrackerOptions
-from pa10cal.cell.robot import Departures, Springs, Targets
-from pa10cal.cell.tool import ring_of_targets
+from pa10cal.cell.robot import Departures, Springs, Targets, ring_of_targets
 from pa10cal.errors import SimulationError
 from pa10cal.files.arms import arm_names, load_arm
 

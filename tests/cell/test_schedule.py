@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from pa10cal.cell.options import SimulateOptions
-from pa10cal.cell.poses import Poses
-from pa10cal.cell.schedule import sweeps
+from pa10cal.cell.poses import Poses, sweeps
 
 RNG = np.random.default_rng(0)
 POSES = Poses(*(RNG.uniform(-1, 1, (count, 6)) for count in (11, 11, 27, 10)))

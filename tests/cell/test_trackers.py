@@ -11,12 +11,18 @@ from scipy.spatial.transform import Rotation
 from made_up_robot import logged_q, seen_m, seen_p, seen_T, track
 from pa10cal.cell.campaign import measure_campaign
 from pa10cal.cell.effects.joint import Backlash, FrictionTorque, TransmissionError
-from pa10cal.cell.effects.structure import BaseCompliance, BaseDrift, LinkBending, ThermalGrowth
-from pa10cal.cell.effects.tool_and_instrument import CmmScale, ToolSag
-from pa10cal.cell.equilibrium import rest_poses
+from pa10cal.cell.effects.structure import (
+    BaseCompliance,
+    BaseDrift,
+    CmmScale,
+    LinkBending,
+    ThermalGrowth,
+    ToolSag,
+)
 from pa10cal.cell.individual import draw_individual, robot_from_departures
+from pa10cal.cell.instruments.instrument import rest_poses
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.curve.chain_arm import chain_arm
+from pa10cal.curve.angles import chain_arm
 from pa10cal.errors import SimulationError
 from pa10cal.files.arms import arm_names, load_arm
 

@@ -14,7 +14,7 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 from pa10cal.cell.write import write_campaign
-from pa10cal.curve.chain_arm import chain_arm
+from pa10cal.curve.angles import chain_arm
 from pa10cal.errors import SimulationError
 from pa10cal.files.arms import arm_names, load_arm
 

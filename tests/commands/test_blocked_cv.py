@@ -141,7 +141,13 @@ def test_the_extended_model_evaluates_as_the_verdict_says(work, verdict):
 def test_the_extended_model_is_exported(work, verdict):
     model = work / "model.yaml"
     words = ["--calibration", str(work / "combined.json"), "--extended"]
-    words += [str(work / "extended.json"), "--model", str(model), "--urdf", str(work / "arm.urdf")]
+    words += [
+        str(work / "extended.json"),
+        "--model",
+        str(model),
+        "--urdf",
+        str(work / "arm.exports"),
+    ]
     assert run_command("export", words) == 0
     content = yaml.safe_load(model.read_text("utf-8"))
     effect, stated = content["terms"][-1], verdict["effects"][0]

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.urdf import urdf_text
+from pa10cal.arm.exports import urdf_text
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.errors import ArmError
 from pa10cal.files.arms import load_arm, urdf_of_arm

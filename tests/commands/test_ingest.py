@@ -17,7 +17,7 @@ from pa10cal.campaign.table import read_observations, read_pose_table
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.files.arm_text import arm_text
 from pa10cal.files.arms import load_arm
-from pa10cal.observe.averages import poses_of
+from pa10cal.observe.observations import poses_of
 
 RAW = Path(__file__).parents[2] / "data" / "raw"
 

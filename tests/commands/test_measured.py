@@ -12,12 +12,28 @@ import pytest
 from made_up_datasets import write_titan
 from pa10cal.commands.command_line import REFUSED, main
 from pa10cal.datasets import measured
-from pa10cal.datasets.measured import CAMPAIGNS, CARRIED, GROUPS, at_hand, files_of, groups_of
-from pa10cal.datasets.measured_table import BEGIN, END, errors_by_model, markdown, page_text
-from pa10cal.datasets.measured_table import main as write_page
+from pa10cal.datasets.measured import (
+    BEGIN,
+    CAMPAIGNS,
+    CARRIED,
+    END,
+    GROUPS,
+    at_hand,
+    errors_by_model,
+    files_of,
+    groups_of,
+    markdown,
+    page_text,
+)
+from pa10cal.datasets.measured import main as write_page
 from pa10cal.results.codec import read
-from pa10cal.results.fleet import ChainRecord
-from pa10cal.results.measured import Carried, HeldOutError, MeasuredRobot, MeasuredRobotsRecord
+from pa10cal.results.fleet import (
+    Carried,
+    ChainRecord,
+    HeldOutError,
+    MeasuredRobot,
+    MeasuredRobotsRecord,
+)
 
 EXAMPLE = Path(__file__).parents[2] / "examples/irb120-points"
 NAMES = ("iiwa7-free", "iiwa7-0kg", "spoiled")

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from pa10cal.commands.command_line import run_command
-from pa10cal.montecarlo.sampling import BLOCK_CYCLES
+from pa10cal.montecarlo.plane import BLOCK_CYCLES
 
 SMALL = {"cycles": 400, "positions": 20, "map_spacing_mm": 200}
 

@@ -15,7 +15,7 @@ from pa10cal.arm.tolerances import Tolerances
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.fit.model_file import load_model, save_model
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.offsets import link_departures
+from pa10cal.terms.term import link_departures
 
 JOINTS = ",".join(f"q{k}_deg" for k in range(1, 7))
 POSE = "x_mm,y_mm,z_mm,qw,qx,qy,qz"

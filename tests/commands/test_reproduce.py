@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from pa10cal.__main__ import main
-from pa10cal.running import summary, workflow
-from pa10cal.running.summary import CampaignSummary
+from pa10cal.running import display, workflow
+from pa10cal.running.display import CampaignSummary
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def started(monkeypatch):
         )
 
     monkeypatch.setattr(workflow, "run_workflow", run_workflow)
-    monkeypatch.setattr(summary, "summarise", summarise)
+    monkeypatch.setattr(display, "summarise", summarise)
     return found
 
 

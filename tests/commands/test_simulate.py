@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.curve.chain_arm import chain_arm
+from pa10cal.curve.angles import chain_arm
 from pa10cal.files.arm_text import arm_text
 from pa10cal.files.output import write_text
 

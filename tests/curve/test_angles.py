@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from made_up_curves import gentle_spline
 from pa10cal.curve.angles import chain_points, first_axes, joint_angles
+from pa10cal.curve.curve import circle, line
 from pa10cal.curve.points import lay_points
-from pa10cal.curve.shapes import circle, line
 from pa10cal.errors import CurveError
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from made_up_curves import gentle_spline
 from pa10cal.arm.chain import Chain, frames
-from pa10cal.arm.parallel import neighbouring_axes
-from pa10cal.curve.chain_arm import arm_posture, chain_arm
+from pa10cal.arm.description import neighbouring_axes
+from pa10cal.curve.angles import arm_posture, chain_arm
 from pa10cal.curve.points import lay_points
 from pa10cal.errors import ArmError, CurveError
 

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.curve.feasible import JointLimits, feasible_rolls
-from pa10cal.curve.roll_map import RollMap
+from pa10cal.curve.roll import JointLimits, RollMap, feasible_rolls
 from pa10cal.errors import CurveError
 
 ROLLS = np.linspace(0.0, 2.0 * np.pi, 1441)[:-1] + 1e-4

@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
 from made_up_curves import scan, tight_spline
-from pa10cal.curve.first_crossing import first_crossing
-from pa10cal.curve.polynomial import polyline, spline_through
-from pa10cal.curve.shapes import circle, parametric
+from pa10cal.curve.curve import circle, parametric, polyline, spline_through
+from pa10cal.curve.points import first_crossing
 
 SPLINES = 1500
 

@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 
 from pa10cal.curve.angles import first_axes
-from pa10cal.curve.feasible import JointLimits
+from pa10cal.curve.curve import helix, serpenoid, spline_through
 from pa10cal.curve.gait import follow, given_rolls, small_angles, travelling
-from pa10cal.curve.polynomial import spline_through
-from pa10cal.curve.roll import smallest_angle
-from pa10cal.curve.roll_map import RollMap
-from pa10cal.curve.shapes import helix, serpenoid
+from pa10cal.curve.roll import JointLimits, RollMap, smallest_angle
 from pa10cal.errors import CurveError
 
 LINK_M, LINKS, PERIOD_S = 0.1, 10, 2.0

@@ -9,10 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from made_up_curves import Counting, chord_error, gentle_spline, scan, tight_spline
 from pa10cal.curve import points as module
-from pa10cal.curve.ahead import Ahead
-from pa10cal.curve.points import Ending, equal_links, lay_points
-from pa10cal.curve.polynomial import polyline, spline_through
-from pa10cal.curve.shapes import circle, helix, line, serpenoid
+from pa10cal.curve.curve import circle, helix, line, polyline, serpenoid, spline_through
+from pa10cal.curve.points import Ahead, Ending, equal_links, lay_points
 from pa10cal.errors import CurveError
 
 

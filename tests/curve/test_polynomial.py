@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from made_up_curves import tight_spline
+from pa10cal.curve.curve import polyline, spline_through
 from pa10cal.curve.points import arc_length_m
-from pa10cal.curve.polynomial import polyline, spline_through
 from pa10cal.errors import CurveError
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain, frames
-from pa10cal.curve.chain_arm import chain_arm
+from pa10cal.curve.angles import chain_arm
 from pa10cal.curve.postures import draw_postures
 from pa10cal.errors import CurveError
 

@@ -6,8 +6,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from pa10cal.curve.angles import first_axes, joint_angles
-from pa10cal.curve.feasible import JointLimits, feasible_rolls
 from pa10cal.curve.roll import (
+    JointLimits,
+    RollMap,
+    feasible_rolls,
     most_room,
     roll_for_last,
     room_at,
@@ -15,7 +17,6 @@ from pa10cal.curve.roll import (
     smallest_angle_near,
     smallest_move,
 )
-from pa10cal.curve.roll_map import RollMap
 from pa10cal.errors import CurveError
 
 ROLLS = np.linspace(0.0, 2.0 * np.pi, 2881)

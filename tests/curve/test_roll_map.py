@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pa10cal.curve.angles import first_axes, joint_angles
-from pa10cal.curve.roll_map import RollMap
+from pa10cal.curve.roll import RollMap
 
 SEEDS = st.integers(0, 2**32 - 1)
 ORDERS = st.sampled_from(["zy", "yz"])

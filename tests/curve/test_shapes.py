@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from pa10cal.curve.shapes import circle, helix, line, parametric, serpenoid
+from pa10cal.curve.curve import circle, helix, line, parametric, serpenoid
 from pa10cal.errors import CurveError
 
 SHAPES = {

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from pa10cal.campaign.description import read_description
-from pa10cal.campaign.quarantine import Quarantined
+from pa10cal.campaign.raw_rows import Quarantined
 from pa10cal.datasets.campaign_folder import description, table_bytes, write_campaigns
 from pa10cal.datasets.dataset import ImportedCampaign
 from pa10cal.errors import OutputError

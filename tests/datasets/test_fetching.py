@@ -7,10 +7,8 @@ from dataclasses import replace
 import pytest
 
 from made_up_datasets import SERIES_A, SERIES_C, write_irb120
-from pa10cal.datasets.catalogue import dataset_named
-from pa10cal.datasets.checksums import sha256
-from pa10cal.datasets.dataset import Published
-from pa10cal.datasets.fetching import fetch
+from pa10cal.datasets.dataset import Published, dataset_named
+from pa10cal.datasets.importing import fetch, sha256
 from pa10cal.errors import OutputError, RawDataError
 
 

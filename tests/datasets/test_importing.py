@@ -7,10 +7,8 @@ from dataclasses import replace
 import pytest
 
 from made_up_datasets import MADE_UP, SERIES_A, SERIES_C, edit
-from pa10cal.datasets.catalogue import dataset_named, dataset_names
-from pa10cal.datasets.checksums import sha256
-from pa10cal.datasets.dataset import Published
-from pa10cal.datasets.importing import import_campaigns
+from pa10cal.datasets.dataset import Published, dataset_named, dataset_names
+from pa10cal.datasets.importing import import_campaigns, sha256
 from pa10cal.errors import RawDataError
 
 

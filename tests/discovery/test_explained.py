@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.explained import Joining, explained, explained_by
-from pa10cal.results.effect_name import EffectName
 from pa10cal.results.explained import percent
+from pa10cal.results.record import EffectName
 
 NOISE_MM = 0.1
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_survey import observe
-from pa10cal.discovery.gross_errors import gross_errors
+from pa10cal.discovery.row_faults import gross_errors
 from pa10cal.observe.touched import Touched
 
 WRONG_M = 8e-3

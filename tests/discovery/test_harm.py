@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.gap import gap_of
-from pa10cal.discovery.harm import harmless
+from pa10cal.discovery.gates import harmless
 from pa10cal.fit.angles_seen import nothing_seen, span_visited
 from pa10cal.fit.model_file import load_model
 

@@ -11,20 +11,18 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.arm.tolerances import Tolerances
 from pa10cal.discovery.analysis_record import lack_of_fit_part
-from pa10cal.discovery.clustered import mean, slope
-from pa10cal.discovery.evidence.discover import compare, errors_by_name
+from pa10cal.discovery.evidence.discover import compare, errors_by_name, evidence_lack_of_fit
 from pa10cal.discovery.evidence.fit import fit
-from pa10cal.discovery.evidence.lack_of_fit import evidence_lack_of_fit
 from pa10cal.discovery.evidence.problem import prepare
-from pa10cal.discovery.joint_space import periodogram
+from pa10cal.discovery.lack_of_fit import mean, periodogram, slope
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.observations import average_repeats
 from pa10cal.results.accuracy import Accuracy
-from pa10cal.terms.baseline import baseline
-from pa10cal.terms.effects.encoder import TransmissionError
+from pa10cal.terms.effects.joint_angle import TransmissionError
 from pa10cal.terms.effects.joint_torque import FrictionTorque
+from pa10cal.terms.joint_spring import baseline
 from pa10cal.terms.model import Model
 
 ARM = load_arm("pa10_6ce")

@@ -11,7 +11,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.results.codec import read
 from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal.studies.blind_trials import draw
-from pa10cal.studies.by_commands import calibrated_by_commands, judged_by_commands
+from pa10cal.studies.wild_trials import calibrated_by_commands, judged_by_commands
 
 #: Study, kind, layout or bench, seed of its first trial.
 QUICK = [

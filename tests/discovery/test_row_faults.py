@@ -6,18 +6,23 @@ import numpy as np
 import pytest
 
 from made_up_arm import forced
-from pa10cal.campaign.findings import InputFinding
+from pa10cal.campaign.description import InputFinding
 from pa10cal.campaign.labels import EXCHANGED
-from pa10cal.campaign.quarantine import quarantined
+from pa10cal.campaign.raw_rows import quarantined
+from pa10cal.campaign.read import wrong_rows
 from pa10cal.campaign.screens import OFF_REPEATS
-from pa10cal.campaign.wrong_rows import wrong_rows
 from pa10cal.discovery import discover as search
 from pa10cal.discovery.evidence.confirm import confirm
 from pa10cal.discovery.finding import Unexplained
-from pa10cal.discovery.loads_exchanged import loads_exchanged
 from pa10cal.discovery.preparation import complete
-from pa10cal.discovery.row_faults import carries, held_out_faults, of_wrong_row, row_faults
-from pa10cal.fit.tails import Tails
+from pa10cal.discovery.row_faults import (
+    carries,
+    held_out_faults,
+    loads_exchanged,
+    of_wrong_row,
+    row_faults,
+)
+from pa10cal.fit.robust_weights import Tails
 
 
 def with_loads(readings, load_N):

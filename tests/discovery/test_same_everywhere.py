@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.discovery.motor_ripple import JointSeries
-from pa10cal.discovery.same_everywhere import agreement
+from pa10cal.discovery.motor_ripple import JointSeries, agreement
 
 NOISE_RAD = 1e-4
 

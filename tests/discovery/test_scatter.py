@@ -6,14 +6,13 @@ import pytest
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.state import PoseStates
 from pa10cal.discovery.linear import by_joints
-from pa10cal.discovery.scatter import INSIDE95, Scatter, scatter_of, share_inside
+from pa10cal.discovery.weights import INSIDE95, Scatter, scatter_of, share_inside
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.group import joined
+from pa10cal.observe.joined import joined
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.terms.effects.sensor_error import SensorError
-from pa10cal.terms.effects.spectrum import Band
+from pa10cal.terms.effects.joint_error_map import Band, SensorError
 from pa10cal.terms.model import Model
 
 BAND = Band(5e-5, 3e-5, 6e-5, 3.0, 8.0, 3.0, 1e-6)

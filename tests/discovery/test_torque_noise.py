@@ -10,11 +10,9 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.cell.campaign import measure_campaign, robot_of
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.discovery.linear import residual
-from pa10cal.discovery.noise import noise_of_near_poses
+from pa10cal.discovery.noise import noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.options import DiscoveryOptions
-from pa10cal.discovery.preparation import complete, prepared
-from pa10cal.discovery.setup import setup_of
-from pa10cal.discovery.torque_noise import with_torque_noise
+from pa10cal.discovery.preparation import complete, prepared, setup_of
 from pa10cal.studies.simulated import as_read
 
 FRACTION = 0.003

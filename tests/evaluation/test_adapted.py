@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.general.calibrate import calibrate_general
+from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.calibration.general.start import find_start
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.evaluation.adapted import adapted_steps
 from pa10cal.figures.adaptation import write_adaptation
 from pa10cal.files.arms import load_arm
-from pa10cal.results.adaptation import AdaptationRecord
-from pa10cal.studies.changed import Change, draw_changed
+from pa10cal.results.comparison import AdaptationRecord
+from pa10cal.studies.changes import Change, draw_changed
 from pa10cal.studies.simulated import measured, observations_of, payload_of_individual
 
 ARM = load_arm("ur10")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.evaluation.coverage import coverage
+from pa10cal.evaluation.known_truth import coverage
 
 
 def test_normal_scores_are_covered_as_promised():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pa10cal.cell.effects.vocabulary import nameless
-from pa10cal.evaluation import formula_scores
+from pa10cal.evaluation import trial_rates
 from pa10cal.evaluation.blind_trial import BlindTrial, Formula, Hidden, Name, Named, Verdict
-from pa10cal.evaluation.formula_scores import is_right, score_formulas
+from pa10cal.evaluation.trial_rates import is_right, score_formulas
 
 
 def hidden(name, of, **parameters):
@@ -109,4 +109,4 @@ def test_a_map_counts_as_something_without_a_name():
 
 
 def test_every_effect_that_no_name_covers_has_its_formula():
-    assert set(formula_scores._OUTSIDE) == set(nameless())
+    assert set(trial_rates._OUTSIDE) == set(nameless())

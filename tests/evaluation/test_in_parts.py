@@ -8,17 +8,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.calibration.general.calibrate import calibrate_general
+from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.calibration.general.start import find_start
 from pa10cal.cell.options import TrackerOptions
-from pa10cal.discovery.extended import Extended
+from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
-from pa10cal.evaluation.compared import judged_by_parts, judged_elsewhere, judged_models
-from pa10cal.evaluation.in_parts import worth_cutting
-from pa10cal.evaluation.records import said_of_parts, transfer_record
+from pa10cal.evaluation.compared import (
+    judged_by_parts,
+    judged_elsewhere,
+    judged_models,
+    said_of_parts,
+    transfer_record,
+)
+from pa10cal.evaluation.holdout import worth_cutting
 from pa10cal.files.arms import load_arm
-from pa10cal.studies.changed import Change, draw_changed
+from pa10cal.studies.changes import Change, draw_changed
 from pa10cal.studies.simulated import measured, observations_of, payload_of_individual
 
 ARM = load_arm("ur10")

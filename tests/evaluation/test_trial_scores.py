@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.evaluation.blind_trial import BlindTrial, Hidden, Name, Named, Verdict
-from pa10cal.evaluation.trial_intervals import intervals, true_parameters
-from pa10cal.evaluation.trial_outcomes import (
+from pa10cal.evaluation.trial_scores import (
     ELSEWHERE,
     FAILED,
     LISTED,
@@ -15,17 +14,17 @@ from pa10cal.evaluation.trial_outcomes import (
     NOTHING,
     RIGHT_PLACE,
     WRONG_PLACE,
-    confusion,
-    outcome,
-    study_power,
-)
-from pa10cal.evaluation.trial_scores import (
     bars,
+    confusion,
+    intervals,
+    outcome,
     score_gap,
     score_nothing_hidden,
     score_outside,
     score_several,
     score_singles,
+    study_power,
+    true_parameters,
 )
 
 WAVE = Name("transmission_error", "joint 2")

@@ -17,12 +17,12 @@ from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
 from pa10cal.errors import ModelError
-from pa10cal.evaluation import predictions_apart
+from pa10cal.evaluation import two_models
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.prediction import FallBack
 from pa10cal.settings_reading import parse_section
-from pa10cal.terms.offsets import link_departures
+from pa10cal.terms.term import link_departures
 
 
 def over_u(found, name):
@@ -35,7 +35,7 @@ def test_a_model_agrees_with_itself():
     model = campaign(1)
     found = pa10cal.compare(model, model)
     assert found.agree
-    assert found.postures == predictions_apart.POSTURES
+    assert found.postures == two_models.POSTURES
     assert found.loads_N == (0.0, 22.0)
     flange = found.frames["flange"]
     assert flange.rms_mm == flange.orientation_deg == 0.0
@@ -45,7 +45,7 @@ def test_a_model_agrees_with_itself():
 
 
 def test_two_campaigns_of_one_robot_differ_as_expected(monkeypatch):
-    monkeypatch.setattr(predictions_apart, "POSTURES", 60)
+    monkeypatch.setattr(two_models, "POSTURES", 60)
     found = [pa10cal.compare(campaign(k), campaign(k + 1)) for k in range(100, 160, 2)]
     flanges = [each.frames["flange"] for each in found]
     assert sum(not each.agree for each in found) <= 1

@@ -20,9 +20,9 @@ from pa10cal.figures.options import PictureOptions
 from pa10cal.figures.results import Results
 from pa10cal.figures.style import looks
 from pa10cal.files.arms import load_arm
-from pa10cal.results.angles import AnglesSeen
 from pa10cal.results.codec import write
 from pa10cal.results.discovery import VerdictRecord
+from pa10cal.results.maps import AnglesSeen
 from pa10cal.settings_reading import parse_section
 
 CAMPAIGN = Path(__file__).parents[2] / "data/raw/cell-null"

@@ -8,7 +8,7 @@ import pytest
 from pa10cal.figures.curve import curve_gait, curve_shape
 from pa10cal.figures.curve_results import CurveResults
 from pa10cal.figures.style import looks
-from pa10cal.results.curve import CurveRecord, CurveShape
+from pa10cal.results.studies import CurveRecord, CurveShape
 
 
 @pytest.fixture

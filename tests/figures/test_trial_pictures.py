@@ -24,10 +24,10 @@ from pa10cal.figures.trials import (
 )
 from pa10cal.results.codec import lines, read
 from pa10cal.results.discovery import VerdictRecord
-from pa10cal.results.trial_bars import Rate
 from pa10cal.results.trials import (
     HiddenEffect,
     JudgedTrialRecord,
+    Rate,
     TrialScoresRecord,
     TrialTruthRecord,
 )

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pa10cal.campaign.quarantine import Quarantined, quarantine_csv
+from pa10cal.campaign.raw_rows import Quarantined, quarantine_csv
 from pa10cal.figures.table import Table, shown, write_table
-from pa10cal.files.cells import csv_cell, markdown_cell
+from pa10cal.files.output import csv_cell, markdown_cell
 
 FORMULAS = ["=1+1", "+cmd|' /C calc'!A0", "@SUM(A1)", "-2+3", "\t=1", "=HYPERLINK('x')"]
 

@@ -20,7 +20,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.prediction import FallBack
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import link_departures
+from pa10cal.terms.term import link_departures
 
 
 def links(arm):

@@ -19,7 +19,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import link_departures
+from pa10cal.terms.term import link_departures
 from pa10cal.terms.weights import Weights
 
 ARM = load_arm("ur10")

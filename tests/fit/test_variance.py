@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.fit.variance import MapMotion, position_covariance
+from pa10cal.fit.forward import MapMotion, position_covariance
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots
 
 

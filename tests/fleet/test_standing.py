@@ -3,10 +3,9 @@ import io
 
 import pytest
 
-from pa10cal.fleet.campaigns import Listed
+from pa10cal.fleet.campaigns import HEADER, Listed, fleet_csv
 from pa10cal.fleet.standing import fleet_record
-from pa10cal.fleet.table import HEADER, fleet_csv
-from pa10cal.reports.fleet_page import page_text
+from pa10cal.reports.page import fleet_page_text
 from pa10cal.results.codec import write
 from pa10cal.results.fleet import ChainRecord
 
@@ -82,7 +81,7 @@ def test_the_table_has_a_row_a_campaign_and_runs_nothing(fleet):
 
 def test_the_page_shows_what_is_there_and_says_that_it_is_synthetic(fleet):
     found = fleet(GOOD, {"status": "refused", "stage": "ingest", "message": "<b>no rows</b>"})
-    text = page_text(found)
+    text = fleet_page_text(found)
     assert "Synthetic data" in text
     assert "&lt;b&gt;no rows&lt;/b&gt;" in text
     assert "<b>no rows</b>" not in text
@@ -90,6 +89,6 @@ def test_the_page_shows_what_is_there_and_says_that_it_is_synthetic(fleet):
 
 
 def test_a_fleet_without_any_result_has_a_page(fleet):
-    text = page_text(fleet({"status": "refused", "stage": "ingest", "message": "no rows"}))
+    text = fleet_page_text(fleet({"status": "refused", "stage": "ingest", "message": "no rows"}))
     assert "Errors before and after" not in text
     assert "Synthetic" not in text

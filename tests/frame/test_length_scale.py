@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
-from pa10cal.frame.length_scale import scale_of_distances, scale_of_points
+from pa10cal.frame.rigid_fit import scale_of_distances, scale_of_points
 
 seeds = st.integers(0, 2**32 - 1)
 units = st.sampled_from([1.0, 1e-3, 0.1, 1 / 25.4, 1e3])

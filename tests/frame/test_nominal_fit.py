@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.nominal_fit import seed_from_nominal
+from pa10cal.frame.rigid_fit import seed_from_nominal
 
 
 def cell(rng, noise_m, poses=27):

@@ -6,8 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pa10cal.arm.chain import Chain
-from pa10cal.montecarlo.displacement import DisplacementBlock, joint_motion, plan_displacement
-from pa10cal.montecarlo.small_turns import LibraryTurns, SeriesTurns, turns_of
+from pa10cal.montecarlo.displacement import (
+    DisplacementBlock,
+    LibraryTurns,
+    SeriesTurns,
+    joint_motion,
+    plan_displacement,
+    turns_of,
+)
 
 RESOLVER = np.radians(0.011)
 CYCLES = 64

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.montecarlo.statistics import expected_error
+from pa10cal.montecarlo.plane import expected_error
 
 SIGMA = 2e-4
 

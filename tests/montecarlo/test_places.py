@@ -6,7 +6,7 @@ from scipy.stats import kstest
 
 from pa10cal.errors import SettingsError
 from pa10cal.montecarlo.places import draw_places, grid_places, reference_in_plane
-from pa10cal.montecarlo.sampling import stream
+from pa10cal.montecarlo.plane import stream
 
 REACH = (0.5, 0.85)
 

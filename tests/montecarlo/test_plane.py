@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.errors import ArmError
-from pa10cal.montecarlo.plane import PlaneTask, study_plane
-from pa10cal.montecarlo.statistics import summarise
+from pa10cal.montecarlo.plane import PlaneTask, study_plane, summarise
 
 TASK = PlaneTask(
     plane_mm=500,

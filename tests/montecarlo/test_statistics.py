@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.montecarlo.sampling import ErrorSums
-from pa10cal.montecarlo.statistics import convergence, counts_of, summarise
+from pa10cal.montecarlo.plane import ErrorSums, convergence, counts_of, summarise
 
 CYCLES, PLACES = 4000, 30
 

@@ -6,8 +6,7 @@ from pathlib import Path
 import yaml
 from jsonschema import Draft202012Validator
 
-from pa10cal.planning.config_file import config_text
-from pa10cal.planning.schema import CONFIG, SCHEMA, schema_text, write_generated
+from pa10cal.planning.schema import CONFIG, SCHEMA, config_text, schema_text, write_generated
 
 ROOT = Path(__file__).parents[2]
 

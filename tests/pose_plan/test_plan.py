@@ -12,8 +12,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.observe.registry import instruments
 from pa10cal.pose_plan.candidates import joint_ranges
 from pa10cal.pose_plan.options import PlanOptions
-from pa10cal.pose_plan.path import path_length, short_path
-from pa10cal.pose_plan.plan import plan_poses
+from pa10cal.pose_plan.plan import path_length, plan_poses, short_path
 
 FEW = {"candidates": 150, "effects": 0.0}
 

@@ -18,8 +18,8 @@ from made_up_results import with_verdict
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.results.codec import read, write
 from pa10cal.results.discovery import VerdictRecord
+from pa10cal.results.evaluation import AccuracyRows, Iso9283Record, PoseAccuracy, RepeatabilityRows
 from pa10cal.results.explained import Explained, ExplainedEffect
-from pa10cal.results.iso9283 import AccuracyRows, Iso9283Record, PoseAccuracy, RepeatabilityRows
 
 VOID = {"meta", "link", "br", "img", "input", "hr", "col"}
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pa10cal.results.discovery import SuggestedPose
-from pa10cal.results.suggestions import suggestion_table
+from pa10cal.results.plan import suggestion_table
 
 
 def pose(q_rad, load_N, arrive_from, nats, *serves):

@@ -26,7 +26,7 @@ time.sleep(100)
 JOB = """
 import time
 from pa10cal.running.alone import share
-from pa10cal.running.parents import end_with_parents
+from pa10cal.running.alone import end_with_parents
 end_with_parents()
 share()
 print("held", flush=True)

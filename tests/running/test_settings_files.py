@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pa10cal.errors import SettingsError
-from pa10cal.running.settings_files import settings_of
+from pa10cal.running.workflow import settings_of
 
 
 def test_later_files_go_over_earlier_ones_at_every_depth(tmp_path):

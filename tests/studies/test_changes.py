@@ -7,10 +7,9 @@ import pytest
 
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.files.arms import load_arm
-from pa10cal.results.changes import ChangesRecord
 from pa10cal.results.codec import read, write
-from pa10cal.studies.changed import Change, draw_changed
-from pa10cal.studies.changes import HAPPENED, changes_study
+from pa10cal.results.comparison import ChangesRecord
+from pa10cal.studies.changes import HAPPENED, Change, changes_study, draw_changed
 from pa10cal.studies.simulated import exact_observations
 
 

@@ -11,13 +11,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pa10cal.arm.urdf import urdf_text
+from pa10cal.arm.exports import urdf_text
 from pa10cal.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 from pa10cal.discovery.given import Place
-from pa10cal.fit.exports import rigid_part
 from pa10cal.fit.forward import pose_difference
+from pa10cal.fit.model_file import rigid_part
 from pa10cal.frame.rigid_fit import fit_rigid
-from pa10cal.studies.commanded import command, simulated_model, true_frame
+from pa10cal.studies.planned import command, simulated_model, true_frame
 
 NOISE_MM = 0.03
 EFFECTS = (

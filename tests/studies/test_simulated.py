@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from made_up_robot import track
-from pa10cal.calibration.general.calibrate import calibrate_general
+from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.calibration.general.start import find_start
-from pa10cal.calibration.general.unknowns import choose_unknowns
+from pa10cal.calibration.general.problem import choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.cell.individual import draw_individual

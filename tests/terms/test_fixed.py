@@ -6,10 +6,9 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.state import PoseStates
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.joint_torque import FrictionTorque
-from pa10cal.terms.fixed import FixedTorque, fixed
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import shows_torque
+from pa10cal.terms.term import FixedTorque, fixed, shows_torque
 
 
 def test_springs_give_way_to_what_joints_carry_all_the_same():

@@ -15,8 +15,8 @@ from pa10cal.files.arms import load_arm
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OfCampaign, about_moved_base, motion_of_base, small_motion
-from pa10cal.terms.offsets import base_frame
 from pa10cal.terms.plain import term_from_plain, term_to_plain
+from pa10cal.terms.term import base_frame
 
 
 def states(campaign):

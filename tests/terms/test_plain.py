@@ -15,12 +15,16 @@ from pa10cal.errors import TermError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.effects.family import candidates, every_effect
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.effects.sensor_error import GearError, SensorError
-from pa10cal.terms.effects.spectrum import Band, Fading
+from pa10cal.terms.effects.joint_error_map import (
+    Band,
+    Fading,
+    GearError,
+    JointErrorMap,
+    SensorError,
+)
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.offsets import base_frame, link_departures
 from pa10cal.terms.plain import term_from_plain, term_kinds, term_to_plain
+from pa10cal.terms.term import base_frame, link_departures
 
 numbers = st.floats(min_value=-1e6, max_value=1e6, allow_nan=False)
 positive = st.floats(min_value=1e-6, max_value=1e6)

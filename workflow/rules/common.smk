@@ -21,7 +21,7 @@ from pa10cal.planning.campaign import (
 from pa10cal.planning.code import code_digest
 from pa10cal.planning.trials import trial_counts
 from pa10cal.running.alone import SHARED, WORK_FOLDER, hold
-from pa10cal.running.parents import PARENTS, end_with_parents
+from pa10cal.running.alone import PARENTS, end_with_parents
 from pa10cal.settings import parse_settings
 
 

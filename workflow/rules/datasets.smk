@@ -1,6 +1,6 @@
 # Campaigns made of public data sets. They are written into the folder of campaigns, where all other
 # rules find them, and only there.
-from pa10cal.datasets.catalogue import dataset_names
+from pa10cal.datasets.dataset import dataset_names
 
 for name in SETTINGS.dataset_sources:
     if name not in dataset_names():

@@ -16,10 +16,35 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
+
+# Attitudes as roll, pitch and yaw about fixed axes x, y and z, as URDF and arm files hold them.
+
+
+def roll_pitch_yaw(R: Array) -> Array:
+    """Return angles (3,) [rad] that give a rotation (3, 3) back to the last digit.
+
+    At a pitch of 90 degrees roll and yaw are not unique; any yaw will do there, because roll is
+    the rotation that remains after pitch and yaw.
+    """
+    pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    left = Rotation.from_euler("xyz", [0.0, pitch, yaw]).as_matrix().T @ R
+    roll = np.arctan2(left[2, 1] - left[1, 2], left[1, 1] + left[2, 2])
+    return np.array([roll, pitch, yaw])
+
+
+def placed(p: Array, rpy: Array) -> Array:
+    """Return the pose (4, 4) of a frame at p (3,) with roll, pitch and yaw (3,) [rad]."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
+    T[:3, 3] = p
+    return T
+
 
 Axis = Literal[0, 1, 2]
 
@@ -311,3 +336,47 @@ def _row_motions(row: int, convention: str) -> tuple[Motion, ...]:
     if convention == "modified":
         return (beta, alpha, a, theta, d)
     return (theta, d, a, alpha, beta)
+
+
+# Frames that the joints of an arm carry along, and how they move when the arm is calibrated.
+
+
+def carried_frames(chain: Chain, coordinates: Array) -> tuple[Array, Array]:
+    """Return the frames that the joints carry along, (n, 4, 4), and the flange (4, 4), in the base.
+
+    Joint k moves along or about the z axis of its frame. Small motions of base and tool are
+    omitted: the base is where the chain starts, the flange where it ends.
+
+    Args:
+        chain: the chain.
+        coordinates: (m,) its coordinates at zero joint positions.
+    """
+    at = coordinates.copy()
+    at[chain.columns(BASE + TOOL)] = 0.0
+    found = frames(chain, at[None])
+    carried = found.T_base_joints[:, 0].copy()
+    for joint, column in enumerate(chain.joint_columns):
+        own = np.eye(4)
+        if chain.motions[column].turns:
+            own[:3, :3] = Rotation.from_euler("z", at[column]).as_matrix()
+        else:
+            own[2, 3] = at[column]
+        carried[joint] = carried[joint] @ own
+    return carried, found.T_base_ee[0]
+
+
+def moved_frames(chain: Chain, coordinates: Array, T_base_frames: Array) -> tuple[Array, Array]:
+    """Return other frames that the joints carry along, moved from nominal, and the flange.
+
+    Args:
+        chain: the chain.
+        coordinates: (m,) its coordinates at zero joint positions.
+        T_base_frames: (n, 4, 4) a frame that each joint carries along, as designed, in the base.
+
+    Returns:
+        (n, 4, 4): so placed that their joints' axes, in their own axes, are as they were; (4, 4).
+    """
+    designed, _ = carried_frames(chain, chain.nominal)
+    calibrated, T_base_flange = carried_frames(chain, coordinates)
+    moved: Array = calibrated @ np.linalg.inv(designed) @ T_base_frames
+    return moved, T_base_flange

@@ -7,26 +7,23 @@ from functools import partial
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import align_nominal
+from pa10cal.calibration.accuracy import align_nominal, suspected_held_out
 from pa10cal.calibration.calibrate import fitted_model
+from pa10cal.calibration.general.calibrate import find_start, start_of
 from pa10cal.calibration.general.case import GeneralCase, fitted, work_out_general
 from pa10cal.calibration.general.records import general_record
-from pa10cal.calibration.general.start import find_start, start_of
 from pa10cal.calibration.load_case import COMBINED, LoadCase, rows_of_load, work_out
 from pa10cal.calibration.options import CalibrationOptions, takes_general_model
 from pa10cal.calibration.records import fitted_to, paper_record
-from pa10cal.calibration.suspected_held_out import suspected_held_out
-from pa10cal.campaign.description import CampaignDescription
-from pa10cal.campaign.findings import InputFinding
+from pa10cal.campaign.description import CampaignDescription, InputFinding
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.arrivals import with_arrivals
-from pa10cal.observe.averages import average_repeats, poses_of
-from pa10cal.observe.observations import Observations
+from pa10cal.observe.observations import Observations, average_repeats, poses_of
+from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.seed import BaseFrameRecord
-from pa10cal.terms.baseline import nominal
+from pa10cal.terms.joint_spring import nominal
 
 
 def calibrated(

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pa10cal.arm.springs import reported_name
-from pa10cal.calibration.repeats import ScatterOfRepeats
-from pa10cal.campaign.findings import InputFinding
+from pa10cal.arm.statics import reported_name
+from pa10cal.calibration.uncertainty import ScatterOfRepeats
+from pa10cal.campaign.description import InputFinding
 from pa10cal.results.health import Grade
 
 #: Remaining error over the noise above which a model lacks something.

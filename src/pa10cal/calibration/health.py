@@ -7,16 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.springs import reported_name
-from pa10cal.arrays import Array
+from pa10cal.arm.statics import reported_name
+from pa10cal.arrays import Array, Index
 from pa10cal.calibration.accuracy import summarise
-from pa10cal.calibration.design import PoseDesign, pose_design, poses_needed
 from pa10cal.calibration.grade import SMALL_SHARE, Departure, Evidence, graded
-from pa10cal.calibration.repeats import ScatterOfRepeats
-from pa10cal.campaign.findings import InputFinding
+from pa10cal.calibration.uncertainty import ScatterOfRepeats
+from pa10cal.campaign.description import InputFinding
+from pa10cal.fit.exchange import Criterion, Share, one_by_one
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
+from pa10cal.results import health as health_parts
 from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.health import Grade
 from pa10cal.terms.joint_spring import stiffness_by_solved
@@ -230,4 +231,147 @@ def _correlated(ended: FitSummary) -> tuple[CorrelatedPair, ...]:
     return tuple(
         CorrelatedPair(names[known[first[k]]], names[known[second[k]]], float(sizes[k]))
         for k in worst
+    )
+
+
+# How many poses a calibration needs: D-optimal order, and expected uncertainty by their number.
+#
+# A pose adds its information J^T J, whatever was read there. Taken in the order in which the
+# determinant grows fastest, the measured poses show with how few of them the model would have been
+# known nearly as well (D-optimality; Sun and Hollerbach, 2008, compare such criteria).
+
+#: Poses to choose from and poses chosen at most: more would change no curve that one can see.
+_POOL = 1000
+_MOST = 200
+#: Expected size of a parameter in its scale, which makes information definite before it is full.
+_POSSIBLE_SCALES = 30.0
+
+
+@dataclass(frozen=True)
+class PoseDesign:
+    """Expected uncertainty of the model by the number of poses of this kind."""
+
+    order: Index  # poses in D-optimal order, as rows, the first the most telling
+    numbers: Index  # (m,) numbers of poses
+    # (m,) expected standard uncertainty of a predicted position, root mean square over all poses,
+    # with the first of `order`; inf where they are too few
+    u_optimal_m: Array
+    u_measured_m: Array  # (m,) the same with the first of the poses in the order measured
+    u_all_m: float
+
+
+def pose_design(white: Array, position: Array, scale: Array, unknowns: int) -> PoseDesign:
+    """Order poses by their information.
+
+    Args:
+        white: (P, b, k) rows of every pose, of unit variance.
+        position: (P, c, k) derivative of the predicted position [m].
+        scale: (k,) typical size of each parameter.
+        unknowns: parameters that all poses together identify.
+    """
+    count = len(white)
+    scales = np.outer(scale, scale)
+    pool = np.unique(np.linspace(0, count - 1, min(count, _POOL)).round().astype(np.intp))
+    information = np.eye(len(scale)) / _POSSIBLE_SCALES**2
+    criterion = Criterion(white[pool] * scale * _POSSIBLE_SCALES, [Share(1.0, len(scale))])
+    order = pool[one_by_one(criterion, min(len(pool), _MOST))]
+    spread = _gram(position) * scales / count
+    numbers = np.unique(np.geomspace(1, len(order), 40).round().astype(np.intp))
+    enough = -(-unknowns // white.shape[1])
+
+    def expected(of_poses: Array) -> float:
+        if len(of_poses) < enough:
+            return float("inf")
+        covariance = np.linalg.inv(information + _gram(of_poses) * scales)
+        return float(np.sqrt(np.sum(covariance * spread)))
+
+    return PoseDesign(
+        order=order,
+        numbers=numbers,
+        u_optimal_m=np.array([expected(white[order[:n]]) for n in numbers]),
+        u_measured_m=np.array([expected(white[:n]) for n in numbers]),
+        u_all_m=expected(white),
+    )
+
+
+def _gram(rows: Array) -> Array:
+    """Return the products (k, k) of the rows (P, b, k) of all poses."""
+    flat = rows.reshape(-1, rows.shape[2])
+    found: Array = flat.T @ flat
+    return found
+
+
+def poses_needed(design: PoseDesign, u_needed_m: float) -> int | None:
+    """Return the least number of well-chosen poses with that uncertainty; None where more."""
+    enough = np.flatnonzero(design.u_optimal_m <= u_needed_m)
+    return int(design.numbers[enough[0]]) if len(enough) else None
+
+
+# The health of a calibration, as its record has it.
+
+
+def health_part(health: Health, pose: NDArray[np.str_]) -> health_parts.Health:
+    """Return what to look at before a calibration is trusted.
+
+    Args:
+        health: of the calibration.
+        pose: (P,) labels of the poses it was fitted to.
+    """
+    ended, design = health.ended, health.design
+    finite = np.isfinite(design.u_optimal_m)
+    both = finite & np.isfinite(design.u_measured_m)
+    return health_parts.Health(
+        grade=health.grade,
+        line=health.line,
+        converged=ended.converged,
+        reason=ended.reason,
+        iterations=ended.iterations,
+        at_bounds=tuple(map(reported_name, ended.at_bound)),
+        rank=ended.identifiability.rank,
+        unknowns=len(ended.parameters),
+        condition=ended.identifiability.condition,
+        not_identifiable=tuple(sorted(map(reported_name, ended.not_identifiable))),
+        correlated_pairs=tuple(
+            health_parts.CorrelatedPair(
+                parameters=(pair.first, pair.second), correlation=pair.correlation
+            )
+            for pair in health.pairs
+        ),
+        train_rms_mm=health.train_rms_mm,
+        held_out_rms_mm=health.held_out_rms_mm,
+        noise_mm=health.noise_mm,
+        error_over_noise=health.evidence.over_noise,
+        held_out_over_expected=health.evidence.over_expected,
+        repeats=tuple(
+            health_parts.RepeatScatter(
+                kind=each.kind, found=each.found, stated=each.stated, pairs=each.pairs
+            )
+            for each in health.evidence.repeats
+        ),
+        findings=tuple(
+            health_parts.InputFinding(
+                what=each.what,
+                where=each.where,
+                remedy=each.remedy,
+                would_leave_mm=each.would_leave_mm,
+                kind=each.kind,
+            )
+            for each in health.findings
+        ),
+        poses=health_parts.PosesNeeded(
+            measured=health.poses,
+            needed=health.poses_needed,
+            u_needed_mm=health.u_needed_mm,
+            u_model_mm=health.u_model_mm if np.isfinite(health.u_model_mm) else None,
+            d_optimal_order=tuple(pose[design.order].tolist()),
+            expected=tuple(
+                health_parts.ExpectedUncertainty(
+                    poses=int(number),
+                    u_optimal_mm=1e3 * float(design.u_optimal_m[k]),
+                    u_measured_mm=1e3 * float(design.u_measured_m[k]) if both[k] else None,
+                )
+                for k, number in enumerate(design.numbers)
+                if finite[k]
+            ),
+        ),
     )

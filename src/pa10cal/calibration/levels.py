@@ -9,19 +9,213 @@ of the model place the base, the problem is `fit.Problem`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.inner import BaseFrame, fit_base_frame
+from pa10cal.errors import CalibrationError
 from pa10cal.fit.problem import Problem, Rows
-from pa10cal.frame.pose_error import pose_error
+from pa10cal.frame.rigid_fit import cross_matrix, pose_error
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import base_frame
-from pa10cal.terms.term import Parameter
+from pa10cal.terms.term import Parameter, Report, base_frame
+
+# Which M poses the inner level uses.
+
+
+def spread_poses(observations: Observations[Pose], count: int | Literal["all"]) -> tuple[str, ...]:
+    """Choose poses far from each other: each next one is the farthest from those chosen.
+
+    The paper does not specify which 8 of its 27 it took; on a 3 x 3 x 3 pattern this gives corners.
+
+    Args:
+        observations: measured poses.
+        count: M, or `all`.
+
+    Raises:
+        CalibrationError: when there are fewer poses than requested.
+    """
+    labels, places = _places(observations)
+    _check(count, len(labels))
+    if count == "all" or count == len(labels):
+        return tuple(str(label) for label in labels)
+    from_centre = np.linalg.norm(places - places.mean(axis=0), axis=1)
+    chosen = [int(np.argmax(from_centre))]
+    nearest = np.linalg.norm(places - places[chosen[0]], axis=1)
+    while len(chosen) < count:
+        chosen.append(int(np.argmax(nearest)))
+        nearest = np.minimum(nearest, np.linalg.norm(places - places[chosen[-1]], axis=1))
+    return tuple(str(labels[k]) for k in sorted(chosen))
+
+
+def random_poses(
+    observations: Observations[Pose], count: int | Literal["all"], draws: int, random_seed: int
+) -> list[tuple[str, ...]]:
+    """Draw random choices of M poses; none when all poses are used anyway."""
+    labels, _ = _places(observations)
+    _check(count, len(labels))
+    if count == "all" or count == len(labels):
+        return []
+    generator = np.random.default_rng(random_seed)
+    return [
+        tuple(sorted(str(label) for label in generator.choice(labels, count, replace=False)))
+        for _ in range(draws)
+    ]
+
+
+def rows_of(observations: Observations[Pose], poses: tuple[str, ...]) -> NDArray[np.intp]:
+    """Return the rows of the named poses, at every load."""
+    return np.flatnonzero(np.isin(observations.pose, poses))
+
+
+def _places(observations: Observations[Pose]) -> tuple[NDArray[np.str_], Array]:
+    """Return each label with the mean place of its rows."""
+    labels, codes = np.unique(observations.pose, return_inverse=True)
+    counts = np.bincount(codes)
+    places = np.stack(
+        [
+            np.bincount(codes, weights=observations.measured.T_instr_target[:, axis, 3]) / counts
+            for axis in range(3)
+        ],
+        axis=1,
+    )
+    return labels, places
+
+
+def _check(count: int | Literal["all"], available: int) -> None:
+    if count != "all" and count > available:
+        raise CalibrationError(
+            "more inner poses than measured poses",
+            where="calibration.levels",
+            value=count,
+            allowed=f"1 to {available}, or 'all'",
+            remedy="lower inner_poses",
+        )
+
+
+# The inner level, paper equation (4): the base frame that fits M poses best.
+#
+# Its cost is that of weighted orthogonal Procrustes on positions and attitudes, whose minimum is
+# one singular value decomposition; the implicit-function theorem gives the derivative of that
+# minimum.
+
+
+@dataclass(frozen=True)
+class BaseFrame:
+    """The base frame that minimises the inner cost."""
+
+    T_instr_base: Array  # (4, 4) base frame in the instrument's frame [m]
+    # (6, k) derivative by the model's parameters: translation [m] over a small right rotation, R
+    # exp([omega]), or None where it was not requested
+    jacobian: Array | None = None
+
+
+def fit_base_frame(
+    T_base_ee: Array,
+    T_instr_ee: Array,
+    *,
+    attitude_weight_m2: float,
+    jacobian: Array | None = None,
+) -> BaseFrame:
+    """Minimise sum |p_instr - (R p_base + t)|^2 + w sum chord^2 over R and t.
+
+    Args:
+        T_base_ee: (M, 4, 4) predicted poses.
+        T_instr_ee: (M, 4, 4) measured poses.
+        attitude_weight_m2: w, square of the length that makes one radian weigh like it; zero
+            aligns on positions alone.
+        jacobian: (M, 6, k) derivative of the predicted poses, where that of the frame is needed.
+
+    Raises:
+        CalibrationError: when the poses do not determine the base frame.
+    """
+    p_base, R_base = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
+    p_instr, R_cmm = T_instr_ee[:, :3, 3], T_instr_ee[:, :3, :3]
+    mean_base, mean_instr = p_base.mean(axis=0), p_instr.mean(axis=0)
+    centred_instr = p_instr - mean_instr
+    moment = centred_instr.T @ (p_base - mean_base)
+    moment += 0.5 * attitude_weight_m2 * np.einsum("nij,nkj->ik", R_cmm, R_base)
+    left, sizes, right = np.linalg.svd(moment)
+    if not sizes[1] > 1e-12 * max(sizes[0], np.finfo(float).tiny):
+        raise CalibrationError(
+            "the poses do not determine the base frame",
+            where="inner level",
+            value=f"singular values {sizes.tolist()}",
+            allowed="poses that are not collinear",
+            remedy="use more poses, or poses further apart",
+        )
+    R = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, mean_instr - R @ mean_base
+    if jacobian is None:
+        return BaseFrame(T)
+    turn, shift = jacobian[:, 3:], jacobian[:, :3]
+    d_moment = (centred_instr.T @ shift.reshape(len(shift), -1)).reshape(3, 3, -1)
+    # d(R_cmm R_base^T) for R_base -> exp([turn]) R_base is -(R_cmm R_base^T) [turn].
+    relative = R_cmm @ R_base.transpose(0, 2, 1)
+    d_moment += 0.5 * attitude_weight_m2 * _times_cross(relative, turn)
+    turned = np.tensordot(R.T, d_moment, axes=1)
+    skew = np.stack(
+        [turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]
+    )
+    stretch = R.T @ moment
+    omega = np.linalg.solve(np.trace(stretch) * np.eye(3) - stretch, skew)
+    d_translation = R @ np.cross(mean_base[:, None], omega, axis=0) - R @ shift.mean(axis=0)
+    return BaseFrame(T, np.concatenate([d_translation, omega]))
+
+
+def _times_cross(matrices: Array, turns: Array) -> Array:
+    """Return minus the sum over n of A_n [w_n]x, (3, 3, k), for A (n, 3, 3) and w (n, 3, k)."""
+    count, k = len(matrices), turns.shape[2]
+    products = matrices.reshape(count, 9).T @ turns.reshape(count, 3 * k)  # sums of A_ij w_l
+    column = products.reshape(3, 3, 3, k)
+    return -np.stack(
+        [
+            column[:, 1, 2] - column[:, 2, 1],
+            column[:, 2, 0] - column[:, 0, 2],
+            column[:, 0, 1] - column[:, 1, 0],
+        ],
+        axis=1,
+    )
+
+
+# The base frame in the paper's parameters: origin and body-fixed rotations of the instrument.
+
+PARAMETERS = (
+    Parameter("base_p_cmm_x", "m", 1e-3),
+    Parameter("base_p_cmm_y", "m", 1e-3),
+    Parameter("base_p_cmm_z", "m", 1e-3),
+    Parameter("gamma_x", "rad", 1e-3),
+    Parameter("gamma_y", "rad", 1e-3),
+    Parameter("gamma_z", "rad", 1e-3),
+)
+
+
+def report_base(T_instr_base: Array) -> Report:
+    """Return the six parameters Psi of paper equation (4).
+
+    The origin of the instrument's frame in the base frame, and the rotations about body-fixed x, y
+    and z that turn the base axes into the instrument's.
+
+    Returns:
+        Values, with the Jacobian by translation along the instrument's axes and a small right
+        rotation of T_instr_base.
+    """
+    R_base_cmm = T_instr_base[:3, :3].T
+    origin = -R_base_cmm @ T_instr_base[:3, 3]
+    gamma = Rotation.from_matrix(R_base_cmm).as_euler("XYZ")
+    first = Rotation.from_euler("x", gamma[0]).as_matrix()
+    second = first @ Rotation.from_euler("y", gamma[1]).as_matrix()
+    rates = np.stack([np.array([1.0, 0.0, 0.0]), first[:, 1], second[:, 2]], axis=1)
+    jacobian = np.zeros((6, 6))
+    jacobian[:3, :3] = -R_base_cmm
+    jacobian[:3, 3:] = cross_matrix(origin)
+    jacobian[3:, 3:] = -np.linalg.pinv(rates)  # singular where body-fixed y turns by 90 degrees
+    return Report(PARAMETERS, np.concatenate([origin, gamma]), jacobian)
 
 
 @dataclass(frozen=True)

@@ -9,28 +9,42 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import align_nominal, deviations, summarise, summarise_by_load
-from pa10cal.calibration.calibrate import Calibration, calibrate, fitted_model, solve_one_level
+from pa10cal.calibration.accuracy import (
+    Suspects,
+    align_nominal,
+    deviations,
+    summarise,
+    summarise_by_load,
+)
+from pa10cal.calibration.calibrate import (
+    Calibration,
+    all_terms,
+    calibrate,
+    fitted_model,
+    nominal_start,
+    solve,
+    solve_one_level,
+    tolerance_rows,
+)
 from pa10cal.calibration.health import Errors, FitSummary, Health, health, held_out_errors
-from pa10cal.calibration.inner_dependence import InnerDependence, inner_dependence
-from pa10cal.calibration.l_curve import l_curve
-from pa10cal.calibration.levels import TwoLevel
+from pa10cal.calibration.levels import TwoLevel, random_poses, rows_of
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.repeats import gross_errors_of_repeats, scatter_of_repeats
-from pa10cal.calibration.solve import nominal_start, solve
-from pa10cal.calibration.suspected_held_out import Suspects
-from pa10cal.calibration.uncertainty import ErrorSources, with_own_scatter
-from pa10cal.campaign.findings import InputFinding
+from pa10cal.calibration.uncertainty import (
+    ErrorSources,
+    gross_errors_of_repeats,
+    scatter_of_repeats,
+    with_own_scatter,
+)
+from pa10cal.campaign.description import InputFinding
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.problem import Problem
-from pa10cal.observe.averages import average_repeats
-from pa10cal.observe.observations import Observations
+from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.calibration import LCurvePoint
-from pa10cal.terms.baseline import baseline, nominal
+from pa10cal.terms.joint_spring import baseline, nominal
 from pa10cal.terms.model import Model
 
 COMBINED = "combined"
@@ -320,3 +334,72 @@ def _of_last_row(model: Model) -> frozenset[str]:
         for parameter in model.parameters
         if parameter.name.startswith("delta_") and parameter.name.endswith(f"_{model.chain.arm.n}")
     )
+
+
+# How far the answer depends on which M poses the inner level uses.
+
+
+@dataclass(frozen=True)
+class InnerDependence:
+    """Spread of the answer over random choices of the inner poses."""
+
+    choices: int  # how many were tried
+    std: Array  # (k',) standard deviation of each reported parameter over the choices
+    mean_mm: Array  # (choices,) mean position error of the poses fitted, for each choice
+
+
+def inner_dependence(
+    level: TwoLevel, x: Array, options: CalibrationOptions, draws: int
+) -> InnerDependence:
+    """Calibrate again with random inner poses, each time from the solution x."""
+    reported, means = [], []
+    for poses in random_poses(level.observations, options.inner_poses, draws, options.random_seed):
+        other = replace(level, inner_rows=rows_of(level.observations, poses))
+        terms = tolerance_rows(other, x, options)
+        solution = solve(other, x, terms, options.max_iterations)
+        T_base_ee = other.model.predict(other.observations.states, solution.x)
+        base = other.base(solution.x).T_instr_base
+        means.append(summarise(deviations(T_base_ee, base, other.observations)).mean_mm)
+        reported.append(other.model.report(solution.x).values)
+    count = len(reported)
+    std = (
+        np.std(reported, axis=0, ddof=1)
+        if count > 1
+        else np.zeros(len(level.model.report(x).values))
+    )
+    return InnerDependence(count, std, np.array(means))
+
+
+# What the weight of the tolerance terms costs: misfit against departure from nominal.
+
+#: Enough for a curve; heavy weights bend the valley so that the last digits would cost most.
+_PRECISION = 1e-8
+
+
+def l_curve(
+    level: TwoLevel, x_start: Array, weights: Array, max_iterations: int
+) -> tuple[LCurvePoint, ...]:
+    """Solve once a weight, from small to large, each from the solution before.
+
+    Args:
+        level: the problem.
+        x_start: (k,) start, best the solution without tolerance terms.
+        weights: factors on the residuals.
+        max_iterations: bound on the steps of one solve.
+    """
+    unit = all_terms(level.model.parameters, 1.0)
+    points, x = [], x_start
+    for weight in np.sort(weights):
+        solution = solve(level, x, weight * unit, max_iterations, _PRECISION)
+        x = solution.x
+        T_base_ee = level.model.predict(level.observations.states, x)
+        found = deviations(T_base_ee, level.base(x).T_instr_base, level.observations)
+        points.append(
+            LCurvePoint(
+                weight=float(weight),
+                misfit=float(np.linalg.norm(level.residual(x))),
+                departure=float(np.linalg.norm(unit @ x)),
+                mean_mm=summarise(found).mean_mm,
+            )
+        )
+    return tuple(points)

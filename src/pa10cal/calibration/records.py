@@ -11,15 +11,14 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import summarise_by_load
-from pa10cal.calibration.base_parameters import report_base
 from pa10cal.calibration.calibrate import (
     Calibration,
     fitted_model,
     pull_beyond_bounds,
     weak_directions,
 )
-from pa10cal.calibration.health import Health
-from pa10cal.calibration.health_record import health_part
+from pa10cal.calibration.health import Health, health_part
+from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.load_case import LoadCase, model_deviations
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.fit.fitted_model import FittedModel

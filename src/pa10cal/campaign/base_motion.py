@@ -15,10 +15,9 @@ from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.screens import robust_misfit
 from pa10cal.errors import RawDataError
 from pa10cal.frame.base_motion import BaseMotion, base_motion
-from pa10cal.observe.base_targets import BaseTargets, Knocked, Misread, MotionFound
-from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.instrument import BaseTargets, Instrument, Knocked, Misread, MotionFound
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.raw import Misfit
+from pa10cal.observe.quantities import Misfit
 from pa10cal.observe.registry import instruments
 
 _COLUMN = re.compile(r"(?:u_)?(base\d+)_[xyz]_mm")

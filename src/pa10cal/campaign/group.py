@@ -14,8 +14,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.campaign.description import GROUP_SCHEMA, SCHEMA, CampaignDescription
 from pa10cal.errors import RawDataError
-from pa10cal.observe.averages import average_repeats
-from pa10cal.observe.observations import Observations
+from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.quantities import Start
 from pa10cal.settings_reading import parse_section
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,17 +17,20 @@ from pa10cal.campaign.description import (
     DESCRIPTION_FILE,
     CampaignDescription,
     Holdout,
+    InputFinding,
     read_description,
 )
-from pa10cal.campaign.findings import InputFinding
+from pa10cal.campaign.group import MemberRead, describe_group, start_by_nominal
+from pa10cal.campaign.labels import EXCHANGED, NOT_RIGID
 from pa10cal.campaign.options import IngestOptions
-from pa10cal.campaign.quarantine import Ingested, Quarantined
+from pa10cal.campaign.raw_rows import Ingested, Quarantined
+from pa10cal.campaign.screens import OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_OF_REACH
 from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
-from pa10cal.campaign.weighed_arm import weighed_arm
-from pa10cal.campaign.wrong_rows import wrong_rows
+from pa10cal.campaign.weighed_arm import arm_of, weighed_arm
 from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.joined import Member, join
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import with_what_tells_time
 
@@ -232,3 +236,83 @@ def repeatability_mm(single: Observations) -> dict[float, float]:
     square: NDArray[np.float64] = groups.var().sum(axis=1).to_numpy()[repeated]
     load = groups.size().index.get_level_values(0).to_numpy()[repeated]
     return {float(at): float(np.sqrt(square[load == at]).mean()) for at in np.unique(load)}
+
+
+# Several campaigns' folders to the readings of one robot.
+
+
+def read_group(
+    folders: Sequence[Path | str], name: str = "group", options: IngestOptions | None = None
+) -> Campaign:
+    """Read several measurement campaigns of one robot as one.
+
+    Link departures, springs and effects are shared. Base, tool or targets, and noise are each
+    campaign's own: their parameters bear its name, as `tool_x@ur10-c`. Labels of poses do too.
+
+    Args:
+        folders: the campaigns' folders; the first gives the frame of the base and the attitude of
+            the target.
+        name: of the group.
+        options: how to ingest; None for the defaults.
+
+    Raises:
+        RawDataError: when one cannot be used (see `read_campaign`), they are fewer than two or of
+            several robots, or names are not apart.
+        CalibrationError: when the poses of one do not determine its base and targets.
+    """
+    read = [read_campaign(folder, options) for folder in folders]
+    members = [MemberRead(each.description, each.arm, each.observations) for each in read]
+    description = describe_group(name, members)
+    placed = [
+        Member(each.name, each.observations, start_by_nominal(member))
+        for each, member in zip(read, members, strict=True)
+    ]
+    together = join(placed)
+    quarantined = (
+        replace(row, file=f"{each.name}/{row.file}") for each in read for row in each.quarantined
+    )
+    return Campaign(
+        read[0].folder,
+        description,
+        arm_of(description, read[0].folder, together),
+        together,
+        tuple(quarantined),
+        tuple(f"{each.name}: {note}" for each in read for note in each.notes),
+        tuple(f"{each.name}: {warning}" for each in read for warning in each.warnings),
+    )
+
+
+# Configurations that were quarantined because they are wrong, as findings for who judges the rest.
+#
+# A row that cannot be read is no finding: it is missing. One that can be read and cannot be true
+# is: it says that something went wrong there.
+
+#: Reasons for which a reading is wrong, and not merely of no use.
+_WRONG = (OFF_REPEATS, OFF_MODEL, NOT_RIGID, OUT_OF_REACH, OTHER_COMMAND)
+
+
+def wrong_rows(rows: Iterable[Quarantined]) -> tuple[InputFinding, ...]:
+    """Return the configurations that were quarantined because they are wrong, each once."""
+    found: dict[tuple[str, str], InputFinding] = {}
+    for row in sorted(rows):
+        exchanged = row.reason.startswith(EXCHANGED)
+        if not exchanged and row.reason not in _WRONG:
+            continue
+        where = f"{row.file}: {row.place or f'line {row.line}'}"
+        if exchanged:
+            labels = row.reason.removeprefix(EXCHANGED).removeprefix(": ") or row.value
+            finding = InputFinding(
+                kind="target_label",
+                where=where,
+                what=f"the labels of {labels} seem exchanged there; its rows are quarantined",
+                remedy="correct the labels of this configuration",
+            )
+        else:
+            finding = InputFinding(
+                kind="outlier",
+                where=where,
+                what=f"{row.reason}; its rows are quarantined",
+                remedy="look at the raw reading, and measure it again or leave it out",
+            )
+        found.setdefault((where, finding.kind), finding)
+    return tuple(found.values())

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
 from pa10cal.errors import CalibrationError, RawDataError
-from pa10cal.observe.raw import Misfit
+from pa10cal.observe.quantities import Misfit
 
 #: Times [s], and joint positions or places at them.
 TimedJoints = tuple[Array, Array]
@@ -293,4 +293,28 @@ def refuse_wrong_length_unit(scale: float | None, what: str, where: str) -> None
         "campaign.yaml"
         if unit
         else "check the unit of these columns",
+    )
+
+
+# Whether a log holds as many configurations as its campaign states.
+
+
+def count_warnings(stated: int | None, logged: int, file: str) -> tuple[str, ...]:
+    """Say how many configurations a log lacks of those stated, or has beyond them.
+
+    Args:
+        stated: configurations measured, as campaign.yaml states; None where it does not.
+        logged: configurations in the file, whether they can be used or not.
+        file: its name.
+    """
+    if stated is None or logged == stated:
+        return ()
+    if logged < stated:
+        return (
+            f"{file} has {logged} of the {stated} configurations that campaign.yaml states: "
+            f"{stated - logged} are missing, and the log seems cut short",
+        )
+    return (
+        f"{file} has {logged} configurations, and campaign.yaml states {stated}: correct that "
+        "number, or remove rows of another campaign",
     )

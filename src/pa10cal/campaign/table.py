@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.campaign.description import CampaignDescription
-from pa10cal.campaign.findings import InputFinding
+from pa10cal.campaign.description import CampaignDescription, InputFinding
 from pa10cal.errors import RawDataError
-from pa10cal.observe.base_targets import BaseTargets, MotionFound
-from pa10cal.observe.group import joined
+from pa10cal.observe.instrument import BaseTargets, MotionFound
+from pa10cal.observe.joined import joined
 from pa10cal.observe.observations import JointLog, Observations
 
 SCHEMA = "pa10cal-poses/1"

@@ -14,7 +14,6 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.base_motion import base_target_names, refuse_base_targets, steadied
 from pa10cal.campaign.bounds import Bounds
-from pa10cal.campaign.completeness import count_warnings
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.labels import (
@@ -26,14 +25,14 @@ from pa10cal.campaign.labels import (
     not_rigid,
 )
 from pa10cal.campaign.options import IngestOptions
-from pa10cal.campaign.quarantine import (
+from pa10cal.campaign.raw_file import RawFile
+from pa10cal.campaign.raw_rows import (
     Ingested,
     Quarantined,
     configurations,
     quarantined,
     refuse_too_many,
 )
-from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.rows import PoseRows, in_radians, position_columns, read_pose_rows
 from pa10cal.campaign.screens import (
     OFF_MODEL,
@@ -42,6 +41,7 @@ from pa10cal.campaign.screens import (
     OTHER_COMMAND,
     OUT_OF_REACH,
     READ_BEFORE,
+    count_warnings,
     may_be_radians,
     off_command,
     off_first,
@@ -54,7 +54,7 @@ from pa10cal.campaign.screens import (
     robust_misfit,
 )
 from pa10cal.errors import RawDataError
-from pa10cal.observe.raw import Misfit, RawColumns
+from pa10cal.observe.quantities import Misfit, RawColumns
 
 NO_TORQUES = "no torques logged, masses unknown: those of assumed weights are used"
 THOSE_OF_MASSES = "no torques logged: those of the described masses are used"

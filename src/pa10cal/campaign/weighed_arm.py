@@ -15,17 +15,21 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.description import Arm
+from pa10cal.arm.description import (
+    CENTRE,
+    DRIVES,
+    Arm,
+    WeightsKnown,
+    weights_known,
+    with_assumed_weights,
+)
 from pa10cal.arm.statics import Payload
-from pa10cal.arm.weights import CENTRE, DRIVES, WeightsKnown, weights_known, with_assumed_weights
 from pa10cal.arrays import Array
-from pa10cal.campaign.description import CampaignDescription
-from pa10cal.campaign.findings import InputFinding
+from pa10cal.campaign.description import CampaignDescription, InputFinding
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import weight_sizes
-from pa10cal.observe.averages import average_repeats
-from pa10cal.observe.observations import Observations
+from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.terms.model import Model
 
 #: Masses that a drawing program exports where nobody gave any [kg].

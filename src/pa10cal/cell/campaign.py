@@ -16,9 +16,8 @@ from pa10cal.arrays import Array
 from pa10cal.cell import instruments
 from pa10cal.cell.effects.effect import DriveEffect, Effect, Motion
 from pa10cal.cell.effects.vocabulary import make_effects
-from pa10cal.cell.equilibrium import rest_poses
 from pa10cal.cell.individual import KcubReading, build_robot
-from pa10cal.cell.instruments.instrument import Instrument, Truth
+from pa10cal.cell.instruments.instrument import Instrument, Truth, rest_poses
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.errors import SettingsError

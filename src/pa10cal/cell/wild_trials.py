@@ -14,9 +14,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from pa10cal.cell.campaign import robot_of
-from pa10cal.cell.disturbances.disturbance import Disturbance, Need, all_disturbances
-from pa10cal.cell.disturbances.faults_of_logs import DirectionReversed
-from pa10cal.cell.disturbances.stressors import TemperatureRamp
+from pa10cal.cell.disturbances.disturbance import (
+    Disturbance,
+    Need,
+    TemperatureRamp,
+    all_disturbances,
+)
+from pa10cal.cell.disturbances.faults import DirectionReversed
 from pa10cal.cell.effects.effect import Effect, TorqueLogEffect
 from pa10cal.cell.effects.vocabulary import nameless, vocabulary
 from pa10cal.cell.measured_trials import (

@@ -39,8 +39,8 @@ def adapt(
     from pa10cal.errors import SettingsError
     from pa10cal.evaluation.adapted import adapted_steps
     from pa10cal.fit.model_file import load_model
-    from pa10cal.results.adaptation import AdaptationRecord
     from pa10cal.results.codec import write
+    from pa10cal.results.comparison import AdaptationRecord
 
     if not all(0.0 < share <= 1.0 for share in shares):
         raise SettingsError(

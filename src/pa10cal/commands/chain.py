@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from pa10cal.fleet.options import ChainOptions
+from pa10cal.fleet.became import ChainOptions
 
 #: Stages, as messages call them, and what each writes under the results of the campaign.
 STAGES = {

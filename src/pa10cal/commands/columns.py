@@ -30,8 +30,8 @@ def columns(file: Path, *, robot: str | None = None, name: str | None = None) ->
 
     import yaml
 
+    from pa10cal.campaign.csv_rows import sniff
     from pa10cal.campaign.propose import follows_contract, label_of, propose
-    from pa10cal.campaign.sniff import sniff
     from pa10cal.files.arms import load_arm
 
     arm = None if robot is None else load_arm(robot, file.parent)

@@ -106,8 +106,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _join_the_run() -> None:
     """End with the run that this is a job of, and do nothing where it has ended."""
-    from pa10cal.running.alone import share
-    from pa10cal.running.parents import end_with_parents
+    from pa10cal.running.alone import end_with_parents, share
 
     end_with_parents()
     try:

@@ -9,7 +9,7 @@ from pa10cal.curve.options import CurveOptions
 
 if TYPE_CHECKING:
     from pa10cal.curve.gait import Gait
-    from pa10cal.results.curve import CurveRecord
+    from pa10cal.results.studies import CurveRecord
 
 
 def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) -> None:
@@ -24,7 +24,7 @@ def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) 
         pa10cal curve --out-dir helix --settings '{"curve": {"shape": "helix", "radius_m": 0.2, \\
           "pitch_m": 0.4, "turns": 1.5}, "link_m": 0.1}'
     """
-    from pa10cal.curve.from_options import curve_through, gait_of, shape_of
+    from pa10cal.curve.gait import curve_through, gait_of, shape_of
     from pa10cal.curve.records import curve_record, summary
     from pa10cal.errors import SettingsError
     from pa10cal.files.curve_points import read_curve_points

@@ -42,13 +42,13 @@ def discover(
     from pa10cal.campaign.table import read_findings, read_observations
     from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.discovery import discover as search
+    from pa10cal.discovery.preparation import setup_of
     from pa10cal.discovery.records import discovery_records, summary
-    from pa10cal.discovery.setup import setup_of
     from pa10cal.files.output import whole_files, write_text
-    from pa10cal.fit.covariance_file import covariance_path, write_covariance
+    from pa10cal.fit.model_file import covariance_path, write_covariance
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read, write
-    from pa10cal.results.suggestions import suggestion_table
+    from pa10cal.results.plan import suggestion_table
 
     began = time.perf_counter()
     campaign = read_description(campaign_dir)

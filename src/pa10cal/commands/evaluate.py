@@ -34,10 +34,16 @@ def evaluate(
     from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.commands.extended import read_extended
     from pa10cal.discovery.options import DiscoveryOptions
-    from pa10cal.discovery.setup import setup_of
-    from pa10cal.evaluation.compared import judged_by_parts, judged_models, judged_where_repeated
+    from pa10cal.discovery.preparation import setup_of
+    from pa10cal.evaluation.compared import (
+        holdout_record,
+        judged_by_parts,
+        judged_models,
+        judged_where_repeated,
+        said_of_parts,
+        summary,
+    )
     from pa10cal.evaluation.iso9283 import iso9283_record
-    from pa10cal.evaluation.records import holdout_record, said_of_parts, summary
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read, write
 

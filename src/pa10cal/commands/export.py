@@ -37,9 +37,7 @@ def export(
         pa10cal export --calibration calibration/combined.json --extended extended.json \\
           --model model.yaml --urdf robot.urdf
     """
-    from pa10cal.arm.ur_layout import flange_off_m, ur_kinematics
-    from pa10cal.arm.urdf import urdf_text
-    from pa10cal.arm.urdf_patch import patched_urdf
+    from pa10cal.arm.exports import flange_off_m, patched_urdf, ur_kinematics, urdf_text
     from pa10cal.calibration.records import models_of
     from pa10cal.campaign.description import read_description
     from pa10cal.campaign.table import read_observations
@@ -47,8 +45,7 @@ def export(
     from pa10cal.errors import CalibrationError
     from pa10cal.files.arms import urdf_of_arm
     from pa10cal.files.output import write_text
-    from pa10cal.fit.exports import beyond_rigid, dh_text, rigid_part
-    from pa10cal.fit.model_file import save_model
+    from pa10cal.fit.model_file import beyond_rigid, dh_text, rigid_part, save_model
     from pa10cal.results.calibration import CalibrationRecord
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pa10cal.discovery.extended import Extended
-from pa10cal.fit.covariance_file import covariance_beside
+from pa10cal.discovery.given import Extended
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.model_file import model_from_plain
+from pa10cal.fit.model_file import covariance_beside, model_from_plain
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import ExtendedRecord
 from pa10cal.terms.effects.effect import Effect

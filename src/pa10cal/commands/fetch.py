@@ -19,8 +19,8 @@ def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
         pa10cal fetch ipa-robot-accuracy --out data/ipa
         pa10cal fetch ipa-robot-accuracy --out data/ipa --source /media/copy
     """
-    from pa10cal.datasets.catalogue import dataset_named
-    from pa10cal.datasets.fetching import fetch as fetch_files
+    from pa10cal.datasets.dataset import dataset_named
+    from pa10cal.datasets.importing import fetch as fetch_files
 
     asked = dataset_named(dataset)
     if asked.published is not None:

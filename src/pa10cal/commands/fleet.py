@@ -41,8 +41,7 @@ def fleet(
     from pa10cal.results.fleet import FleetRecord
     from pa10cal.running.alone import alone
     from pa10cal.running.display import RunDisplay
-    from pa10cal.running.settings_files import settings_of
-    from pa10cal.running.workflow import Workflow, run_workflow
+    from pa10cal.running.workflow import Workflow, run_workflow, settings_of
 
     raw_dir, out = raw_dir.absolute(), out.absolute()
     asked = str(Path(campaigns).absolute()) if campaigns.endswith(".csv") else campaigns

@@ -21,17 +21,16 @@ def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) ->
     from pa10cal.figures.fleet import write_fleet
     from pa10cal.figures.options import FigureOptions
     from pa10cal.files.output import whole_files, write_text
-    from pa10cal.fleet.campaigns import campaigns_of
+    from pa10cal.fleet.campaigns import campaigns_of, fleet_csv
     from pa10cal.fleet.standing import fleet_record
-    from pa10cal.fleet.table import fleet_csv
-    from pa10cal.reports.fleet_page import page_text
+    from pa10cal.reports.page import fleet_page_text
     from pa10cal.results.codec import write
 
     found = fleet_record(campaigns_of(campaigns, raw_dir), results)
     outputs = tuple(out / f"fleet.{ending}" for ending in ("csv", "html", "json"))
     with whole_files(*outputs) as (table, page, record):
         write_text(table, fleet_csv(found))
-        write_text(page, page_text(found))
+        write_text(page, fleet_page_text(found))
         write(found, record)
         write_fleet(found, out, "fleet", FigureOptions().png_dpi)
     words = ", ".join(f"{count} {word}" for word, count in found.counts.items())

@@ -23,12 +23,11 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
     """
     import numpy as np
 
-    from pa10cal.arm.parallel import neighbouring_axes
+    from pa10cal.arm.description import neighbouring_axes
     from pa10cal.errors import ArmError
     from pa10cal.files.arm_text import arm_text, with_short_limits
-    from pa10cal.files.arms import parse_arm
+    from pa10cal.files.arms import arm_from_urdf, parse_arm
     from pa10cal.files.output import whole_files
-    from pa10cal.files.urdf import arm_from_urdf
     from pa10cal.yaml_file import parse_yaml
 
     if out.suffix != ".yaml":

@@ -33,8 +33,7 @@ def import_data(
         pa10cal import ipa-robot-accuracy data/ipa --out data/raw
     """
     from pa10cal.datasets.campaign_folder import write_campaigns
-    from pa10cal.datasets.catalogue import dataset_named
-    from pa10cal.datasets.dataset import AsItIs
+    from pa10cal.datasets.dataset import AsItIs, dataset_named
     from pa10cal.datasets.importing import import_campaigns
     from pa10cal.errors import RawDataError
 

@@ -26,7 +26,7 @@ def ingest(
     Examples:
         pa10cal ingest --campaign-dir data/raw/mine --out poses.parquet --quarantine quarantine.csv
     """
-    from pa10cal.campaign.quarantine import quarantine_csv
+    from pa10cal.campaign.raw_rows import quarantine_csv
     from pa10cal.campaign.read import read_campaign
     from pa10cal.campaign.table import write_pose_table
     from pa10cal.files.output import whole_files

@@ -32,16 +32,16 @@ def join(
     """
     from dataclasses import replace
 
-    from pa10cal.calibration.general.start import start_of
+    from pa10cal.calibration.general.calibrate import start_of
     from pa10cal.campaign.description import DESCRIPTION_FILE, read_description
     from pa10cal.campaign.group import MemberRead, describe_group, group_text
-    from pa10cal.campaign.quarantine import joined_listings
+    from pa10cal.campaign.raw_rows import joined_listings
     from pa10cal.campaign.table import read_findings, read_observations, write_pose_table
     from pa10cal.errors import RawDataError
     from pa10cal.files.arms import copy_description, load_arm
     from pa10cal.files.output import whole_files
-    from pa10cal.observe.group import Member
-    from pa10cal.observe.group import join as join_campaigns
+    from pa10cal.observe.joined import Member
+    from pa10cal.observe.joined import join as join_campaigns
     from pa10cal.results.codec import read
     from pa10cal.results.seed import BaseFrameRecord
 

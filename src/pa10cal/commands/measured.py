@@ -28,8 +28,7 @@ def measured(
           --out results/measured
     """
     from pa10cal.commands.transfer import transfer
-    from pa10cal.datasets.measured import CARRIED
-    from pa10cal.datasets.measured_table import csv_text, markdown, measured_record
+    from pa10cal.datasets.measured import CARRIED, csv_text, markdown, measured_record
     from pa10cal.errors import OutputError, Pa10calError, SettingsError
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.results.codec import read, write

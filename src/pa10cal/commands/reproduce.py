@@ -32,10 +32,8 @@ def reproduce(
     import sys
     from dataclasses import replace
 
-    from pa10cal.running.display import RunDisplay
-    from pa10cal.running.settings_files import settings_of
-    from pa10cal.running.summary import reports, summarise, table
-    from pa10cal.running.workflow import Workflow, run_workflow, workflow_folder
+    from pa10cal.running.display import RunDisplay, reports, summarise, table
+    from pa10cal.running.workflow import Workflow, run_workflow, settings_of, workflow_folder
 
     files = [workflow_folder() / "config.yaml", *([] if settings is None else [settings])]
     used = settings_of(files, {}, str(files[-1]))

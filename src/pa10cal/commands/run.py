@@ -38,10 +38,8 @@ def run(
     from pa10cal.files.output import writing_into
     from pa10cal.fit.model_file import file_of, load_model
     from pa10cal.running.alone import WORK_FOLDER, alone
-    from pa10cal.running.display import RunDisplay
-    from pa10cal.running.settings_files import settings_of
-    from pa10cal.running.summary import paths, summarise, table
-    from pa10cal.running.workflow import StageError, Workflow, run_workflow
+    from pa10cal.running.display import RunDisplay, paths, summarise, table
+    from pa10cal.running.workflow import StageError, Workflow, run_workflow, settings_of
 
     folder, out = folder.absolute(), out.absolute()
     name = read_description(folder).name

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pa10cal.results.trial_bars import Bar
-    from pa10cal.results.trials import JudgedTrial
+    from pa10cal.results.trials import Bar, JudgedTrial
 
 
 def score_trials(
@@ -28,13 +27,11 @@ def score_trials(
         pa10cal score_trials --verdicts v.jsonl --truths t.jsonl --scores scores.json \\
           --trials trials.csv
     """
-    from pa10cal.evaluation import drive_scores, measured_scores, trial_records, wild_scores
+    from pa10cal.evaluation import drive_scores, measured_scores, trial_scores, wild_scores
     from pa10cal.evaluation.blind_trial import DRIVES, SORTED, UNSTATED, WILD
     from pa10cal.files.output import write_text
     from pa10cal.results.codec import write
-    from pa10cal.results.drive_trials import DriveTrial
-    from pa10cal.results.trials import JudgedTrial
-    from pa10cal.results.wild_trials import WildTrial
+    from pa10cal.results.trials import DriveTrial, JudgedTrial, WildTrial
     from pa10cal.studies.trial_records import read_trials
 
     known = read_trials(verdicts, truths)
@@ -50,7 +47,7 @@ def score_trials(
         write(wild, scores)
         bars = (*wild.bars, *wild.proposed.bars)
     else:
-        record = trial_records.scores_record(known)
+        record = trial_scores.scores_record(known)
         write_text(trials, _table(JudgedTrial.model_fields, map(_blind, record.per_trial)))
         write(record, scores)
         bars = (*record.bars, *record.proposed.bars)

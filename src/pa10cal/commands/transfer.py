@@ -36,10 +36,9 @@ def transfer(
     from pa10cal.campaign.weighed_arm import arm_of
     from pa10cal.commands.extended import read_extended
     from pa10cal.discovery.options import DiscoveryOptions
-    from pa10cal.discovery.setup import setup_of
+    from pa10cal.discovery.preparation import setup_of
     from pa10cal.errors import CalibrationError, RecordError
-    from pa10cal.evaluation.compared import judged_elsewhere
-    from pa10cal.evaluation.records import said_of_parts, transfer_record
+    from pa10cal.evaluation.compared import judged_elsewhere, said_of_parts, transfer_record
     from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
 

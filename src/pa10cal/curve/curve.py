@@ -8,13 +8,18 @@ distance certain: the distance from a point cannot change faster than arc length
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BPoly, CubicSpline, PPoly
+from scipy.special import jv
 
 from pa10cal.arrays import Array
+from pa10cal.errors import CurveError
 
 #: Bounds are taken a little wider than computed, against rounding.
 _WIDER = 1e-9
@@ -182,3 +187,360 @@ def uniform_bounds(
 
 def _sum_from_zero(parts: NDArray[np.generic]) -> Array:
     return np.concatenate([[0.0], np.cumsum(parts)])
+
+
+# Curves given by formulas: any callable with bounds stated for it, and a few by name.
+
+#: Parameters at which the stated bounds of a callable are checked.
+_CHECKED = 257
+#: Rounding that a stated bound is allowed.
+_ROUNDED = 1e-9
+#: Bessel functions of orders this much above their argument are below rounding.
+_ORDERS_BEYOND = 30
+
+
+@dataclass(frozen=True)
+class Parametric:
+    """A curve given by a callable; build it with `parametric` or by name."""
+
+    place: Callable[[Array], Array]  # places (N, 3) at parameters (N,) [m]
+    velocity: Callable[[Array], Array]  # derivative (N, 3) of the place by the parameter
+    bounds: Bounds  # what holds on it
+
+    def at(self, t: Array) -> Array:
+        """Return the places (N, 3) at parameters (N,) [m]."""
+        return self.place(t)
+
+    def with_velocity(self, t: Array) -> tuple[Array, Array]:
+        """Return places and their derivatives by t, both (N, 3)."""
+        return self.place(t), self.velocity(t)
+
+
+def parametric(
+    place: Callable[[Array], Array],
+    velocity: Callable[[Array], Array],
+    span: tuple[float, float],
+    fastest: float,
+    slowest: float = 0.0,
+    acceleration: float = np.inf,
+) -> Parametric:
+    """Return a curve given by a callable of any parameter, without kinks.
+
+    The first point at a distance is found with `fastest` alone; the others make it quicker.
+
+    Args:
+        place: places (N, 3) at parameters (N,) [m].
+        velocity: their derivative by the parameter.
+        span: parameters at which the curve begins and ends.
+        fastest: bound of the speed |velocity| from above [m per unit of the parameter].
+        slowest: bound of it from below, 0 where not known.
+        acceleration: bound of the second derivative's length, inf where not known.
+
+    Raises:
+        CurveError: when the span is empty, a place is not finite, or the speed is seen to leave
+            its bounds.
+    """
+    if not (np.isfinite(span).all() and span[0] < span[1]):
+        raise _refusal("the curve has no span", span, "two finite parameters, the smaller first")
+    if not (0.0 <= slowest <= fastest < np.inf and fastest > 0.0):
+        raise _refusal(
+            "the bounds of the speed are invalid", (slowest, fastest), "0 <= low <= high"
+        )
+    t = np.linspace(*span, _CHECKED)
+    places, speeds = place(t), np.linalg.norm(velocity(t), axis=1)
+    bad = ~(np.isfinite(places).all(axis=1) & np.isfinite(speeds))
+    if bad.any():
+        raise _refusal(
+            "a position of the curve is not finite", t[bad][0], "finite positions and speeds"
+        )
+    off = (speeds > fastest * (1 + _ROUNDED)) | (speeds < slowest * (1 - _ROUNDED))
+    if off.any():
+        raise _refusal(
+            f"the speed at parameter {t[off][0]:g} is outside its bounds",
+            speeds[off][0],
+            f"{slowest:g} to {fastest:g}, as stated",
+        )
+    return Parametric(place, velocity, uniform_bounds(*span, slowest, fastest, acceleration))
+
+
+def line(length_m: float) -> PiecewisePolynomial:
+    """Return a straight line along x."""
+    return polyline(np.array([[0.0, 0.0, 0.0], [_positive("length_m", length_m), 0.0, 0.0]]))
+
+
+def circle(radius_m: float, angle_rad: float = 2.0 * np.pi) -> Parametric:
+    """Return an arc in the xy plane about the origin, from the x axis on; t is the angle."""
+    return helix(radius_m, 0.0, angle_rad / (2.0 * np.pi))
+
+
+def helix(radius_m: float, pitch_m: float, turns: float, phase_rad: float = 0.0) -> Parametric:
+    """Return a helix about z, rising by the pitch each turn; t is the angle, from 0.
+
+    Args:
+        radius_m: its radius.
+        pitch_m: rise a turn; negative for a left-handed one.
+        turns: how many.
+        phase_rad: azimuth at which it begins.
+    """
+    radius_m, turns = _positive("radius_m", radius_m), _positive("turns", turns)
+    rise = _finite("pitch_m", pitch_m) / (2.0 * np.pi)
+    phase_rad = _finite("phase_rad", phase_rad)
+    speed = float(np.hypot(radius_m, rise))
+
+    def place(t: Array) -> Array:
+        azimuth = t + phase_rad
+        return np.stack([radius_m * np.cos(azimuth), radius_m * np.sin(azimuth), rise * t], axis=1)
+
+    def velocity(t: Array) -> Array:
+        x, y = -radius_m * np.sin(t + phase_rad), radius_m * np.cos(t + phase_rad)
+        return np.stack([x, y, np.full_like(t, rise)], axis=1)
+
+    return Parametric(
+        place, velocity, uniform_bounds(0.0, 2.0 * np.pi * turns, speed, speed, radius_m)
+    )
+
+
+def serpenoid(
+    length_m: float, waves: float, amplitude_rad: float, phase_rad: float = 0.0
+) -> Parametric:
+    """Return Hirose's serpenoid curve in the xy plane; t is arc length [m].
+
+    Its heading is amplitude cos(2 pi waves t / length + phase). Cosine and sine of a cosine are
+    series of Bessel functions (Jacobi and Anger), whose integrals are the curve, to the last digit.
+
+    Args:
+        length_m: arc length.
+        waves: waves along it.
+        amplitude_rad: largest heading, from the mean one.
+        phase_rad: phase of the wave at its beginning; growing with time, the wave travels.
+    """
+    length_m, waves = _positive("length_m", length_m), _positive("waves", waves)
+    amplitude_rad = _positive("amplitude_rad", amplitude_rad)
+    phase_rad = _finite("phase_rad", phase_rad)
+    rate = 2.0 * np.pi * waves / length_m
+    order = np.arange(1, int(amplitude_rad) + _ORDERS_BEYOND)
+    # 2 J_k Re i^k goes into the cosine of the heading (even k), 2 J_k Im i^k into its sine.
+    parts = 2.0 * jv(order, amplitude_rad) / (rate * order)
+    along = parts * np.array([0.0, -1.0, 0.0, 1.0])[(order - 1) % 4]
+    aside = parts * np.array([1.0, 0.0, -1.0, 0.0])[(order - 1) % 4]
+    mean = float(jv(0, amplitude_rad))
+
+    def place(t: Array) -> Array:
+        waved = np.sin(np.outer(rate * t + phase_rad, order)) - np.sin(phase_rad * order)
+        return np.stack([mean * t + waved @ along, waved @ aside, np.zeros_like(t)], axis=1)
+
+    def velocity(t: Array) -> Array:
+        heading = amplitude_rad * np.cos(rate * t + phase_rad)
+        return np.stack([np.cos(heading), np.sin(heading), np.zeros_like(t)], axis=1)
+
+    return Parametric(
+        place, velocity, uniform_bounds(0.0, length_m, 1.0, 1.0, amplitude_rad * rate)
+    )
+
+
+def _positive(name: str, value: float) -> float:
+    if not (np.isfinite(value) and value > 0.0):
+        raise CurveError(
+            "a measure of the shape is not positive",
+            where=name,
+            value=value,
+            allowed="a finite number above 0",
+            remedy="correct it",
+        )
+    return value
+
+
+def _finite(name: str, value: float) -> float:
+    if not np.isfinite(value):
+        raise CurveError(
+            "a measure of the shape is not finite",
+            where=name,
+            value=value,
+            allowed="a finite number",
+            remedy="correct it",
+        )
+    return value
+
+
+def _refusal(what: str, value: object, allowed: str) -> CurveError:
+    return CurveError(
+        what, where="curve", value=value, allowed=allowed, remedy="correct the stated bounds"
+    )
+
+
+# Curves that are polynomials piece by piece: splines through points, and polylines.
+#
+# Their bounds are exact in kind: a polynomial in Bernstein form lies between its smallest and its
+# largest coefficient, so speed, acceleration and turning are bounded by coefficients of r'^2, r''
+# and r' x r'', cell by cell.
+
+#: Cells a piece, and parts of a cell that is cut again: bounds get tighter with more of them.
+_CELLS_A_PIECE = 4
+#: Cells are cut again where the squared speed varies by more than this; so often are they cut.
+_TIGHT, _TIMES_CUT = 0.2, 5
+#: Components of a cross product, as differences of products.
+_CROSS = ((1, 2), (2, 0), (0, 1))
+
+
+@dataclass(frozen=True)
+class PiecewisePolynomial:
+    """A curve given by a polynomial in each piece of its parameter."""
+
+    place: PPoly  # scipy's piecewise polynomial, of three components [m]
+    bounds: Bounds = field(init=False)  # what holds on it
+    _velocity: PPoly = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_velocity", self.place.derivative())
+        object.__setattr__(self, "bounds", _bounds(self.place))
+
+    def at(self, t: Array) -> Array:
+        """Return the places (N, 3) at parameters (N,) [m]."""
+        return np.asarray(self.place(t))
+
+    def with_velocity(self, t: Array) -> tuple[Array, Array]:
+        """Return places and their derivatives by t, both (N, 3)."""
+        return np.asarray(self.place(t)), np.asarray(self._velocity(t))
+
+
+def spline_through(points_m: Array, closed: bool = False) -> PiecewisePolynomial:
+    """Return the cubic spline through points, its parameter the sum of the distances between them.
+
+    Args:
+        points_m: (N, 3) points [m]; where closed, the first follows the last once more.
+        closed: whether the curve returns to its first point without a kink.
+
+    Raises:
+        CurveError: with fewer than two points, points that are not finite or repeat the one before.
+    """
+    points_m = checked_points(points_m)
+    if closed:
+        points_m = np.vstack([points_m, points_m[:1]])
+    t = _along(points_m)
+    spline = CubicSpline(t, points_m, bc_type="periodic" if closed else "not-a-knot")
+    return PiecewisePolynomial(PPoly(spline.c, spline.x))
+
+
+def polyline(points_m: Array) -> PiecewisePolynomial:
+    """Return the straight lines between points; their parameter is arc length [m].
+
+    Args:
+        points_m: (N, 3) points [m].
+
+    Raises:
+        CurveError: as `spline_through`.
+    """
+    points_m = checked_points(points_m)
+    t = _along(points_m)
+    slopes = np.diff(points_m, axis=0) / np.diff(t)[:, None]
+    return PiecewisePolynomial(PPoly(np.stack([slopes, points_m[:-1]]), t))
+
+
+def checked_points(points_m: Array) -> Array:
+    """Return points (N, 3) that a curve can go through.
+
+    Raises:
+        CurveError: with fewer than two points, points that are not finite or repeat the one before.
+    """
+    if points_m.ndim != 2 or points_m.shape[1] != 3 or len(points_m) < 2:
+        raise CurveError(
+            "there are too few points for a curve",
+            where="points",
+            value=points_m.shape,
+            allowed="two points or more, each x, y, z",
+            remedy="give more points",
+        )
+    bad = np.flatnonzero(~np.isfinite(points_m).all(axis=1))
+    if len(bad):
+        raise CurveError(
+            "a point is not finite",
+            where=f"point {bad[0] + 1}",
+            value=points_m[bad[0]].tolist(),
+            allowed="finite coordinates",
+            remedy="remove the point",
+        )
+    repeated = np.flatnonzero((np.diff(points_m, axis=0) == 0.0).all(axis=1))
+    if len(repeated):
+        raise CurveError(
+            "a point repeats the one before",
+            where=f"point {repeated[0] + 2}",
+            value=points_m[repeated[0]].tolist(),
+            allowed="neighbouring points that differ",
+            remedy=f"remove repeated points ({len(repeated)} in all)",
+        )
+    return points_m
+
+
+def _along(points_m: Array) -> Array:
+    """Return how far along the straight lines between them points are, (N,) [m]."""
+    steps = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _bounds(place: PPoly) -> Bounds:
+    """Bound speed, acceleration and turning in every cell by Bernstein coefficients.
+
+    Where the speed is not bounded well, near cusps, cells are cut again.
+    """
+    parts = np.arange(_CELLS_A_PIECE) / _CELLS_A_PIECE
+    widths = np.diff(place.x)
+    starts, loose = place.x[:-1], np.ones(len(widths), dtype=bool)
+    for _ in range(_TIMES_CUT):
+        within = starts[loose, None] + widths[loose, None] * parts[1:]
+        starts = np.sort(np.concatenate([starts, within.ravel()]))
+        edges = np.append(starts, place.x[-1])
+        widths, cut = np.diff(edges), _expanded(place, edges)
+        velocity, change = cut.derivative().c, cut.derivative(2).c
+        speed2 = _bernstein(_product(velocity, velocity).trace(axis1=2, axis2=3), edges)
+        loose = speed2.min(axis=0) < _TIGHT * speed2.max(axis=0)
+        if not loose.any():
+            break
+    slowest = np.sqrt(speed2.min(axis=0).clip(0.0))
+    outer = _product(velocity, change)
+    across = np.stack([outer[..., i, j] - outer[..., j, i] for i, j in _CROSS], axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turning = _longest(_bernstein(across, edges)) / slowest**2
+    return Bounds(
+        edges=edges,
+        slowest=slowest,
+        fastest=np.sqrt(speed2.max(axis=0)),
+        acceleration=_longest(_bernstein(change, edges)),
+        turning=np.where(slowest > 0.0, turning, np.inf),
+        kinks_rad=_kinks(velocity, widths),
+    )
+
+
+def _expanded(place: PPoly, edges: Array) -> PPoly:
+    """Return the same polynomials, each about the beginning of one of more cells."""
+    orders = reversed(range(len(place.c)))
+    powers = [place(edges[:-1], nu=order) / math.factorial(order) for order in orders]
+    return PPoly(np.stack(powers), edges)
+
+
+def _product(first: Array, second: Array) -> Array:
+    """Return all products of components of two polynomials, power by power: (k, m, 3, 3)."""
+    terms, others = len(first), len(second)
+    product = np.zeros((terms + others - 1, first.shape[1], 3, 3))
+    for power in range(terms):
+        product[power : power + others] += first[power, :, :, None] * second[:, :, None, :]
+    return product
+
+
+def _bernstein(powers: Array, edges: Array) -> Array:
+    """Return the Bernstein coefficients of polynomials given by powers, highest first."""
+    return np.asarray(BPoly.from_power_basis(PPoly(powers, edges)).c)
+
+
+def _longest(coefficients: Array) -> Array:
+    """Return the longest of the (k, m, 3) coefficients in every cell (m,)."""
+    return np.asarray(np.linalg.norm(coefficients, axis=2).max(axis=0))
+
+
+def _kinks(velocity: Array, widths: Array) -> Array:
+    """Return by how much the tangent jumps between cells, (m - 1,) [rad]."""
+    before = np.zeros_like(velocity[0])
+    for coefficients in velocity:
+        before = before * widths[:, None] + coefficients
+    before, after = before[:-1], velocity[-1, 1:]
+    across = np.linalg.norm(np.cross(before, after), axis=1)
+    return np.asarray(np.arctan2(across, (before * after).sum(axis=1)))

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_banded
 from scipy.optimize import brentq
 
 from pa10cal.arrays import Array
-from pa10cal.curve.ahead import points_ahead
-from pa10cal.curve.curve import Curve
-from pa10cal.curve.first_crossing import first_crossing
+from pa10cal.curve.curve import Bounds, Curve
 from pa10cal.errors import CurveError
 
 #: Points sought together at least and at most, and how much more than were found before.
@@ -220,3 +220,278 @@ def _refuse_length(curve: Curve, link_m: float, most: int | None) -> None:
             allowed=f"at least a {_MOST_LINKS:g}th of the curve, {longest_m:g} m",
             remedy="take longer links, or give their number",
         )
+
+
+# Many points at once, guessed and then proved, where the curve bends gently.
+#
+# Each point depends on the one before, but all of them together are the solution of one system of
+# equations, each link's length in its two end points, which Newton's method solves with a matrix
+# of two diagonals. Whether each point is also the first at its distance is settled afterwards, for
+# all of them: while the tangent turns by no more than a quarter turn, or the curvature is nowhere
+# above k and the arc no longer than pi / k, the distance from the first point of an arc only grows
+# along it. (In the first case every tangent has a component along the last one; for the second the
+# chord has, by the same integral with the angles at their worst.) With k L < 2 the crossing is
+# then inside the arc length [L, (2 / k) asin(k L / 2)]. Points for which neither can be shown go
+# to the search that is certain everywhere.
+
+_QUARTER_TURN = np.pi / 2.0 - 1e-6
+_HALF_TURN = np.pi - 1e-6
+_STEPS = 10
+#: A link this slanted to the curve goes to the search.
+_LEAST_SLOPE = 0.05
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """Points that follow one another, each proved to be the first at the link's length."""
+
+    t: Array  # (k,) their parameters
+    p_m: Array  # (k, 3) the points [m]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+def points_ahead(curve: Curve, t: float, p_m: Array, link_m: float, most: int) -> Ahead:
+    """Find the next points as far as they can be proved.
+
+    Args:
+        curve: the curve.
+        t: parameter of the last point.
+        p_m: (3,) that point [m].
+        link_m: length of a link.
+        most: how many points at most.
+    """
+    bounds = curve.bounds
+    first_end = float(bounds.not_beyond(bounds.length_to(np.array(t)) + link_m))
+    none = Ahead(np.zeros(0), np.zeros((0, 3)))
+    if not _only_leaves(bounds, np.array([t, first_end])).all():
+        return none
+    guess = _guess(curve, t, link_m, most)
+    guess = guess[_leading(_only_leaves(bounds, np.append(t, guess)))]
+    if not len(guess):
+        return none
+    found = _solve(curve, t, p_m, link_m, guess)
+    chords = np.linalg.norm(np.diff(found.p_m, axis=0, prepend=p_m[None]), axis=1)
+    along = np.append(t, found.t)
+    same_m = bounds.same_length_m(found.t, found.p_m, link_m)
+    good = (np.abs(chords - link_m) <= same_m) & (np.diff(along) > 0.0)
+    good &= found.t <= bounds.end
+    good = _leading(good)
+    good[good] = _only_leaves(bounds, along[: good.sum() + 1])
+    good = _leading(good)
+    return Ahead(found.t[good], found.p_m[good])
+
+
+def _guess(curve: Curve, t: float, link_m: float, most: int) -> Array:
+    """Guess parameters from arc length and curvature, each arc taken for one of a circle."""
+    bounds = curve.bounds
+    here = float(bounds.length_to(np.array(t)))
+    there = min(here + most * link_m, float(bounds.length_m[-1]))
+    nodes = 2 * max(1, int(np.ceil((there - here) / link_m))) + 1
+    at = bounds.not_beyond(np.linspace(here, there, nodes))
+    at[0] = t
+    _, v = curve.with_velocity(at)
+    speed = np.linalg.norm(v, axis=1)
+    arc = np.diff(at) * (speed[:-1] + speed[1:]) / 2.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bend = np.linalg.norm(np.diff(v / speed[:, None], axis=0), axis=1) / arc
+        links = arc / link_m * (1.0 - (bend * link_m) ** 2 / 24.0)
+    if not (np.isfinite(links).all() and (links > 0.0).all()):
+        return np.zeros(0)
+    total = np.append(0.0, np.cumsum(links))
+    count = min(most, int(total[-1] + 1e-9))
+    return np.asarray(np.interp(np.arange(1, count + 1), total, at))
+
+
+def _solve(curve: Curve, t: float, p_m: Array, link_m: float, guess: Array) -> Ahead:
+    """Solve for all points together, up to the first that does not settle or is too slanted.
+
+    The last step, below what t can say, goes into the points along the tangent.
+    """
+    end = curve.bounds.end
+    found = guess
+    with np.errstate(all="ignore"):  # what is not finite does not settle
+        for _ in range(_STEPS):
+            r_m, v = curve.with_velocity(found)
+            chord = np.diff(r_m, axis=0, prepend=p_m[None])
+            length = np.linalg.norm(chord, axis=1)
+            towards = chord / length[:, None]
+            slope = (towards * v).sum(axis=1)
+            before = -(towards[1:] * v[:-1]).sum(axis=1)
+            fine = slope > _LEAST_SLOPE * np.linalg.norm(v, axis=1)
+            count = int(_leading(fine & np.isfinite(length)).sum())
+            if not count:
+                return Ahead(found[:0], r_m[:0])
+            bands = np.stack([slope[:count], np.append(before[: count - 1], 0.0)])
+            step = solve_banded((1, 0), bands, (link_m - length)[:count], check_finite=False)
+            move = np.abs(step) * np.linalg.norm(v[:count], axis=1)
+            same_m = curve.bounds.same_length_m(found[:count], r_m[:count], link_m)
+            settled = _leading(move <= same_m)
+            if settled.all():
+                break
+            found = np.maximum.accumulate((found[:count] + step).clip(t, end))
+        kept = int(settled.sum())
+        return Ahead(found[:kept] + step[:kept], r_m[:kept] + step[:kept, None] * v[:kept])
+
+
+def _only_leaves(bounds: Bounds, t: Array) -> NDArray[np.bool_]:
+    """Return between which parameters the distance from the former is proved to grow all along."""
+    certain = bounds.turning_between(t) <= _QUARTER_TURN
+    if not certain.all():
+        arc = np.diff(bounds.length_to(t)) * bounds.curvature_between(t)
+        certain |= arc <= _HALF_TURN
+    return certain
+
+
+def _leading(good: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.logical_and.accumulate(good)
+
+
+# The first point of a curve at a distance from one of its points, never a later one.
+#
+# Distance from a point cannot change faster than arc length grows, so a stretch of the curve whose
+# ends are near and whose length is short cannot get there. With a bound of the acceleration the
+# squared distance lies within a parabola of the straight line between its values at the ends,
+# which needs far fewer stretches where the curve runs along the sphere. The first stretch that may
+# reach the distance is cut again, until the squared distance provably only grows in it, and then
+# bisected (by Brent's method); or until only rounding remains, where the curve touches the sphere
+# and turns back.
+
+#: Stretches searched at first, as a part of the link, and into how many the suspicious is cut.
+_FIRST_STRETCH, _CUTS = 0.125, 16
+#: The search looks this many links ahead, then twice as many, up to the most at once.
+_FIRST_LOOK, _LONGEST_LOOK = 2.0, 2048.0
+#: Where the tangent is within this of square to the link, the curve may be turning back.
+_SLANT = 1e-5
+#: Half the reach in which it is looked for where the curve turns back, as a part of the link.
+_NEAR = 1e-4
+_ROUNDING = 16.0 * float(np.finfo(float).eps)
+_LEAST = float(np.finfo(float).tiny)
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """The first point of a curve at a distance."""
+
+    t: float  # its parameter
+    p_m: Array  # (3,) the point [m]
+    touches: bool  # whether the curve only touches the sphere there, and turns back
+
+
+def first_crossing(curve: Curve, t: float, p_m: Array, link_m: float) -> Crossing | None:
+    """Find the first point of the curve after one of its points, at a distance from it.
+
+    Args:
+        curve: the curve.
+        t: parameter of the point.
+        p_m: (3,) the point [m].
+        link_m: the distance.
+
+    Returns:
+        The first point, or None when all the rest of the curve is nearer.
+    """
+    bounds = curve.bounds
+    same_m = float(bounds.same_length_m(np.array(t), p_m, link_m))
+    search = _Search(curve, p_m, link_m, 2.0 * link_m * same_m)
+    look = _FIRST_LOOK * link_m
+    low = float(bounds.not_beyond(bounds.length_to(np.array(t)) + link_m))
+    while low < bounds.end:
+        high = float(bounds.not_beyond(bounds.length_to(np.array(low)) + look))
+        found = search.between(bounds.stretches(low, high, _FIRST_STRETCH * link_m))
+        if found is not None:
+            return found
+        low, look = high, min(2.0 * look, _LONGEST_LOOK * link_m)
+    return None
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The squared distance from a point, less the link's: f [m^2]."""
+
+    curve: Curve
+    p_m: Array
+    link_m: float
+    same_m2: float
+
+    def between(self, t: Array) -> Crossing | None:
+        """Find the first crossing in stretches between parameters, each in one cell."""
+        waiting = [t]
+        while waiting:
+            t = waiting.pop()
+            r_m, v = self.curve.with_velocity(t)
+            f = ((r_m - self.p_m) ** 2).sum(axis=1) - self.link_m**2
+            slope = 2.0 * ((r_m - self.p_m) * v).sum(axis=1)
+            most, grows = self._bound(t, f, slope)
+            reaches = most >= -self.same_m2
+            if not reaches.any():
+                continue
+            k = int(np.argmax(reaches))
+            low, high = float(t[k]), float(t[k + 1])
+            if f[k + 1] >= 0.0 and grows[k]:
+                return self._crossing(low, high)
+            if max(f[k], f[k + 1]) >= -self.same_m2 and most[k] <= 2.0 * self.same_m2:
+                return self._touch(low, high)
+            if k + 2 < len(t):
+                waiting.append(t[k + 1 :])
+            cut = np.unique(np.linspace(low, high, _CUTS + 1))
+            if len(cut) > 2:
+                waiting.append(cut)
+            elif f[k + 1] >= 0.0:
+                return self._crossing(low, high)
+        return None
+
+    def _bound(self, t: Array, f: Array, slope: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return what f nowhere exceeds in each stretch, and whether it crosses zero once only."""
+        bounds = self.curve.bounds
+        width = np.diff(t)
+        cell = bounds.cells((t[:-1] + t[1:]) / 2.0)
+        fastest, change = bounds.fastest[cell], bounds.acceleration[cell]
+        distance = np.sqrt(f + self.link_m**2)
+        farthest = (distance[:-1] + distance[1:] + fastest * width) / 2.0
+        bent = 2.0 * (bounds.slowest[cell] ** 2 - farthest * change)  # f'' is nowhere less
+        risen = 2.0 * (fastest**2 + farthest * change)  # and nowhere more
+        above = np.maximum(f[:-1], f[1:]) + np.maximum(-bent, 0.0) * width**2 / 8.0
+        most = np.minimum(farthest**2 - self.link_m**2, above)
+        grows = (bent >= 0.0) | (slope[1:] >= risen * width) | (slope[:-1] + bent * width >= 0.0)
+        return most, grows
+
+    def _f(self, t: float) -> float:
+        r_m = self.curve.at(np.array([t]))[0]
+        return float(((r_m - self.p_m) ** 2).sum() - self.link_m**2)
+
+    def _slope(self, t: float) -> float:
+        r_m, v = self.curve.with_velocity(np.array([t]))
+        return float(2.0 * (r_m[0] - self.p_m) @ v[0])
+
+    def _crossing(self, low: float, high: float) -> Crossing:
+        """Return where f crosses zero once between two parameters."""
+        t = _bisect(self._f, low, high)
+        r_m, v = self.curve.with_velocity(np.array([t]))
+        away, speed = r_m[0] - self.p_m, float(np.linalg.norm(v[0]))
+        if away @ v[0] < _SLANT * self.link_m * speed:
+            return self._touch(low, high)
+        distance = float(np.linalg.norm(away))
+        # The last digits are beyond those of t, so that the point moves along the tangent.
+        rest = (self.link_m - distance) * distance / float(away @ v[0])
+        return Crossing(t + rest, r_m[0] + rest * v[0], touches=False)
+
+    def _touch(self, low: float, high: float) -> Crossing:
+        """Return where the curve turns back about here, or else crosses, all but tangent to it."""
+        bounds = self.curve.bounds
+        near = _NEAR * self.link_m / float(bounds.fastest[bounds.cells(np.array(high))])
+        low, high = low - near, min(high + near, bounds.end)
+        if self._slope(low) > 0.0 > self._slope(high):
+            high = _bisect(self._slope, low, high)
+            if self._f(high) <= 2.0 * self.same_m2:
+                return Crossing(high, self.curve.at(np.array([high]))[0], touches=True)
+        t = _bisect(self._f, low, high)
+        return Crossing(t, self.curve.at(np.array([t]))[0], touches=False)
+
+
+def _bisect(f: Callable[[float], float], low: float, high: float) -> float:
+    """Return where f changes sign; the end nearer to zero where it does not."""
+    f_low, f_high = f(low), f(high)
+    if f_low * f_high >= 0.0:
+        return low if abs(f_low) < abs(f_high) else high
+    return float(brentq(f, low, high, xtol=_LEAST, rtol=_ROUNDING))

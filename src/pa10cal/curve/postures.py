@@ -9,14 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.curve.angles import first_axes
-from pa10cal.curve.chain_arm import arm_posture
-from pa10cal.curve.curve import Curve
-from pa10cal.curve.feasible import JointLimits, feasible_rolls
+from pa10cal.curve.angles import arm_posture, first_axes
+from pa10cal.curve.curve import Curve, helix, serpenoid, spline_through
 from pa10cal.curve.points import lay_points
-from pa10cal.curve.polynomial import spline_through
-from pa10cal.curve.roll_map import RollMap
-from pa10cal.curve.shapes import helix, serpenoid
+from pa10cal.curve.roll import JointLimits, RollMap, feasible_rolls
 from pa10cal.errors import CurveError
 
 #: A curve is so much longer than the links laid along it.

@@ -6,13 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.curve.angles import JointAngles, chain_points
-from pa10cal.curve.feasible import feasible_rolls
-from pa10cal.curve.from_options import limits_of
-from pa10cal.curve.gait import Gait
+from pa10cal.curve.gait import Gait, limits_of
 from pa10cal.curve.options import CurveOptions
 from pa10cal.curve.points import Points
-from pa10cal.curve.roll_map import RollMap
-from pa10cal.results.curve import CurveRecord, CurveShape
+from pa10cal.curve.roll import RollMap, feasible_rolls
+from pa10cal.results.studies import CurveRecord, CurveShape
 
 #: Columns of a table by name.
 Columns = dict[str, NDArray[np.float64] | NDArray[np.int_]]

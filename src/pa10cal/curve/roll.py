@@ -12,11 +12,302 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.curve.feasible import JointLimits, feasible_rolls, free_rolls
-from pa10cal.curve.roll_map import RollMap
+from pa10cal.curve.angles import Order, first_axes
 from pa10cal.errors import CurveError
+
+# Every frame of the chain as a function of the first link's roll, in closed form.
+#
+# The axis that is carried along the chain (`angles`) goes from link to link by a linear map of the
+# planes square to the links, made a unit vector afterwards: w_i is along A_i w_1 with one product
+# A_i of 2 x 2 matrices a link. So one pass, whatever the number of rolls, and the way back from a
+# direction at any link to the roll that leads there is the inverse matrix. Each factor keeps the
+# direction square to a bend and shortens the one in its plane by the cosine of the bend: along a
+# bent chain the roll of the first link is gradually forgotten.
+
+
+@dataclass(frozen=True)
+class RollMap:
+    """How joint angles depend on the roll of the first link; build it with `RollMap.of`."""
+
+    order: Order  # which turn comes first
+    axes_at_zero: Array  # (3, 3) frame of the first link at roll zero
+    bend_rad: Array  # (n - 1,) angle between neighbouring links, 0 to pi
+    # (n, 2, 2) from the carried axis at the first link to that at each, but for its length, in
+    # planes square to the links
+    maps: Array
+    side: Array  # (n,) sign of the determinant of `maps`
+    heading_rad: Array  # (n - 1,) where in the plane of the link before the next one bends to
+    across: Array  # (n, 3, 2) axes of those planes; those of the first link are its y and z
+
+    @classmethod
+    def of(cls, directions: Array, order: Order = "zy", z_at_zero: Array | None = None) -> RollMap:
+        """Compute the maps of a chain.
+
+        Args:
+            directions: (n, 3) unit vectors along the links.
+            order: which turn comes first.
+            z_at_zero: (3,) what z of the first link is nearest to at roll zero; else the normal of
+                the first bend.
+        """
+        axes_at_zero = first_axes(directions, 0.0, z_at_zero)
+        across = _planes(directions)
+        across[0] = axes_at_zero[:, 1:]
+        cos = np.einsum("ki,ki->k", directions[:-1], directions[1:])
+        into = np.einsum("kia,ki->ka", across[:-1], directions[1:])  # the bend, in each plane
+        back = np.einsum("kia,ki->ka", across[1:], directions[:-1])
+        steps = cos[:, None, None] * np.einsum("kia,kib->kab", across[1:], across[:-1])
+        steps -= back[:, :, None] * into[:, None, :]
+        return cls(
+            order=order,
+            axes_at_zero=axes_at_zero,
+            bend_rad=np.arctan2(np.hypot(into[:, 0], into[:, 1]), cos),
+            maps=_products(steps),
+            side=np.append(1.0, np.cumprod(np.where(cos < 0.0, -1.0, 1.0))),
+            heading_rad=np.arctan2(into[:, 1], into[:, 0]),
+            across=across,
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of links."""
+        return len(self.maps)
+
+    def angles(self, roll_rad: Array) -> tuple[Array, Array]:
+        """Return a and b of every joint at R rolls of the first link, both (R, n - 1) [rad]."""
+        first = self._carried_at_first(roll_rad)
+        axis = np.einsum("kab,rb->rka", self.maps[:-1], first)
+        off = np.arctan2(axis[..., 1], axis[..., 0]) - self.heading_rad
+        turned, lifted = turned_and_lifted(self.bend_rad, off)
+        return (turned, lifted) if self.order == "zy" else (lifted, -turned)
+
+    def roll_of(self, link: NDArray[np.intp], angle_rad: Array) -> Array:
+        """Return the rolls at which the carried axis has given angles in the planes of links.
+
+        Args:
+            link: (k,) links, from 0.
+            angle_rad: (k,) angles in their planes.
+
+        Returns:
+            (k, 2) unit vectors cos, sin of the roll.
+        """
+        m, sign = self.maps[link], self.side[link]
+        cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+        # The inverse but for its length: adjugate times the sign of the determinant.
+        first = m[:, 1, 1] * cos - m[:, 0, 1] * sin, m[:, 0, 0] * sin - m[:, 1, 0] * cos
+        w = sign[:, None] * np.stack(first, axis=1)
+        if self.order == "yz":  # the carried axis is z, a quarter turn ahead of y
+            w = np.stack([w[:, 1], -w[:, 0]], axis=1)
+        return np.asarray(w / np.maximum(np.linalg.norm(w, axis=1), 1e-300)[:, None])
+
+    def _carried_at_first(self, roll_rad: Array) -> Array:
+        cos, sin = np.cos(roll_rad), np.sin(roll_rad)
+        return np.stack([cos, sin] if self.order == "zy" else [-sin, cos], axis=1)
+
+
+def turned_and_lifted(bend_rad: Array, off_rad: Array) -> tuple[Array, Array]:
+    """Return the first and second turn of joints, as `zy` counts them.
+
+    Args:
+        bend_rad: angle between the links.
+        off_rad: angle of the carried axis from where the next link bends to.
+    """
+    sin = np.sin(bend_rad)
+    turned = np.arctan2(sin * np.cos(off_rad), np.cos(bend_rad))
+    return turned, np.arcsin((sin * np.sin(off_rad)).clip(-1.0, 1.0))
+
+
+def _planes(directions: Array) -> Array:
+    """Return two axes (n, 3, 2) square to each direction and to each other, right-handed with it.
+
+    Built as by Duff et al. (2017): smooth but at one direction, where the sign of z changes.
+    """
+    x, y, z = directions.T
+    sign = np.where(z < 0.0, -1.0, 1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=1)
+    second = np.stack([b, sign + y * y * a, -y], axis=1)
+    return np.stack([first, second], axis=2)
+
+
+def _products(steps: Array) -> Array:
+    """Return the running products of 2 x 2 matrices from the left, scaled, after the identity.
+
+    By doubling: in each pass every product takes in the one that ends where it begins.
+    """
+    products = np.concatenate([np.eye(2)[None], steps])
+    reach = 1
+    while reach < len(products):
+        joined = products[reach:] @ products[:-reach]
+        largest = np.abs(joined).max(axis=(1, 2), keepdims=True)
+        products = np.concatenate([products[:reach], joined / np.maximum(largest, 1e-300)])
+        reach *= 2
+    return products
+
+
+# The rolls of the first link at which every joint keeps within its limits.
+#
+# Each limit of a joint is broken on an arc of its own about the link before it: where the cosine
+# of the angle from a centre is above a bound. The ends of these arcs go back to rolls of the first
+# link in closed form (`roll_map`), and what no arc covers is feasible: exact intervals, without a
+# scan.
+
+_TURN = 2.0 * np.pi
+#: Just below a right angle.
+_BELOW = np.pi / 2.0 - 1e-15
+#: A narrower gap is free by rounding alone.
+_SLIVER = 1e-12
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of the joints between n links."""
+
+    a_rad: Array  # (n - 1, 2) least and most of the turns about z
+    b_rad: Array  # (n - 1, 2) of the turns about y
+
+    def __post_init__(self) -> None:
+        for name, limits in (("a", self.a_rad), ("b", self.b_rad)):
+            bad = np.flatnonzero(~(limits[:, 0] <= limits[:, 1]))
+            if len(bad):
+                raise CurveError(
+                    f"the limits of {name} are invalid",
+                    where=f"joint {bad[0] + 1}",
+                    value=limits[bad[0]].tolist(),
+                    allowed="two angles, the least first",
+                    remedy="correct the limits",
+                )
+
+    @classmethod
+    def uniform(cls, joints: int, least_rad: float, most_rad: float) -> JointLimits:
+        """Return the same limits for every joint and turn."""
+        limits = np.tile([least_rad, most_rad], (joints, 1))
+        return cls(limits, limits)
+
+    def widened(self, joints: int, by_rad: float) -> tuple[Array, Array]:
+        """Return the limits (2, n - 1) of a and b, each so much farther out.
+
+        Raises:
+            CurveError: when they are not of so many joints.
+        """
+        if not len(self.a_rad) == len(self.b_rad) == joints:
+            raise CurveError(
+                "the limits are of another chain",
+                where="limits",
+                value=f"{len(self.a_rad)} of a, {len(self.b_rad)} of b",
+                allowed=f"{joints} each, one a joint between two links",
+                remedy="give limits for every joint",
+            )
+        aside = np.array([[-by_rad], [by_rad]])
+        return self.a_rad.T + aside, self.b_rad.T + aside
+
+
+def feasible_rolls(chain: RollMap, limits: JointLimits) -> Array:
+    """Return the intervals of roll (k, 2) within the limits, [0, 2 pi] for all of them [rad].
+
+    Each begins between 0 and 2 pi, and may end beyond.
+
+    Raises:
+        CurveError: when the limits are of another number of joints.
+    """
+    return free_rolls(chain, *limits.widened(chain.n - 1, 0.0))
+
+
+def free_rolls(chain: RollMap, a_rad: Array, b_rad: Array) -> Array:
+    """Return the intervals of roll (k, 2) at which a and b are within (2, n - 1) limits [rad].
+
+    A lower limit above an upper one is kept at no roll.
+    """
+    turned, lifted = (a_rad, b_rad) if chain.order == "zy" else (-b_rad[::-1], a_rad)
+    centre, half = _broken_arcs(chain.bend_rad, turned, lifted)
+    joint, which = np.nonzero(half > 0.0)
+    if not len(joint):
+        return np.array([[0.0, _TURN]])
+    middle, half = (centre + chain.heading_rad[:, None])[joint, which], half[joint, which]
+    start, width = _as_rolls(chain, joint, middle, half)
+    return _left_free(start, width)
+
+
+def _broken_arcs(bend_rad: Array, turned: Array, lifted: Array) -> tuple[Array, Array]:
+    """Return centres and half widths (n - 1, 6) of the arcs on which a limit is broken.
+
+    Angles are those of the carried axis from where the next link bends to. Up to a right angle of
+    bend the first turn grows with the cosine of that angle, and each of its limits is broken about
+    0 or half a turn. Beyond, it is half a turn less something: it is nearest to zero about 0 and
+    half a turn, and farthest from it in between, on two arcs.
+    """
+    sin, cos = np.sin(bend_rad), np.cos(bend_rad)
+    sharp = cos < 0.0
+    least, most = turned
+    half = np.zeros((len(bend_rad), 6))
+    half[:, 0] = np.arccos(np.where(sharp, _sharp(least, sin, cos), _gentle(most, sin, cos)))
+    half[:, 1] = np.arccos(np.where(sharp, _sharp(-most, sin, cos), _gentle(-least, sin, cos)))
+    begin, end = np.arccos(_sharp(most, sin, cos)), np.arccos(-_sharp(-least, sin, cos))
+    half[:, 2] = half[:, 3] = np.where(sharp, (end - begin) / 2.0, 0.0)
+    for column, limit in ((4, lifted[1]), (5, -lifted[0])):
+        part = _over(np.sin(limit.clip(-np.pi / 2.0, np.pi / 2.0)), sin)
+        half[:, column] = np.arccos(part)
+    quarter, beside = np.full_like(sin, np.pi / 2.0), (begin + end) / 2.0
+    centre = [np.zeros_like(sin), 2.0 * quarter, beside, -beside, quarter, -quarter]
+    return np.stack(centre, axis=1), half
+
+
+def _gentle(limit: Array, sin: Array, cos: Array) -> Array:
+    """Return the cosine above which a first turn exceeds a limit, for bends up to a right angle."""
+    part = _over(np.tan(limit.clip(-_BELOW, _BELOW)) * cos, sin)
+    return np.where(np.abs(limit) >= np.pi / 2.0, np.sign(limit), part)
+
+
+def _sharp(limit: Array, sin: Array, cos: Array) -> Array:
+    """Return the cosine below which a first turn exceeds a limit, for bends beyond a right angle.
+
+    Only of cosines above 0, where the turn is positive.
+    """
+    rest = (np.pi - limit).clip(0.0, _BELOW)
+    part = _over(np.tan(rest) * -cos, sin).clip(0.0)
+    return np.where(limit <= np.pi / 2.0, 1.0, np.where(rest == 0.0, 0.0, part))
+
+
+def _over(part: Array, sin: Array) -> Array:
+    """Divide by the sine of a bend, to a cosine; without a bend no angle exceeds zero."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.nan_to_num(part / sin, nan=1.0).clip(-1.0, 1.0))
+
+
+def _as_rolls(
+    chain: RollMap, link: NDArray[np.intp], centre: Array, half: Array
+) -> tuple[Array, Array]:
+    """Return where arcs about links begin as rolls of the first, and how wide they are there.
+
+    Each half is less than half a turn, and stays so: its width is the angle between its ends.
+    """
+    low, middle, high = (chain.roll_of(link, centre + part * half) for part in (-1.0, 0.0, 1.0))
+    width = sum(_between(first, second) for first, second in ((low, middle), (middle, high)))
+    begin = np.where((chain.side[link] > 0.0)[:, None], low, high)
+    return np.arctan2(begin[:, 1], begin[:, 0]), np.asarray(width)
+
+
+def _between(first: Array, second: Array) -> Array:
+    """Return the angles between unit vectors (k, 2), 0 to pi."""
+    across = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    return np.asarray(np.arctan2(np.abs(across), (first * second).sum(axis=1)))
+
+
+def _left_free(start: Array, width: Array) -> Array:
+    """Return the intervals (k, 2) of a circle that no arc covers."""
+    start = start % _TURN
+    order = np.argsort(start)
+    start, reach = start[order], np.maximum.accumulate((start + width)[order])
+    around = reach[-1] - _TURN  # the last arc goes on at the beginning
+    covered = np.maximum(np.append(around, reach[:-1]), around)
+    free = start - covered > _SLIVER
+    intervals = np.stack([covered[free], start[free]], axis=1)
+    intervals[intervals[:, 0] < 0.0] += _TURN
+    return intervals
+
 
 #: Limits (2, n - 1) of a and of b at a level; wider at a higher one.
 _Family = Callable[[float], tuple[Array, Array]]

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import hashlib
+import urllib.request
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from http.client import HTTPException
 from pathlib import Path
+from urllib.parse import quote
 
-from pa10cal.datasets.checksums import Differing, differing_files, refusal_of, refuse_missing
 from pa10cal.datasets.dataset import DataSet, ImportedCampaign
+from pa10cal.errors import RawDataError
+from pa10cal.files.output import whole_files
 
 
 def import_campaigns(
@@ -59,3 +65,154 @@ def _told(
         return campaign
     told = f"{campaign.provenance} But {'; '.join(clauses)}."
     return replace(campaign, provenance=told, notes=(*campaign.notes, *clauses))
+
+
+# Files of a data set against the checksums of their published version.
+
+
+@dataclass(frozen=True)
+class Differing:
+    """A file that is not the published one."""
+
+    place: str  # the file, or its address
+    found: str  # its SHA-256
+    published: str  # that of the published file
+
+
+def sha256(content: bytes) -> str:
+    """Return the checksum as text."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def refuse_missing(folder: Path, files: Iterable[str]) -> None:
+    """Stop when files are not in the folder.
+
+    Raises:
+        RawDataError: naming all that are missing.
+    """
+    files = tuple(files)
+    if not folder.is_dir():
+        raise RawDataError(
+            "there is no such folder",
+            where="folder of the data set",
+            value=str(folder),
+            allowed=f"a folder with {', '.join(files)}",
+            remedy="correct the path, or fetch the data set",
+        )
+    missing = [name for name in files if not (folder / name).is_file()]
+    if missing:
+        raise RawDataError(
+            "files of the data set are missing in the folder",
+            where=str(folder),
+            value=", ".join(missing),
+            allowed=f"a folder with {', '.join(files)}",
+            remedy="copy the missing files there, or fetch the data set again",
+        )
+
+
+def differing_files(folder: Path, published: Mapping[str, str]) -> tuple[Differing, ...]:
+    """Return the files whose SHA-256 is not the published one.
+
+    Args:
+        folder: the data set's folder.
+        published: checksum by path; all these files are there.
+    """
+    found = {name: sha256((folder / name).read_bytes()) for name in published}
+    return tuple(
+        Differing(str(folder / name), found[name], expected)
+        for name, expected in published.items()
+        if found[name] != expected
+    )
+
+
+def refusal_of(differing: tuple[Differing, ...], version: str, remedy: str) -> RawDataError:
+    """Return the refusal of files that are not those of a version, with both checksums of each."""
+    first, others = differing[0], differing[1:]
+    also = "".join(f"; so does {each.place} (SHA-256 {each.found})" for each in others)
+    return RawDataError(
+        "the checksum differs from that of the published file",
+        where=first.place,
+        value=f"SHA-256 {first.found}{also}",
+        allowed=f"SHA-256 {', '.join(each.published for each in differing)} (version {version})",
+        remedy=remedy,
+    )
+
+
+# The files of a public data set, fetched from where they are published, or from a copy.
+
+#: Longest wait for an answer [s].
+TIMEOUT_S = 60.0
+
+
+def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[str, ...]:
+    """Bring all files of a published data set into a folder: the pinned version, or nothing.
+
+    Files that are there already and are the published ones are not fetched again.
+
+    Args:
+        dataset: which.
+        folder: where to.
+        source: folder or address to take them from; None for where they are published.
+
+    Returns:
+        Paths of the files fetched, inside the folder.
+
+    Raises:
+        RawDataError: when the data set has no one place, a file cannot be had, or one is not the
+            published one.
+        OutputError: when the folder cannot be written to.
+    """
+    published = dataset.published
+    if published is None:
+        raise RawDataError(
+            "this data set is a layout without an address to fetch it from",
+            where="data set",
+            value=dataset.name,
+            allowed="a data set that is published at an address",
+            remedy="import a folder of your own",
+        )
+    expected = {
+        name: checksum
+        for name, checksum in published.sha256.items()
+        if not (folder / name).is_file() or sha256((folder / name).read_bytes()) != checksum
+    }
+    base = published.address if source is None else _address(source)
+    contents = {name: _content(base + quote(name)) for name in expected}
+    differing = tuple(
+        Differing(base + name, sha256(content), expected[name])
+        for name, content in contents.items()
+        if sha256(content) != expected[name]
+    )
+    if differing:
+        raise refusal_of(differing, published.version, "fetch it again, or from another source")
+    with whole_files(*(folder / name for name in expected)) as besides:
+        for beside, content in zip(besides, contents.values(), strict=True):
+            beside.write_bytes(content)
+    return tuple(expected)
+
+
+def _address(source: str) -> str:
+    """Return what stands in front of a file's path."""
+    address = source if "://" in source else Path(source).resolve().as_uri()
+    return address if address.endswith("/") else f"{address}/"
+
+
+def _content(address: str) -> bytes:
+    try:
+        with urllib.request.urlopen(address, timeout=TIMEOUT_S) as answer:
+            content: bytes = answer.read()
+    except (OSError, HTTPException, ValueError) as error:
+        raise RawDataError(
+            "the file cannot be fetched",
+            where=address.removeprefix("file://"),
+            value=_cause(error),
+            allowed="an address that can be reached, or a folder with the file",
+            remedy="check the connection, or name a copy of the data set as the source",
+        ) from None
+    return content
+
+
+def _cause(error: Exception) -> str:
+    """Return the reason, without the name of the function that failed."""
+    cause = getattr(error, "reason", error)
+    return str(getattr(cause, "strerror", None) or cause)

@@ -5,9 +5,30 @@ Nothing here comes from a run. The workflow reads this while it plans, so it nee
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import csv
+import io
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from pa10cal.campaign.description import read_description
+from pa10cal.errors import Pa10calError
+from pa10cal.files.arms import load_arm
+from pa10cal.files.output import csv_cell, markdown_cell, write_text
+from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.codec import read
+from pa10cal.results.discovery import VerdictRecord
+from pa10cal.results.evaluation import HeldOutModel, HoldoutRecord, TransferRecord
+from pa10cal.results.fleet import (
+    Carried,
+    ChainRecord,
+    HeldOutError,
+    MeasuredModel,
+    MeasuredRobot,
+    MeasuredRobotsRecord,
+)
 
 
 @dataclass(frozen=True)
@@ -145,3 +166,245 @@ def _source(dataset: str | None, measured_dir: Path, sources: Mapping[str, str])
     named = sources.get(dataset, "")
     places = (Path(named),) if named else (measured_dir / dataset,)
     return next((place for place in places if place.is_dir()), None)
+
+
+# The table of measured robots: read from results, written as CSV and for docs/measured.md.
+#
+# python -m pa10cal.datasets.measured [RECORD] [PAGE] (from the root of the repository) puts
+# the table of RECORD (results/measured/measured.json) into PAGE (docs/measured.md).
+
+MODELS: tuple[MeasuredModel, ...] = ("nominal", "geometry", "springs", "effects")
+RECORD, PAGE = Path("results/measured/measured.json"), Path("docs/measured.md")
+BEGIN = "<!-- From here to the next mark generated: python -m pa10cal.datasets.measured -->"
+END = "<!-- End of what is generated. -->"
+
+
+def measured_record(
+    folders: Mapping[str, Path], results: Path, calibration: str, not_carried: Mapping[str, str]
+) -> MeasuredRobotsRecord:
+    """Return the table of the campaigns at hand and of the groups that they make.
+
+    Args:
+        folders: raw files by campaign, in the order of the table.
+        results: holds a folder of results for each.
+        calibration: load case that was evaluated.
+        not_carried: why a model was not carried over, by `source target`.
+
+    Raises:
+        RecordError: when a campaign has no `chain.json`.
+    """
+    rows = [
+        _robot(name, folder, results, calibration, not_carried) for name, folder in folders.items()
+    ]
+    for name, members in groups_of(folders).items():
+        if not (results / name / ChainRecord.FILE).is_file():
+            continue
+        row = _robot(name, folders[members[0]], results, calibration, {})
+        instruments = dict.fromkeys(CAMPAIGNS[member].instrument for member in members)
+        together = {"members": members, "instrument": "; ".join(instruments), "published": None}
+        last = max(k for k, each in enumerate(rows) if each.campaign in members)
+        rows.insert(last + 1, row.model_copy(update=together))
+    return MeasuredRobotsRecord(robots=tuple(rows))
+
+
+def _robot(
+    name: str, raw: Path, results: Path, calibration: str, not_carried: Mapping[str, str]
+) -> MeasuredRobot:
+    """Return the row of a campaign; what its stages did not come to is not in it."""
+    folder, known = results / name, CAMPAIGNS.get(name)
+    became = read(ChainRecord, folder / ChainRecord.FILE)
+    robot, kind = _described(raw)
+    common = {
+        "campaign": name,
+        "robot": robot,
+        "instrument": known.instrument if known else kind,
+        "status": became.status,
+        "published": (known.published or None) if known else None,
+    }
+    if became.status != "done":
+        return MeasuredRobot(
+            **common,
+            message=_without_folders(f"{became.stage}: {became.message}", raw, results),
+            names=(),
+            faults=(),
+            errors={},
+            carried=(),
+        )
+    fitted = read(CalibrationRecord, folder / f"calibration/{calibration}.json")
+    verdict = read(VerdictRecord, folder / "discovery/verdict.json")
+    held_out = read(HoldoutRecord, folder / HoldoutRecord.FILE)
+    calibrated = sum(each.after.configurations for each in fitted.errors.values())
+    return MeasuredRobot(
+        **common,
+        poses=calibrated + held_out.configurations,
+        held_out=held_out.configurations,
+        grade=fitted.health.grade,
+        verdict=verdict.verdict,
+        names=tuple(
+            " or ".join(f"{each.id} of {each.of}" for each in (effect, *effect.alternatives))
+            for effect in verdict.effects
+        ),
+        faults=tuple(f"{fault.kind}, {fault.where}" for fault in verdict.faults or ()),
+        errors=errors_by_model(held_out.models, springs=fitted.has_springs),
+        carried=tuple(_carried(name, folder, fitted.has_springs, not_carried)),
+    )
+
+
+def _described(raw: Path) -> tuple[str | None, str | None]:
+    """Return what the arm is called and the kind of the instrument, where they can be read."""
+    try:
+        campaign = read_description(raw)
+        return load_arm(campaign.robot, raw).title, campaign.instrument.kind
+    except Pa10calError:
+        return None, None
+
+
+def _without_folders(message: str, *folders: Path) -> str:
+    """Return a message with the files of some folders named from there: a page is of no machine."""
+    for folder in folders:
+        message = message.replace(f"{folder}/", "")
+    return message
+
+
+def errors_by_model(
+    models: Mapping[str, HeldOutModel], *, springs: bool
+) -> dict[MeasuredModel, HeldOutError]:
+    """Return errors by the models of the table; without springs `linear` is the geometry alone."""
+    named = {
+        "nominal": "uncalibrated",
+        "geometry": "geometry" if springs or "geometry" in models else "linear",
+        "springs": "linear" if springs else "",
+        "effects": "extended",
+    }
+    return {
+        model: HeldOutError(
+            mean_mm=models[named[model]].mean_mm, rms_mm=models[named[model]].rms_mm
+        )
+        for model in MODELS
+        if named[model] in models
+    }
+
+
+def _carried(
+    name: str, folder: Path, springs: bool, not_carried: Mapping[str, str]
+) -> list[Carried]:
+    """Return the models of other campaigns in this one."""
+    found = []
+    for source, target in CARRIED:
+        path = folder / f"evaluation/transfer_{source}.json"
+        message = not_carried.get(f"{source} {name}")
+        if target != name or (message is None and not path.is_file()):
+            continue
+        if message is not None:
+            message = _without_folders(message, folder.parent)
+            found.append(Carried(source=source, message=message, errors={}))
+            continue
+        models = read(TransferRecord, path).models
+        errors = errors_by_model(models, springs=springs or "geometry" in models)
+        found.append(Carried(source=source, errors=errors))
+    return found
+
+
+def csv_text(record: MeasuredRobotsRecord) -> str:
+    """Return the table as CSV, a row a campaign and a row a model carried to it."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    errors = [f"{model}_{kind}_mm" for model in MODELS for kind in ("mean", "rms")]
+    rows.writerow(
+        [
+            *("campaign", "model_of", "robot", "instrument", "poses", "held_out", *errors),
+            *("grade", "verdict", "names", "faults", "status", "message", "published"),
+        ]
+    )
+    for each in record.robots:
+        about = (each.robot, each.instrument, each.poses, each.held_out)
+        told = (each.grade, each.verdict, "; ".join(each.names), "; ".join(each.faults))
+        cells = (each.campaign, each.campaign, *about, *_numbers(each.errors), *told)
+        lines = [(*cells, each.status, each.message, each.published)]
+        for other in each.carried:
+            status = "done" if other.message is None else "refused"
+            cells = (each.campaign, other.source, *about, *_numbers(other.errors))
+            lines.append((*cells, None, None, None, None, status, other.message, None))
+        rows.writerows(["" if cell is None else csv_cell(cell) for cell in line] for line in lines)
+    return text.getvalue()
+
+
+def _numbers(errors: Mapping[MeasuredModel, HeldOutError]) -> list[str | None]:
+    found = [errors.get(model) for model in MODELS]
+    return [f"{mm:.4f}" if each else None for each in found for mm in _pair(each)]
+
+
+def _pair(error: HeldOutError | None) -> tuple[float, float]:
+    return (0.0, 0.0) if error is None else (error.mean_mm, error.rms_mm)
+
+
+def markdown(record: MeasuredRobotsRecord) -> str:
+    """Return the tables of the page."""
+    head = [
+        "campaign",
+        "robot, instrument",
+        "poses",
+        *MODELS,
+        "verdict, names",
+        "reported by others",
+    ]
+    lines = [_line(head), _line(["---"] * len(head))]
+    for each in record.robots:
+        told = f"{each.status}: {each.message}" if each.message else _verdict(each)
+        about = ", ".join(text for text in (each.robot, each.instrument) if text)
+        if each.members:
+            about += f"; {', '.join(each.members)} as one"
+        poses = "" if each.poses is None else f"{each.poses} ({each.held_out})"
+        lines.append(
+            _line(
+                [
+                    f"`{each.campaign}`",
+                    about,
+                    poses,
+                    *_cells(each.errors),
+                    told,
+                    each.published or "",
+                ]
+            )
+        )
+    carried = [(each.campaign, other) for each in record.robots for other in each.carried]
+    if not carried:
+        return "\n".join(lines) + "\n"
+    head = ["model of", "in", *MODELS]
+    lines += ["", "Carried to another campaign, base and tool alone fitted there:", ""]
+    lines += [_line(head), _line(["---"] * len(head))]
+    for name, other in carried:
+        cells = [other.message, "", "", ""] if other.message else _cells(other.errors)
+        lines.append(_line([f"`{other.source}`", f"`{name}`", *cells]))
+    return "\n".join(lines) + "\n"
+
+
+def _verdict(robot: MeasuredRobot) -> str:
+    named = [f"`{robot.verdict}`", *robot.names]
+    return "; ".join([*named, *(f"the log: {fault}" for fault in robot.faults)])
+
+
+def _cells(errors: Mapping[MeasuredModel, HeldOutError]) -> list[str]:
+    found = [errors.get(model) for model in MODELS]
+    return [f"{each.mean_mm:.3f} / {each.rms_mm:.3f}" if each else "" for each in found]
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(markdown_cell(cell) for cell in cells)} |"
+
+
+def page_text(now: str, record: MeasuredRobotsRecord) -> str:
+    """Return the page with its generated part renewed."""
+    part = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
+    return part.sub(lambda _: f"{BEGIN}\n\n{markdown(record)}\n{END}", now)
+
+
+def main(words: Sequence[str]) -> None:
+    """Put the table of a record into the page."""
+    record, page = (Path(word) for word in (*words, *map(str, (RECORD, PAGE)[len(words) :])))
+    text = page.read_text(encoding="utf-8")
+    write_text(page, page_text(text, read(MeasuredRobotsRecord, record)))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:3])

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import asdict
 
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.base_parameters import report_base
+from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.records import reported_keys
 from pa10cal.discovery import lack_of_fit as domain
-from pa10cal.discovery.clustered import Estimate
+from pa10cal.discovery.blocked_cv.alone import ByCampaign, Pair, by_campaign
+from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
 from pa10cal.discovery.gap import Gap
-from pa10cal.discovery.joint_space import Periodogram
-from pa10cal.discovery.lack_of_fit import ChannelTest, PureErrorTest
+from pa10cal.discovery.lack_of_fit import ChannelTest, Estimate, Periodogram, PureErrorTest
 from pa10cal.discovery.linear import possible_sizes
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.fit.fitted_model import FittedModel
@@ -28,7 +29,8 @@ from pa10cal.results.analysis import (
     ParameterShift,
     SearchStep,
 )
-from pa10cal.results.effect_name import EffectName
+from pa10cal.results.group import CampaignsAgree, EffectByCampaign, JointErrorAlone, ParameterAlone
+from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.effect import Effect
 
 #: A parameter known no better than this part of what is possible is not identified by the data.
@@ -268,3 +270,57 @@ def gap_rows(gap: Gap, baseline: FittedModel) -> GapRows:
 def name_of(effect: Effect) -> EffectName:
     """Return an effect's name and place."""
     return EffectName(id=effect.id, of=effect.of)
+
+
+# Effects as each campaign of a group alone has them, for `discovery/verdict.json`.
+
+
+def by_campaign_part(found: Verdict[object]) -> tuple[EffectByCampaign, ...] | None:
+    """Return every effect of a verdict as each campaign of a group has it; None without any."""
+    if not isinstance(found, VerdictByBlocks):
+        return None
+    return tuple(map(_part, by_campaign(found.survey, found.extended))) or None
+
+
+def _part(each: ByCampaign) -> EffectByCampaign:
+    return EffectByCampaign(
+        id=each.effect.id,
+        of=each.effect.of,
+        parameters=None
+        if each.curves
+        else {
+            name: {
+                parameter.name: ParameterAlone(value=float(value), std=float(std))
+                for parameter, value, std in zip(
+                    report.parameters,
+                    report.values,
+                    np.sqrt(np.diag(report.jacobian @ covariance @ report.jacobian.T)),
+                    strict=True,
+                )
+            }
+            for name, (report, covariance) in each.reports.items()
+        },
+        errors={
+            name: JointErrorAlone(error_mrad=1e3 * curve.error_rad, visited=curve.visited)
+            for name, curve in each.curves.items()
+        }
+        or None,
+        agreement=tuple(map(_agreement, each.pairs)),
+    )
+
+
+def _agreement(pair: Pair) -> CampaignsAgree:
+    known = bool(np.isfinite(pair.correlation))
+    found = asdict(pair) if known else dict.fromkeys(asdict(pair))
+    return CampaignsAgree(
+        first=pair.first,
+        second=pair.second,
+        correlation=found["correlation"],
+        correlation95=found["correlation95"],
+        slope=found["slope"],
+        slope95=found["slope95"],
+        first_rms_mrad=1e3 * pair.rms_rad[0] if known else None,
+        second_rms_mrad=1e3 * pair.rms_rad[1] if known else None,
+        difference_rms_mrad=1e3 * pair.difference_rad if known else None,
+        share_of_turn=pair.share,
+    )

@@ -17,19 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.weights import weights_known
+from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array
-from pa10cal.discovery.family import sought, why_unknown
 from pa10cal.discovery.finding import Finding, GivesWay
 from pa10cal.discovery.gap import trusted
 from pa10cal.discovery.linear import by_terms, error_mm, possible_sizes, residual_and_jacobian
+from pa10cal.discovery.preparation import sought, why_unknown
 from pa10cal.discovery.verdict import Verdict, is_named
 from pa10cal.discovery.weights import pose_weights
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_windup import JointCompliance
+from pa10cal.terms.effects.joint_torque import JointCompliance
 from pa10cal.terms.effects.structure import BaseCompliance, LinkEffect
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model

@@ -21,7 +21,7 @@ from pa10cal.discovery.finding import Finding, GivesWay
 from pa10cal.discovery.gap import Named
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.results import explained as parts
-from pa10cal.results.effect_name import EffectName
+from pa10cal.results.record import EffectName
 
 #: Without an effect found, errors so many times as large as those of noise, root mean squares, are
 #: more than noise.

@@ -8,32 +8,36 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import summarise
-from pa10cal.calibration.health import Errors, FitSummary, Health, HeldOut, health
-from pa10cal.discovery.blocked_cv.candidate import SPACINGS
-from pa10cal.discovery.blocked_cv.family import computable
-from pa10cal.discovery.blocked_cv.reference import weighted_rows
-from pa10cal.discovery.blocked_cv.refit import refit
+from pa10cal.calibration.accuracy import summarise, summarise_by_load
+from pa10cal.calibration.health import Errors, FitSummary, Health, HeldOut, health, health_part
+from pa10cal.calibration.levels import report_base
+from pa10cal.calibration.records import by_load, fitted_to, reported_keys
+from pa10cal.discovery.blocked_cv.family import SPACINGS, computable
+from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows
 from pa10cal.discovery.blocked_cv.survey import survey
 from pa10cal.discovery.discover import judged_by_blocks
+from pa10cal.discovery.evidence.discover import fit_given
 from pa10cal.discovery.evidence.fit import apparatus_m, covariance_of
-from pa10cal.discovery.evidence.given import fit_given
 from pa10cal.discovery.evidence.problem import prepare
-from pa10cal.discovery.linear import residual_and_jacobian
+from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared
-from pa10cal.discovery.with_effects import ModelWithEffects
 from pa10cal.errors import CalibrationError
+from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import identify, not_identifiable
+from pa10cal.fit.model_file import model_to_plain
 from pa10cal.near_miss import remedy_for
-from pa10cal.observe.averages import average_repeats
-from pa10cal.observe.observations import Observations
+from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.quantities import Deviations
+from pa10cal.results.accuracy import ResidualRows
+from pa10cal.results.calibration import CalibratedParameter, CalibrationRecord, Covariance
+from pa10cal.results.record import Campaign
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.family import every_effect, everywhere_but
 
@@ -189,3 +193,100 @@ def _summary(
         not_identifiable=not_identifiable(rank, parameters) & names,
         x=np.concatenate([fitted.at.x, fitted.at.targets_m])[: len(parameters)],
     )
+
+
+# The record of a calibration with effects: that without them, its fit replaced.
+
+R = TypeVar("R", bound=CalibrationRecord)
+
+
+def with_effects(record: R, found: CalibratedWith, campaign: Campaign) -> R:
+    """Return the record of a calibration whose last fit is that with effects.
+
+    Args:
+        record: of the same load case without them.
+        found: the calibration with them.
+        campaign: whose it is.
+    """
+    about = fitted_to(found.poses, record.load, found.health, campaign)
+    model = replace(found.model, fitted_to=about)
+    load_N = found.poses.states.load_N
+    after = by_load(summarise_by_load(found.found, load_N))
+    converged = "converged" if found.converged else "not converged"
+    return record.model_copy(
+        update={
+            "status": converged,
+            "reason": found.health.ended.reason,
+            "parameters": _parameters(found),
+            "covariance": Covariance(
+                names=(*(p.name for p in model.model.parameters), *_BASE),
+                matrix=model.covariance,
+            ),
+            "T_instr_base": model.T_instr_base,
+            "fitted_model": model_to_plain(model),
+            "rank": found.health.ended.identifiability.rank,
+            "unknowns": len(found.health.ended.parameters),
+            "condition": found.health.ended.identifiability.condition,
+            "singular_values": found.health.ended.identifiability.singular_values,
+            "errors": {
+                load: errors.model_copy(update={"after": after[load]}) if load in after else errors
+                for load, errors in record.errors.items()
+            },
+            "residuals": ResidualRows(
+                pose=found.poses.pose,
+                load_N=load_N,
+                place_mm=1e3 * model.model.predict(found.poses.states, model.x)[:, :3, 3],
+                position_mm=found.found.position_mm,
+                rotation_deg=found.found.rotation_deg,
+            ),
+            "health": health_part(found.health, found.cells),
+            "warnings": () if found.health.grade == "good" else (found.health.line,),
+        }
+    )
+
+
+_BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
+
+
+def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
+    """Return every parameter with value, standard uncertainty and unit, effects by their place."""
+    model, openly = found.model, found.health.ended.not_identifiable
+    assert model.covariance is not None
+    parameters = {}
+    for term in model.model.terms:
+        columns = model.model.columns_of(term)
+        report = term.report(model.x[columns])
+        solved = {parameter.name for parameter in term.parameters}
+        place = f"{term.id}_{term.of.removeprefix('joint ')}_" if isinstance(term, Effect) else ""
+        touched = report.jacobian != 0.0
+        names = [parameter.name for parameter in term.parameters]
+        for row, (name, keys) in zip(
+            touched, reported_keys(report, model.covariance[columns, columns]).items(), strict=True
+        ):
+            held = {names[k] for k in np.flatnonzero(row)} & openly & solved
+            parameters[f"{place}{name}"] = CalibratedParameter(
+                **keys, identifiable=not held, at_bound=False
+            )
+    base = reported_keys(report_base(model.T_instr_base), model.covariance[-6:, -6:])
+    return parameters | {
+        name: CalibratedParameter(**keys, identifiable=True, at_bound=False)
+        for name, keys in base.items()
+    }
+
+
+# The calibrated model with the effects that were found missing.
+
+
+@dataclass(frozen=True, eq=False)
+class Extended:
+    """The model with the effects that were missing."""
+
+    model: FittedModel
+    # joint angles that its maps have learnt from; None where it has learnt nothing that stops
+    # there
+    seen: AnglesSeen | None = None
+    # whether directions of arrival are those of the order of poses
+    arrival_from_order: bool = False
+    # times at which the verdict has it that instrument or base moved at once [s], the most certain
+    # first
+    steps_s: tuple[float, ...] = ()

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from math import factorial
 
 import numpy as np
@@ -22,7 +23,11 @@ from numpy.typing import NDArray
 from scipy.special import bdtrc
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.sensor_or_gear import Witness
+from pa10cal.discovery.linear import by_every_joint
+from pa10cal.discovery.sensor_or_gear import Agreement, Witness
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.observations import Observations
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 #: Probability allowed of one false line in a whole search.
 FALSE_RATE = 0.01
@@ -350,3 +355,145 @@ def _interval(below: Array) -> tuple[float, float]:
         return float(_ALPHAS[within] + part * (_ALPHAS[beyond] - _ALPHAS[within]))
 
     return crossing(first, first - 1), crossing(last, last + 1)
+
+
+# What a model leaves of each joint's angle, pose by pose, as the ripple of its motor needs it.
+
+#: Scatter of a joint's angle to begin with [rad], and rounds in which variances are found.
+_JOINT_RAD = 5e-5
+_ROUNDS = 20
+#: A torque that varies by less than this part of the rated one does not turn the motor.
+_LEAST_LOADED = 0.02
+
+
+def joint_series(
+    at: FittedModel, poses: Observations, left: Array, whitener: Array, joints: Sequence[int]
+) -> list[list[JointSeries]]:
+    """Return each joint's residual in every campaign; none of joints that are not asked for.
+
+    The residual of a pose is that of all its joints and of its reading at once; their variances are
+    found from all poses (expectation and maximisation). What a joint makes of it, the others being
+    noise, is its score.
+
+    Args:
+        at: the model, with its maps.
+        poses: P poses.
+        left: (P, b) predicted minus measured components.
+        whitener: (P, b, b) makes the residuals of a pose independent and of unit size.
+        joints: from 1.
+    """
+    score, weight = _scores(
+        whitener @ by_every_joint(at, poses),
+        -(whitener @ left[:, :, None])[:, :, 0],
+        poses.measured.components_seen,
+    )
+    states, arm = poses.states, at.arm
+    error_rad = np.zeros_like(score)
+    for term in at.model.terms:
+        if isinstance(term, JointErrorMap):
+            values = at.x[at.model.columns_of(term)]
+            error_rad[:, term.joint - 1] += term.shift(states, values)[:, 0]
+    torque_Nm = np.where(
+        states.tau_Nm.std(axis=0) > _LEAST_LOADED * arm.rated_Nm(np.abs(states.tau_Nm).max(axis=0)),
+        states.tau_Nm,
+        np.nan,
+    )
+    campaign = np.zeros(len(poses), int) if states.campaign is None else states.campaign
+    found: list[list[JointSeries]] = []
+    for j in range(score.shape[1]):
+        whole = JointSeries(
+            q_rad=states.q_rad[:, j],
+            left_rad=score[:, j] / weight[:, j],
+            weight=weight[:, j],
+            error_rad=error_rad[:, j],
+            torque_Nm=torque_Nm[:, j],
+            moved=states.since_before[:, j] != 0.0,
+        )
+        here = [whole.where(campaign == number) for number in np.unique(campaign)]
+        found.append(here if j + 1 in joints else [])
+    return found
+
+
+def _scores(screws: Array, left: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return score and weight of each joint in each pose, (P, n): their ratio is its residual.
+
+    Args:
+        screws: (P, b, n) how whitened components follow the joints.
+        left: (P, b) whitened components measured less predicted.
+        seen: (P, b) which components were seen.
+    """
+    count = max(int(seen.sum()), 1)
+    joint, reading = np.full(screws.shape[2], _JOINT_RAD**2), 1.0
+    across = screws.transpose(0, 2, 1)
+    unit = np.eye(left.shape[1])
+    for _ in range(_ROUNDS):
+        precision = np.linalg.inv((screws * joint) @ across + reading * unit)
+        pulled = (precision @ left[:, :, None])[:, :, 0]
+        score = (across @ pulled[:, :, None])[:, :, 0]
+        weight = np.einsum("pij,pik,pkj->pj", screws, precision, screws, optimize=True)
+        joint = np.mean((joint * score) ** 2 + joint - joint**2 * weight, axis=0)
+        alone = np.diagonal(precision, axis1=1, axis2=2)
+        reading = float(
+            np.sum(seen * ((reading * pulled) ** 2 + reading - reading**2 * alone)) / count
+        )
+    usual = np.sum(score**2, axis=0) / np.maximum(np.sum(weight, axis=0), 1e-300)
+    weight = np.maximum(weight, 1e-12 * weight.max())
+    return score / usual, weight / usual
+
+
+# Whether campaigns, or turns of a joint, agree on its error by its angle.
+
+#: Arcs of a turn over which errors are averaged, and poses that each must have.
+_ARCS = 120
+_LEAST_POSES = 2
+
+
+def agreement(series: Sequence[JointSeries]) -> Agreement | None:
+    """Return how well campaigns and turns agree where two of them were; None where none were.
+
+    The error of a pose is what the model has of it and what it leaves. Means of each pair of
+    campaigns or turns are compared less their own mean: a constant is a zero, and not an error that
+    depends on the angle.
+
+    Args:
+        series: the joint in each campaign.
+    """
+    parts = [part for each in series for part in _by_turn(each)]
+    products, count = np.zeros(3), 0
+    for one, other in combinations(parts, 2):
+        both = np.isfinite(one[0]) & np.isfinite(other[0])
+        if both.sum() < 2:
+            continue
+        variances = one[1][both], other[1][both]
+        weight = 1.0 / (variances[0] + variances[1])
+        share = weight / weight.sum()
+        a, b = (mean[both] - share @ mean[both] for mean in (one[0], other[0]))
+        products += (
+            weight @ (a * b),
+            weight @ (a**2 - variances[0] * (1.0 - share)),
+            weight @ (b**2 - variances[1] * (1.0 - share)),
+        )
+        count += int(both.sum())
+    across, first, second = products
+    if not count or min(first, second) <= 0.0:
+        return None
+    correlation = float(np.clip(across / np.sqrt(first * second), -1.0, 1.0))
+    return Agreement(correlation, float(across / first), count)
+
+
+def _by_turn(series: JointSeries) -> list[tuple[Array, Array]]:
+    """Return mean error and its variance in every arc, turn by turn; nan for none."""
+    turns = series.q_rad / (2.0 * np.pi)
+    turn = np.floor(turns).astype(int)
+    arc = np.minimum(((turns - turn) * _ARCS).astype(int), _ARCS - 1)
+    found = []
+    for number in np.unique(turn):
+        here = turn == number
+        weight = np.bincount(arc[here], series.weight[here], _ARCS)
+        error_rad = (series.left_rad + series.error_rad)[here]
+        total = np.bincount(arc[here], series.weight[here] * error_rad, _ARCS)
+        enough = np.bincount(arc[here], minlength=_ARCS) >= _LEAST_POSES
+        mean, variance = np.full((2, _ARCS), np.nan)
+        mean[enough], variance[enough] = total[enough] / weight[enough], 1.0 / weight[enough]
+        found.append((mean, variance))
+    return found

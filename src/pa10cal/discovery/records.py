@@ -3,35 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pa10cal.discovery.analysis_record import analysis_keys, model_parameters, name_of
-from pa10cal.discovery.bands_record import bands_part, scatter_part
+from pa10cal.calibration.accuracy import summarise
+from pa10cal.discovery.analysis_record import (
+    analysis_keys,
+    by_campaign_part,
+    model_parameters,
+    name_of,
+)
 from pa10cal.discovery.blocked_cv.discover import VerdictByBlocks
 from pa10cal.discovery.blocked_cv.judge import Prediction
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.survey import BLOCKS
-from pa10cal.discovery.by_campaign_record import by_campaign_part
 from pa10cal.discovery.evidence.confirm import Confirmation
 from pa10cal.discovery.evidence.discover import VerdictByRepeats
 from pa10cal.discovery.evidence.judge import FLIP_RATE, shared_error_mm
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.explained import explained
-from pa10cal.discovery.faults import Fault, steps_told
-from pa10cal.discovery.finding import Finding, GivesWay, NotTestable, Unexplained
-from pa10cal.discovery.formulas.record import proposed_formula
-from pa10cal.discovery.gap import trusted
-from pa10cal.discovery.gap_record import set_gap
+from pa10cal.discovery.finding import Fault, Finding, GivesWay, NotTestable, Unexplained, steps_told
+from pa10cal.discovery.formulas.choose import Proposal
+from pa10cal.discovery.gap import Gap, Paired, trusted
 from pa10cal.discovery.next_poses.room import NextPose
 from pa10cal.discovery.verdict import Plan, Verdict, without_a_cause
-from pa10cal.discovery.witness_record import ripple_words, witness_of
 from pa10cal.fit import angles_seen
 from pa10cal.fit.model_file import model_to_plain
 from pa10cal.results import discovery as parts
-from pa10cal.results import map_form
-from pa10cal.results.accuracy import EffectParameter
+from pa10cal.results import maps
+from pa10cal.results.accuracy import Accuracy, BeforeAfter, EffectParameter
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.discovery import (
     ExtendedKeys,
@@ -41,10 +43,19 @@ from pa10cal.results.discovery import (
     VerdictKeys,
     VerdictRecord,
 )
-from pa10cal.results.record import Campaign
+from pa10cal.results.explained import ProposedEvidence, ProposedFormula
+from pa10cal.results.maps import (
+    Agreement,
+    BandOfMap,
+    Bands,
+    JointWitness,
+    LeftOut,
+    MotorRipple,
+    PoseScatter,
+)
+from pa10cal.results.record import Campaign, EffectName
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.effects.spectrum import Band
+from pa10cal.terms.effects.joint_error_map import Band, JointErrorMap
 
 
 @dataclass(frozen=True)
@@ -139,7 +150,7 @@ def verdict_keys(found: Verdict[object], ahead: Plan | None = None) -> VerdictKe
         angles_seen=None if found.seen is None else angles_part(found.seen),
         falls_back=None
         if found.falls_back is None
-        else parts.FallsBack(within=angles_part(found.falls_back.within), why=found.falls_back.why),
+        else maps.FallsBack(within=angles_part(found.falls_back.within), why=found.falls_back.why),
         suggested_poses=() if ahead is None else tuple(map(_suggested, ahead.poses)),
         separations=None
         if ahead is None or ahead.separations is None
@@ -160,10 +171,10 @@ def _fault(fault: Fault) -> parts.Fault:
     return parts.Fault(**{key: getattr(fault, key) for key in parts.Fault.model_fields})
 
 
-def angles_part(seen: angles_seen.AnglesSeen) -> tuple[parts.AnglesSeen, ...]:
+def angles_part(seen: angles_seen.AnglesSeen) -> tuple[maps.AnglesSeen, ...]:
     """Return the stretches that each joint's poses have seen."""
     return tuple(
-        parts.AnglesSeen(turns=turns, stretches=stretches)
+        maps.AnglesSeen(turns=turns, stretches=stretches)
         for stretches, turns in zip(seen.intervals, seen.turns, strict=True)
     )
 
@@ -365,14 +376,14 @@ def found_effect(finding: Finding[object], found: Verdict[object]) -> FoundEffec
     )
 
 
-def form_of(effect: Effect) -> map_form.MapForm | None:
+def form_of(effect: Effect) -> maps.MapForm | None:
     """Return spacing and spectrum of a map that has its own; None for every other effect."""
     if not isinstance(effect, JointErrorMap) or effect.spectrum is None:
         return None
     expected = asdict(effect.spectrum)
     if isinstance(effect.spectrum, Band):
-        return map_form.MapForm(knots=effect.knots, band=map_form.Band(**expected))
-    return map_form.MapForm(knots=effect.knots, fading=map_form.Fading(**expected))
+        return maps.MapForm(knots=effect.knots, band=maps.Band(**expected))
+    return maps.MapForm(knots=effect.knots, fading=maps.Fading(**expected))
 
 
 def not_testable(entries: Iterable[NotTestable]) -> tuple[parts.NotTestable, ...]:
@@ -395,3 +406,161 @@ def all_unexplained(
         for entry in without_a_cause(findings, unexplained)
     )
     return parts.AllUnexplained(**dict(places[0]), all=places) if places else None
+
+
+# Bands of maps and the scatter of single poses as parts of a verdict's record.
+
+
+def bands_part(found: VerdictByBlocks | None) -> Bands | None:
+    """Return the bands of the maps; None where no map has one."""
+    if found is None or found.bands is None:
+        return None
+    of_maps = [
+        member.effect.of
+        for member in found.bands.level.members
+        if isinstance(member.effect, JointErrorMap)
+    ]
+    names = [field.name for field in fields(Band)]
+    return Bands(
+        shared=found.bands.found.shared,
+        scatter=found.bands.found.scatter,
+        maps=tuple(
+            BandOfMap(of=of, log_std=dict(zip(names, std.tolist(), strict=True)))
+            for of, std in zip(of_maps, found.bands.found.log_std, strict=True)
+        ),
+        of_time=_left_out(found.bands.of_time),
+        of_angles=_left_out(found.bands.of_angles),
+    )
+
+
+def scatter_part(found: VerdictByBlocks | None) -> PoseScatter | None:
+    """Return what single poses scatter by; None where no map has a band."""
+    if found is None or found.bands is None or found.scatter is None:
+        return None
+    train, holdout = found.inside95
+    return PoseScatter(
+        joints=tuple(found.scatter.joints.tolist()),
+        kinds=dict(found.scatter.kinds),
+        inside95_train=train,
+        inside95_holdout=holdout,
+    )
+
+
+def _left_out(squares: NDArray[np.float64]) -> LeftOut:
+    before, after = squares.sum(axis=0).tolist()
+    return LeftOut(before=before, after=after)
+
+
+# What is known of the cause of a map, as a record.
+
+
+def witness_of(effect: Effect, found: Verdict[object]) -> JointWitness | None:
+    """Return what says whose error an error by a joint's angle is; None where nothing does."""
+    if not (isinstance(found, VerdictByBlocks) and isinstance(effect, JointErrorMap)):
+        return None
+    for each in found.causes:
+        if each.joint == effect.joint and (each.witness or each.agreement):
+            return JointWitness(
+                ripple=None if each.witness is None else _ripple(asdict(each.witness)),
+                agreement=None if each.agreement is None else Agreement(**asdict(each.agreement)),
+            )
+    return None
+
+
+def ripple_words(witness: JointWitness) -> str:
+    """Return what the ripple says in words that follow others; nothing where there is none."""
+    ripple = witness.ripple
+    if ripple is None:
+        return ""
+    low, high = ripple.interval95
+    return (
+        f"; its motor followed {ripple.alpha:.2f} of it ({low:.2f} to {high:.2f}), by lines at "
+        f"{', '.join(map(str, ripple.orders))} times {ripple.ratio:g}"
+    )
+
+
+def _ripple(told: dict[str, object]) -> MotorRipple:
+    """Return a witness as a record; the joint is that of the effect."""
+    return MotorRipple(**{name: value for name, value in told.items() if name != "joint"})
+
+
+# The gap between model and measurement as a record.
+
+
+def set_gap(found: Gap, without: Gap | None = None) -> parts.SetGap:
+    """Return the gap before and after: over all loads, load by load, and by what the fit saw.
+
+    Args:
+        found: the gap.
+        without: the same without configurations that have a suspected reading.
+    """
+    seen = found.parts
+    less = None if without is None or without is found else without
+    return parts.SetGap(
+        before=found.before,
+        after=found.after,
+        noise_floor_mm=found.noise_floor_mm,
+        reduction=_reduction(found.reduction),
+        per_load={
+            f"{load:g}N": parts.LoadGap(
+                before=before,
+                after=after,
+                reduction=_reduction(found.reduction_by_load[load]),
+            )
+            for load, (before, after) in found.by_load.items()
+        },
+        inside=None if seen is None else _pair(seen.before_inside, seen.after_inside),
+        outside=None if seen is None else _pair(seen.before_beyond, seen.after_beyond),
+        trusted=None if less is None else _pair(less.before, less.after),
+        without_motion=None
+        if found.without_motion is None
+        else _pair(*map(summarise, found.without_motion)),
+        with_rivals=None if found.with_rivals is None else summarise(found.with_rivals),
+    )
+
+
+def _pair(before: Accuracy | None, after: Accuracy | None) -> BeforeAfter | None:
+    if before is None or after is None:
+        return None
+    return BeforeAfter(before=before, after=after)
+
+
+def _reduction(paired: Paired) -> parts.Reduction:
+    return parts.Reduction(
+        mean_mm=paired.mean_mm,
+        interval95_mm=(paired.low_mm, paired.high_mm),
+        poses=paired.poses,
+    )
+
+
+# A proposed formula as a part of the verdict's record.
+
+
+def proposed_formula(found: Proposal) -> ProposedFormula:
+    """Return a proposal as `verdict.json` holds it."""
+    without, held, with_it = found.squares
+    form = found.form
+    known = form.report(np.zeros(len(form.parameters))).parameters
+    std = np.sqrt(np.diag(found.covariance))
+    return ProposedFormula(
+        formula=form.formula,
+        of=form.of,
+        form=form.form,
+        numbers=form.numbers,
+        orders=found.orders,
+        parameters={
+            parameter.name: EffectParameter(value=value, std=sigma, unit=parameter.unit)
+            for parameter, value, sigma in zip(known, found.x.tolist(), std.tolist(), strict=True)
+        },
+        gain=found.gain,
+        does_as_well_as=tuple(EffectName(id=each.id, of=each.of) for each in found.instead),
+        others=tuple(other.formula for other in found.others),
+        evidence=ProposedEvidence(
+            blocks=found.blocks,
+            rows=found.rows,
+            squared_error_without=without,
+            squared_error_with=with_it,
+            squared_error_held=held,
+            gain_std=found.gain_std,
+        ),
+    )

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.faults import Fault, fault_of
+from pa10cal.discovery.finding import Fault, fault_of
 from pa10cal.discovery.preparation import MeasurementSetup, static_loads
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import weight_sizes

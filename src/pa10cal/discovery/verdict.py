@@ -13,16 +13,14 @@ import numpy as np
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.discovery.faults import Fault, fault_of, to_check
-from pa10cal.discovery.finding import Finding, NotTestable, Unexplained
-from pa10cal.discovery.formulas.choose import Proposal
-from pa10cal.discovery.formulas.rows import Arena
+from pa10cal.discovery.finding import Fault, Finding, NotTestable, Unexplained, fault_of, to_check
+from pa10cal.discovery.formulas.choose import Arena, Proposal
 from pa10cal.discovery.gap import Gap, Named
 from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
+from pa10cal.discovery.linear import ModelWithEffects
 from pa10cal.discovery.next_poses.room import NextPose
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.scatter import Scatter
-from pa10cal.discovery.with_effects import ModelWithEffects
+from pa10cal.discovery.weights import Scatter
 from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.prediction import FallBack

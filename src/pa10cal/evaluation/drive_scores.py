@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from pa10cal.evaluation.blind_trial import MAP, BlindTrial, Name
 from pa10cal.evaluation.trial_rates import rate
-from pa10cal.results.drive_trials import DriveJoint, DriveScoresRecord, DriveTrial, Outcome
-from pa10cal.results.trial_bars import Bar
+from pa10cal.results.trials import Bar, DriveJoint, DriveScoresRecord, DriveTrial, Outcome
 
 SENSOR, GEAR = "sensor_error", "gear_error"
 NEITHER = "neither"

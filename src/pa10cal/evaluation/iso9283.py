@@ -15,10 +15,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
-from pa10cal.observe.averages import measured_as_poses, reading_groups
-from pa10cal.observe.observations import Observations
-from pa10cal.results.evaluation import HeldOutModel
-from pa10cal.results.iso9283 import AccuracyRows, Iso9283Record, PoseAccuracy, RepeatabilityRows
+from pa10cal.observe.observations import Observations, measured_as_poses, reading_groups
+from pa10cal.results.evaluation import (
+    AccuracyRows,
+    HeldOutModel,
+    Iso9283Record,
+    PoseAccuracy,
+    RepeatabilityRows,
+)
 from pa10cal.results.record import Campaign
 
 #: Repeats of a configuration below which its scatter says too little; the standard has 30.

@@ -13,8 +13,7 @@ from pa10cal.evaluation.blind_trial import SORTED, SPRING, UNSTATED, BlindTrial,
 from pa10cal.evaluation.trial_rates import bar, figure, rate
 from pa10cal.evaluation.trial_scores import LIMIT
 from pa10cal.evaluation.wild_scores import WORSE, is_accused, is_worse, trial_row
-from pa10cal.results.trial_bars import Bar
-from pa10cal.results.wild_trials import WildScoresRecord, WildSubject
+from pa10cal.results.trials import Bar, WildScoresRecord, WildSubject
 
 _PROVENANCE = (
     "synthetic: virtual cell; arms, their lengths, weights and springs, poses, noise and hidden "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,8 @@ from scipy.optimize import minimize
 from scipy.stats import binomtest
 
 from pa10cal.arrays import Array
-from pa10cal.results.trial_bars import Bar, Rate
-from pa10cal.results.trials import PowerCurve
+from pa10cal.evaluation.blind_trial import LINE, MAP, BlindTrial, Formula, Hidden
+from pa10cal.results.trials import Bar, FormulaScores, PowerCurve, Rate
 
 LEVEL = 0.95
 #: Standard deviation expected of the slope of a power curve: none is steeper than a few of these
@@ -90,3 +90,123 @@ def power(size: Array, found: NDArray[np.bool_]) -> PowerCurve | None:
         return found_at if size.min() <= found_at <= size.max() else None
 
     return PowerCurve(intercept=intercept, slope=slope, half=size_at(0.5), most=size_at(LEVEL))
+
+
+# Formulas proposed in blind trials: the form that was hidden, of the same order and place?
+
+#: What is to be reached: right formulas of what no name covers, wrong ones of it, and of the rest.
+RIGHT, WRONG, ELSEWHERE = 0.6, 0.1, 0.02
+
+Parameters = Mapping[str, object]
+#: Forms that are right, with the numbers that they begin with.
+_Forms = Callable[[Parameters], Sequence[tuple[str, tuple[float, ...]]]]
+
+
+def _number(parameters: Parameters, name: str) -> float:
+    return float(str(parameters[name]))
+
+
+def _bow(parameters: Parameters) -> list[tuple[str, tuple[float, ...]]]:
+    axes = (_number(parameters, "axis"), _number(parameters, "along"))
+    return [("quadratic", axes), ("cubic", axes)]
+
+
+def _teeth(parameters: Parameters) -> float:
+    return float(np.rint(2.0 * np.pi / _number(parameters, "sector")))
+
+
+#: By what is hidden outside the vocabulary, its formula in the forms that may be proposed.
+_OUTSIDE: dict[str, _Forms] = {
+    "third_harmonic": lambda _: [("harmonic", (3.0,))],
+    "bowed_axis": _bow,
+    "dress_pack": lambda _: [("pull", ())],
+    "hysteresis": lambda _: [("arrival_by_torque", ())],
+    "soft_by_angle": lambda known: [("torque_by_angle", (_number(known, "cycles"),))],
+    "sawtooth": lambda known: [("sawtooth", (_teeth(known),))],
+    "pedestal_tilt": lambda _: [("moment_cubed", ())],
+}
+#: Names of which a map may be found, and a formula proposed for that.
+_NAMED: dict[str, _Forms] = {
+    "encoder_eccentricity": lambda _: [("harmonic", (1.0,))],
+    "encoder_ellipticity": lambda _: [("harmonic", (2.0,))],
+}
+
+
+def is_right(hidden: Hidden, formula: Formula) -> bool:
+    """Return whether a formula is what is hidden: form, order and place."""
+    forms = {**_OUTSIDE, **_NAMED}.get(hidden.name.id)
+    if forms is None or formula.of != hidden.name.of:
+        return False
+    return any(
+        formula.form == form and formula.numbers[: len(numbers)] == numbers
+        for form, numbers in forms(hidden.parameters)
+    )
+
+
+def has_right(trial: BlindTrial) -> bool:
+    """Return whether what is hidden was proposed."""
+    return any(is_right(hidden, each) for hidden in trial.hidden for each in _proposed(trial))
+
+
+def has_wrong(trial: BlindTrial) -> bool:
+    """Return whether a formula was proposed that is not hidden."""
+    return any(
+        not any(is_right(hidden, each) for hidden in trial.hidden) for each in _proposed(trial)
+    )
+
+
+def score_formulas(trials: Sequence[BlindTrial]) -> FormulaScores:
+    """Score the formulas proposed; a trial that failed has none."""
+    outside = [t for t in trials if t.hidden and all(h.name.id in _OUTSIDE for h in t.hidden)]
+    others = [t for t in trials if t not in outside]
+    nameless = [t for t in outside if _nameless(t)]
+    right, wrong, elsewhere = (
+        rate(map(has_right, outside)),
+        rate(map(has_wrong, outside)),
+        rate(map(has_wrong, others)),
+    )
+    hidden = sorted({t.hidden[0].name.id for t in outside})
+    return FormulaScores(
+        right=right,
+        right_of_nameless=rate(map(has_right, nameless)),
+        wrong=wrong,
+        elsewhere=elsewhere,
+        by_id={
+            name: rate(has_right(t) for t in outside if t.hidden[0].name.id == name)
+            for name in hidden
+        },
+        bars=(
+            bar(
+                "effect outside the vocabulary: its formula proposed, form and order", right, RIGHT
+            ),
+            bar(
+                "effect outside the vocabulary: another formula proposed",
+                wrong,
+                WRONG,
+                at_least=False,
+            ),
+            bar(
+                "nothing outside the vocabulary: a formula proposed that is not hidden",
+                elsewhere,
+                ELSEWHERE,
+                at_least=False,
+            ),
+        ),
+    )
+
+
+def _proposed(trial: BlindTrial) -> tuple[Formula, ...]:
+    """Return the formulas proposed, and the lines named in the place of maps."""
+    if trial.verdict is None:
+        return ()
+    lines = (each for each in trial.verdict.effects if each.name.id == LINE)
+    named = (Formula("harmonic", each.name.of, (each.cycles or 0.0,)) for each in lines)
+    return (*trial.verdict.proposed, *named)
+
+
+def _nameless(trial: BlindTrial) -> bool:
+    """Return whether a map, its line, or something without a name was found."""
+    if trial.verdict is None:
+        return False
+    found = any(each.name.id in (MAP, LINE) for each in trial.verdict.effects)
+    return found or bool(trial.verdict.places)

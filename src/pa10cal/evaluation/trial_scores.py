@@ -2,14 +2,35 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 
 import numpy as np
+from scipy.special import ndtri
 
-from pa10cal.evaluation.blind_trial import OUTSIDE, TRACKED, BlindTrial, Hidden
-from pa10cal.evaluation.trial_rates import bar, figure, rate
-from pa10cal.results.trial_bars import Bar
-from pa10cal.results.trials import GapScore, NothingHidden, Outside, Several, Singles
+from pa10cal.evaluation import trial_scores as scores
+from pa10cal.evaluation.blind_trial import MAP, OUTSIDE, TRACKED, BlindTrial, Hidden, Named
+from pa10cal.evaluation.trial_rates import LEVEL, bar, figure, power, rate, score_formulas
+from pa10cal.results.trials import (
+    Bar,
+    Confusion,
+    Failure,
+    GapScore,
+    Intervals,
+    JudgedEffect,
+    JudgedTrial,
+    MovedBin,
+    NothingHidden,
+    Outside,
+    ParameterRate,
+    ParameterScore,
+    PowerStudy,
+    Seconds,
+    Several,
+    Singles,
+    TrialScoresRecord,
+)
 
 NOTHING_HIDDEN = ("null", "wrong_noise", "wrong_mass")
 SEVERAL = ("pair", "triple")
@@ -209,4 +230,234 @@ def bars(trials: Sequence[BlindTrial]) -> tuple[Bar, ...]:
             len(whole),
             at_least=True,
         ),
+    )
+
+
+# Whether reported parameters of effects hold what was hidden inside their intervals.
+
+_AXES = "xyz"
+
+
+def intervals(trials: Sequence[BlindTrial]) -> Intervals:
+    """Score the parameters of every finding that is what was hidden, at its place.
+
+    Of phases the difference modulo a turn counts, with the sign of an amplitude taken into the
+    phase. Maps are omitted: cell and estimator have other knots, and calibration takes their
+    mean.
+    """
+    scores = tuple(
+        score
+        for trial in trials
+        if trial.verdict is not None
+        for hidden in trial.hidden
+        for named in trial.verdict.effects
+        if named.name == hidden.name
+        for score in _scores(hidden, named)
+    )
+    keys = sorted({(score.id, score.parameter) for score in scores})
+    values = np.array([score.score for score in scores])
+    return Intervals(
+        inside=rate(map(is_inside, scores)),
+        rms=float(np.sqrt(np.mean(values**2))) if scores else None,
+        by_parameter=tuple(
+            ParameterRate(
+                id=effect,
+                parameter=parameter,
+                **dict(
+                    rate(is_inside(s) for s in scores if (s.id, s.parameter) == (effect, parameter))
+                ),
+            )
+            for effect, parameter in keys
+        ),
+        scores=scores,
+    )
+
+
+def is_inside(score: ParameterScore) -> bool:
+    """Return whether the 95 % interval of a parameter holds the truth."""
+    return bool(abs(score.score) <= ndtri(0.5 + LEVEL / 2.0))
+
+
+def _scores(hidden: Hidden, named: Named) -> list[ParameterScore]:
+    if hidden.name.id == MAP:
+        return []
+    truth = true_parameters(hidden)
+    scores = []
+    for parameter, (value, std) in named.parameters.items():
+        if parameter not in truth or std <= 0.0:
+            continue
+        off = value - truth[parameter]
+        if parameter == "phi":
+            off = float(np.angle(np.exp(1j * off)))
+        scores.append(ParameterScore(id=named.name.id, parameter=parameter, score=off / std))
+    return scores
+
+
+def true_parameters(hidden: Hidden) -> dict[str, float]:
+    """Return what was hidden under the names of a verdict, amplitudes positive."""
+    flat: dict[str, float] = {}
+    for name, value in hidden.parameters.items():
+        if isinstance(value, Sequence) and len(value) == len(_AXES):
+            flat |= {f"{name}_{axis}": float(v) for axis, v in zip(_AXES, value, strict=True)}
+        elif isinstance(value, int | float):
+            flat[name] = float(value)
+    if "phi" in flat and flat["A"] < 0.0:
+        flat |= {"A": -flat["A"], "phi": flat["phi"] + np.pi}
+    return flat
+
+
+# What became of each hidden effect: the rows of the confusion matrix, and curves of power.
+
+LISTED = "in the alternatives"
+ELSEWHERE = "right id elsewhere"
+RIGHT_PLACE = "no name, right place"
+WRONG_PLACE = "no name, other place"
+NOTHING = "nothing found"
+NOT_TESTABLE = "said to be not testable"
+FAILED = "failed"
+
+#: Edges of the bins in which shares are counted: of how far the residual moves, over the floor. Two
+#: of them are where the residual is `LIMIT` and `LARGE` times the floor.
+MOVED_EDGES = (
+    *(0.0, 0.1, 0.2, 0.4),
+    *(float(np.sqrt(ratio**2 - 1.0)) for ratio in (LIMIT, LARGE)),
+    *(8.0, np.inf),
+)
+#: Less than this counts as this; keeps logarithms finite.
+_LEAST_MOVED = 0.03
+
+
+def outcome(trial: BlindTrial, hidden: Hidden) -> str:
+    """Return what became of one hidden effect: an id of the vocabulary or one of the words here.
+
+    Where findings match no hidden effect, the first of them counts.
+    """
+    verdict = trial.verdict
+    if verdict is None:
+        return FAILED
+    if trial.names(hidden):
+        return hidden.name.id
+    if trial.lists(hidden):
+        return LISTED
+    if trial.kind == OUTSIDE and trial.has_right_place():
+        return RIGHT_PLACE
+    if verdict.effects:
+        ids = [named.name.id for named in verdict.effects]
+        return ELSEWHERE if hidden.name.id in ids else ids[0]
+    if verdict.word == "unexplained":
+        return RIGHT_PLACE if hidden.name.of in verdict.places else WRONG_PLACE
+    return NOTHING if trial.is_testable(hidden) else NOT_TESTABLE
+
+
+def confusion(trials: Sequence[BlindTrial]) -> dict[str, Counter[str]]:
+    """Count the outcomes of each id, of trials that hide one effect."""
+    counts: dict[str, Counter[str]] = {}
+    for trial in trials:
+        (hidden,) = trial.hidden
+        counts.setdefault(hidden.name.id, Counter())[outcome(trial, hidden)] += 1
+    return counts
+
+
+def study_power(trials: Sequence[BlindTrial]) -> PowerStudy:
+    """Fit power curves to trials that hide one effect and did not fail."""
+    known = [(t, t.hidden[0]) for t in trials if t.verdict is not None]
+    ids = sorted({hidden.name.id for _, hidden in known})
+    moving = [(t, h) for t, h in known if t.moves_poses(h)]
+    moved = np.array([t.moved_over_floor(h) or 0.0 for t, h in moving])
+    listed = np.array([t.lists(h) for t, h in moving], dtype=bool)
+    return PowerStudy(
+        by_id={
+            name: power(
+                np.array([h.size for _, h in known if h.name.id == name]),
+                np.array([t.lists(h) for t, h in known if h.name.id == name], dtype=bool),
+            )
+            for name in ids
+        },
+        by_moved=power(np.maximum(moved, _LEAST_MOVED), listed),
+        bins=tuple(
+            MovedBin(
+                low=low,
+                high=high if np.isfinite(high) else None,
+                listed=rate(listed[(moved >= low) & (moved < high)].tolist()),
+            )
+            for low, high in pairwise(MOVED_EDGES)
+        ),
+    )
+
+
+# `scores.json` of a study of blind trials.
+
+_PROVENANCE = "synthetic: virtual cell, robots, poses, noise and hidden effects drawn at random"
+
+
+def scores_record(trials: Sequence[BlindTrial]) -> TrialScoresRecord:
+    """Return what many trials come to."""
+    singles, outside = (scores.of_kinds(trials, kind) for kind in ("single", OUTSIDE))
+    seconds = [t.verdict.seconds for t in trials if t.verdict is not None]
+    return TrialScoresRecord(
+        provenance=_PROVENANCE,
+        trials=len(trials),
+        failed=tuple(
+            Failure(campaign=trial.campaign, kind=trial.kind, message=trial.failed)
+            for trial in trials
+            if trial.failed is not None
+        ),
+        bars=scores.bars(trials),
+        nothing_hidden={
+            kind: scores.score_nothing_hidden(scores.of_kinds(trials, kind))
+            for kind in scores.NOTHING_HIDDEN
+        },
+        single=scores.score_singles(singles),
+        outside=scores.score_outside(outside),
+        several={
+            kind: scores.score_several(scores.of_kinds(trials, kind)) for kind in scores.SEVERAL
+        },
+        gap=scores.score_gap(trials),
+        intervals=intervals(trials),
+        confusion=Confusion(
+            single={name: dict(counts) for name, counts in confusion(singles).items()},
+            outside={name: dict(counts) for name, counts in confusion(outside).items()},
+        ),
+        proposed=score_formulas(trials),
+        power=study_power(singles),
+        seconds=Seconds(
+            median=float(np.median(seconds)) if seconds else None,
+            longest=max(seconds, default=None),
+        ),
+        per_trial=tuple(map(_judged, trials)),
+    )
+
+
+def _judged(trial: BlindTrial) -> JudgedTrial:
+    """Return what became of a trial."""
+    verdict = trial.verdict
+    return JudgedTrial(
+        campaign=trial.campaign,
+        kind=trial.kind,
+        layout=trial.layout,
+        path=trial.path,
+        hidden=tuple(
+            JudgedEffect(
+                id=hidden.name.id,
+                of=hidden.name.of,
+                size=hidden.size,
+                ratio=trial.ratio(hidden),
+                testable=trial.is_testable(hidden),
+                separable=trial.is_separable(hidden),
+                moves_poses=trial.moves_poses(hidden),
+                listed=trial.lists(hidden),
+                outcome=outcome(trial, hidden),
+            )
+            for hidden in trial.hidden
+        ),
+        verdict=FAILED if verdict is None else verdict.word,
+        named=tuple(
+            " or ".join(f"{name.id} of {name.of}" for name in named.all_names)
+            for named in (() if verdict is None else verdict.effects)
+        ),
+        places=tuple(place or "unknown" for place in (() if verdict is None else verdict.places)),
+        extra=trial.extra(),
+        held_out_after_mm=None if verdict is None else verdict.held_out_after_mm,
+        noise_floor_mm=None if verdict is None else verdict.noise_floor_mm,
+        seconds=None if verdict is None else verdict.seconds,
     )

@@ -8,20 +8,33 @@ motion on either side of the arm explains is taken off before models are judged.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.special import chdtrc
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
-from pa10cal.evaluation.predictions_apart import compared_frame, shared_loads, shared_postures
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.forward import FLANGE, TOOL_FRAME
-from pa10cal.results.comparison import ComparedFrame, ComparedModel, ComparisonRecord, ParameterRows
+from pa10cal.fit.forward import FLANGE, TOOL_FRAME, Forward, conditions
+from pa10cal.frame.rigid_fit import cross_matrix
+from pa10cal.results.comparison import (
+    ComparedFrame,
+    ComparedModel,
+    ComparisonRecord,
+    DriftRecord,
+    DriftRows,
+    DriftStep,
+    ParameterRows,
+)
 from pa10cal.results.health import UNRESERVED
+from pa10cal.terms.term import Offsets
+from pa10cal.terms.weights import Weights
 
 #: Models are said to differ where chance leaves so much in fewer than one of a hundred pairs.
 LEAST_CHANCE = 0.01
@@ -226,4 +239,268 @@ def _judged(
     return agree, (
         f"{verdict}: {apart}, where {flange.expected_mm:.3f} mm and {flange.expected_deg:.4f} deg "
         f"are expected{but}"
+    )
+
+
+# How far apart two fitted models put a frame of the robot, and how far they should.
+
+#: Postures compared, and the seed of their draw.
+POSTURES, SEED = 400, 1
+#: Steps along the range of a joint in which angles seen by both are looked for.
+_STEPS = 3601
+#: Refinements of base and tool: each squares what is left of a wrong one.
+_REFINED = 6
+
+
+def shared_postures(first: FittedModel, second: FittedModel) -> Array:
+    """Return postures (P, n) drawn from the joint angles in which both models hold.
+
+    There is none where both have seen no common angle of some joint.
+    """
+    arm = first.arm
+    low, high = np.nan_to_num(arm.limits_rad, posinf=2 * np.pi, neginf=-2 * np.pi).T
+    grid = np.linspace(low, high, _STEPS)
+    held = [
+        where
+        for model in (first, second)
+        for where in (model.seen, model.falls_back.within if model.falls_back else None)
+        if where is not None
+    ]
+    common = np.all([np.ones_like(grid, dtype=bool), *(where.each(grid) for where in held)], axis=0)
+    if not common.any(axis=0).all():
+        return np.zeros((0, arm.n))
+    rng = np.random.default_rng(SEED)
+    q = np.empty((POSTURES, arm.n))
+    for joint in range(arm.n):
+        q[:, joint] = rng.choice(grid[common[:, joint], joint], POSTURES)
+    return q
+
+
+def shared_loads(first: FittedModel, second: FittedModel) -> tuple[float, ...]:
+    """Return the external loads of postures, in turn: none, and the heaviest both have seen."""
+    heaviest = [max(m.fitted_to.loads_N, default=0.0) for m in (first, second) if m.fitted_to]
+    most_N = min(heaviest, default=0.0)
+    return (0.0, most_N) if most_N > 0.0 and len(heaviest) == 2 else (0.0,)
+
+
+@dataclass(frozen=True)
+class _Predicted:
+    """A frame as a model predicts it in P postures."""
+
+    T: Array  # (P, 4, 4) its poses [m]
+    # (P, 6, k) its motions under k independent causes of standard size one; None where the
+    # covariance is not known
+    noise: Array | None
+
+
+def _predicted(
+    model: FittedModel, frame: str, q: Array, load_N: Array, temperature_C: float | None
+) -> _Predicted:
+    forward = Forward.of(model, frame)
+    states = forward.states(q, conditions(model, len(q), load_N, temperature_C=temperature_C))
+    end = forward.end(states)
+    noise = None
+    if model.covariance is not None:
+        variances, axes = np.linalg.eigh(forward.covariance)
+        noise = forward.by_parameters(states, end) @ (axes * np.sqrt(np.maximum(variances, 0.0)))
+    return _Predicted(end.T @ forward.T_end_frame, noise)
+
+
+def compared_frame(
+    first: FittedModel, second: FittedModel, frame: str, q: Array, load_N: Array
+) -> ComparedFrame:
+    """Compare one frame in postures (P, n) under loads (P,)."""
+    temperature_C = _temperature(first, second)
+    one, other = (_predicted(m, frame, q, load_N, temperature_C) for m in (first, second))
+    apart_mm, apart_deg = _apart(one.T, other.T)
+    moved = _base_and_tool_fitted(other.T, one.T)
+    left_mm, left_deg = _apart(one.T, moved)
+    explained_mm, _ = _apart(moved, other.T)
+    expected_mm = expected_deg = chance = None
+    if one.noise is not None and other.noise is not None:
+        noise = np.concatenate([one.noise, other.noise], axis=2)
+        by_place, by_turn = _without_base_and_tool(noise, one.T)
+        expected_m, chance_m = _expected(by_place, 1e-3 * left_mm)
+        expected_rad, chance_rad = _expected(by_turn, np.radians(left_deg))
+        expected_mm, expected_deg = 1e3 * expected_m, float(np.degrees(expected_rad))
+        chance = min(1.0, 2.0 * min(chance_m, chance_rad))
+    return ComparedFrame(
+        rms_mm=_rms(apart_mm),
+        peak_mm=float(apart_mm.max()),
+        orientation_deg=_rms(apart_deg),
+        base_and_tool_mm=_rms(explained_mm),
+        remaining_rms_mm=_rms(left_mm),
+        remaining_peak_mm=float(left_mm.max()),
+        remaining_deg=_rms(left_deg),
+        expected_mm=expected_mm,
+        expected_deg=expected_deg,
+        chance=chance,
+    )
+
+
+def _temperature(first: FittedModel, second: FittedModel) -> float | None:
+    """Return the temperature between those of two fits; None where one is not known."""
+    known = [m.fitted_to.temperature_C for m in (first, second) if m.fitted_to]
+    mean = float(np.mean(known)) if len(known) == 2 else np.nan
+    return mean if np.isfinite(mean) else None
+
+
+def _apart(T: Array, T_other: Array) -> tuple[Array, Array]:
+    """Return distances [mm] and angles [deg] between poses."""
+    turn = Rotation.from_matrix(np.swapaxes(T[:, :3, :3], 1, 2) @ T_other[:, :3, :3])
+    distance = np.linalg.norm(T[:, :3, 3] - T_other[:, :3, 3], axis=1)
+    return 1e3 * distance, np.degrees(turn.magnitude())
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _base_and_tool_fitted(T: Array, T_wanted: Array) -> Array:
+    """Return poses carried to others by one motion of the base and one of what the flange carries.
+
+    Places determine the base and where the frame sits on the flange, attitudes how it is turned.
+    """
+    for _ in range(_REFINED):
+        step, *_ = np.linalg.lstsq(_by_base_and_tool(T), (T_wanted - T)[:, :3, 3].ravel())
+        base, offset = np.eye(4), np.eye(4)
+        base[:3, :3] = Rotation.from_rotvec(step[3:6]).as_matrix()
+        base[:3, 3], offset[:3, 3] = step[:3], step[6:]
+        T = base @ T @ offset
+    turn = np.eye(4)
+    missing = np.swapaxes(T[:, :3, :3], 1, 2) @ T_wanted[:, :3, :3]
+    turn[:3, :3] = Rotation.from_matrix(missing).mean().as_matrix()
+    moved: Array = T @ turn
+    return moved
+
+
+def _by_base_and_tool(T: Array) -> Array:
+    """Return how places follow motions of the base and offsets of the tool, (3 P, 9)."""
+    ones = np.broadcast_to(np.eye(3), (len(T), 3, 3))
+    columns = np.concatenate([ones, -cross_matrix(T[:, :3, 3]), T[:, :3, :3]], axis=2)
+    return columns.reshape(-1, 9)
+
+
+def _without_base_and_tool(motions: Array, T: Array) -> tuple[Array, Array]:
+    """Return what base and tool leave of motions (P, 6, k) of places and of attitudes, (3 P, k)."""
+    count = motions.shape[2]
+    places = motions[:, :3].reshape(-1, count)
+    columns = _by_base_and_tool(T)
+    fitted, *_ = np.linalg.lstsq(columns, places)
+    turns = motions[:, 3:] - fitted[3:6]
+    R = T[:, :3, :3]
+    turns = turns - R @ (np.swapaxes(R, 1, 2) @ turns).mean(axis=0)
+    return places - columns @ fitted, turns.reshape(-1, count)
+
+
+def _expected(noise: Array, left: Array) -> tuple[float, float]:
+    """Return the rms size expected of differences, and the chance of those that are left.
+
+    Their sum of squares is a weighted sum of chi-square variables; one chi-square of the same mean
+    and variance stands for it (Satterthwaite).
+
+    Args:
+        noise: (3 P, k) differences under k independent causes of standard size one.
+        left: (P,) differences found.
+    """
+    square = noise.T @ noise
+    mean, spread = float(np.trace(square)), float(np.sum(square**2))
+    found = float(np.sum(left**2))
+    expected = float(np.sqrt(mean / len(left)))
+    if spread == 0.0:
+        return expected, float(found == 0.0)
+    return expected, float(chdtrc(mean**2 / spread, found * mean / spread))
+
+
+# One arm over campaigns: its parameters with intervals, and what moved from each to the next.
+
+#: Terms of more parameters are curves, which a figure of their own shows.
+_MOST = 24
+_HALF_95 = 1.96
+
+
+def drift(models: Sequence[FittedModel], names: Sequence[str]) -> DriftRecord:
+    """Return the parameters of an arm over campaigns.
+
+    Args:
+        models: of two campaigns or more, in order of time, with covariances.
+        names: of the campaigns.
+
+    Raises:
+        ModelError: when there are fewer than two, the arms differ in layout, or a covariance is not
+            known.
+    """
+    _refuse(models, names)
+    steps = []
+    for k in range(1, len(models)):
+        found = compare_models(models[k - 1], models[k], (names[k - 1], names[k]))
+        assert found.what_moved is not None
+        steps.append(DriftStep(first=names[k - 1], second=names[k], what_moved=found.what_moved))
+    told = [
+        f"{step.first} to {step.second}: {step.what_moved.line}"
+        for step in steps
+        if step.what_moved.verdict != "unchanged"
+    ]
+    return DriftRecord(
+        robot=models[0].arm.name,
+        campaigns=tuple(names),
+        parameters=_rows(models, names),
+        steps=tuple(steps),
+        line="; ".join(told) or f"unchanged over {len(models)} campaigns",
+    )
+
+
+def _refuse(models: Sequence[FittedModel], names: Sequence[str]) -> None:
+    if len(models) < 2:
+        raise ModelError(
+            "drift over a single model",
+            where="models",
+            value=len(models),
+            allowed="two models or more, in order of time",
+            remedy="give the models of further campaigns",
+        )
+    for model, name in zip(models, names, strict=True):
+        if model.covariance is None:
+            raise ModelError(
+                "the covariance of a model is not known",
+                where=name,
+                allowed="models with the file of their covariance beside them",
+                remedy="copy model.covariance.npz together with model.yaml, or export it again",
+            )
+    if len(set(names)) < len(names):
+        raise ModelError(
+            "two models of the same name",
+            where="models",
+            value=list(names),
+            allowed="a name for each",
+            remedy="give each campaign once",
+        )
+
+
+def _rows(models: Sequence[FittedModel], names: Sequence[str]) -> DriftRows:
+    """Return links, springs and effects of all models, with 95 % intervals."""
+    rows: list[tuple[str, str, str, str, str]] = []
+    numbers: list[tuple[float, float]] = []
+    for model, name in zip(models, names, strict=True):
+        for term in model.model.terms:
+            frame = isinstance(term, Offsets) and term.of != "links"
+            if frame or isinstance(term, Weights) or len(term.parameters) > _MOST:
+                continue
+            report, std = model.reported(term)
+            for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True):
+                if sigma > 0.0:
+                    rows.append((name, term.id, term.of, parameter.name, parameter.unit))
+                    numbers.append((float(value), float(sigma)))
+    campaign, term_id, of, parameter_name, unit = np.array(rows, dtype=str).reshape(-1, 5).T
+    value, sigma = np.array(numbers).reshape(-1, 2).T
+    return DriftRows(
+        campaign=campaign,
+        term=term_id,
+        of=of,
+        parameter=parameter_name,
+        unit=unit,
+        value=value,
+        std=sigma,
+        low=value - _HALF_95 * sigma,
+        high=value + _HALF_95 * sigma,
     )

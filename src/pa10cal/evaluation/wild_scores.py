@@ -11,11 +11,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from pa10cal.evaluation.blind_trial import BlindTrial, Disturbed, Name
-from pa10cal.evaluation.formula_scores import score_formulas
-from pa10cal.evaluation.trial_rates import rate
+from pa10cal.evaluation.trial_rates import rate, score_formulas
 from pa10cal.evaluation.trial_scores import LIMIT
-from pa10cal.results.trial_bars import Bar, Rate
-from pa10cal.results.wild_trials import WildScoresRecord, WildSubject, WildTrial
+from pa10cal.results.trials import Bar, Rate, WildScoresRecord, WildSubject, WildTrial
 
 #: From here on, in units of the noise floor, something wrong must show.
 ABOVE = 3.0

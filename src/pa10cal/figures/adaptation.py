@@ -16,7 +16,7 @@ from pa10cal.figures.style import (
     plain_log,
     write_figure,
 )
-from pa10cal.results.adaptation import AdaptationRecord
+from pa10cal.results.comparison import AdaptationRecord
 
 _LOOKS: dict[str, dict[str, Any]] = {
     "prior": {"color": BLUE, "marker": "o", "label": "started from the model"},

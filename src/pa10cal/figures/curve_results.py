@@ -11,7 +11,7 @@ import pandas as pd
 from pa10cal.arrays import Array
 from pa10cal.errors import RecordError
 from pa10cal.results.codec import read
-from pa10cal.results.curve import CurveRecord
+from pa10cal.results.studies import CurveRecord
 
 #: Why a gait has nothing to show.
 ONE_SHAPE = "one shape does not move"

@@ -13,7 +13,7 @@ from pa10cal.figures.style import looks, name_in_title, write_figure
 from pa10cal.figures.table import write_table
 from pa10cal.files.output import whole_file
 from pa10cal.results.codec import write
-from pa10cal.results.pictures import PicturesRecord
+from pa10cal.results.fleet import PicturesRecord
 
 #: Folder of the files of a picture, by what it is.
 _PLACES = {"figure": "figures", "table": "tables", "film": "figures"}

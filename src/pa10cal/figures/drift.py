@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from pa10cal.figures.parameter_names import written
 from pa10cal.figures.style import BLUE, GREY, VERMILLION, looks, new_figure, panel, write_figure
-from pa10cal.results.drift import DriftRecord
+from pa10cal.results.comparison import DriftRecord
 
 _COLUMNS, _WIDE_MM, _HIGH_MM, _APART_MM = 4, 30.0, 20.0, 10.0
 #: Unit shown of a unit of the record, and how many make it.

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from pa10cal.arm.springs import reported_name
+from pa10cal.arm.statics import reported_name
 from pa10cal.results.accuracy import Parameter
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 
 from pa10cal.figures.style import BLUE, GREY, SKY, write_beside
-from pa10cal.results.trial_bars import Bar, Rate
+from pa10cal.results.trials import Bar, Rate
 
 BAR_HEADER = ("quantity", "to reach", "reached", "95 % interval", "trials", "met")
 

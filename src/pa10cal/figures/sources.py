@@ -13,8 +13,7 @@ from pa10cal.figures.options import PictureOptions
 from pa10cal.figures.results import Results
 from pa10cal.results.codec import read, schema_of
 from pa10cal.results.studies import CurveCalibrationRecord
-from pa10cal.results.trials import TrialScoresRecord
-from pa10cal.results.wild_trials import WildScoresRecord
+from pa10cal.results.trials import TrialScoresRecord, WildScoresRecord
 
 
 def _nothing(need: str) -> None:

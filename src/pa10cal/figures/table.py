@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pa10cal.files.cells import csv_cell, markdown_cell
-from pa10cal.files.output import whole_file
+from pa10cal.files.output import csv_cell, markdown_cell, whole_file
 
 Row = tuple[str, ...]
 

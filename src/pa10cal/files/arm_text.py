@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from pa10cal.arm.attitude import roll_pitch_yaw
+from pa10cal.arm.chain import roll_pitch_yaw
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 

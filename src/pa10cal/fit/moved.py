@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.fit.expected import Disagreement
+from pa10cal.fit.problem import Disagreement
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.offsets import Offsets
-from pa10cal.terms.term import Term
+from pa10cal.terms.term import Offsets, Term
 
 JOINT_ZERO, STIFFNESS, LINK, EFFECT, MODEL_ERROR = (
     "joint_zero",

@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri, stdtrit
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index, Mask
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import Problem, Rows
+from pa10cal.observe.observations import Observations, reading_groups
 
 #: Change of a scatter, relative to its size, that counts as none.
 _SAME_SCATTER = 1e-3
@@ -241,3 +243,133 @@ def refreshed(
             excess = float(np.sum(precise * over) / np.sum(precise * left))
             sizes[kind] = float(np.sqrt(max(0.0, excess)))
     return Scatter(sizes, before.stated, dof)
+
+
+# How far residuals lie outside what their own distribution makes, tails and all.
+#
+# Right data may have heavy tails. Their heaviness is read off the bulk, where a few wrong readings
+# do not show, as degrees of freedom of Student's t: the largest of many such deviates is known
+# then.
+
+#: Probability that any of many right deviates, whatever their tails, is called wrong.
+ACCUSED_RATE = 1e-4
+#: Part of the deviates inside the two quantiles whose ratio tells how heavy the tails are.
+_INNER, _OUTER = 0.5, 0.95
+#: Degrees of freedom from which on tails count as those of the normal distribution.
+_NORMAL_DOF = 200.0
+_DOF = np.geomspace(1.5, _NORMAL_DOF, 60)
+_RATIOS = stdtrit(_DOF, 0.5 + 0.5 * _OUTER) / stdtrit(_DOF, 0.5 + 0.5 * _INNER)
+#: Standard errors by which the ratio of quantiles may be larger than it was found, and its relative
+#: standard error times the root of the number of deviates.
+_SURELY = 2.0
+_ERROR_OF_RATIO = 1.4
+
+
+@dataclass(frozen=True)
+class Tails:
+    """Distribution of many deviates about zero: Student's t of some scale."""
+
+    scale: float  # of the deviates, as a standard deviation of its bulk
+    # degrees of freedom; the fewer, the heavier the tails. No more than they surely are.
+    dof: float
+    count: int  # deviates behind it
+
+    @staticmethod
+    def of(deviates: Array, surely: float = _SURELY) -> Tails:
+        """Return the distribution of deviates (N,).
+
+        Args:
+            deviates: about zero.
+            surely: standard errors by which tails may be heavier than they were found.
+        """
+        sizes = np.abs(deviates)
+        if not len(sizes):
+            return Tails(0.0, _NORMAL_DOF, 0)
+        inner, outer = np.quantile(sizes, [_INNER, _OUTER])
+        if inner == 0.0:
+            return Tails(0.0, _NORMAL_DOF, len(sizes))
+        ratio = outer / inner * (1.0 + surely * _ERROR_OF_RATIO / np.sqrt(len(sizes)))
+        dof = float(np.interp(-ratio, -_RATIOS, _DOF))
+        scale = inner / ndtri(0.5 + 0.5 * _INNER)
+        return Tails(float(scale), dof, len(sizes))
+
+    def largest(self, rate: float, count: int | None = None) -> float:
+        """Return the size that the largest of so many deviates exceeds with this probability."""
+        count = max(self.count, 1) if count is None else count
+        quantile = -float(stdtrit(self.dof, 0.5 * rate / count))
+        bulk = float(stdtrit(self.dof, 0.5 + 0.5 * _INNER)) / float(ndtri(0.5 + 0.5 * _INNER))
+        return self.scale * quantile / bulk
+
+
+# Readings held out of a fit that are far from where it predicts them, whatever it lacks.
+
+#: Another reading confirms one where they differ by less than this part of how far it is off.
+_CONFIRMED = 0.3
+#: Scatter is no less than this part of what is stated: rounding is none.
+LEAST_STATED = 1e-3
+
+
+def far_from_prediction(
+    poses: Observations, model: FittedModel, fitted: Observations
+) -> tuple[Mask, Array]:
+    """Return which readings are further off than any tail of right data makes, and how far.
+
+    Args:
+        poses: P single readings held out, with what the model needs.
+        model: the calibrated model.
+        fitted: single readings that it was fitted to, likewise: they show what is usual.
+
+    Returns:
+        (P,) which of them, and (P, b) what the model leaves of them in the usual scatter.
+    """
+    usual = by_stated(fitted, model.compared(fitted).residual)
+    left = model.compared(poses).residual
+    white = by_stated(poses, left)
+    far = np.zeros(len(poses), dtype=bool)
+    for _, at in poses.measured.component_kinds:
+        of_fitted, own = _tails(usual, fitted, at), _tails(white, poses, at)
+        scale = max(of_fitted.scale, own.scale, LEAST_STATED)
+        white[:, at] /= scale
+        seen = components_seen(poses, at)
+        both = np.concatenate(
+            [white[:, at][seen], usual[:, at][components_seen(fitted, at)] / scale]
+        )
+        limit = Tails.of(both).largest(ACCUSED_RATE, int(seen.sum()))
+        far |= np.abs(np.where(seen, white[:, at], 0.0)).max(axis=1, initial=0.0) > limit
+    return far & ~confirmed(poses, left, np.flatnonzero(far)), white
+
+
+def confirmed(readings: Observations, left: Array, rows: Index) -> Mask:
+    """Return (P,) which of some rows another reading of the pose and load confirms.
+
+    It does where it is off by about as much in the same direction.
+
+    Args:
+        readings: P single readings.
+        left: (P, b) what the model leaves of them.
+        rows: those that are far from it.
+    """
+    group, near = reading_groups(readings), np.zeros(len(readings), dtype=bool)
+    seen = readings.measured.components_seen
+    for row in rows:
+        others = np.flatnonzero(group == group[row])
+        others = others[others != row]
+        both = seen[others] & seen[row]
+        apart = np.linalg.norm(np.where(both, left[others] - left[row], 0.0), axis=1)
+        near[row] = bool(np.any(apart <= _CONFIRMED * np.linalg.norm(left[row])))
+    return near
+
+
+def by_stated(readings: Observations, values: Array) -> Array:
+    """Return values (P, b) in the stated uncertainty of the readings."""
+    stated = np.linalg.inv(np.linalg.cholesky(readings.measured.stated_covariance))
+    return np.asarray((stated @ values[:, :, None])[:, :, 0])
+
+
+def components_seen(readings: Observations, at: slice) -> Mask:
+    """Return which of some components of readings were seen."""
+    return np.asarray(readings.measured.components_seen[:, at])
+
+
+def _tails(white: Array, readings: Observations, at: slice) -> Tails:
+    return Tails.of(white[:, at][components_seen(readings, at)])

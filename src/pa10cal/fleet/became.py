@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pydantic import Field
+
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.campaign.options import IngestOptions
+from pa10cal.discovery.options import DiscoveryOptions
+from pa10cal.evaluation.options import EvaluationOptions
+from pa10cal.frame.options import BaseFrameOptions
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import ChainRecord, ChainStatus
-from pa10cal.running.summary import summarise
+from pa10cal.running.display import summarise
+from pa10cal.settings_section import Section
 
 
 def became(results: Path, name: str, calibration: str) -> ChainRecord:
@@ -42,3 +50,24 @@ def became(results: Path, name: str, calibration: str) -> ChainRecord:
 def ended(name: str, status: ChainStatus, stage: str, message: str) -> ChainRecord:
     """Return what is known of a campaign that a stage ended."""
     return ChainRecord(campaign=name, status=status, stage=stage, message=message)
+
+
+# The settings that a campaign reads on its way from raw files to a model.
+
+
+class ChainOptions(Section):
+    """The settings of every stage from raw files to a model."""
+
+    ingest: IngestOptions = Field(IngestOptions(), description="raw logs to a table of poses")
+    base_frame: BaseFrameOptions = Field(
+        BaseFrameOptions(), description="from the straight-line moves"
+    )
+    calibration: CalibrationOptions = Field(
+        CalibrationOptions(), description="two levels, and the general model"
+    )
+    evaluation: EvaluationOptions = Field(
+        EvaluationOptions(), description="held-out points and loads"
+    )
+    discovery: DiscoveryOptions = Field(
+        DiscoveryOptions(), description="the search for missing effects"
+    )

@@ -15,7 +15,7 @@ from scipy.ndimage import median_filter
 from scipy.special import chdtri
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.frame.pose_error import cross_matrix
+from pa10cal.frame.rigid_fit import cross_matrix
 
 #: Half the gain in squares that a step needs, in nats, and readings on either side of it.
 _NEEDED = 20.0

@@ -10,6 +10,47 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 
+# The difference of two poses as six numbers, and its derivative.
+#
+# Orientation is compared by twice the vector part of the quaternion of the difference: its length
+# is 2 sin(angle / 2), the chord of the angle, so that the sum of squares is the one that
+# orthogonal Procrustes minimises in closed form; it is smooth, and departs from the angle by
+# angle^3 / 24.
+
+
+@dataclass(frozen=True)
+class PoseError:
+    """Difference of predicted and measured poses, along the measuring frame's axes."""
+
+    position_m: Array  # (P, 3) predicted minus measured
+    chord: Array  # (P, 3) orientation difference: axis times 2 sin(angle / 2)
+    by_rotation: Array  # (P, 3, 3) derivative of `chord` by a small left rotation of the prediction
+
+
+def pose_error(T_predicted: Array, T_measured: Array) -> PoseError:
+    """Compare poses (P, 4, 4) given in the same frame."""
+    difference = T_predicted[:, :3, :3] @ T_measured[:, :3, :3].transpose(0, 2, 1)
+    quaternion = Rotation.from_matrix(difference).as_quat(canonical=True)
+    vector, scalar = quaternion[:, :3], quaternion[:, 3]
+    by_rotation = scalar[:, None, None] * np.eye(3) - cross_matrix(vector)
+    return PoseError(T_predicted[:, :3, 3] - T_measured[:, :3, 3], 2.0 * vector, by_rotation)
+
+
+def angle_rad(error: PoseError) -> Array:
+    """Return the angle of the orientation difference, (P,)."""
+    half_chord: Array = np.linalg.norm(error.chord, axis=1) / 2.0
+    return 2.0 * np.arcsin(np.minimum(half_chord, 1.0))
+
+
+def cross_matrix(vector: Array) -> Array:
+    """Return the matrices [v]x (..., 3, 3) with [v]x u = v × u."""
+    matrix = np.zeros((*vector.shape, 3))
+    matrix[..., 0, 1], matrix[..., 0, 2] = -vector[..., 2], vector[..., 1]
+    matrix[..., 1, 0], matrix[..., 1, 2] = vector[..., 2], -vector[..., 0]
+    matrix[..., 2, 0], matrix[..., 2, 1] = -vector[..., 1], vector[..., 0]
+    return matrix
+
+
 #: A set thinner than this part of its length counts as lying on one line.
 RANK_TOLERANCE = 1e-6
 #: The weighted fit stops when no component moves further than this (lengths and radians).
@@ -173,3 +214,128 @@ def _refuse_lines(offsets: Array, where: str) -> None:
             allowed="at least three points that are not collinear",
             remedy="measure points further apart across the line",
         )
+
+
+# Base frame from a rigid fit of the nominal model, for campaigns without straight moves.
+
+
+@dataclass(frozen=True)
+class NominalSeed:
+    """The base frame in the instrument's frame, from positions of the nominal model."""
+
+    T_instr_base: Array  # (4, 4) instrument from base [m]
+    # (3,) standard uncertainty of the directions of x, y and z, per axis across each, taking the
+    # residuals as independent
+    axis_u_rad: Array
+    residual_rms_m: float  # root mean square distance of measured from modelled positions
+    poses: int  # poses fitted
+
+
+def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> NominalSeed:
+    """Fit the base frame to measured positions and those of the nominal model.
+
+    Args:
+        p_instr_m: (P, 3) measured positions of the end-effector, P >= 3.
+        p_base_m: (P, 3) the nominal model's positions in the base frame.
+
+    Raises:
+        CalibrationError: with fewer than three poses, or when the positions lie on one line.
+    """
+    count = len(p_instr_m)
+    if count < 3:
+        raise CalibrationError(
+            "too few poses to fit a base frame to",
+            where="unloaded poses",
+            value=count,
+            allowed="at least 3",
+            remedy="measure more unloaded grid poses, or straight moves",
+        )
+    fit = fit_rigid(p_base_m, p_instr_m)
+    variance = float(fit.rms) ** 2 * count / (3 * count - 6)
+    # The covariance scales with the variance; a floor keeps it invertible when the fit is exact.
+    scale = max(variance, np.finfo(float).tiny ** 0.5)
+    points = np.broadcast_to(scale * np.eye(3), (1, count, 3, 3))
+    turning = fit_rigid_weighted(p_base_m, p_instr_m[None], points).covariance[0, 3:, 3:]
+    axes = fit.T[:3, :3]
+    along = np.einsum("ik,ij,jk->k", axes, turning, axes)
+    across = (np.trace(turning) - along) / 2.0
+    return NominalSeed(fit.T, np.sqrt(across), float(fit.rms), count)
+
+
+# How far the nominal model moves for one measured length: the unit of what was measured.
+#
+# Where the target is on the end-effector and where the instrument is are not known, and need not
+# be: both enter the measurement in ways that are linear in the nominal model's position and
+# attitude, and the remaining motion of the model is as large as the measured one, whatever they
+# are.
+
+#: Rows below which nothing is judged, and from which an unknown target can be allowed for too in
+#: the equation of distances.
+LEAST_ROWS = 8
+ROWS_FOR_TARGET = 34
+#: Part of the model's motion that the measurement must explain to be judged, and the motion's
+#: least size [m].
+EXPLAINED = 0.5
+LEAST_MOTION_M = 0.02
+#: Positions whose extent across their line is a smaller part of that along it determine no scale.
+LEAST_BREADTH = 0.05
+
+
+def scale_of_points(p_m: Array, T_base_ee: Array) -> float | None:
+    """Return how far the nominal model moves for one unit that the target was measured to.
+
+    Args:
+        p_m: (N, 3) positions of one target, in what should be metres.
+        T_base_ee: (N, 4, 4) the nominal model's end-effector for the same joint positions [m].
+
+    Returns:
+        The scale, or None where the rows do not determine it, such as positions along one line.
+    """
+    if len(p_m) < LEAST_ROWS:
+        return None
+    extent_m = np.linalg.svd(p_m - p_m.mean(axis=0), compute_uv=False)
+    if extent_m[1] < LEAST_BREADTH * extent_m[0]:
+        return None
+    # x = S p + s - R u, linear in the general matrix S, in s and in the target's place u.
+    of_S = np.kron((p_m - p_m.mean(axis=0))[:, None, :], np.eye(3)).reshape(-1, 9)
+    others = np.concatenate([np.tile(np.eye(3), (len(p_m), 1, 1)), T_base_ee[:, :3, :3]], axis=2)
+    found = _explained(T_base_ee[:, :3, 3].ravel(), of_S, others.reshape(-1, 6))
+    if found is None or found[1] < LEAST_MOTION_M:
+        return None
+    # Of positions in one plane a third singular value is nought.
+    return float(np.linalg.svd(found[0].reshape(3, 3), compute_uv=False)[1])
+
+
+def scale_of_distances(d_m: Array, T_base_ee: Array) -> float | None:
+    """Return how far the nominal model moves for one unit that the distance changed.
+
+    Args:
+        d_m: (N,) distances of one target from a fixed point, in what should be metres.
+        T_base_ee: (N, 4, 4) the nominal model's end-effector for the same joint positions [m].
+
+    Returns:
+        The scale, or None where the rows do not determine it.
+    """
+    if len(d_m) < LEAST_ROWS:
+        return None
+    # |x|^2 = k^2 d^2 + 2 x.c - |c|^2 for a target at the origin, and with its products elsewhere.
+    x, R = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
+    others = [x, np.ones((len(x), 1))]
+    if len(d_m) >= ROWS_FOR_TARGET:
+        others += [np.einsum("pji,pj->pi", R, x), R.reshape(-1, 9)]
+    found = _explained((x**2).sum(axis=1), d_m[:, None] ** 2, np.hstack(others))
+    if found is None or found[1] < LEAST_MOTION_M**2 or found[0][0] <= 0.0:
+        return None
+    return float(np.sqrt(found[0][0]))
+
+
+def _explained(values: Array, by_these: Array, by_others: Array) -> tuple[Array, float] | None:
+    """Return what explains that part of values which others leave, and that part's rms; or None."""
+    together = np.column_stack([values, by_these])
+    together = together - by_others @ np.linalg.lstsq(by_others, together, rcond=1e-9)[0]
+    rest, columns = together[:, 0], together[:, 1:]
+    solved = np.asarray(np.linalg.lstsq(columns, rest, rcond=1e-9)[0], dtype=float)
+    remaining = rest - columns @ solved
+    if remaining @ remaining > (1.0 - EXPLAINED) * (rest @ rest):
+        return None
+    return solved, float(np.sqrt(np.mean(rest**2)))

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.montecarlo.plane import PlaneErrors
-from pa10cal.montecarlo.statistics import convergence, summarise
+from pa10cal.montecarlo.plane import PlaneErrors, convergence, summarise
 from pa10cal.results.montecarlo import Convergence, Places, PlaneMap, PlaneRecord
 
 if TYPE_CHECKING:

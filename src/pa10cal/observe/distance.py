@@ -16,12 +16,21 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.arrays import Array, Index
-from pa10cal.frame.length_scale import scale_of_distances
 from pa10cal.frame.ranging import range_from_distances
+from pa10cal.frame.rigid_fit import scale_of_distances
 from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
-from pa10cal.observe.quantities import Comparison, Deviations, Located, Stated, Words
-from pa10cal.observe.raw import Misfit, RawColumns, Unusable
-from pa10cal.observe.targets import by_end_and_targets, carried_targets
+from pa10cal.observe.quantities import (
+    Comparison,
+    Deviations,
+    Located,
+    Misfit,
+    RawColumns,
+    Stated,
+    Unusable,
+    Words,
+    by_end_and_targets,
+    carried_targets,
+)
 from pa10cal.terms.term import Parameter
 
 _RAW = "d_mm"

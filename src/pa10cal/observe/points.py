@@ -13,14 +13,26 @@ from typing_extensions import override
 
 from pa10cal.arrays import Array, Index
 from pa10cal.frame.hand_eye import hand_eye_from_points
-from pa10cal.frame.length_scale import scale_of_points
-from pa10cal.frame.pose_error import cross_matrix
-from pa10cal.observe.base_targets import BaseTargets, columns_of_covariance, covariance_of
-from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
-from pa10cal.observe.quantities import Comparison, Deviations, Located, Stated, Words
-from pa10cal.observe.raw import Misfit, RawColumns, Unusable
-from pa10cal.observe.targets import (
+from pa10cal.frame.rigid_fit import cross_matrix, scale_of_points
+from pa10cal.observe.instrument import (
+    MM,
+    BaseTargets,
+    Instrument,
+    LocatingMethod,
+    columns_of_covariance,
+    covariance_of,
+    group_means,
+)
+from pa10cal.observe.quantities import (
     AXES,
+    Comparison,
+    Deviations,
+    Located,
+    Misfit,
+    RawColumns,
+    Stated,
+    Unusable,
+    Words,
     by_end_and_targets,
     carried_targets,
     columns_of_places,

@@ -15,12 +15,18 @@ from typing_extensions import override
 from pa10cal.arm.state import ObservedTargets
 from pa10cal.arrays import Array, Index
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
-from pa10cal.frame.length_scale import scale_of_points
-from pa10cal.frame.pose_error import cross_matrix, pose_error
-from pa10cal.observe.base_targets import BaseTargets
-from pa10cal.observe.instrument import MM, Instrument, LocatingMethod, group_means
-from pa10cal.observe.quantities import Comparison, Deviations, Located, Stated, Words
-from pa10cal.observe.raw import Misfit, RawColumns, Unusable
+from pa10cal.frame.rigid_fit import cross_matrix, pose_error, scale_of_points
+from pa10cal.observe.instrument import MM, BaseTargets, Instrument, LocatingMethod, group_means
+from pa10cal.observe.quantities import (
+    Comparison,
+    Deviations,
+    Located,
+    Misfit,
+    RawColumns,
+    Stated,
+    Unusable,
+    Words,
+)
 
 RAW_PLACE = ("x_mm", "y_mm", "z_mm")
 RAW_QUATERNION = ("qw", "qx", "qy", "qz")

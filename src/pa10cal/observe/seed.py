@@ -18,9 +18,8 @@ from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.options import BaseFrameOptions
 from pa10cal.frame.straight_lines import LineSeed, StraightLine, seed_from_lines
-from pa10cal.observe.averages import average_repeats
 from pa10cal.observe.instrument import Instrument
-from pa10cal.observe.observations import Observations
+from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.quantities import Located
 from pa10cal.results import seed as records
 from pa10cal.results.seed import BaseFrameRecord

@@ -13,12 +13,17 @@ from typing_extensions import override
 from pa10cal.arm.state import ObservedTargets
 from pa10cal.arrays import Array, Index
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.nominal_fit import seed_from_nominal
-from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
+from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source, seed_from_nominal
 from pa10cal.observe.instrument import MM, LocatingMethod, group_means
 from pa10cal.observe.pose import POSE_SCALE, Pose, pose_of_columns
-from pa10cal.observe.quantities import Located, Stated, Words
-from pa10cal.observe.targets import columns_of_places, names_of_columns, places_of_columns
+from pa10cal.observe.quantities import (
+    Located,
+    Stated,
+    Words,
+    columns_of_places,
+    names_of_columns,
+    places_of_columns,
+)
 
 #: Balls nearer to one line than this do not show a turn about it.
 _COLLINEAR_MM = 1.0

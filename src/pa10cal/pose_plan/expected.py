@@ -17,17 +17,15 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.problem import GeneralProblem, general_problem
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.discovery.family import why_unknown
 from pa10cal.discovery.linear import by_terms, possible_sizes
-from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
+from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of, why_unknown
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.near_miss import remedy_for
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.quantities import Start, Stated
+from pa10cal.observe.quantities import Start, Stated, by_end_and_targets, carried_targets
 from pa10cal.observe.registry import instruments
-from pa10cal.observe.targets import by_end_and_targets, carried_targets
 from pa10cal.pose_plan.options import PlanOptions
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates

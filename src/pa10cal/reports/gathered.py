@@ -19,8 +19,7 @@ from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
-from pa10cal.results.evaluation import HoldoutRecord
-from pa10cal.results.iso9283 import Iso9283Record
+from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record
 from pa10cal.results.record import CampaignRecord, MeasuredRecord, Record
 from pa10cal.results.seed import BaseFrameRecord
 

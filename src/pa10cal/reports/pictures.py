@@ -3,15 +3,133 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+from plotly import graph_objects as go
+from plotly.offline import get_plotlyjs
 
 from pa10cal.figures.parameter_names import written
-from pa10cal.reports.blocks import Drawing
-from pa10cal.reports.looks import BLUE, GREY, ORANGE, new_figure
-from pa10cal.reports.model_errors import Errors
-from pa10cal.reports.written import HALF_WIDTH_95
-from pa10cal.results.accuracy import Parameter
+from pa10cal.reports.blocks import HALF_WIDTH_95, Drawing
+from pa10cal.reports.gathered import Gathered
+from pa10cal.results.accuracy import Accuracy, Parameter
+from pa10cal.results.calibration import CalibrationRecord, GeneralErrors
 from pa10cal.results.health import PosesNeeded
+
+# How figures of the page look: readable on light and dark ground, told by more than colour.
+
+#: A grey with the same contrast to a light and to a dark ground.
+GREY = "#7d7d7d"
+_GRID = "rgba(128,128,128,0.35)"
+_CLEAR = "rgba(0,0,0,0)"
+#: Told apart without colour vision and on either ground.
+BLUE, ORANGE, GREEN, PURPLE = "#2b83d0", "#d9720b", "#129a74", "#a96fc4"
+_FONT = {"family": "system-ui, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif", "size": 13}
+_AXIS = {"gridcolor": _GRID, "zerolinecolor": GREY, "linecolor": GREY, "tickcolor": GREY}
+#: No button that leads elsewhere; only figures that can be turned have some.
+_CONFIG = {"responsive": True, "displaylogo": False, "scrollZoom": False, "displayModeBar": False}
+_CONFIG_IN_SPACE = {
+    **_CONFIG,
+    "displayModeBar": True,
+    "modeBarButtons": [
+        ["orbitRotation", "pan3d", "zoom3d", "resetCameraDefault3d"],
+        ["toImage"],
+    ],
+}
+
+
+def new_figure(height: int, x: dict[str, Any], y: dict[str, Any], **layout: Any) -> Any:
+    """Return an empty figure with two axes.
+
+    Args:
+        height: in pixels; the width is that of the page.
+        x, y: what the axes are given besides their looks.
+        layout: anything else of plotly's layout.
+    """
+    return go.Figure(
+        layout={
+            **_ground(height),
+            "margin": {"l": 10, "r": 10, "t": 30, "b": 10},
+            "dragmode": False,
+            "xaxis": {**_AXIS, "automargin": True, "showline": True, "ticks": "outside", **x},
+            "yaxis": {**_AXIS, "automargin": True, **y},
+            **layout,
+        }
+    )
+
+
+def new_space(height: int, ranges_mm: NDArray[np.float64]) -> Any:
+    """Return an empty figure in three dimensions, that can be turned.
+
+    Args:
+        height: in pixels; the width is that of the page.
+        ranges_mm: (3, 2) ends of the axes.
+    """
+    axis = {
+        "gridcolor": GREY,
+        "zerolinecolor": GREY,
+        "showbackground": False,
+        "showspikes": False,
+        "color": GREY,
+        "nticks": 6,
+    }
+    scene = {
+        f"{name}axis": {**axis, "title": {"text": f"{name} [mm]"}, "range": ends.tolist()}
+        for name, ends in zip("xyz", ranges_mm, strict=True)
+    }
+    camera = {"eye": {"x": 1.4, "y": -1.4, "z": 0.85}, "center": {"x": 0, "y": 0, "z": -0.12}}
+    return go.Figure(
+        layout={
+            **_ground(height),
+            "margin": {"l": 0, "r": 0, "t": 30, "b": 0},
+            "modebar": {"bgcolor": _CLEAR, "color": GREY, "activecolor": BLUE},
+            "scene": {**scene, "aspectmode": "data", "camera": camera, "dragmode": "turntable"},
+        }
+    )
+
+
+def _ground(height: int) -> dict[str, Any]:
+    return {
+        "template": "none",
+        "height": height,
+        "autosize": True,
+        "paper_bgcolor": _CLEAR,
+        "plot_bgcolor": _CLEAR,
+        "font": {**_FONT, "color": GREY},
+        "legend": {
+            "orientation": "h",
+            "y": 1.0,
+            "yanchor": "bottom",
+            "x": 0,
+            "bgcolor": _CLEAR,
+            "itemsizing": "constant",
+        },
+        "hoverlabel": {"font": {"size": 13}},
+    }
+
+
+def drawn(drawing: Drawing) -> Markup:
+    """Return a figure as it stands in the page, without the library."""
+    return Markup(
+        drawing.figure.to_html(
+            include_plotlyjs=False,
+            full_html=False,
+            div_id=drawing.id,
+            config=_CONFIG_IN_SPACE if drawing.in_space else _CONFIG,
+            default_width="100%",
+            default_height=f"{drawing.figure.layout.height}px",
+        )
+    )
+
+
+def library() -> Markup:
+    """Return plotly's own code, which stands in the page once."""
+    return Markup(get_plotlyjs())
+
 
 _ROW_PX, _ROOM_PX = 44, 110
 #: Marks of a logarithmic axis, each written out: digits without their decade are not read.
@@ -164,3 +282,142 @@ def poses_drawing(poses: PosesNeeded) -> Drawing | None:
         f"The dotted line, {poses.u_needed_mm:.3f} mm, is enough.",
         "poses-needed",
     )
+
+
+# Errors of every model over fitted and held-out poses.
+
+UNCALIBRATED, CALIBRATED, EXTENDED = "not calibrated", "calibrated", "with the effects found"
+FITTED, HELD_OUT = "fitted", "held out"
+_SPRINGS = {
+    "geometry": "calibrated, geometry alone",
+    "linear": "calibrated, linear springs",
+    "cubic": "calibrated, cubic springs",
+}
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one model over some configurations."""
+
+    poses: str  # `fitted` or `held out`
+    load: str  # `all`, or a load such as `22N`
+    model: str  # as readers see it
+    # rms_mm, peak_mm and mean_mm: position error
+    rms_mm: float
+    peak_mm: float
+    mean_mm: float
+    orientation_deg: float | None  # mean orientation error; None where no attitude is measured
+    configurations: int  # how many
+
+    @property
+    def kind(self) -> str:
+        """Return which poses they are of, as it stands before a noun."""
+        return self.poses.replace(" ", "-")
+
+
+def errors_of(found: Gathered) -> list[Errors]:
+    """Return the errors of every model, over all loads first, then load by load."""
+    every = [*_fitted(found), *_held_out(found)]
+    return [each for each in every if each.load == "all"] + [
+        each for each in every if each.load != "all"
+    ]
+
+
+def headline(found: Gathered) -> tuple[Errors, Errors] | None:
+    """Return the errors before and after that count: held out where there are such poses."""
+    every = [each for each in errors_of(found) if each.load == "all"]
+    for poses in (HELD_OUT, FITTED):
+        of = [each for each in every if each.poses == poses]
+        if of:
+            return of[0], of[-1]
+    return None
+
+
+def model_title(name: str, found: Gathered, beside: Iterable[str]) -> str | None:
+    """Return what readers call a model; None of one that is the calibrated one once more.
+
+    Args:
+        name: in the records.
+        found: what was gathered.
+        beside: names of the models that it is compared with.
+    """
+    if name == "extended":
+        return EXTENDED if found.verdict is None or found.verdict.effects else None
+    if name == "uncalibrated":
+        return UNCALIBRATED
+    return _SPRINGS.get(name, name) if {"geometry", "cubic"} & set(beside) else CALIBRATED
+
+
+def _fitted(found: Gathered) -> Iterator[Errors]:
+    if (record := found.calibration) is None:
+        return
+    yield from _over(FITTED, UNCALIBRATED, {k: e.before for k, e in record.errors.items()})
+    geometry = {k: e.geometry for k, e in record.errors.items() if isinstance(e, GeneralErrors)}
+    if geometry and _has_springs(record):
+        yield from _over(FITTED, _SPRINGS["geometry"], geometry)
+    yield from _over(FITTED, _last_title(record), {k: e.after for k, e in record.errors.items()})
+    if found.verdict is not None and found.verdict.effects:
+        gap = found.verdict.gap.train
+        yield _errors(FITTED, "all", EXTENDED, gap.after)
+        for load, part in gap.per_load.items():
+            yield _errors(FITTED, load, EXTENDED, part.after)
+
+
+def _held_out(found: Gathered) -> Iterator[Errors]:
+    if found.held_out is None:
+        return
+    for name, model in found.held_out.models.items():
+        title = model_title(name, found, found.held_out.models)
+        if title is None:
+            continue
+        yield _errors(HELD_OUT, "all", title, model)
+        for load, part in model.per_load.items():
+            yield _errors(HELD_OUT, load, title, part)
+
+
+def _has_springs(record: CalibrationRecord) -> bool:
+    return bool(getattr(record, "springs", True))
+
+
+def _last_title(record: CalibrationRecord) -> str:
+    if record.model == "paper":
+        return _SPRINGS["cubic"]
+    return _SPRINGS["linear"] if _has_springs(record) else CALIBRATED
+
+
+def _errors(poses: str, load: str, model: str, of: Accuracy) -> Errors:
+    return Errors(
+        poses,
+        load,
+        model,
+        of.rms_mm,
+        of.peak_mm,
+        of.mean_mm,
+        of.orientation_deg,
+        of.configurations,
+    )
+
+
+def _over(poses: str, model: str, by_load: Mapping[str, Accuracy]) -> Iterator[Errors]:
+    """Yield errors over all loads together, then at each."""
+    parts = list(by_load.values())
+    count_of = sum(part.configurations for part in parts)
+
+    def mean(values: Iterable[float]) -> float:
+        pairs = zip(values, parts, strict=True)
+        return sum(value * part.configurations for value, part in pairs) / count_of
+
+    if count_of:
+        angles = [part.orientation_deg for part in parts if part.orientation_deg is not None]
+        yield Errors(
+            poses,
+            "all",
+            model,
+            mean(part.rms_mm**2 for part in parts) ** 0.5,
+            max(part.peak_mm for part in parts),
+            mean(part.mean_mm for part in parts),
+            mean(angles) if len(angles) == len(parts) else None,
+            count_of,
+        )
+    for load, part in by_load.items():
+        yield _errors(poses, load, model, part)

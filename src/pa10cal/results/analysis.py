@@ -7,10 +7,10 @@ from typing import ClassVar
 from pydantic import Field
 
 from pa10cal.results.accuracy import Accuracy, Estimate
-from pa10cal.results.effect_name import EffectName
 from pa10cal.results.record import (
     Column,
     CountColumn,
+    EffectName,
     FlagColumn,
     GappyColumn,
     LabelColumn,

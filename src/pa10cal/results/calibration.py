@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
 from pa10cal.results.accuracy import Accuracy, BeforeAfter, Parameter, ResidualRows, Status
-from pa10cal.results.arrays import Shape
 from pa10cal.results.group import GroupOfCampaigns
 from pa10cal.results.health import Health
 from pa10cal.results.record import (
@@ -23,6 +22,7 @@ from pa10cal.results.record import (
     Part,
     PoseMatrix,
     Record,
+    Shape,
     optional,
 )
 

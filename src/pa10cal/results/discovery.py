@@ -8,15 +8,12 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, JsonValue
 
 from pa10cal.results.accuracy import Accuracy, BeforeAfter, EffectParameter, Parameter
-from pa10cal.results.angles import AnglesSeen, FallsBack
-from pa10cal.results.bands import Bands, PoseScatter
-from pa10cal.results.effect_name import EffectName
-from pa10cal.results.explained import Explained
-from pa10cal.results.fault_kind import FaultKind
+from pa10cal.results.explained import Explained, ProposedFormula
 from pa10cal.results.group import EffectByCampaign
-from pa10cal.results.map_form import MapForm
-from pa10cal.results.proposed import ProposedFormula
+from pa10cal.results.maps import AnglesSeen, Bands, FallsBack, JointWitness, MapForm, PoseScatter
 from pa10cal.results.record import (
+    EffectName,
+    FaultKind,
     Key,
     LoadKey,
     MeasuredRecord,
@@ -26,7 +23,6 @@ from pa10cal.results.record import (
     PoseMatrix,
     optional,
 )
-from pa10cal.results.witness import JointWitness
 
 Verdict = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "not_sought"]
 

@@ -20,28 +20,29 @@ from pydantic import BaseModel, TypeAdapter
 from pydantic.fields import FieldInfo
 
 from pa10cal.files.output import write_text
-from pa10cal.results.adaptation import AdaptationRecord
 from pa10cal.results.analysis import AnalysisRecord
-from pa10cal.results.arrays import Shape
 from pa10cal.results.calibration import CalibrationRecord
-from pa10cal.results.changes import ChangesRecord
-from pa10cal.results.comparison import ComparisonRecord
-from pa10cal.results.curve import CurveRecord
+from pa10cal.results.comparison import (
+    AdaptationRecord,
+    ChangesRecord,
+    ComparisonRecord,
+    DriftRecord,
+)
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
-from pa10cal.results.drift import DriftRecord
-from pa10cal.results.evaluation import HoldoutRecord, TransferRecord
-from pa10cal.results.fleet import ChainRecord, FleetRecord
-from pa10cal.results.iso9283 import Iso9283Record
-from pa10cal.results.measured import MeasuredRobotsRecord
+from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record, TransferRecord
+from pa10cal.results.fleet import ChainRecord, FleetRecord, MeasuredRobotsRecord, PicturesRecord
 from pa10cal.results.montecarlo import PlaneRecord
-from pa10cal.results.pictures import PicturesRecord
 from pa10cal.results.plan import PlanRecord
-from pa10cal.results.record import Key, Part, Record, Table
+from pa10cal.results.record import Key, Part, Record, Shape, Table
 from pa10cal.results.seed import BaseFrameRecord
-from pa10cal.results.studies import CoverageRecord, CurveCalibrationRecord
-from pa10cal.results.trials import TrialScoresRecord, TrialTruthRecord, TrialVerdictRecord
+from pa10cal.results.studies import CoverageRecord, CurveCalibrationRecord, CurveRecord
+from pa10cal.results.trials import (
+    TrialScoresRecord,
+    TrialTruthRecord,
+    TrialVerdictRecord,
+    WildScoresRecord,
+)
 from pa10cal.results.truth import TruthRecord
-from pa10cal.results.wild_trials import WildScoresRecord
 
 #: Every kind of record, in the order of the docs.
 RECORDS: tuple[type[Record], ...] = (

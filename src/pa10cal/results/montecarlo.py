@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from pa10cal.results.arrays import Shape
-from pa10cal.results.record import CampaignRecord, Column, CountColumn, Part
+from pa10cal.results.record import CampaignRecord, Column, CountColumn, Part, Shape
 
 
 class Convergence(Part):

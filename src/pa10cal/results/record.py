@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sized
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Protocol, Self, cast
+from functools import partial
+from typing import Annotated, Any, ClassVar, Literal, Protocol, Self, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +17,111 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     SerializerFunctionWrapHandler,
     model_serializer,
     model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from pa10cal.results.arrays import Shape
+# Arrays in records: nested lists in the file, numpy arrays in memory.
+
+_WORDS = {"f": "finite numbers", "i": "whole numbers", "b": "true or false", "U": "texts"}
+_JSON_TYPES = {"f": "number", "i": "integer", "b": "boolean", "U": "string"}
+#: Kinds of array that are taken for one of a kind: whole numbers for numbers, nothing for texts.
+_TAKEN = {"f": "fiu", "i": "iu", "b": "b", "U": "U"}
+
+
+class Shape:
+    """Makes `Annotated[NDArray[...], Shape("poses", 3)]` a list in the file and an array in memory.
+
+    Arrays come out of a record read-only.
+
+    Attributes:
+        sizes: a number is the size there, a name stands for any.
+        missing: whether an entry of the first axis may be unknown: null in the file, nan in memory.
+    """
+
+    def __init__(self, *sizes: int | str, missing: bool = False) -> None:
+        self.sizes = sizes
+        self.missing = missing
+
+    def __str__(self) -> str:
+        return f"({', '.join(map(str, self.sizes))}{',' if len(self.sizes) == 1 else ''})"
+
+    def said(self, kind: str) -> str:
+        """Return in words what is allowed of an array of a kind of numpy's."""
+        unknown = ", null where unknown" if self.missing else ""
+        return f"{_WORDS[kind]}, shape {self}{unknown}"
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Check on the way in, write nested lists on the way out."""
+        del handler
+        dtype: np.dtype[Any] = np.dtype(get_args(get_args(source)[1])[0])
+        return core_schema.no_info_plain_validator_function(
+            partial(self._checked, dtype),
+            serialization=core_schema.plain_serializer_function_ser_schema(self._plain),
+            metadata={"kind": dtype.kind},
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Describe it as nested lists."""
+        del handler
+        found: JsonSchemaValue = {"type": _JSON_TYPES[schema["metadata"]["kind"]]}
+        for size in reversed(self.sizes[1:]):
+            found = _list_of(found, size)
+        if self.missing:
+            found = {"anyOf": [found, {"type": "null"}]}
+        return _list_of(found, self.sizes[0])
+
+    def _checked(self, dtype: np.dtype[Any], value: Any) -> NDArray[Any]:
+        found = self._array(dtype, value)
+        wanted = [size if isinstance(size, int) else None for size in self.sizes]
+        if found is None or not (
+            found.ndim == len(wanted)
+            and all(want in (None, size) for want, size in zip(wanted, found.shape, strict=True))
+            and (dtype.kind != "f" or self.missing or bool(np.isfinite(found).all()))
+        ):
+            raise PydanticCustomError("array", "{said}", {"said": self.said(dtype.kind)})
+        found.setflags(write=False)
+        return found
+
+    def _array(self, dtype: np.dtype[Any], value: Any) -> NDArray[Any] | None:
+        """Return a copy as an array of its type; None where it cannot be one."""
+        try:
+            found = np.array(self._filled(value) if self.missing else value)
+        except (TypeError, ValueError):
+            return None
+        if not found.size:
+            sizes = [size if isinstance(size, int) else 0 for size in self.sizes]
+            empty = 0 in sizes and found.ndim <= len(sizes)
+            return np.zeros(sizes, dtype=dtype) if empty else None
+        return found.astype(dtype) if found.dtype.kind in _TAKEN[dtype.kind] else None
+
+    def _filled(self, value: Any) -> Any:
+        """Return it with nan for what is null along the first axis."""
+        if isinstance(value, np.ndarray) or not any(entry is None for entry in value):
+            return value
+        nothing = np.full([size for size in self.sizes[1:] if isinstance(size, int)], np.nan)
+        return [nothing if entry is None else entry for entry in value]
+
+    def _plain(self, value: NDArray[Any]) -> Any:
+        entries = value.tolist()
+        if not self.missing:
+            return entries
+        known = np.isfinite(value).reshape(len(value), -1).all(axis=1)
+        return [entry if there else None for entry, there in zip(entries, known, strict=True)]
+
+
+def _list_of(items: JsonSchemaValue, size: int | str) -> JsonSchemaValue:
+    bounds = {"minItems": size, "maxItems": size} if isinstance(size, int) else {}
+    return {"type": "array", "items": items, **bounds}
 
 
 @dataclass(frozen=True)
@@ -209,3 +306,33 @@ def _entry(column: JsonSchemaValue) -> JsonSchemaValue:
     if "anyOf" in column:  # a column that may be unknown as a whole
         return {"anyOf": [_entry(option) for option in column["anyOf"]], **described}
     return {**cast(JsonSchemaValue, column.get("items", column)), **described}
+
+
+# An effect and where it sits, as records name it.
+
+
+class EffectName(Part):
+    """An effect and where it sits."""
+
+    id: str = Field(description="id of the effect")
+    of: str = Field(description="where it sits: `joint 2`, `forearm`, `base`, ...")
+
+    @property
+    def words(self) -> str:
+        """Return it as readers see it: `transmission error, joint 2`."""
+        return f"{self.id.replace('_', ' ')}, {self.of.replace('_', ' ')}"
+
+
+# The kinds of fault of a log: words that verdicts, records and terms share.
+
+#: What is wrong in a log; `docs/results.md` lists the word, `docs/discovery.md` says what it means.
+FaultKind = Literal[
+    "label",
+    "load",
+    "direction",
+    "joint_zero",
+    "joint_sign",
+    "payload",
+    "step_in_time",
+    "outlier",
+]

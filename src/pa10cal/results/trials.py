@@ -2,20 +2,97 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
 from pa10cal.results.discovery import VerdictKeys
-from pa10cal.results.effect_name import EffectName
-from pa10cal.results.formula_scores import FormulaScores
 from pa10cal.results.health import Grade
-from pa10cal.results.record import CampaignRecord, Key, Part, Record, optional
-from pa10cal.results.trial_bars import Bar, Rate
+from pa10cal.results.record import CampaignRecord, EffectName, Key, Part, Record, optional
+
+# Shares of trials with their intervals, and figures to reach.
+
+#: Where no trial at all may go wrong, so many are needed as for one in a hundred.
+_LEAST_ROOM, _ROUNDING = 0.01, 1e-9
+
+
+class Rate(Part):
+    """How many of some trials."""
+
+    count: int = Field(description="how many")
+    of: int = Field(description="out of these")
+    low: float = Field(description="lower end of the share's 95 % interval (Clopper-Pearson)")
+    high: float = Field(description="upper end of it")
+    share: float | None = Field(description="the share; null of no trial")
+
+
+class Bar(Part):
+    """A figure to reach, and the one reached."""
+
+    what: str = Field(description="the quantity")
+    at_least: bool = Field(description="whether it must be at least `limit`; else at most")
+    limit: float = Field(description="the figure to reach")
+    reached: float | None = Field(description="the one reached; null where no trial shows it")
+    low: float | None = Field(description="lower end of its 95 % interval; null if it is no share")
+    high: float | None = Field(description="upper end of it")
+    trials: int = Field(description="trials that show it")
+    share: bool = Field(description="whether it is a share of trials")
+    met: bool | None = Field(description="whether it is reached; null where no trial shows it")
+
+    @property
+    def trials_needed(self) -> int:
+        """Return the fewest trials that can judge it: one among them may go wrong.
+
+        With fewer, a single trial weighs more than the figure to reach leaves.
+        """
+        if not self.share:
+            return 1
+        room = 1.0 - self.limit if self.at_least else self.limit
+        return math.ceil(1.0 / max(room, _LEAST_ROOM) - _ROUNDING)
+
+    @property
+    def verdict(self) -> str:
+        """Return whether it is reached, in a word, or why that is not known."""
+        if self.met is None:
+            return "no trial"
+        inside = self.low is None or self.high is None or self.low <= self.limit <= self.high
+        if self.trials < self.trials_needed and inside:
+            return f"too few to judge ({self.trials_needed} needed)"
+        return "yes" if self.met else "no"
+
+
+# What proposed formulas come to over many trials.
+
+_NONE = Rate(count=0, of=0, low=0.0, high=1.0, share=None)
+
+
+class FormulaScores(Part):
+    """Formulas proposed in blind trials, against what was hidden."""
+
+    right: Rate = Field(
+        _NONE,
+        description="of trials that hide what no name covers, those whose proposal is that "
+        "formula: form, order and place",
+    )
+    right_of_nameless: Rate = Field(
+        _NONE, description="of these, those in which something without a name was found"
+    )
+    wrong: Rate = Field(_NONE, description="of the same trials, those with another formula")
+    elsewhere: Rate = Field(
+        _NONE,
+        description="of trials that hide nothing, or what has a name, those with a formula that is "
+        "not hidden",
+    )
+    by_id: Mapping[Annotated[str, Key("id")], Rate] = Field(
+        {}, description="`right` by what is hidden"
+    )
+    bars: tuple[Bar, ...] = Field((), description="figures to reach, and those reached")
+
 
 _Id = Annotated[str, Key("id")]
 _Kind = Annotated[str, Key("kind")]
@@ -358,3 +435,109 @@ class TrialScoresRecord(Record):
     power: PowerStudy = Field(description="how the chance to be found grows with size")
     seconds: Seconds = Field(description="time to judge a campaign")
     per_trial: tuple[JudgedTrial, ...] = Field(description="every trial")
+
+
+# Wild trials: what campaigns with stressors and faults come to.
+
+
+class WildSubject(Part):
+    """Trials that put in the same: counts."""
+
+    kind: str = Field(description="kind of the trials: `right`, `stressed`, `effect`, ...")
+    id: str = Field(description="disturbance or effect that they put in")
+    trials: int = Field(description="trials")
+    crashed: int = Field(description="of these, those in which a command failed")
+    refused: int = Field(description="those refused before they were calibrated")
+    false_names: int = Field(
+        description="those with a name that is not hidden; a confident one where a fault, or an "
+        "effect outside the vocabulary, is in them"
+    )
+    above_noise: int = Field(
+        description="faults in them above three times the noise; of `unstated_masses` and "
+        "`sorted_rows`, effects with which the residual is 1.5 times the noise or more"
+    )
+    told: int = Field(
+        description="of these faults, those told, refused or suspected; of these effects, those "
+        "named or among the alternatives"
+    )
+    found: int = Field(description="hidden effects named or among the alternatives")
+    false_comfort: int = Field(description="trials with `none` where something is wrong, untold")
+    worse: int = Field(description="trials whose held-out error the effects found make worse")
+    unexplained: int = Field(description="trials with `unexplained`")
+    suspected: int = Field(description="trials refused, `check_the_log` or `suspect_input`")
+
+
+class WildTrial(Part):
+    """A trial, what was said of it, and where that fails."""
+
+    campaign: str = Field(description="name of the trial")
+    kind: str = Field(description="its kind")
+    bench: str = Field(description="arm and instrument")
+    put_in: tuple[str, ...] = Field(description="effects, stressors and faults in it, and where")
+    said: str = Field(description="verdict, grade, names and faults; or why there is none")
+    failings: tuple[str, ...] = Field(description="bars that it counts against")
+    seconds: float | None = Field(
+        description="time of the processor to judge it [s]; null without a verdict"
+    )
+
+
+class WildScoresRecord(Record):
+    """`scores.json` of the wild trials."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-wild-trials/1"
+    FILE: ClassVar[str] = "wild_trials/scores.json"
+    COMMAND: ClassVar[str] = "score_trials"
+
+    provenance: str = Field(description="where the data come from")
+    trials: int = Field(description="number of trials")
+    bars: tuple[Bar, ...] = Field(description="figures to reach, and those reached")
+    subjects: tuple[WildSubject, ...] = Field(description="counts by what was put in")
+    proposed: FormulaScores = Field(
+        FormulaScores(), description="formulas proposed for what has no name"
+    )
+    per_trial: tuple[WildTrial, ...] = Field(description="every trial")
+
+
+# Trials of drives: what sensors and gears that err are called.
+
+Outcome = Literal["right", "ambiguous", "wrong", "no_cause", "missed", "failed"]
+
+
+class DriveJoint(Part):
+    """A joint whose drive errs, and what it was called."""
+
+    campaign: str = Field(description="name of the trial")
+    bench: str = Field(description="arm, and number of campaigns")
+    of: str = Field(description="the joint")
+    errs: str = Field(description="what errs: `sensor`, `gear` or `both`")
+    ratio: float = Field(description="motor turns a joint turn")
+    called: tuple[str, ...] = Field(description="names of errors by its angle, likeliest first")
+    outcome: Outcome = Field(
+        description="`right`: that name alone, or both names where both err; `ambiguous`: it among "
+        "others; `wrong`: another; `no_cause`: a map; `missed`: nothing"
+    )
+
+
+class DriveTrial(Part):
+    """A trial of drives with its verdict."""
+
+    campaign: str = Field(description="name of the trial")
+    bench: str = Field(description="arm, and number of campaigns")
+    errs: str = Field(description="what errs: `sensor`, `gear`, `both` or `neither`")
+    verdict: str = Field(description="the verdict, or that the trial failed")
+    false_names: tuple[str, ...] = Field(description="names where nothing of that name is hidden")
+    seconds: float | None = Field(description="processor time to judge it [s]; null if it failed")
+
+
+class DriveScoresRecord(Record):
+    """`scores.json` of the trials of drives."""
+
+    SCHEMA: ClassVar[str] = "pa10cal-drive-trials/1"
+    FILE: ClassVar[str] = "drive_trials/scores.json"
+    COMMAND: ClassVar[str] = "score_trials"
+
+    provenance: str = Field(description="where the data come from")
+    trials: int = Field(description="number of trials")
+    bars: tuple[Bar, ...] = Field(description="figures to reach, and those reached")
+    joints: tuple[DriveJoint, ...] = Field(description="every joint whose drive errs")
+    per_trial: tuple[DriveTrial, ...] = Field(description="every trial")

@@ -9,9 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
-from pa10cal.results.arrays import Shape
-from pa10cal.results.effect_name import EffectName
-from pa10cal.results.record import CampaignRecord, Key, ParameterKey, Part, PoseMatrix, Vector3
+from pa10cal.results.record import (
+    CampaignRecord,
+    EffectName,
+    Key,
+    ParameterKey,
+    Part,
+    PoseMatrix,
+    Shape,
+    Vector3,
+)
 
 _Rows = Annotated[NDArray[np.float64], Shape("rows", "joints")]
 

@@ -23,11 +23,11 @@ from pa10cal.campaign.read import Campaign
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.write import truth_record
-from pa10cal.curve.chain_arm import chain_arm
+from pa10cal.curve.angles import chain_arm
 from pa10cal.curve.options import CurveStudyOptions
 from pa10cal.curve.postures import Postures, draw_postures
 from pa10cal.discovery.options import DiscoveryOptions
-from pa10cal.discovery.setup import setup_of
+from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.compared import UNCALIBRATED, judged_models
 from pa10cal.evaluation.known_truth import reported_scores
 from pa10cal.results import studies as results

@@ -8,26 +8,25 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from scipy.special import betaincinv
 
 from pa10cal.arm.description import Arm
-from pa10cal.calibration.general.calibrate import calibrate_general
-from pa10cal.calibration.general.case import fitted
-from pa10cal.calibration.general.from_prior import calibrate_from
+from pa10cal.arrays import Array
+from pa10cal.calibration.general.calibrate import calibrate_general, find_start
+from pa10cal.calibration.general.case import calibrate_from, fitted
 from pa10cal.calibration.general.prior import prior_of
-from pa10cal.calibration.general.start import find_start
+from pa10cal.cell.individual import draw_individual
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.results.changes import AdaptedRows, ChangesRecord, VerdictRate
-from pa10cal.results.comparison import WhatMoved
-from pa10cal.studies.changed import Change, draw_changed
+from pa10cal.results.comparison import AdaptedRows, ChangesRecord, VerdictRate, WhatMoved
 from pa10cal.studies.simulated import (
     exact_observations,
     measured,
@@ -247,3 +246,66 @@ def _calibrated(robot: Robot, seen: Observations) -> FittedModel:
 def _error_mm(model: FittedModel, seen: Observations) -> float:
     away_mm = model.deviations(model.as_modelled(seen)).distance_mm
     return float(np.sqrt(np.mean(away_mm**2)))
+
+
+# One arm before and after something happened to it: a crash, a new tool, another cell.
+
+#: Base and tool are mounted anew about as well as they were.
+_SHIFT_M, _TURN_RAD = 2e-3, 2e-3
+
+
+@dataclass(frozen=True)
+class Change:
+    """What happened to an arm."""
+
+    place: bool = False  # whether base and tool are mounted anew
+    zero_rad: tuple[tuple[int, float], ...] = ()  # by joint, from 1: how far its zero moved
+    softer: tuple[tuple[int, float], ...] = ()  # by joint: factor of its stiffness
+    longer_m: tuple[tuple[int, float], ...] = ()  # by row: how much further the next joint is away
+
+
+def draw_changed(
+    arm: Arm, plan: TrackerOptions, change: Change, rng: np.random.Generator
+) -> tuple[Robot, Robot]:
+    """Draw an individual, and the same after a change.
+
+    Args:
+        arm: its description.
+        plan: of its campaigns: how it departs, its springs, its tool.
+        change: what happens to it.
+        rng: draws it, and where base and tool come to stand.
+    """
+    before = draw_individual(arm, plan, rng)
+    return before, _after(before, change, rng)
+
+
+def _after(robot: Robot, change: Change, rng: np.random.Generator) -> Robot:
+    placements = robot.mechanism.placements.copy()
+    for joint, angle_rad in change.zero_rad:
+        placements[joint - 1, :3, :3] @= Rotation.from_rotvec([0.0, 0.0, angle_rad]).as_matrix()
+    for row, length_m in change.longer_m:
+        way = placements[row, :3, 3]
+        placements[row, :3, 3] += length_m * way / np.linalg.norm(way)
+    k_lin = robot.springs.k_lin.copy()
+    for joint, factor in change.softer:
+        k_lin[joint - 1] *= factor
+    changed = replace(
+        robot,
+        mechanism=replace(robot.mechanism, placements=placements),
+        springs=replace(robot.springs, k_lin=k_lin),
+    )
+    if not change.place:
+        return changed
+    return replace(
+        changed,
+        T_instr_base=robot.T_instr_base @ _mounted(rng),
+        T_ee_target=robot.T_ee_target @ _mounted(rng),
+        targets=replace(robot.targets, p_ee_m=rng.normal(robot.targets.p_ee_m, _SHIFT_M)),
+    )
+
+
+def _mounted(rng: np.random.Generator) -> Array:
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_rotvec(rng.normal(0.0, _TURN_RAD, 3)).as_matrix()
+    T[:3, 3] = rng.normal(0.0, _SHIFT_M, 3)
+    return T

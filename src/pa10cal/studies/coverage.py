@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import calibrate
-from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
-from pa10cal.calibration.general.start import find_start
-from pa10cal.calibration.general.unknowns import Unknowns, choose_unknowns
+from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general, find_start
+from pa10cal.calibration.general.problem import Unknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.records import parameter_records
 from pa10cal.calibration.uncertainty import ErrorSources
@@ -31,16 +30,17 @@ from pa10cal.cell.individual import draw_individual
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.cell.robot import Robot
 from pa10cal.cell.write import truth_record
-from pa10cal.evaluation.coverage import Coverage, coverage
 from pa10cal.evaluation.known_truth import (
+    Coverage,
     class_of,
+    coverage,
     parameter_scores,
     prediction_scores,
     reported_scores,
 )
 from pa10cal.evaluation.options import CoverageCase, CoverageOptions
 from pa10cal.files.arms import load_arm
-from pa10cal.observe.averages import average_repeats, poses_of
+from pa10cal.observe.observations import average_repeats, poses_of
 from pa10cal.observe.registry import instruments
 from pa10cal.results import studies as results
 from pa10cal.studies.simulated import (
@@ -52,7 +52,7 @@ from pa10cal.studies.simulated import (
     payload_of_individual,
     truth_of,
 )
-from pa10cal.terms.baseline import baseline
+from pa10cal.terms.joint_spring import baseline
 
 PROVENANCE = "synthetic: virtual cell, no hidden effect"
 #: Poses in which each calibration has to predict.

@@ -15,7 +15,7 @@ import numpy as np
 from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.general.unknowns import Unknowns
+from pa10cal.calibration.general.problem import Unknowns
 from pa10cal.campaign import read
 from pa10cal.cell.campaign import Campaign, measure_campaign
 from pa10cal.cell.individual import draw_individual, robot_from_departures

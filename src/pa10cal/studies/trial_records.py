@@ -20,8 +20,7 @@ from pa10cal.evaluation.blind_trial import (
     Verdict,
 )
 from pa10cal.results.codec import read_lines
-from pa10cal.results.effect_name import EffectName
-from pa10cal.results.record import CampaignRecord
+from pa10cal.results.record import CampaignRecord, EffectName
 from pa10cal.results.trials import (
     FailedTrialRecord,
     HiddenEffect,

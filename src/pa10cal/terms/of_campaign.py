@@ -14,8 +14,7 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.state import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import TermError
-from pa10cal.terms.offsets import Offsets
-from pa10cal.terms.term import Parameter, Report, Term, shows_torque, yields
+from pa10cal.terms.term import Offsets, Parameter, Report, Term, shows_torque, yields
 
 #: Between the name of a parameter or target and that of its campaign, in no name of either.
 OF = "@"

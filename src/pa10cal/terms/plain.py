@@ -19,8 +19,7 @@ from pa10cal.terms.effects.family import every_effect
 from pa10cal.terms.faults.family import every_fault
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.of_campaign import OfCampaign
-from pa10cal.terms.offsets import Offsets
-from pa10cal.terms.term import OPTIONAL, Term
+from pa10cal.terms.term import OPTIONAL, Offsets, Term
 from pa10cal.terms.weights import Weights
 
 

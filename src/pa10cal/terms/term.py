@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol, TypeGuard
+from abc import abstractmethod
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import ClassVar, Protocol, TypeGuard
 
 import numpy as np
 
+from pa10cal.arm.chain import BASE
+from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.arrays import Array
 
 #: In the metadata of a field of a term: omitted from files where it has its default.
@@ -116,3 +122,184 @@ def falsifies_log(term: Term) -> bool:
 def report_as_solved(parameters: tuple[Parameter, ...], x: Array) -> Report:
     """Report parameters that readers know in the form they are solved in."""
     return Report(parameters, x, np.eye(len(x)))
+
+
+# What terms share that show in torques and move the arm by way of the springs alone.
+
+
+class TorqueOnly:
+    """A term that adds to no coordinate of the chain, and to torques in proportion to x."""
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return none: it moves the arm by way of the springs alone."""
+        return ()
+
+    @abstractmethod
+    def torque_derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the derivative of `torque_Nm` by x, (P, n, k)."""
+
+    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
+        """Return what the log shows beyond the weights, or what calculated torques lack, (P, n)."""
+        torque: Array = self.torque_derivative(states, x) @ x
+        return torque
+
+
+# Constant departures of chain coordinates: link parameters and the base frame.
+
+
+@dataclass(frozen=True)
+class Offsets:
+    """Adds each parameter to one chain coordinate, the same in every pose."""
+
+    parameters: tuple[Parameter, ...]  # k parameters
+    coordinates: tuple[str, ...]  # the k coordinates they shift
+    of: str = "links"  # `links`, `base` or `tool`
+    id: ClassVar[str] = "offsets"
+
+    @property
+    def formula(self) -> str:
+        """Return the form in words a reader can type."""
+        return "each parameter is added to the coordinate of the chain at its place in the list"
+
+    def only(self, names: Collection[str]) -> Offsets:
+        """Return the parameters that are named, with their coordinates, in the order here."""
+        kept = [k for k, parameter in enumerate(self.parameters) if parameter.name in names]
+        return replace(
+            self,
+            parameters=tuple(self.parameters[k] for k in kept),
+            coordinates=tuple(self.coordinates[k] for k in kept),
+        )
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        """Return the parameters themselves, (1, k)."""
+        del states
+        return x[None, :]
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return the identity, (1, k, k)."""
+        del states
+        return identity(len(x))[None]
+
+    def report(self, x: Array) -> Report:
+        """Return the parameters as they are."""
+        return report_as_solved(self.parameters, x)
+
+
+@cache
+def identity(size: int) -> Array:
+    """Return the identity (size, size), read only."""
+    matrix = np.eye(size)
+    matrix.setflags(write=False)
+    return matrix
+
+
+def link_departures(arm: Arm, tolerances: Tolerances) -> Offsets:
+    """Build the departures of all link parameters: a, alpha, d (or beta), theta of every row.
+
+    A row with Hayati's parameter has beta in place of d (paper, Table I).
+    """
+    kinds = {
+        "a": (tolerances.a_m, "m"),
+        "alpha": (tolerances.alpha_rad, "rad"),
+        "d": (tolerances.d_m, "m"),
+        "beta": (tolerances.beta_rad, "rad"),
+        "theta": (tolerances.theta_rad, "rad"),
+    }
+    coordinates = tuple(
+        f"{kind}_{row}"
+        for kind in kinds
+        for row, hayati in enumerate(arm.hayati, start=1)
+        if not (kind == "d" and hayati) and not (kind == "beta" and not hayati)
+    )
+    parameters = tuple(
+        Parameter(f"delta_{name}", unit, tolerance, tolerance)
+        for name in coordinates
+        for tolerance, unit in (kinds[name.rpartition("_")[0]],)
+    )
+    return Offsets(parameters, coordinates)
+
+
+def base_frame() -> Offsets:
+    """Build the six small motions of the base away from where the chain is put."""
+    parameters = tuple(
+        Parameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3) for name in BASE
+    )
+    return Offsets(parameters, BASE, of="base")
+
+
+# A term whose parameters are settled.
+
+
+@dataclass(frozen=True, eq=False)
+class Fixed:
+    """What a term adds at known parameters; nothing of it is unknown any more."""
+
+    term: Term  # the term, whose effect on chain coordinates is kept
+    x_term: Array  # (k,) its parameters
+
+    @property
+    def id(self) -> str:
+        """Return the id of the term."""
+        return self.term.id
+
+    @property
+    def of(self) -> str:
+        """Return the place of the term."""
+        return self.term.of
+
+    @property
+    def formula(self) -> str:
+        """Return the form of the term."""
+        return self.term.formula
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return none."""
+        return ()
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Return the chain coordinates it adds to."""
+        return self.term.coordinates
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        """Return what the term adds, (P, m) or (1, m)."""
+        del x
+        return self.term.shift(states, self.x_term)
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return no column, (1, m, 0)."""
+        del states, x
+        return np.zeros((1, len(self.coordinates), 0))
+
+    def report(self, x: Array) -> Report:
+        """Return nothing."""
+        return Report((), x, np.zeros((0, 0)))
+
+
+@dataclass(frozen=True, eq=False)
+class FixedTorque(Fixed):
+    """What a term that shows in torques adds to them at known parameters."""
+
+    term: TorqueTerm  # the term, whose effect on torques is kept too
+
+    @property
+    def carried(self) -> bool:
+        """Return whether the joint carries that torque; else only the log shows it."""
+        return self.term.carried
+
+    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
+        """Return what the term adds to the torques, (P, n)."""
+        del x
+        return self.term.torque_Nm(states, self.x_term)
+
+    def torque_derivative(self, states: PoseStates, x: Array) -> Array:
+        """Return no column, (P, n, 0)."""
+        del x
+        return np.zeros((*states.tau_Nm.shape, 0))
+
+
+def fixed(term: Term, x_term: Array) -> Fixed:
+    """Return a term whose parameters (k,) are settled."""
+    return FixedTorque(term, x_term) if shows_torque(term) else Fixed(term, x_term)

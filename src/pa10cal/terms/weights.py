@@ -11,8 +11,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.state import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.terms.term import OPTIONAL, Parameter, Report, report_as_solved
-from pa10cal.terms.torque_only import TorqueOnly
+from pa10cal.terms.term import OPTIONAL, Parameter, Report, TorqueOnly, report_as_solved
 
 #: Start of the names of its parameters.
 WEIGHT = "weight_"

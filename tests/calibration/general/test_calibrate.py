@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.general.calibrate import calibrate_general
-from pa10cal.calibration.general.case import fitted, work_out_general
-from pa10cal.calibration.general.start import find_start
-from pa10cal.calibration.general.suspected_outliers import suspected_outliers
+from pa10cal.calibration.general.calibrate import calibrate_general, find_start
+from pa10cal.calibration.general.case import fitted, suspected_outliers, work_out_general
 from pa10cal.calibration.options import CalibrationOptions, GeneralOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm

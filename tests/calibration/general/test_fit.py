@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.calibration.general.calibrate import calibrate_general
-from pa10cal.calibration.general.case import fitted
-from pa10cal.calibration.general.start import find_start
-from pa10cal.calibration.general.suspected_outliers import suspected_outliers
+from pa10cal.calibration.general.calibrate import calibrate_general, find_start
+from pa10cal.calibration.general.case import fitted, suspected_outliers
 from pa10cal.calibration.options import CalibrationOptions, GeneralOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.distance import Distance

@@ -8,19 +8,17 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from pa10cal.calibration.general.calibrate import calibrate_general
-from pa10cal.calibration.general.case import fitted
-from pa10cal.calibration.general.from_prior import calibrate_from
+from pa10cal.calibration.general.calibrate import calibrate_general, find_start
+from pa10cal.calibration.general.case import calibrate_from, fitted
 from pa10cal.calibration.general.prior import prior_of, refuse_unsound
-from pa10cal.calibration.general.start import find_start
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.expected import Disagreement, Expected
 from pa10cal.fit.prediction import FittedTo
-from pa10cal.studies.changed import Change, draw_changed
+from pa10cal.fit.problem import Disagreement, Expected
+from pa10cal.studies.changes import Change, draw_changed
 from pa10cal.studies.simulated import (
     exact_observations,
     measured,

@@ -9,11 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pa10cal.calibration.general.apart import apart
-from pa10cal.calibration.general.calibrate import calibrate_general
+from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.calibration.general.start import find_start
 from pa10cal.files.arms import load_arm
-from pa10cal.observe.group import Member, join
+from pa10cal.observe.joined import Member, join
 from pa10cal.observe.touched import Touched
 
 ARM = load_arm("ur10")

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.arm.parallel import with_hayati_rows
-from pa10cal.calibration.general.calibrate import calibrate_general
+from pa10cal.arm.description import with_hayati_rows
+from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.calibration.general.start import find_start
 from pa10cal.files.arms import load_arm
 
 TILTS_DEG = (0.01, 0.1, 0.5)

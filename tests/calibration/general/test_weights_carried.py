@@ -22,7 +22,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import link_departures
+from pa10cal.terms.term import link_departures
 
 ARM = load_arm("ur10")
 DOWN = np.array([0.0, 0.0, -9.80665])

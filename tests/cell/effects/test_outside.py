@@ -8,7 +8,7 @@ from pa10cal.cell.effects.effect import Motion
 from pa10cal.cell.effects.structure import LinkBending
 from pa10cal.cell.effects.vocabulary import make_effects, vocabulary
 from pa10cal.cell.effects.vocabulary import outside as without_name
-from pa10cal.cell.equilibrium import rest_poses
+from pa10cal.cell.instruments.instrument import rest_poses
 from pa10cal.cell.options import HiddenEffectOptions
 from pa10cal.errors import SettingsError
 

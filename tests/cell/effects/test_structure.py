@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pa10cal.cell.effects import structure
-from pa10cal.cell.equilibrium import rest_poses
+from pa10cal.cell.instruments.instrument import rest_poses
 
 Q = np.random.default_rng(11).uniform(-1.2, 1.2, (8, 6))
 LOADS = np.resize([0.0, 44.0, 90.0], 8)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.cell.effects import tool_and_instrument as instrument
+from pa10cal.cell.effects import structure as instrument
 
 POINTS = np.random.default_rng(5).uniform(-0.5, 0.5, (7, 3, 3))
 

@@ -13,7 +13,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.campaign.options import IngestOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.datasets.campaign_folder import write_campaigns
-from pa10cal.datasets.catalogue import dataset_named
+from pa10cal.datasets.dataset import dataset_named
 from pa10cal.datasets.readers.ipa_robot_accuracy import DATASET, MEAN_C, STATED_MM, read
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import fit_rigid
@@ -197,7 +197,7 @@ def test_real_campaigns_are_split_by_time(real, name):
 
 
 def test_the_real_files_are_the_pinned_ones(ipa_data):
-    from pa10cal.datasets.checksums import differing_files
+    from pa10cal.datasets.importing import differing_files
 
     dataset = dataset_named("ipa-robot-accuracy")
     sums = {name: dataset.published.sha256[name] for name in dataset.files}

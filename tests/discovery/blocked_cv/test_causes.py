@@ -10,21 +10,21 @@ from pa10cal.cell.effects.effect import Site
 from pa10cal.cell.effects.reading import SensorError as CellSensorError
 from pa10cal.cell.options import SimulateOptions
 from pa10cal.cell.write import write_campaign
-from pa10cal.discovery.blocked_cv import causes
+from pa10cal.discovery.blocked_cv import discover as by_blocks
 from pa10cal.discovery.blocked_cv.bands import in_bands
 from pa10cal.discovery.blocked_cv.finest import level
-from pa10cal.discovery.blocked_cv.reference import weighted_rows
+from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.rows import ShapedEffect
-from pa10cal.discovery.discover import discover
+from pa10cal.discovery.discover import discover as by_blocks
+from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.records import discovery_records, summary, verdict_keys
-from pa10cal.discovery.setup import setup_of
 from pa10cal.discovery.verdict import Plan
 from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.model_file import model_from_plain, model_to_plain
 from pa10cal.settings_reading import parse_section
 from pa10cal.studies.judging import calibrated_campaign
-from pa10cal.terms.effects.spectrum import Fading
+from pa10cal.terms.effects.joint_error_map import Fading
 
 POSES, JOINT = 900, 3
 
@@ -83,8 +83,8 @@ def test_it_is_told_and_written(found, campaign):
 
 @pytest.mark.slow
 def test_without_agreement_it_is_the_sensor_or_the_gear(found, monkeypatch):
-    monkeypatch.setattr(causes, "agreement", lambda _: None)
-    (finding,) = causes.with_causes(found).effects
+    monkeypatch.setattr(by_blocks, "agreement", lambda _: None)
+    (finding,) = by_blocks.with_causes(found).effects
     assert (finding.id, [each.id for each in finding.alternatives]) == (
         "sensor_error",
         ["gear_error"],
@@ -95,14 +95,14 @@ def test_without_agreement_it_is_the_sensor_or_the_gear(found, monkeypatch):
 def as_map(found, monkeypatch):
     """The verdict before its map had a name, of a joint whose motor shows no ripple."""
     effect = found.effects[0].effect
-    said = causes.JointErrorMap("joint 3", effect.knots, effect.spectrum)
-    monkeypatch.setattr(causes, "witnesses", lambda *_: (None,) * 6)
-    return causes._renamed(found, {effect: said}, {})
+    said = by_blocks.JointErrorMap("joint 3", effect.knots, effect.spectrum)
+    monkeypatch.setattr(by_blocks, "witnesses", lambda *_: (None,) * 6)
+    return by_blocks._renamed(found, {effect: said}, {})
 
 
 @pytest.mark.slow
 def test_fine_waves_that_turns_agree_on_are_a_sensor_or_a_gear(as_map):
-    (finding,) = causes.with_causes(as_map).effects
+    (finding,) = by_blocks.with_causes(as_map).effects
     assert finding.id == "sensor_error"
     assert [each.id for each in finding.alternatives] == ["gear_error"]
 
@@ -110,8 +110,8 @@ def test_fine_waves_that_turns_agree_on_are_a_sensor_or_a_gear(as_map):
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "value"), [("agreement", lambda _: None), ("_FINE_KNOTS", 1000)])
 def test_without_agreement_or_fine_waves_a_map_stays_a_map(as_map, monkeypatch, name, value):
-    monkeypatch.setattr(causes, name, value)
-    (finding,) = causes.with_causes(as_map).effects
+    monkeypatch.setattr(by_blocks, name, value)
+    (finding,) = by_blocks.with_causes(as_map).effects
     assert (finding.id, finding.alternatives) == ("joint_error_map", ())
 
 

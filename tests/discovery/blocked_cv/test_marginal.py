@@ -5,9 +5,8 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
-from pa10cal.discovery.blocked_cv.marginal import Waves, minus_twice_log_likelihood, most_likely
-from pa10cal.terms.effects.joint_error_map import harmonic_orders
-from pa10cal.terms.effects.spectrum import Band
+from pa10cal.discovery.blocked_cv.bands import Waves, minus_twice_log_likelihood, most_likely
+from pa10cal.terms.effects.joint_error_map import Band, harmonic_orders
 
 NOISE_RAD = 3e-5
 TRUE = Band(8e-5, 3e-5, 8e-5, 7.0, 20.0, 3.0, 3e-6)

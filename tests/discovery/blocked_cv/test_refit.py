@@ -5,13 +5,11 @@ import pytest
 
 from made_up_survey import Hidden, at_joint, observe
 from pa10cal.discovery.blocked_cv.refit import refit
-from pa10cal.discovery.linear import residual
+from pa10cal.discovery.linear import at_unknowns, moved_base, residual
 from pa10cal.discovery.weights import unweighted
-from pa10cal.discovery.with_effects import at_unknowns, moved_base
-from pa10cal.terms.effects.encoder import EncoderEccentricity
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.effects.joint_windup import JointCompliance, SoftWindup
-from pa10cal.terms.effects.spectrum import Fading
+from pa10cal.terms.effects.joint_angle import EncoderEccentricity
+from pa10cal.terms.effects.joint_error_map import Fading, JointErrorMap
+from pa10cal.terms.effects.joint_torque import JointCompliance, SoftWindup
 
 FINE = JointErrorMap("joint 3", 24, Fading(1e-4, 6.0))
 DISK = EncoderEccentricity("joint 2", 1.0)

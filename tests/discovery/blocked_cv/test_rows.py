@@ -11,14 +11,13 @@ from made_up_survey import observe
 from pa10cal.cell.campaign import simulate_campaign
 from pa10cal.cell.write import write_campaign
 from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable, family
-from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
-from pa10cal.discovery.blocked_cv.reference import weighted_rows
-from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
+from pa10cal.discovery.blocked_cv.refit import weighted_rows
+from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect, in_terms_of, map_columns, products
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import survey
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.linear import by_joints, by_terms, residual
-from pa10cal.discovery.setup import setup_of
+from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.weights import unweighted
 from pa10cal.evaluation.options import JudgingOptions
 from pa10cal.files.arms import load_arm
@@ -26,12 +25,12 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.studies.blind_trials import draw
 from pa10cal.studies.judging import calibrated_campaign
 from pa10cal.terms.effects.joint_error_map import (
+    Fading,
     JointErrorMap,
     b_splines_by_knots,
     harmonics_at_knots,
 )
 from pa10cal.terms.effects.joint_torque import TorqueGain
-from pa10cal.terms.effects.spectrum import Fading
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.discovery.blocked_cv.products import Products
+from pa10cal.discovery.blocked_cv.rows import Products
 from pa10cal.discovery.blocked_cv.selection import Columns, start
 
 BLOCKS, ROWS = 5, 40

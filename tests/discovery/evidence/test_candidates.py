@@ -12,9 +12,8 @@ from pa10cal.discovery.evidence import candidates
 from pa10cal.discovery.evidence.candidates import indistinguishable, linearise
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.problem import prepare
-from pa10cal.discovery.family import LEAST_SHARE
-from pa10cal.discovery.linear import residual
-from pa10cal.discovery.with_effects import at_unknowns, with_base_term
+from pa10cal.discovery.linear import at_unknowns, residual, with_base_term
+from pa10cal.discovery.preparation import LEAST_SHARE
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.term import Parameter
 

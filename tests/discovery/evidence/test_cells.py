@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from made_up_poses import measured_poses
 from pa10cal.arm.state import PoseStates
-from pa10cal.discovery.evidence.cells import READINGS_A_CELL, gather, shared_error
+from pa10cal.discovery.evidence.problem import READINGS_A_CELL, gather, shared_error
 
 
 def rows_of(pose, load_N, side, time_s, repeats=None):

@@ -9,7 +9,7 @@ import pytest
 from made_up_arm import Missing, harmonic, measure
 from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.terms.effects import family
-from pa10cal.terms.effects.encoder import JointHarmonic
+from pa10cal.terms.effects.joint_angle import JointHarmonic
 
 
 def name(effect):

@@ -16,8 +16,7 @@ from pa10cal.discovery.evidence.fit import (
     pose_rows,
     torque_rows,
 )
-from pa10cal.discovery.linear import possible_sizes
-from pa10cal.discovery.with_effects import at_unknowns, with_base_term
+from pa10cal.discovery.linear import at_unknowns, possible_sizes, with_base_term
 
 #: What moves poses, what shows in torques by way of a spring, what the joint carries, what bends
 #: with a shape of its own, what yields, what the instrument reads falsely.

@@ -7,10 +7,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal
 
-from pa10cal.discovery.evidence.cells import SharedError
-from pa10cal.discovery.evidence.likelihood import SIZES, Block, Evidence
-from pa10cal.discovery.evidence.noise_model import NoiseModel
-from pa10cal.discovery.evidence.reduced import SHARED_VARIANCES
+from pa10cal.discovery.evidence.likelihood import SHARED_VARIANCES, SIZES, Block, Evidence
+from pa10cal.discovery.evidence.problem import NoiseModel, SharedError
 
 CELLS, OWN = 10, 3
 POSE = np.repeat(np.arange(5), 2)

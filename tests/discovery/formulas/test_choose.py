@@ -6,11 +6,9 @@ import pytest
 import made_up_survey
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.state import PoseStates
-from pa10cal.discovery.formulas.choose import choose
+from pa10cal.discovery.formulas.choose import Arena, Contest, choose
 from pa10cal.discovery.formulas.propose import with_proposals
-from pa10cal.discovery.formulas.record import proposed_formula
-from pa10cal.discovery.formulas.rows import Arena, Contest
-from pa10cal.discovery.records import summary, verdict_keys
+from pa10cal.discovery.records import proposed_formula, summary, verdict_keys
 from pa10cal.terms.forms.of_joints import AngleForm
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from made_up_arm import TARGET_NOISE_M
-from pa10cal.discovery.in_time.running import moved_between_repeats
+from pa10cal.discovery.in_time.wander import moved_between_repeats
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.noise import same_circumstances
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.discovery.next_poses.fill import fill
+from pa10cal.discovery.next_poses.separate import fill
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 
 TURN = 2.0 * np.pi

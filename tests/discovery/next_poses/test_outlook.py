@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.discovery.next_poses.outlook import Outlook
+from pa10cal.discovery.next_poses.contest import Outlook
 
 
 def start(rng, k=5, m=2, pool=7, b=3):

@@ -20,18 +20,17 @@ from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import Problem, prepare
 from pa10cal.discovery.evidence.search import evidence_about, search
 from pa10cal.discovery.linear import residual
-from pa10cal.discovery.next_poses.foresee import foresee
 from pa10cal.discovery.next_poses.room import Room, draw_admissible
-from pa10cal.discovery.next_poses.separate import LEAST_NATS, plan
+from pa10cal.discovery.next_poses.separate import LEAST_NATS, foresee, plan
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.averages import average_repeats
+from pa10cal.observe.observations import average_repeats
 from pa10cal.settings_reading import parse_section
-from pa10cal.terms.baseline import baseline
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.family import candidates
+from pa10cal.terms.joint_spring import baseline
 from pa10cal.terms.model import Model
 
 ARM = load_arm("pa10_6ce")

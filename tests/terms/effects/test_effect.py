@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.tolerances import Tolerances
 from pa10cal.errors import CalibrationError
-from pa10cal.terms.baseline import baseline
-from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.joint_spring import JointSpring, baseline
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import shows_torque, yields
 

@@ -10,14 +10,16 @@ from hypothesis.extra.numpy import arrays
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.terms.effects.joint_error_map import (
+    TYPICAL,
+    Fading,
+    GearError,
     JointErrorMap,
+    SensorError,
     b_splines,
     b_splines_by_knots,
     harmonic_orders,
     harmonics_at_knots,
 )
-from pa10cal.terms.effects.sensor_error import TYPICAL, GearError, SensorError
-from pa10cal.terms.effects.spectrum import Fading
 
 FINE = JointErrorMap("joint 2", 36, Fading(1e-4, 4.0))
 TURN = 2.0 * np.pi

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pa10cal.terms.kept import Kept
+from pa10cal.terms.model import Kept
 
 
 def drawn(effect, rng):

@@ -8,8 +8,7 @@ import pytest
 from pa10cal.arm.state import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import CandidateContext
-from pa10cal.terms.forms.catalogue import forms_at, further
-from pa10cal.terms.forms.elsewhere import ReadingForm
+from pa10cal.terms.forms.catalogue import ReadingForm, forms_at, further
 from pa10cal.terms.forms.of_joints import AngleForm
 
 POSES = 40

@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.fit import Fit, reach_of
-from pa10cal.campaign.findings import InputFinding
+from pa10cal.campaign.description import InputFinding
 from pa10cal.fit.problem import Problem
 from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.term import Parameter

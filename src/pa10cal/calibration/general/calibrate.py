@@ -8,25 +8,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.description import Arm
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
-from pa10cal.arm.weights import weights_known
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.fit import Fit, fit, reach_of
 from pa10cal.calibration.general.prior import Moved
-from pa10cal.calibration.general.problem import check_enough, general_problem, loaded_joints
-from pa10cal.calibration.general.tilts import Settled, tilts_not_shown
-from pa10cal.calibration.general.unknowns import Unknowns
+from pa10cal.calibration.general.problem import (
+    Unknowns,
+    check_enough,
+    general_problem,
+    loaded_joints,
+)
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.errors import RecordError
 from pa10cal.fit.loads import TorqueSource, with_torques
 from pa10cal.fit.problem import Problem
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
+from pa10cal.results.seed import BaseFrameRecord
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import Offsets
-from pa10cal.terms.term import Term
+from pa10cal.terms.term import Offsets, Parameter, Term
 from pa10cal.terms.weights import WEIGHT, Weights
 
 #: Part of the largest torque that a joint's torque must vary by for its spring to be there, whether
@@ -261,3 +266,76 @@ def _rigid_at(problem: Problem, joints: set[int]) -> tuple[Problem, NDArray[np.b
     gone = {parameter.name for term in off for parameter in term.parameters}
     kept = np.array([parameter.name not in gone for parameter in problem.parameters])
     return replace(problem, model=Model(problem.model.chain, terms)), kept
+
+
+# Whether the readings show that parallel axes are tilted.
+#
+# Hayati's parameters take up a tilt across the common normal. Where axes are as parallel as they
+# were designed, within the uncertainty of the readings, these parameters only spread the noise:
+# zero then predicts better. Schwarz's criterion (1978) decides, over all of them together.
+
+_TILT = "delta_beta_"
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A parameter left at zero because the readings do not show it."""
+
+    parameter: Parameter  # which
+    std: float  # its standard uncertainty, had it been fitted
+
+
+def tilts_not_shown(problem: Problem, fit: Fit) -> tuple[Settled, ...]:
+    """Return the tilts of parallel axes that the readings do not show; none where they do."""
+    names = [parameter.name for parameter in problem.parameters]
+    at = np.array([k for k, name in enumerate(names) if name.startswith(_TILT)], dtype=np.intp)
+    covariance = fit.covariance[np.ix_(at, at)]
+    std = np.sqrt(np.diag(covariance))
+    if not len(at) or not np.all(std > 0.0):
+        return ()
+    tilts = fit.x[at]
+    gain = float(tilts @ np.linalg.solve(covariance, tilts))
+    if gain > len(at) * np.log(problem.readings):
+        return ()
+    return tuple(
+        Settled(problem.parameters[k], float(sigma)) for k, sigma in zip(at, std, strict=True)
+    )
+
+
+# Frames and targets from which a fit starts, by the nominal arm.
+
+
+def find_start(arm: Arm, observations: Observations) -> Start:
+    """Find frames and targets by the nominal arm, from any place of instrument and target.
+
+    Raises:
+        CalibrationError: when the poses do not determine them.
+    """
+    T_base_ee = Chain.of(arm).forward(observations.states.q_rad)
+    return observations.measured.find_start(T_base_ee)
+
+
+def start_of(seed: BaseFrameRecord, measured: Instrument) -> Start:
+    """Return where frames and targets are, from `seed/base_frame.json`.
+
+    Args:
+        seed: what it holds.
+        measured: by which instrument.
+
+    Raises:
+        RecordError: when it lacks a target.
+    """
+    stated, target_names = seed.p_ee_targets_m or {}, measured.target_names
+    missing = [name for name in target_names if name not in stated]
+    if missing:
+        raise RecordError(
+            f"the record lacks target {missing[0]}",
+            where=f"{seed.FILE}: p_ee_targets_m",
+            value=list(stated),
+            allowed="a position for every target",
+            remedy="run pa10cal seed again",
+        )
+    T_ee_target = np.eye(4) if seed.T_ee_target is None else seed.T_ee_target
+    targets_m = np.concatenate([np.zeros(0), *(stated[name] for name in target_names)])
+    tools_m = {name: T[:3, 3] for name, T in (seed.T_ee_target_of or {}).items()}
+    return Start(seed.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m, tools_m)

@@ -2,40 +2,213 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE
-from pa10cal.arm.description import Arm
+from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload
-from pa10cal.arm.weights import weights_known
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import summarise, summarise_by_load
+from pa10cal.calibration.accuracy import Suspects, summarise, summarise_by_load
 from pa10cal.calibration.general.apart import Apart, apart
-from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
-from pa10cal.calibration.general.from_prior import calibrate_from
-from pa10cal.calibration.general.prior import prior_of
-from pa10cal.calibration.general.suspected_outliers import suspected_outliers
+from pa10cal.calibration.general.calibrate import GeneralCalibration, at_rest, calibrate_general
+from pa10cal.calibration.general.fit import Fit, fit
+from pa10cal.calibration.general.prior import Moved, Prior, Release, prior_of
+from pa10cal.calibration.general.problem import check_enough, choose_unknowns, start_of_tool
 from pa10cal.calibration.health import Errors, FitSummary, Health, health, held_out_errors
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.repeats import scatter_of_repeats
-from pa10cal.calibration.suspected_held_out import Suspects
-from pa10cal.campaign.findings import InputFinding
+from pa10cal.calibration.uncertainty import scatter_of_repeats
+from pa10cal.campaign.description import InputFinding
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import span_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import Direction, not_identifiable, unidentified_directions
 from pa10cal.fit.loads import with_torques
-from pa10cal.fit.problem import Problem
+from pa10cal.fit.moved import MODEL_ERROR, STIFFNESS, Found, hypotheses, sought
+from pa10cal.fit.problem import Disagreement, Expected, Problem
+from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations, Start
 from pa10cal.results.accuracy import Accuracy
 from pa10cal.results.calibration import SuspectedOutlier
+from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
+from pa10cal.terms.term import Offsets
 from pa10cal.terms.weights import Weights
+
+# Calibration that starts from a fitted model of the arm: after a crash, a new tool, a new cell.
+#
+# Base, tool and targets are free. Links, springs and effects are expected where the model has
+# them, within its covariance. That holds noise alone, so the readings decide how far it is
+# trusted: what moved, such as the zero of one joint, is found anew while the rest stays; where
+# everything departs by more than noise, as under a model that lacks an effect, all is trusted
+# less.
+
+#: Searches for what moved, each about the fit with what the one before found.
+_MOST_ROUNDS = 4
+
+
+def calibrate_from(
+    prior: Prior,
+    arm: Arm,
+    observations: Observations,
+    start: Start,
+    payload: Payload | None = None,
+    options: CalibrationOptions | None = None,
+) -> GeneralCalibration:
+    """Calibrate an arm of which a fitted model is known.
+
+    Args:
+        prior: what is known.
+        arm: the nominal arm.
+        observations: P poses to fit.
+        start: about where base, tool and targets are.
+        payload: what the arm carries; None where it is not known.
+        options: how to calibrate; None for the defaults.
+
+    Raises:
+        CalibrationError: when there are too few poses to find base and tool.
+    """
+    options = options or CalibrationOptions()
+    chain, terms = prior.model.model.chain, prior.terms
+    unknowns = choose_unknowns(
+        arm, options.tolerances, observations.measured, start.T_instr_base, start.targets_m
+    )
+    (links,) = (term for term in terms if isinstance(term, Offsets))
+    unknowns = replace(unknowns, links=links)
+    model = Model(chain, (*terms, *unknowns.frames, unknowns.base))
+    states, source = with_torques(
+        Model(chain, terms), prior.expected.mean, observations.states, payload
+    )
+    posed = observations.with_states(states).turned(start.R_ee_target)
+    problem = Problem(model, unknowns.places, start.targets_m, start.T_instr_base, posed)
+    frames = [start_of_tool(name, start) for name in unknowns.frame_names]
+    x = np.concatenate([prior.expected.mean, frames, np.zeros(len(unknowns.base.parameters))])
+    check_enough(problem, known=len(prior.expected.mean))
+
+    expected = prior.expected
+    possible = hypotheses(arm, terms, expected.mean, expected.covariance)
+    released: list[Found] = []
+    found = _fitted(problem, problem.start(x), expected, options, None)
+    for _ in range(_MOST_ROUNDS):
+        k = len(expected.mean)
+        covariance = found.covariance[:k, :k] / found.widening**2
+        disagreement = Disagreement.of_fit(expected, found.x[:k], covariance)
+        more = sought(disagreement, possible, released)
+        if not more:
+            break
+        released += more
+        for each in more:
+            expected = expected.widened(each.directions)
+        found = _fitted(problem, found.x, expected, options, None)
+    if source == "masses":
+        problem, found = at_rest(
+            problem,
+            found,
+            observations.states,
+            payload,
+            lambda problem, before: _fitted(problem, before.x, expected, options, before.scatter),
+        )
+    return GeneralCalibration(
+        arm=arm,
+        start=start,
+        unknowns=unknowns,
+        settled=(),
+        springs=tuple(term.joint for term in terms if isinstance(term, JointSpring)),
+        torques_from=source,
+        payload=payload,
+        problem=problem,
+        fit=found,
+        moved=_moved(prior, problem, found, released),
+    )
+
+
+def _fitted(
+    problem: Problem,
+    x: Array,
+    expected: Expected,
+    options: CalibrationOptions,
+    scatter: dict[str, float] | None,
+) -> Fit:
+    return fit(
+        problem,
+        x,
+        robust=options.general.robust,
+        max_iterations=options.max_iterations,
+        scatter_start=scatter,
+        expected=expected,
+    )
+
+
+def _moved(prior: Prior, problem: Problem, found: Fit, released: Sequence[Found]) -> Moved:
+    """Return what was found anew, and by how much it differs from the prior."""
+    mean, before = prior.expected.mean, np.diag(prior.expected.covariance)
+    after = np.diag(found.covariance)
+    releases, factor = [], 1.0
+    for each in released:
+        if each.what.kind == MODEL_ERROR:
+            factor += each.size**2
+            continue
+        by = std = None
+        unit = ""
+        if len(each.what.columns) == 1:
+            (k,) = each.what.columns
+            by, unit = float(found.x[k] - mean[k]), problem.parameters[k].unit
+            std = float(np.sqrt(before[k] + after[k]))
+            if each.what.kind == STIFFNESS:
+                by, std, unit = by / mean[k], std / mean[k], "1"
+        releases.append(Release(each.what.kind, each.what.of, by, std, unit, each.gain))
+    fitted_to = prior.model.fitted_to
+    return Moved(None if fitted_to is None else fitted_to.campaign, tuple(releases), factor)
+
+
+# Poses that a fit doubts, each with why; they stay in it, with less weight.
+
+#: A pose with less weight than this is listed in any case.
+_LITTLE_WEIGHT = 0.5
+
+
+def suspected_outliers(problem: Problem, fit: Fit) -> tuple[SuspectedOutlier, ...]:
+    """List the poses a fit doubts, the worst first."""
+    limit = suspect_beyond(problem.components_seen)
+    rows = np.flatnonzero((fit.distance > limit) | (fit.weights < _LITTLE_WEIGHT))
+    rows = rows[np.argsort(-fit.distance[rows])]
+    sizes = {
+        kind: np.sqrt(
+            fit.scatter[kind] ** 2
+            + np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns].mean(axis=1)
+        )
+        for kind, columns in problem.measured.component_kinds
+    }
+    return tuple(
+        SuspectedOutlier(
+            row=int(row),
+            pose=str(problem.observations.pose[row]),
+            load_N=float(problem.observations.states.load_N[row]),
+            distance=float(fit.distance[row]),
+            weight=float(fit.weights[row]),
+            why=_why(problem, fit, sizes, int(row)),
+        )
+        for row in rows
+    )
+
+
+def _why(problem: Problem, fit: Fit, sizes: dict[str, Array], row: int) -> str:
+    """Describe the kind of component that deviates most."""
+    found = []
+    for kind, columns in problem.measured.component_kinds:
+        off = float(np.linalg.norm(fit.residual[row, columns]))
+        text = (
+            f"{np.degrees(off):.3f} deg" if kind.startswith("attitude") else f"{1e3 * off:.3f} mm"
+        )
+        times = off / float(sizes[kind][row])
+        found.append((times, f"{kind} off by {text}, {times:.0f} times the scatter of one axis"))
+    return max(found)[1]
+
 
 #: Standard uncertainty of a windup, in its size, below which poses show it.
 _SHOWN = 0.5

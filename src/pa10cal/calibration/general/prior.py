@@ -14,15 +14,14 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.expected import Expected
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.moved import JOINT_ZERO, STIFFNESS
+from pa10cal.fit.problem import Expected
 from pa10cal.fit.uncertain_weights import unknown_tool, weight_sizes
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_angle import ArrivalError
 from pa10cal.terms.of_campaign import OfCampaign
-from pa10cal.terms.offsets import Offsets
-from pa10cal.terms.term import Parameter, Term
+from pa10cal.terms.term import Offsets, Parameter, Term
 from pa10cal.terms.weights import Weights
 
 #: Where effects sit that may be others in another campaign: of its foundation and its tool.

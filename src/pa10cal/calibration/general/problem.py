@@ -2,30 +2,249 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pa10cal.arm.chain import Chain
-from pa10cal.arm.description import Arm
+from pa10cal.arm.chain import TOOL, Chain
+from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.state import PoseStates
 from pa10cal.arm.statics import Payload
-from pa10cal.arm.weights import weights_known
+from pa10cal.arm.tolerances import Tolerances
 from pa10cal.arrays import Array
-from pa10cal.calibration.general.unknowns import Unknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.loads import TorqueSource, with_torques
 from pa10cal.fit.problem import Problem
 from pa10cal.fit.uncertain_weights import unknown_weights
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OF
-from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.of_campaign import OF, OfCampaign
+from pa10cal.terms.term import Offsets, Parameter, base_frame, link_departures
 from pa10cal.terms.weights import Weights
+
+# Which parameters arm and instrument can identify: complete, since every one with an effect is
+# there, and minimal, since none is redundant.
+#
+# Candidates are taken one after the other, frames first, then targets, then the links from the
+# base outward; one whose effect is a combination of those before it is omitted. One that others
+# represent only by large motions replaces the last of these: along nearly parallel axes, the
+# height of tool or target represents the links only by a shift of metres. This depends on arm and
+# instrument alone, so it is decided at random joint positions within the limits, before any
+# reading. What the measured poses then identify is a separate question, answered by the rank.
+
+#: Joint positions at which redundancy is judged.
+_CONFIGURATIONS = 60
+_RANDOM_SEED = 1
+#: Part of a column that must remain beside those before it: exact redundancy leaves 1e-13.
+_LEAST_LEFT = 1e-8
+#: Columns below this part of the largest are rounding: of a target on the axis of a joint, or of a
+#: base turned about the line to an instrument that measures distances.
+_NOTHING = 1e-12
+#: No parameter replaces another if it has to move the target so many times further.
+_MOST_TIMES = 5.0
+#: Joints without a stated limit are taken through so much.
+_WIDEST_RAD = np.pi
+
+
+@dataclass(frozen=True)
+class Redundant:
+    """A redundant parameter, and those that replace it."""
+
+    name: str  # the parameter
+    replaced_by: dict[str, float]  # name to part, in its own unit for one unit of the parameter
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """The geometric parameters of a complete and minimal model."""
+
+    links: Offsets  # departures kept
+    # motions kept of the tool, none where the instrument has targets of its own; of a group, of
+    # every campaign's tool and of the bases of all campaigns but the first
+    frames: tuple[Offsets | OfCampaign, ...]
+    base: Offsets  # motions of the base kept
+    places: NDArray[np.intp]  # coordinates of targets kept, as indices into `target_parameters`
+    redundant: tuple[Redundant, ...]  # parameters omitted, with those that replace them
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Return the names of the parameters of `frames`."""
+        return tuple(parameter.name for frame in self.frames for parameter in frame.parameters)
+
+
+def tool_frame() -> Offsets:
+    """Build the six small motions of the tool at the end of the chain."""
+    parameters = tuple(
+        Parameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3) for name in TOOL
+    )
+    return Offsets(parameters, TOOL, of="tool")
+
+
+def choose_unknowns(
+    arm: Arm, tolerances: Tolerances, measured: Instrument, T_instr_base: Array, targets_m: Array
+) -> Unknowns:
+    """Choose the parameters that arm and instrument can identify.
+
+    Args:
+        arm: the nominal arm.
+        tolerances: of the link parameters.
+        measured: by which instrument; its readings play no part.
+        T_instr_base: (4, 4) approximate base frame.
+        targets_m: (t,) about where the targets sit.
+    """
+    links, base = link_departures(arm, tolerances), base_frame()
+    own = _own_frames(measured)
+    frames = (base, *own)
+    model = Model(Chain.of(arm), (*frames, links))
+    states = _random_states(arm)
+    if measured.campaigns:
+        number = np.repeat(np.arange(len(measured.campaigns)), len(states))
+        states = states.take(np.tile(np.arange(len(states)), len(measured.campaigns)))
+        states = replace(states, campaign=number)
+        measured = measured.take(_some_rows(measured, len(number)))
+    predicted = model.predict_with_jacobian(states, np.zeros(len(model.parameters)))
+    T_instr_ee = T_instr_base @ predicted.T_base_ee
+    found = measured.ideal(T_instr_ee, targets_m).compare(T_instr_ee, targets_m)
+    by_model = found.by_end @ _along_instrument(predicted.jacobian, T_instr_base)
+    at = sum(len(frame.parameters) for frame in frames)
+    parameters = (*model.parameters[:at], *measured.target_parameters, *model.parameters[at:])
+    columns = np.concatenate([by_model[..., :at], found.by_targets, by_model[..., at:]], axis=2)
+    columns = columns.reshape(-1, len(parameters)) * [p.scale for p in parameters]
+    base_first = len(base.parameters)
+    size = np.linalg.norm(columns, axis=0)
+    columns[:, size <= _NOTHING * size.max()] = 0.0
+    kept, parts = _well_said(columns, _independent(columns), base_first)
+    redundant = _redundant(parts, kept, parameters)
+    names = {parameters[k].name for k in kept}
+    first_place = at
+    places = [k - first_place for k in kept if first_place <= k < first_place + len(targets_m)]
+    return Unknowns(
+        links=links.only(names),
+        frames=tuple(kept for kept in (_only(frame, names) for frame in own) if kept.parameters),
+        base=base.only(names),
+        places=np.array(places, dtype=np.intp),
+        redundant=redundant,
+    )
+
+
+def _own_frames(measured: Instrument) -> tuple[Offsets | OfCampaign, ...]:
+    """Return the tool, or the tools and further bases of the campaigns of a group.
+
+    A tool is part of the chain where the targets are not unknowns of their own.
+    """
+    if not measured.campaigns:
+        return () if measured.target_parameters else (tool_frame(),)
+    campaigns = tuple(enumerate(measured.campaigns))
+    return (
+        *(OfCampaign(base_frame(), k, name) for k, (name, _) in campaigns[1:]),
+        *(
+            OfCampaign(tool_frame(), k, name)
+            for k, (name, part) in campaigns
+            if not part.target_parameters
+        ),
+    )
+
+
+def _only(frame: Offsets | OfCampaign, names: Collection[str]) -> Offsets | OfCampaign:
+    """Return the parameters of a frame that are named."""
+    if isinstance(frame, Offsets):
+        return frame.only(names)
+    assert isinstance(frame.term, Offsets)
+    kept = {
+        own.name
+        for own, named in zip(frame.term.parameters, frame.parameters, strict=True)
+        if named.name in names
+    }
+    return replace(frame, term=frame.term.only(kept))
+
+
+def _some_rows(measured: Instrument, count: int) -> NDArray[np.intp]:
+    """Return rows of a group, as many of each campaign, in their order; their readings are idle."""
+    sizes = np.array([len(part) for _, part in measured.campaigns])
+    first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    return np.repeat(first, count // len(sizes))
+
+
+def _along_instrument(jacobian: Array, T_instr_base: Array) -> Array:
+    """Turn velocities (P, 6, k) along base axes to the instrument's."""
+    R = T_instr_base[:3, :3]
+    turned: Array = np.concatenate([R @ jacobian[:, :3], R @ jacobian[:, 3:]], axis=1)
+    return turned
+
+
+def _independent(columns: Array) -> list[int]:
+    """Return the columns, in order, that are no combinations of those before them."""
+    basis = np.empty((columns.shape[1], len(columns)))
+    kept: list[int] = []
+    for k, column in enumerate(np.ascontiguousarray(columns.T)):
+        before = basis[: len(kept)]
+        left = column - (before @ column) @ before
+        left -= (before @ left) @ before  # once more, against rounding
+        size, length = float(column @ column) ** 0.5, float(left @ left) ** 0.5
+        if size > 0.0 and length > _LEAST_LEFT * size:
+            basis[len(kept)] = left / length
+            kept.append(k)
+    return kept
+
+
+def _well_said(columns: Array, kept: list[int], first: int) -> tuple[list[int], Array]:
+    """Exchange columns kept, none before `first`, for those that they say only by large motions.
+
+    Every exchange makes the volume that unit columns span larger by the motion's size (Gu and
+    Eisenstat, 1996), so that they come to an end.
+
+    Returns:
+        What is kept, and its parts (kept, others) in the others.
+    """
+    size = np.linalg.norm(columns, axis=0)
+    size[size == 0.0] = 1.0
+    unit, shown = columns / size, np.flatnonzero(columns.any(axis=0))
+    while True:
+        others = [k for k in range(len(size)) if k not in kept]
+        parts = np.linalg.lstsq(unit[:, kept], unit[:, others], rcond=1e-12)[0]
+        large = np.abs(parts)
+        large[np.array(kept) < first] = 0.0
+        large[:, ~np.isin(others, shown)] = 0.0
+        if not large.size or large.max() <= _MOST_TIMES:
+            return kept, parts * size[others] / size[kept][:, None]
+        worst = int(np.argmax(large.max(axis=0)))
+        last = int(np.flatnonzero(large[:, worst] > _MOST_TIMES)[-1])
+        kept = sorted([*kept[:last], *kept[last + 1 :], others[worst]])
+
+
+def _redundant(
+    parts: Array, kept: list[int], parameters: tuple[Parameter, ...]
+) -> tuple[Redundant, ...]:
+    """Return the parameters omitted, and those kept that replace them."""
+    others = [k for k in range(len(parameters)) if k not in kept]
+    scale = np.array([parameter.scale for parameter in parameters])
+    parts = np.where(np.abs(parts) > 1e-6, parts, 0.0) * scale[kept][:, None] / scale[others]
+    return tuple(
+        Redundant(
+            parameters[k].name,
+            {parameters[kept[j]].name: float(part[j]) for j in np.flatnonzero(part)},
+        )
+        for k, part in zip(others, parts.T, strict=True)
+    )
+
+
+def _random_states(arm: Arm) -> PoseStates:
+    generator = np.random.default_rng(_RANDOM_SEED)
+    low, high = arm.limits_rad.T
+    turning = ~arm.prismatic
+    low = np.where(turning, np.maximum(low, -_WIDEST_RAD), low)
+    high = np.where(turning, np.minimum(high, _WIDEST_RAD), high)
+    q_rad = generator.uniform(low, high, (_CONFIGURATIONS, arm.n))
+    zeros, zero = np.zeros_like(q_rad), np.zeros(_CONFIGURATIONS)
+    return PoseStates(q_rad, zeros, zeros, zero, zero, zero)
+
 
 #: Part of the largest torque that a joint's torque must vary by for its spring to be looked for.
 _LEAST_TORQUE_SHARE = 0.005

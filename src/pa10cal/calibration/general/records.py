@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pa10cal.calibration.base_parameters import report_base
 from pa10cal.calibration.general.apart import Apart
 from pa10cal.calibration.general.calibrate import GeneralCalibration
 from pa10cal.calibration.general.case import GeneralCase, fitted
-from pa10cal.calibration.health_record import health_part
+from pa10cal.calibration.health import health_part
+from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.records import by_load, fitted_to, reported_keys
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import not_identifiable, observability

@@ -12,21 +12,19 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import Payload
 from pa10cal.arm.tolerances import Tolerances
 from pa10cal.arrays import Array
+from pa10cal.calibration.general.calibrate import find_start
 from pa10cal.calibration.general.case import base_motion
 from pa10cal.calibration.general.fit import fit
-from pa10cal.calibration.general.problem import start_of_tool
-from pa10cal.calibration.general.start import find_start
-from pa10cal.calibration.general.unknowns import choose_unknowns
+from pa10cal.calibration.general.problem import choose_unknowns, start_of_tool
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.prediction import FallBack
 from pa10cal.fit.problem import Problem
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.observe.observations import Observations
-from pa10cal.terms.fixed import fixed
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, OfPart, about_moved_base, motion_of_base
-from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.term import Offsets, fixed
 from pa10cal.terms.weights import Weights, WeightSizes
 
 #: Poses that say enough of how frames follow the arm, and how many of them are taken at once.

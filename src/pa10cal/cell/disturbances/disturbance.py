@@ -12,9 +12,13 @@ from functools import cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field
+from scipy.spatial.transform import Rotation
 
+from pa10cal.arrays import Array
 from pa10cal.cell import disturbances
 from pa10cal.cell.classes import classes_in
+from pa10cal.cell.effects.effect import Finite, FinitePositive
 from pa10cal.cell.options import DisturbanceOptions
 from pa10cal.cell.raw_log import RawLog
 from pa10cal.errors import SettingsError
@@ -90,3 +94,200 @@ def disturb(
         rng = np.random.default_rng([seed, 1 + number, len(entry.id)])
         places.append(tuple(disturbance.put_into(log, rng)))
     return tuple(places)
+
+
+# What ordinary logs have: noise that is not normal, an instrument that moves, wrong statements.
+#
+# The readings are changed after they were taken; nothing here knows a model of the arm.
+
+
+class HeavyTails(Disturbance):
+    """Readings scatter by Student's t besides; the campaign states the whole of it."""
+
+    id = "heavy_tails"
+    stressor = True
+
+    dof: FinitePositive = Field(3.0, description="degrees of freedom, above 2")
+    times: FinitePositive = Field(1.0, description="its standard deviation over the stated one")
+
+    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+        """Add the scatter, and state what both come to."""
+        instrument = log.description["instrument"]
+        u_mm = float(instrument["uncertainty_mm"])
+        unit = 1.0 / np.sqrt(self.dof / (self.dof - 2.0))
+        of_touches = 0.3 if log.touched else 1.0  # touches repeat better than is stated of them
+
+        def scatter(shape: tuple[int, ...]) -> Array:
+            drawn: Array = self.times * unit * rng.standard_t(self.dof, shape)
+            return drawn
+
+        for columns in log.points:
+            values = log.readings[columns]
+            log.readings[columns] = values + of_touches * u_mm * scatter(values.shape)
+        grown = float(np.hypot(1.0, self.times))
+        if "u_qw" in log.readings:
+            turn = 2.0 * log.readings["u_qw"].to_numpy()[:, None] * scatter((len(log.readings), 3))
+            _turn(log, turn)
+        for name in log.uncertainties:
+            log.readings[name] *= grown
+        instrument["uncertainty_mm"] = round(u_mm * (1.0 if log.touched else grown), 6)
+        return ["instrument"]
+
+
+class RandomWalk(Disturbance):
+    """The instrument walks: independent steps from configuration to configuration."""
+
+    id = "random_walk"
+    stressor = True
+    measured = True
+    kinds = ("step_in_time",)
+    needs = ("tracker",)
+
+    size_mm: FinitePositive = Field(0.15, description="walked in the mean at the end, each axis")
+    turn_mrad: Finite = Field(0.0, description="turned likewise; of instruments of positions")
+
+    @classmethod
+    def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
+        """Return a walk of 0.1 to 0.25 mm."""
+        del joints
+        return {"size_mm": round(float(rng.uniform(0.1, 0.25)), 3)}
+
+    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+        """Add up normal steps in the order of time."""
+        count = len(log.configurations)
+        steps = self.size_mm / np.sqrt(count) * rng.standard_normal((count, 3))
+        log.move(np.cumsum(steps, axis=0))
+        if self.turn_mrad and log.kind == "points":
+            turns = 1e-3 * self.turn_mrad / np.sqrt(count) * rng.standard_normal((count, 3))
+            log.turn(np.cumsum(turns, axis=0))
+        return ["instrument"]
+
+
+class TemperatureRamp(Disturbance):
+    """The hall warms up through the whole campaign; the arm does not mind."""
+
+    id = "temperature_ramp"
+    stressor = True
+    needs = ("tracker",)
+
+    rise_C: Finite = Field(6.0, description="from beginning to end")
+
+    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+        """Log the temperature of a ramp."""
+        start_C = float(log.description["reference_temperature_C"]) + rng.uniform(-1.0, 1.0)
+        ramp_C = start_C + self.rise_C * np.linspace(0.0, 1.0, len(log.readings))
+        log.readings["temperature_C"] = ramp_C.round(2)
+        return ["temperature_C"]
+
+
+class MisstatedNoise(Disturbance):
+    """The campaign states a wrong uncertainty, by less than a factor of three."""
+
+    id = "misstated_noise"
+    stressor = True
+
+    factor: FinitePositive = Field(2.0, description="stated over true")
+
+    @classmethod
+    def drawn(cls, joints: int, rng: np.random.Generator) -> dict[str, Any]:
+        """Return a factor of 1.3 to 2.3, up or down."""
+        del joints
+        factor = float(np.exp(rng.choice([-1.0, 1.0]) * rng.uniform(*np.log([1.3, 2.3]))))
+        return {"factor": round(factor, 3)}
+
+    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+        """Multiply every statement."""
+        del rng
+        state_times(log, self.factor)
+        return ["instrument.uncertainty_mm"]
+
+
+class OneUncertainty(Disturbance):
+    """No uncertainties stand beside the readings; the description states that of a coordinate."""
+
+    id = "one_uncertainty"
+    stressor = True
+    needs = ("tracker",)
+
+    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+        """Leave out the columns of uncertainties."""
+        del rng
+        log.tables["poses"] = log.readings.drop(columns=log.uncertainties)
+        return ["u_ columns"]
+
+
+class GrossErrors(Disturbance):
+    """Some readings of calibration poses are wrong by much: a beam broken, a reflector taken."""
+
+    id = "gross_errors"
+    stressor = True
+    kinds = ("outlier",)
+
+    share: FinitePositive = Field(0.02, description="share of the configurations")
+    size_mm: FinitePositive = Field(8.0, description="by how much")
+
+    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+        """Move readings in any direction."""
+        grid = log.of_kind("grid")
+        wrong = rng.choice(grid, max(1, round(self.share * len(grid))), replace=False)
+        shift_mm = np.zeros((len(log.configurations), 3))
+        for number in wrong.tolist():
+            shift_mm[number] = displaced(log.kind, self.size_mm, rng)
+        log.move(shift_mm, base=False)
+        return [log.label(number) for number in sorted(wrong.tolist())]
+
+
+class LevelOff(Disturbance):
+    """The base stands by a degree off the level that gravity is stated for."""
+
+    id = "level_off"
+    stressor = True
+    needs = ("masses",)
+
+    off_deg: Finite = Field(0.5, description="tilt about a horizontal axis")
+
+    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+        """State gravity turned."""
+        about = rng.uniform(-np.pi, np.pi)
+        turn = np.radians(self.off_deg) * np.array([np.cos(about), np.sin(about), 0.0])
+        gravity = Rotation.from_rotvec(turn).apply(log.description["gravity_m_s2"])
+        log.description["gravity_m_s2"] = gravity.round(6).tolist()
+        return ["gravity_m_s2"]
+
+
+class UnknownTool(Disturbance):
+    """The tool's mass is not known, and 0 is stated: that is what 0 means."""
+
+    id = "unknown_tool"
+    stressor = True
+    needs = ("masses",)
+
+    def put_into(self, log: RawLog, rng: np.random.Generator) -> Iterable[str]:
+        """State no mass."""
+        del rng
+        log.description["tool"]["mass_kg"] = 0.0
+        return ["tool"]
+
+
+def state_times(log: RawLog, factor: float) -> None:
+    """Multiply every stated uncertainty."""
+    instrument = log.description["instrument"]
+    instrument["uncertainty_mm"] = float(f"{factor * instrument['uncertainty_mm']:.4g}")
+    for name in log.uncertainties:
+        log.readings[name] *= factor
+
+
+def displaced(kind: str, size_mm: float, rng: np.random.Generator) -> Array:
+    """Draw a displacement (3,) of some size; a distance takes all of it, either way."""
+    if kind == "distance":
+        return np.array([size_mm * rng.choice([-1.0, 1.0]), 0.0, 0.0])
+    direction = rng.standard_normal(3)
+    shift_mm: Array = size_mm * direction / np.linalg.norm(direction)
+    return shift_mm
+
+
+def _turn(log: RawLog, turn_rad: Array) -> None:
+    """Turn what the instrument read by small rotation vectors (C, 3)."""
+    read = Rotation.from_quat(log.quaternions(), scalar_first=True)
+    turned = Rotation.from_rotvec(turn_rad) * read
+    log.set_quaternions(turned.as_quat(canonical=True, scalar_first=True))

@@ -18,10 +18,8 @@ from pa10cal.cell.instruments.instrument import (
     position_columns,
 )
 from pa10cal.cell.mechanism import Mechanism
-from pa10cal.cell.poses import Poses, place_poses
-from pa10cal.cell.robot import Departures, Robot
-from pa10cal.cell.schedule import Schedule, sweeps
-from pa10cal.cell.tool import BALL_DIAMETER_M
+from pa10cal.cell.poses import Poses, Schedule, place_poses, sweeps
+from pa10cal.cell.robot import BALL_DIAMETER_M, Departures, Robot
 
 #: Measurement uncertainty of the paper's machine over its whole volume, as a campaign states it.
 UNCERTAINTY_MM = 0.0121

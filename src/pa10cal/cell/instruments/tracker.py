@@ -8,6 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.cell.effects.structure import BaseDrift
@@ -22,9 +24,8 @@ from pa10cal.cell.instruments.instrument import (
     position_columns,
 )
 from pa10cal.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.cell.poses import commanded_positions, joint_bounds
+from pa10cal.cell.poses import Schedule, commanded_positions, joint_bounds, one_after_another
 from pa10cal.cell.robot import Robot
-from pa10cal.cell.schedule import Schedule, one_after_another
 from pa10cal.errors import SimulationError
 
 _TEMPERATURE_NOISE_C = 0.01
@@ -208,3 +209,105 @@ def xyz_columns(prefix: str) -> dict[str, list[str]]:
     """Return the columns of a position and its uncertainties, as under `columns`."""
     names = [f"{prefix}{axis}_mm" for axis in "xyz"]
     return {"names": names, "u": [f"u_{name}" for name in names]}
+
+
+# An instrument that measures the distance of one target from a fixed point.
+
+
+class Distance(Tracker):
+    """The fixed point is the origin of its frame."""
+
+    kind: ClassVar[str] = "distance"
+
+    def readings(self, truth: Truth, streams: Streams) -> dict[str, tuple[Array, float]]:
+        """Return the distances [mm]."""
+        p_m = truth.robot.p_instr_targets_m(truth.rest.T_base_ee, truth.tool_shift_m)[:, 0]
+        d_m = np.linalg.norm(truth.as_read(p_m), axis=1)
+        d_m = d_m + 1e-3 * self.plan.position_mm * streams["position"].standard_normal(d_m.shape)
+        return {"d_mm": (1e3 * d_m, self.stated_mm)}
+
+    def read_columns(self, robot: Robot) -> dict[str, Any]:
+        """Return the distance."""
+        del robot
+        return {"distance": {"names": "d_mm", "u": "u_d_mm"}}
+
+
+# A tracker of positions of several targets.
+
+
+class Points(Tracker):
+    """Some targets are not seen in some poses."""
+
+    kind: ClassVar[str] = "points"
+
+    def readings(self, truth: Truth, streams: Streams) -> dict[str, tuple[Array, float]]:
+        """Return the positions of the targets [mm]; nan where one was not seen."""
+        p_m = truth.robot.p_instr_targets_m(truth.rest.T_base_ee, truth.tool_shift_m)
+        p_m = truth.as_read(p_m)
+        p_m = p_m + 1e-3 * self.plan.position_mm * streams["position"].standard_normal(p_m.shape)
+        p_m[_unseen(p_m.shape[:2], self.plan.unseen_share, streams["visibility"])] = np.nan
+        return {
+            f"{name}_{axis}_mm": (1e3 * p_m[:, b, k], self.stated_mm)
+            for b, name in enumerate(truth.robot.targets.names)
+            for k, axis in enumerate("xyz")
+        }
+
+    def read_columns(self, robot: Robot) -> dict[str, Any]:
+        """Return the position of each target."""
+        return {"targets": {name: xyz_columns(f"{name}_") for name in robot.targets.names}}
+
+
+def _unseen(shape: tuple[int, ...], share: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Draw which targets (P, B) are not seen; one of each pose always is."""
+    drawn = rng.random(shape)
+    unseen: NDArray[np.bool_] = drawn < share
+    unseen[np.arange(len(drawn)), drawn.argmax(axis=1)] = False
+    return unseen
+
+
+# A tracker of poses: position and attitude of one target.
+
+_QUATERNION = ("qw", "qx", "qy", "qz")
+
+
+class Pose(Tracker):
+    """Its attitude is measured apart from its position: errors of the scales do not turn it."""
+
+    kind: ClassVar[str] = "pose"
+
+    @property
+    def states_targets(self) -> bool:
+        """Return that the campaign takes the target for the end-effector frame."""
+        return False
+
+    def readings(self, truth: Truth, streams: Streams) -> dict[str, tuple[Array, float]]:
+        """Return the target's position [mm] and attitude, a unit quaternion."""
+        T_base_ee, plan = truth.rest.T_base_ee, self.plan
+        T = truth.robot.T_instr_target(T_base_ee)
+        R_instr_ee = truth.robot.T_instr_base[:3, :3] @ T_base_ee[:, :3, :3]
+        moved_m = (R_instr_ee @ truth.tool_shift_m[:, :, None])[:, :, 0]
+        noise_m = 1e-3 * plan.position_mm * streams["position"].standard_normal((len(T), 3))
+        p_m = truth.as_read(T[:, :3, 3] + moved_m) + noise_m
+        turn = plan.attitude_rad * streams["attitude"].standard_normal((len(T), 3))
+        R = Rotation.from_rotvec(turn).as_matrix() @ T[:, :3, :3]
+        quaternion = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
+        # Half a turn's uncertainty in every component is that turn's about every axis.
+        return {
+            **{f"{axis}_mm": (1e3 * p_m[:, k], self.stated_mm) for k, axis in enumerate("xyz")},
+            **{
+                name: (quaternion[:, k], 0.5 * plan.attitude_rad)
+                for k, name in enumerate(_QUATERNION)
+            },
+        }
+
+    def read_columns(self, robot: Robot) -> dict[str, Any]:
+        """Return position and attitude of the target."""
+        del robot
+        return {
+            "position": xyz_columns(""),
+            "rotation": {
+                "names": list(_QUATERNION),
+                "convention": "quaternion_wxyz",
+                "u": [f"u_{name}" for name in _QUATERNION],
+            },
+        }

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pa10cal.campaign.quarantine import quarantined
+from pa10cal.campaign.raw_rows import quarantined
 from pa10cal.datasets.dataset import DataSet, ImportedCampaign, Published
 from pa10cal.datasets.text_table import read_bare_table, same_rows
 

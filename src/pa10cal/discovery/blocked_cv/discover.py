@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from pa10cal.arrays import Array
 from pa10cal.discovery import verdict
 from pa10cal.discovery.blocked_cv.bands import InBands
-from pa10cal.discovery.blocked_cv.causes import with_causes
-from pa10cal.discovery.blocked_cv.compare import compare, errors_by_name
-from pa10cal.discovery.blocked_cv.family import computable
+from pa10cal.discovery.blocked_cv.family import SPACINGS, computable
 from pa10cal.discovery.blocked_cv.finest import Level
-from pa10cal.discovery.blocked_cv.formulas import arena_by_blocks
 from pa10cal.discovery.blocked_cv.found import found_in, with_more
+from pa10cal.discovery.blocked_cv.held_poses import slow_drift
 from pa10cal.discovery.blocked_cv.judge import (
     Prediction,
     Remaining,
@@ -26,30 +25,32 @@ from pa10cal.discovery.blocked_cv.judge import (
     remaining_error,
     unexplained,
 )
-from pa10cal.discovery.blocked_cv.refit import Refit, refit
-from pa10cal.discovery.blocked_cv.slow_drift import slow_drift
+from pa10cal.discovery.blocked_cv.refit import Refit, compare, errors_by_name, refit
+from pa10cal.discovery.blocked_cv.rows import ShapedEffect
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
-from pa10cal.discovery.family import sought
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.formulas.rows import Arena
+from pa10cal.discovery.formulas.choose import Arena, Contest
 from pa10cal.discovery.gap import Gap, Named, left_by
-from pa10cal.discovery.harm import WORSE
+from pa10cal.discovery.gates import WORSE
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
 from pa10cal.discovery.in_time.wander import InTime
 from pa10cal.discovery.lack_of_fit import CellResiduals, LackOfFit, lack_of_fit
-from pa10cal.discovery.linear import mean_error_of_noise_mm
-from pa10cal.discovery.next_poses.fill import fill
-from pa10cal.discovery.noise import Noise, noise_of_near_poses
-from pa10cal.discovery.preparation import Prepared, complete_about
-from pa10cal.discovery.scatter import Scatter, scatter_of, share_inside
+from pa10cal.discovery.linear import by_targets, by_terms, mean_error_of_noise_mm, possible_sizes
+from pa10cal.discovery.motor_ripple import agreement, joint_series, witnesses
+from pa10cal.discovery.next_poses.separate import fill
+from pa10cal.discovery.noise import Noise, noise_of_near_poses, with_torque_noise
+from pa10cal.discovery.preparation import Prepared, complete_about, sought
 from pa10cal.discovery.sensor_or_gear import JointCause
-from pa10cal.discovery.torque_noise import with_torque_noise
 from pa10cal.discovery.verdict import Plan, Verdict, reported
-from pa10cal.discovery.weights import AS_FOUND
+from pa10cal.discovery.weights import AS_FOUND, Scatter, scatter_of, share_inside
 from pa10cal.fit.angles_seen import AnglesSeen, angles_seen
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.joint_error_map import GearError, JointErrorMap, SensorError
+from pa10cal.terms.forms.form import Form
+from pa10cal.terms.model import Model
+from pa10cal.terms.term import Term
+from pa10cal.terms.weights import Weights
 
 #: Most of the squared error that parameters are thought to take up by chance.
 _MOST_BY_CHANCE = 0.9
@@ -329,3 +330,177 @@ def _seen(judged: Survey, effects: tuple[Effect, ...]) -> AnglesSeen | None:
 
 def _every_seen(judged: Survey) -> AnglesSeen:
     return angles_seen(judged.poses.states.q_rad, ~judged.context.arm.prismatic)
+
+
+# Maps whose cause the motor's ripple says, under the name of that cause.
+
+#: Knots of a map that follows ten waves a turn and more.
+_FINE_KNOTS = SPACINGS[1][0]
+_NAMES: Mapping[str, type[JointErrorMap]] = {"sensor": SensorError, "gear": GearError}
+
+
+def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
+    """Return a verdict in which maps bear the name of their cause, where that is known.
+
+    Where by the ripple both err, or campaigns and turns do not show that the error is the joint's
+    own, a map is ambiguous between sensor and gear. So is, without a ripple, a map
+    of fine waves on which campaigns or turns agree, and one that was named already: nothing beside
+    sensor and gear turns a joint to and fro ten times a turn. Any other map of a joint whose motor
+    shows no ripple stays a map.
+    """
+    causes = _causes(found)
+    names: dict[Effect, Effect] = {}
+    alternatives: dict[Effect, tuple[Effect, ...]] = {}
+    for effect in found.extended.effects:
+        if not isinstance(effect, JointErrorMap):
+            continue
+        cause = causes[effect.joint]
+        heard = None if cause.witness is None else cause.witness.likely
+        agreed = cause.agreement is not None and cause.agreement.holds
+        own = agreed and effect.knots >= _FINE_KNOTS
+        if cause.cause is None and not (heard or own) and effect.id == JointErrorMap.id:
+            continue
+        likely = cause.cause or heard or "sensor"
+        form = (effect.of, effect.knots, effect.spectrum)
+        names[effect] = _NAMES[likely](*form)
+        others = [kind(*form) for name, kind in _NAMES.items() if name != likely]
+        alternatives[effect] = () if cause.cause else tuple(others)
+    return _renamed(replace(found, causes=tuple(causes.values())), names, alternatives)
+
+
+def _causes(found: VerdictByBlocks) -> dict[int, JointCause]:
+    """Return what is known of the cause of every map, by joint."""
+    joints = [each.joint for each in found.extended.effects if isinstance(each, JointErrorMap)]
+    if not joints:
+        return {}
+    survey, at = found.survey, found.extended.at
+    series = joint_series(
+        at,
+        survey.poses,
+        survey.left_by(at),
+        found.extended.weights.whiteners(np.arange(len(survey.poses))),
+        joints,
+    )
+    said = witnesses(series, at.arm.gear_ratio)
+    return {j: JointCause(j, said[j - 1], agreement(series[j - 1])) for j in sorted(joints)}
+
+
+def _renamed(
+    found: VerdictByBlocks,
+    names: Mapping[Effect, Effect],
+    alternatives: Mapping[Effect, tuple[Effect, ...]],
+) -> VerdictByBlocks:
+    """Return a verdict with effects under other names of the same form."""
+    if not names:
+        return found
+
+    def name_of(effect: Effect) -> Effect:
+        return names.get(effect, effect)
+
+    extended, fine = found.extended, found.finest
+    terms = tuple(names.get(term, term) for term in extended.model.terms)  # type: ignore[call-overload]
+    return replace(
+        found,
+        findings=tuple(
+            replace(
+                each,
+                effect=name_of(each.effect),
+                alternatives=(*each.alternatives, *alternatives.get(each.effect, ())),
+            )
+            for each in found.findings
+        ),
+        extended=replace(
+            extended,
+            effects=tuple(map(name_of, extended.effects)),
+            at=replace(extended.at, model=Model(extended.model.chain, terms)),
+        ),
+        finest=replace(
+            fine,
+            members=tuple(
+                replace(
+                    each,
+                    shaped=ShapedEffect(name_of(each.shaped.effect), each.shaped.shape),
+                )
+                for each in fine.members
+            ),
+        ),
+    )
+
+
+# What short forms are held against, where blocks of poses judged: rows about the last fit.
+
+
+def arena_by_blocks(
+    verdict: VerdictByBlocks, held: Sequence[Effect], most_poses: int | None = None
+) -> Arena:
+    """Return what forms are held against in place of some effects.
+
+    Maps that are not among these stay as they were fitted; all else is fitted with the forms.
+
+    Args:
+        verdict: on the campaign.
+        held: effects of the model, and smooth unknown functions that it has not.
+        most_poses: so many poses are enough, drawn from all; None for all.
+    """
+    extended, survey = verdict.extended, verdict.survey
+    at, poses = extended.at, survey.poses
+    count = len(poses)
+    rows = np.arange(count)
+    if most_poses is not None and count > most_poses:  # some of every block, whatever their order
+        rows = np.sort(np.random.default_rng(0).permutation(count)[:most_poses])
+    whiteners = extended.weights.whiteners(rows)
+    chosen: Observations = poses.take(rows)
+    every_row = whiteners.shape[0] * whiteners.shape[1]
+
+    seen: slice | NDArray[np.intp] = slice(None)
+    if chosen.measured.campaigns:  # each pose has the components of its own campaign alone
+        seen = np.flatnonzero(chosen.measured.components_seen)
+
+    def weighed(terms: Sequence[Term], points: Sequence[Array]) -> list[Array]:
+        return [
+            (whiteners @ each).reshape(every_row, each.shape[2])[seen]
+            for each in by_terms(at, chosen, terms, points)
+        ]
+
+    values = {term: at.x[at.model.columns_of(term)] for term in at.model.terms}
+    gone = set(held)
+    fitted = [
+        term for term in at.model.terms if not isinstance(term, JointErrorMap) and term not in gone
+    ]
+    own = weighed(fitted, [values[term] for term in fitted])
+    targets = whiteners @ by_targets(at, chosen)
+    data = -(whiteners @ survey.left_by(at)[rows][:, :, None]).ravel()[seen]
+    remaining = verdict.remaining
+    noise = float(data @ data) * min(1.0, (remaining.floor_mm / remaining.mean_mm) ** 2)
+    for term, columns in zip(fitted, own, strict=True):
+        if isinstance(term, Weights):  # expected about what is described, not about the fit
+            data = data + columns @ values[term]
+    sizes = possible_sizes(at.model, chosen.measured)
+    of_own = [sizes[at.model.columns_of(term)] for term in fitted]
+    own_columns = np.concatenate(
+        [
+            *(columns * size for columns, size in zip(own, of_own, strict=True)),
+            targets.reshape(every_row, targets.shape[2])[seen] * sizes[len(at.x) :],
+        ],
+        axis=1,
+    )
+    points = [values.get(effect, effect.starts[0]) for effect in held]
+    of_held = []
+    for effect, x, columns in zip(held, points, weighed(held, points), strict=True):
+        linear = columns[:, : effect.linear]
+        data = data + linear @ x[: effect.linear]
+        of_held.append(linear @ effect.prior_factor)
+
+    def columns_of(forms: Sequence[Form]) -> list[Array]:
+        starts = [form.starts[0] for form in forms]
+        found = weighed(forms, starts)
+        return [columns @ form.prior_factor for columns, form in zip(found, forms, strict=True)]
+
+    components = whiteners.shape[1]
+    return Arena(
+        Contest(data, own_columns, np.repeat(survey.block[rows], components)[seen]),
+        np.concatenate(of_held, axis=1) if of_held else None,
+        columns_of,
+        chosen.states,
+        noise,
+    )

@@ -11,9 +11,15 @@ from scipy.linalg import block_diag
 from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate, standard_error
-from pa10cal.discovery.blocked_cv.products import Products, map_columns, products
-from pa10cal.discovery.blocked_cv.rows import BlockRows, Rows, ShapedEffect
+from pa10cal.discovery.blocked_cv.family import SPACINGS, Candidate, standard_error
+from pa10cal.discovery.blocked_cv.rows import (
+    BlockRows,
+    Products,
+    Rows,
+    ShapedEffect,
+    map_columns,
+    products,
+)
 from pa10cal.discovery.blocked_cv.search import Step
 from pa10cal.discovery.blocked_cv.selection import predicted_squares, solve
 from pa10cal.discovery.blocked_cv.survey import BLOCKS

@@ -8,19 +8,37 @@ from functools import cached_property
 
 import numpy as np
 
-from pa10cal.discovery.blocked_cv.arrivals import arrivals, by_arrival
+from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
-from pa10cal.discovery.blocked_cv.candidate import SPACINGS, Candidate
+from pa10cal.discovery.blocked_cv.family import (
+    SPACINGS,
+    Candidate,
+    below_detection_limit,
+    family,
+    standard_error,
+    surely_worse,
+)
 from pa10cal.discovery.blocked_cv.finest import Level, finest, level
-from pa10cal.discovery.blocked_cv.held_poses import FoundAfter, HeldPoses
-from pa10cal.discovery.blocked_cv.reference import weighted_rows
-from pa10cal.discovery.blocked_cv.refit import Refit, refit
+from pa10cal.discovery.blocked_cv.held_poses import FoundAfter, HeldPoses, Squares, proof_of
+from pa10cal.discovery.blocked_cv.judge import (
+    Prediction,
+    Tried,
+    alternatives,
+    predictions,
+    tried,
+    without_rivals,
+)
+from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
 from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect
-from pa10cal.discovery.blocked_cv.search import Step
-from pa10cal.discovery.blocked_cv.searched import Searched, searched_rows
+from pa10cal.discovery.blocked_cv.search import Search, Step
 from pa10cal.discovery.blocked_cv.selection import Columns
 from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.finding import NotTestable
+from pa10cal.discovery.noise import noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.weights import AS_FOUND
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_angle import ArrivalError, Backlash
+from pa10cal.terms.effects.unnamed import DirectionMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,4 +142,124 @@ def with_more(found: Found, more: Sequence[FoundAfter]) -> Found:
         ),
         fine=fine,
         finer_steps=(*found.finer_steps, Step(members, fine.squares)),
+    )
+
+
+# A controller that stops every joint a little short: arrivals, each too small for the search.
+#
+# The search asks of an effect a part of what remains, lest a small one is named in the place of
+# another that is missing. Nothing else goes with the way that a joint came, and a controller
+# drives all joints: what all of them gain together has to be that part, and each has to matter.
+
+#: Part of what one gains that positions or attitudes may lose by it.
+_MOST_LOST = 0.1
+
+
+def arrivals(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tuple[FoundAfter, ...]:
+    """Return the arrival errors beside the effects found that help together.
+
+    Args:
+        survey: the campaign.
+        held: its poses, predicted by the model found.
+        there: the effects found.
+    """
+    taken = {effect.of for effect in there if by_arrival(effect)}
+    chosen = [each for each in ArrivalError.everywhere(survey.context) if each.of not in taken]
+    if not chosen:
+        return ()
+    nothing, every = held.squares(), held.squares(chosen)
+    without = {each: _without(held, chosen, each) for each in chosen}
+    while unfit := [each for each in chosen if not _stays(held, without[each], every)]:
+        worst = min(unfit, key=lambda each: float((without[each].total - every.total).sum()))
+        chosen.remove(worst)
+        every = held.squares(chosen)
+        without = {each: _without(held, chosen, each) for each in chosen}
+    if not chosen or not held.helps(nothing, every):
+        return ()
+    return tuple(
+        FoundAfter(each, proof_of(without[each], every), _instead(held, chosen, each, every))
+        for each in chosen
+    )
+
+
+def by_arrival(effect: Effect) -> bool:
+    """Return whether an effect goes with the way that a joint came."""
+    return isinstance(effect, ArrivalError | Backlash | DirectionMap)
+
+
+def _stays(held: HeldPoses, without: Squares, every: Squares) -> bool:
+    """Return whether one matters beside the others, and neither kind loses much of the gain."""
+    gains = [before - after for before, after in zip(without.kinds, every.kinds, strict=True)]
+    whole = float(sum(gain.sum() for gain in gains))
+    contradict = any(
+        surely_worse(gain) and float(gain.sum()) < -_MOST_LOST * whole for gain in gains
+    )
+    return held.matters(without, every) and not contradict
+
+
+def _without(held: HeldPoses, chosen: Sequence[Effect], one: Effect) -> Squares:
+    return held.squares([each for each in chosen if each is not one])
+
+
+def _instead(
+    held: HeldPoses, chosen: Sequence[ArrivalError], one: ArrivalError, every: Squares
+) -> tuple[Effect, ...]:
+    """Return lost motion of the same joint, where that predicts held-out poses as well."""
+    other = Backlash(one.of)
+    lost = held.squares([other if each is one else each for each in chosen]).total - every.total
+    return (other,) if lost.sum() <= standard_error(lost) else ()
+
+
+# A search by held-out blocks, and what is known of everything it found.
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """What the search found, without its products, which are large."""
+
+    members: tuple[Candidate, ...]
+    nameless: tuple[Effect, ...]
+    tried: tuple[Tried, ...]
+    predictions: tuple[Prediction, ...]
+    alternatives: tuple[tuple[Effect, ...], ...]
+    errors_mm: Array
+    hidden: tuple[NotTestable, ...]
+    below_detection_limit: tuple[NotTestable, ...]
+    steps: tuple[Step, ...]
+    candidates: int
+    least_gain: float
+    noise: float
+
+
+def searched_rows(rows: Rows, error_rate: float) -> Searched:
+    """Search, and judge what was found."""
+    products = rows.products()
+    known = family(rows, products)
+    poses = rows.survey.poses
+    of_readings = noise_of_near_poses(poses, rows.survey.left_by(rows.place))
+    if rows.survey.torques_logged:
+        payload = rows.survey.setup.payload
+        of_readings = with_torque_noise(of_readings, rows.place, poses, payload)
+    noise = noise_squares(rows, of_readings)
+    search = Search(products, rows.own, known.shown, noise, error_rate, rows.own_sizes)
+    chosen = search.run()
+    others = tried(search, chosen)
+    nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
+    chosen = without_rivals(chosen)
+    proofs, errors_mm = predictions(rows, chosen, search.least_gain)
+    return Searched(
+        members=chosen.members,
+        nameless=nameless,
+        tried=others,
+        predictions=proofs,
+        alternatives=tuple(
+            alternatives(search, chosen, member) for member in range(len(chosen.members))
+        ),
+        errors_mm=errors_mm,
+        hidden=known.hidden,
+        below_detection_limit=below_detection_limit(known, search.is_surely_found),
+        steps=tuple(search.steps),
+        candidates=search.effects,
+        least_gain=search.least_gain,
+        noise=search.noise,
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv.candidate import Chosen, both_kinds_agree, standard_error
+from pa10cal.discovery.blocked_cv.family import Chosen, both_kinds_agree, standard_error
 from pa10cal.discovery.blocked_cv.rows import Rows
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import BLOCKS

@@ -11,17 +11,103 @@ from scipy.linalg import LinAlgError, block_diag, cho_factor
 from scipy.linalg.lapack import dpotri
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv.products import in_terms_of, map_columns, products
-from pa10cal.discovery.blocked_cv.selection import no_wider_than
-from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.linear import by_joints, by_targets, by_terms, possible_sizes
-from pa10cal.discovery.weights import AS_FOUND, PoseWeights, Widening, pose_weights
-from pa10cal.discovery.with_effects import ModelWithEffects
+from pa10cal.discovery.blocked_cv.rows import Rows, ShapedEffect, in_terms_of, map_columns, products
+from pa10cal.discovery.blocked_cv.selection import no_wider_than, solve
+from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey
+from pa10cal.discovery.gap import Gap, Named, gap, in_order, left_by
+from pa10cal.discovery.in_time.wander import moved_frames
+from pa10cal.discovery.linear import (
+    ModelWithEffects,
+    at_unknowns,
+    by_joints,
+    by_targets,
+    by_terms,
+    possible_sizes,
+    residual,
+)
+from pa10cal.discovery.noise import Noise
+from pa10cal.discovery.preparation import complete_about
+from pa10cal.discovery.weights import AS_FOUND, PoseWeights, Widening, pose_weights, unweighted
+from pa10cal.fit.angles_seen import AnglesSeen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.least_squares import Bounds, Equations, Step, minimise
+from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines_by_knots
+from pa10cal.terms.effects.joint_error_map import (
+    Fading,
+    JointErrorMap,
+    b_splines_by_knots,
+    harmonic_orders,
+)
 from pa10cal.terms.term import Term
+
+# Rows weighed by what a model leaves that lacks nothing of the vocabulary.
+
+_REWEIGHTED = 2
+#: Maps of all joints by which poses are weighed: of middle spacing and smoothness.
+_KNOTS = 72
+_FADING = Fading(1e-4, 10.0)
+#: Part of the readings that what is fitted may take up; what is left of more says little of noise.
+_MOST_TAKEN = 0.6
+#: Size of a parameter that is not to be fitted.
+_NONE = 1e-9
+
+
+def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -> Rows:
+    """Return rows of effects and maps, weighed.
+
+    By the scatter that all named effects and maps of all joints leave together: then no pose weighs
+    less because of an effect that is still to be found. Where poses are few for that, as of an
+    instrument that gives one number a pose, maps are not fitted, or no effects either.
+
+    Args:
+        survey: the campaign.
+        shaped: effects.
+        knots: of the maps.
+    """
+    measured = survey.poses.measured
+    named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
+    rows = Rows(survey, unweighted(measured), named, _KNOTS)
+    weights = pose_weights(residual(rows.place, survey.poses), float(len(rows.own)), measured)
+    for _ in range(_REWEIGHTED):
+        rows = Rows(survey, weights, named, _KNOTS)
+        weights = pose_weights(*_left_by_everything(rows), measured)
+    return Rows(survey, weights, shaped, knots)
+
+
+def noise_squares(rows: Rows, noise: Noise) -> float:
+    """Return the sum of squares of weighed rows that noise alone is expected to leave.
+
+    No more than the whole scatter of a row: a stated uncertainty may be too large.
+    """
+    whitener = rows.weights.whitener
+    noisy = np.einsum("pij,pjk,pik->pi", whitener, noise.cov, whitener, optimize=True)
+    seen = rows.survey.poses.measured.components_seen
+    return float(np.sum(rows.weights.weight[:, None] * seen * np.minimum(noisy, 1.0)))
+
+
+def _left_by_everything(rows: Rows) -> tuple[Array, float]:
+    """Return what all columns together leave, (P, b), and how many parameters that takes.
+
+    The richest set of columns that leaves enough of the readings is taken.
+    """
+    total = rows.products().summed()
+    harmonics = np.tile(_FADING.sizes_rad(harmonic_orders(rows.knots)[1:]), len(rows.joints))
+    own, every = len(rows.own), len(total.projection)
+    seen = rows.survey.poses.measured.components_seen
+    for fitted in (every, every - len(harmonics), own):
+        sizes = np.concatenate([np.ones(every - len(harmonics)), harmonics])
+        sizes[fitted:] *= _NONE
+        prior = np.diag(sizes**-2.0)
+        taken = float(np.trace(solve(total.gram, total.gram, prior)))
+        if taken <= _MOST_TAKEN * seen.sum():
+            break
+    x = solve(total.gram, total.projection, prior)
+    remaining = np.empty(seen.shape)
+    for b in range(BLOCKS):
+        remaining[rows.survey.block == b] = rows.left_of(b, x[:, None])[:, :, 0]
+    return remaining, taken
+
 
 _MOST_STEPS = 6
 #: Damping that hardly shortens a step.
@@ -216,3 +302,102 @@ def _inverse(information: Array, prior: Array, free: NDArray[np.bool_]) -> Array
     except LinAlgError:
         inverse[own] = no_wider_than(information[own], prior[own])
     return inverse
+
+
+# How far models are from measured poses: what a fit has seen, and name by name.
+
+#: Steps of a fit that sets out nearby.
+_STEPS = 3
+
+
+def compare(
+    campaign: Survey,
+    extended: FittedModel,
+    seen: AnglesSeen | None,
+    poses: Observations,
+    noise_floor_mm: float,
+) -> Gap:
+    """Return the gap of calibrated and extended model on some poses.
+
+    Args:
+        campaign: whose model it is.
+        extended: the model with effects.
+        seen: joint positions that its maps have learnt from; None without a map.
+        poses: measured poses, attitudes and torques as the model has them.
+        noise_floor_mm: mean error that noise alone would leave.
+    """
+    poses = complete_about(poses, campaign.baseline, extended, campaign.setup)
+    T_moved = _moved(campaign, poses)
+    return gap(poses, campaign.baseline, extended, noise_floor_mm, seen, T_moved)
+
+
+def _moved(campaign: Survey, poses: Observations) -> Array | None:
+    """Return how the base had moved at poses, (P, 4, 4); None where it had not."""
+    if campaign.wander is None:
+        return None
+    return moved_frames(campaign.wander.motions(poses.states.time_s))
+
+
+def errors_by_name(
+    campaign: Survey, extended: Refit, train: Gap, holdout: Gap | None
+) -> tuple[Named, ...]:
+    """Return the errors of the calibrated model, and as each effect joins it.
+
+    What all together would miss most joins first. Between first and last, which are the fits
+    themselves, maps are as the extended model has them, and all else is fitted again.
+
+    Args:
+        campaign: whose model it is.
+        extended: the model with all effects.
+        train, holdout: the gap before and with all effects.
+    """
+
+    def with_only(some: tuple[Effect, ...]) -> Named:
+        model = _with_only(campaign, extended, some)
+        held_out = None if holdout is None else left_by(model, holdout.poses)
+        return Named(some, left_by(model, train.poses), held_out)
+
+    return in_order(train, holdout, extended.effects, with_only)
+
+
+def _with_only(campaign: Survey, extended: Refit, some: tuple[Effect, ...]) -> FittedModel:
+    """Return the model with some of its effects, maps as they are, all else fitted again."""
+    poses, own = campaign.poses, extended.own_columns()
+    x = extended.x.copy()
+    for effect in extended.effects:
+        if effect not in some:
+            first = extended.columns_of(effect).start
+            x[first : first + effect.linear] = 0.0
+    # Maps stay as they are; an effect of few parameters takes other amounts beside others.
+    joined = [each for each in some if not isinstance(each, JointErrorMap)]
+    terms = [term for term in extended.model.terms if term not in extended.effects]
+    places = [
+        np.arange(first, first + each.linear)
+        for each in joined
+        for first in [extended.columns_of(each).start]
+    ]
+    baseline, measured = campaign.baseline, poses.measured
+    expected = np.diag(possible_sizes(campaign.model(), measured))
+    middle = np.zeros(len(own) + sum(map(len, places)))
+    middle[: len(baseline.x)] = baseline.x
+    middle[len(own) - len(baseline.targets_m) : len(own)] = baseline.targets_m
+    sizes = block_diag(expected, *(each.prior_factor for each in joined))
+    free = np.concatenate([own, *places])
+    whiten = extended.weights.whiteners(np.arange(len(poses)))
+    bounds = Bounds.of((*extended.model.parameters, *measured.target_parameters))
+    for _ in range(_STEPS):
+        at = at_unknowns(extended.at, x)
+        points = [at.x[at.model.columns_of(term)] for term in (*terms, *joined)]
+        found = by_terms(at, poses, (*terms, *joined), points)
+        amounts = [
+            columns[:, :, : each.linear]
+            for columns, each in zip(found[len(terms) :], joined, strict=True)
+        ]
+        columns = [*found[: len(terms)], by_targets(at, poses), *amounts]
+        rows = (whiten @ np.concatenate(columns, axis=2)).reshape(-1, len(free)) @ sizes
+        left = (whiten @ campaign.left_by(at)[:, :, None]).ravel()
+        off = np.linalg.solve(sizes, x[free] - middle)
+        step = np.linalg.solve(rows.T @ rows + np.eye(len(free)), rows.T @ left + off)
+        x[free] -= sizes @ step
+        x = bounds.clip(x)
+    return replace(extended, at=at_unknowns(extended.at, x)).fitted()

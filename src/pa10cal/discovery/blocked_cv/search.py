@@ -14,18 +14,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.blocked_cv.candidate import (
+from pa10cal.discovery.blocked_cv.family import (
     Candidate,
     Chosen,
     both_kinds_agree,
     standard_error,
     within_bounds,
 )
-from pa10cal.discovery.blocked_cv.products import Products
-from pa10cal.discovery.blocked_cv.rows import ShapedEffect
+from pa10cal.discovery.blocked_cv.rows import Products, ShapedEffect
 from pa10cal.discovery.blocked_cv.selection import Columns, start
 from pa10cal.discovery.evidence.search import threshold
-from pa10cal.discovery.family import is_fault
+from pa10cal.discovery.preparation import is_fault
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 

@@ -15,9 +15,9 @@ from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.fit import Fit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import Block
 from pa10cal.discovery.evidence.problem import Problem
-from pa10cal.discovery.family import why_hidden, why_unknown
 from pa10cal.discovery.finding import NotTestable
 from pa10cal.discovery.linear import by_end, possible_sizes
+from pa10cal.discovery.preparation import why_hidden, why_unknown
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
 from pa10cal.terms.weights import Weights

@@ -19,8 +19,7 @@ from scipy.linalg import cho_factor, cho_solve
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.likelihood import SIZES, Block
-from pa10cal.discovery.evidence.noise_model import NoiseModel
-from pa10cal.discovery.evidence.problem import Problem
+from pa10cal.discovery.evidence.problem import NoiseModel, Problem
 from pa10cal.discovery.evidence.search import EndOfSearch
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.weights import Weights

@@ -8,40 +8,64 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 from typing_extensions import override
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery.evidence.candidates import testable
-from pa10cal.discovery.evidence.confirm import Confirmation
-from pa10cal.discovery.evidence.fit import Fit, apparatus_m, covariance_of, fit
-from pa10cal.discovery.evidence.formulas import arena_by_repeats
+from pa10cal.discovery.evidence.confirm import Confirmation, weighed_rows
+from pa10cal.discovery.evidence.fit import (
+    Fit,
+    apparatus_m,
+    covariance_of,
+    fit,
+    pose_rows,
+    torque_rows,
+)
 from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge
-from pa10cal.discovery.evidence.lack_of_fit import channel_tests, evidence_lack_of_fit
-from pa10cal.discovery.evidence.problem import Problem, prepare
-from pa10cal.discovery.evidence.search import EndOfSearch, search, threshold
-from pa10cal.discovery.family import effects_in, is_fault, sought
-from pa10cal.discovery.faults import Fault
-from pa10cal.discovery.finding import Finding, Unexplained
-from pa10cal.discovery.formulas.rows import Arena
+from pa10cal.discovery.evidence.problem import NoiseModel, Problem, prepare
+from pa10cal.discovery.evidence.search import (
+    EndOfSearch,
+    evidence_about,
+    refit,
+    resized,
+    search,
+    threshold,
+)
+from pa10cal.discovery.finding import Fault, Finding, Unexplained
+from pa10cal.discovery.formulas.choose import Arena, Contest
 from pa10cal.discovery.gap import Gap, Named, gap, in_order, left_by
 from pa10cal.discovery.in_time.channel import in_time_of, steps_in_time, told_with_rivals, wandering
-from pa10cal.discovery.in_time.running import moved_between_repeats
-from pa10cal.discovery.in_time.wander import STILL, moved_frames
-from pa10cal.discovery.lack_of_fit import LackOfFit, PureErrorTest
-from pa10cal.discovery.linear import residual
+from pa10cal.discovery.in_time.wander import STILL, moved_between_repeats, moved_frames
+from pa10cal.discovery.lack_of_fit import (
+    CellResiduals,
+    ChannelTest,
+    LackOfFit,
+    PureErrorTest,
+    TorqueResiduals,
+    lack_of_fit,
+)
+from pa10cal.discovery.linear import by_every_joint, possible_sizes, residual
 from pa10cal.discovery.next_poses.contest import Pair
 from pa10cal.discovery.next_poses.separate import plan
 from pa10cal.discovery.noise import same_circumstances
-from pa10cal.discovery.preparation import Prepared, complete, complete_about
+from pa10cal.discovery.preparation import (
+    Prepared,
+    complete,
+    complete_about,
+    effects_in,
+    is_fault,
+    sought,
+)
 from pa10cal.discovery.verdict import Plan, Verdict, reported
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.averages import average_repeats, reading_groups
 from pa10cal.observe.instrument import group_means
-from pa10cal.observe.observations import Observations
+from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.forms.form import Form
 
 #: Pairs for which configurations are chosen, the found ones first.
 _MOST_PAIRS = 8
@@ -362,3 +386,161 @@ def _groups(found: EndOfSearch) -> tuple[tuple[Effect, ...], ...]:
     return tuple(
         tuple(found.family[k] for k in group) for group in sorted(groups) if len(group) > 1
     )
+
+
+# Where a fit and the data disagree, tested against pure error.
+
+#: Rows with less of the shared error than this compare cells of a pose with each other.
+_NO_PART = 1e-9
+
+
+def evidence_lack_of_fit(problem: Problem, found: Fit) -> LackOfFit:
+    """Compute where a fit and the data disagree.
+
+    Two channels: poses, measured against predicted, and torques, logged against the weights. Errors
+    common to all poses take their part first: places of targets on the apparatus, masses, loads,
+    zeros.
+
+    Args:
+        problem: the campaign.
+        found: the fit, with or without effects.
+    """
+    cells, at = problem.cells, found.at
+    pose, torque = channel_tests(problem, found)
+    components = _left_over(problem.pose, pose_rows(problem, at), pose)
+    torques = None
+    if problem.torque is not None and torque is not None:
+        left_Nm = _left_over(problem.torque, torque_rows(problem, at), torque)
+        torques = TorqueResiduals(left_Nm, problem.noise.torque_Nm)
+    left = CellResiduals(at, cells, components, problem.cell_cov, by_every_joint(at, cells))
+    return lack_of_fit(left, (pose, torque), torques)
+
+
+def channel_tests(problem: Problem, found: Fit) -> tuple[ChannelTest, ChannelTest | None]:
+    """Test both channels, the parameters' part of every row taken off its freedom."""
+    channels = [(problem.pose, pose_rows(problem, found.at))]
+    if problem.torque is not None:
+        channels.append((problem.torque, torque_rows(problem, found.at)))
+    weighed = [channel.whitening(0.0)(channel.rows(values)) for channel, values in channels]
+    # Columns by the possible size of each parameter, so that those that the rows do not determine
+    # take no degree of freedom.
+    by_x = [rows[:, 1:] * possible_sizes(found.model, problem.cells.measured) for rows in weighed]
+    factor = cho_factor(sum(rows.T @ rows for rows in by_x) + np.eye(len(found.x)))
+    tests = []
+    for (channel, values), rows, columns in zip(channels, weighed, by_x, strict=True):
+        taken = np.einsum("rk,kr->r", columns, cho_solve(factor, columns.T))
+        pure = problem.noise.differences * values.shape[1]
+        tests.append(_channel_test(channel, rows[:, 0] ** 2, 1.0 - taken, pure))
+    return tests[0], tests[1] if len(tests) > 1 else None
+
+
+def _channel_test(channel: NoiseModel, squares: Array, dof: Array, pure: int) -> ChannelTest:
+    shared = channel.shared_size > _NO_PART
+    tests = [
+        PureErrorTest(float(squares[rows].sum()), float(dof[rows].sum()), pure)
+        if float(dof[rows].sum()) > _NO_PART
+        else None
+        for rows in (shared, ~shared)
+    ]
+    beyond = 0.0 if tests[0] is None else max(tests[0].chi_square - tests[0].dof, 0.0)
+    largest = float(dof @ channel.shared_size)
+    return ChannelTest(tests[0], tests[1], beyond / largest if beyond else 0.0)
+
+
+def _left_over(model: NoiseModel, rows: Array, test: ChannelTest) -> Array:
+    """Return measured less predicted, less the errors common to all poses, (C, b).
+
+    These errors have unit variance each, by which they are held back; the error that poses share
+    keeps them from taking what the model lacks.
+
+    Args:
+        model: the noise of the channel.
+        rows: (C, b, 1 + k) predicted less measured, and its derivative.
+        test: says what error the poses share.
+    """
+    left = -model.rows(rows[:, :, :1])
+    weight = 1.0 / (1.0 + test.shared_variance * model.shared_size)[:, None]
+    normal = model.common.T @ (weight * model.common) + np.eye(model.common.shape[1])
+    common = cho_solve(cho_factor(normal), model.common.T @ (weight * left))
+    left = left - model.common @ common
+    white = model.shared.turn.T @ left.reshape(len(rows), -1)
+    return np.asarray(np.linalg.solve(model.whitener, white[..., None])[:, :, 0])
+
+
+# What short forms are held against, where repeats judged: rows about the end of the search.
+
+#: Blocks of poses that are left out in turn.
+_FOLDS = 9
+
+
+def arena_by_repeats(verdict: VerdictByRepeats, held: Sequence[Effect]) -> Arena:
+    """Return what forms are held against in place of some effects that the search ended with.
+
+    Where there are none, rows are weighed by the noise of repeats alone: that is to be reached.
+
+    Args:
+        verdict: on the campaign.
+        held: maps and smooth unknown functions.
+    """
+    found = _forgetful(verdict.judgement.found)
+    if not held:
+        found = replace(found, score=replace(found.score, pose_variance=0.0))
+    problem = found.problem
+    rows = weighed_rows(problem, found, ())
+    numbers = [found.fit.effects.index(effect) for effect in held]
+    columns = np.arange(rows.own.shape[1])
+    of_held = np.concatenate([columns[:0], *(columns[rows.members[k]] for k in numbers)])
+    _, pose = np.unique(problem.cells.pose, return_inverse=True)
+
+    def columns_of(forms: Sequence[Form]) -> list[Array]:
+        return list(weighed_rows(problem, found, tuple(forms)).family)
+
+    return Arena(
+        Contest(rows.data, np.delete(rows.own, of_held, axis=1), (pose % _FOLDS)[rows.cell]),
+        rows.own[:, of_held] if held else None,
+        columns_of,
+        problem.cells.states,
+        None,
+    )
+
+
+def _forgetful(found: EndOfSearch) -> EndOfSearch:
+    """Return the end of a search whose model does not keep what each of many forms makes."""
+    model = replace(found.fit.model, kept=None)
+    return replace(found, fit=replace(found.fit, at=replace(found.fit.at, model=model)))
+
+
+# The model fitted with effects that are given, weighed as the evidence weighs them.
+
+_MOST_ROUNDS = 4
+#: Index in `likelihood.SIZES` of the size first expected of an effect: the usual one.
+_USUAL = 1
+
+
+def fit_given(problem: Problem, effects: tuple[Effect, ...]) -> tuple[Problem, Fit]:
+    """Fit the baseline with effects, whether or not the data speak for them.
+
+    Sizes expected and errors of unknown cause are those of the greatest evidence; noise and weights
+    are computed about the fit, until nothing changes.
+
+    Args:
+        problem: the campaign, made ready about the baseline.
+        effects: what to add.
+
+    Returns:
+        The campaign made ready about the fit, and the fit.
+    """
+    current = fit(problem, (), (), (0.0, 0.0))
+    members, sizes = tuple(range(len(effects))), (_USUAL,) * len(effects)
+    settled: tuple[object, ...] = ()
+    for _ in range(_MOST_ROUNDS):
+        evidence = evidence_about(problem, current, effects)
+        _, sizes = resized(evidence, members, sizes)
+        score = evidence.score(members, sizes)
+        choice = (sizes, score.nearest)
+        variances = (score.pose_variance, score.torque_variance)
+        problem, current = refit(problem, effects, sizes, variances, current)
+        if choice == settled:
+            break
+        settled = choice
+    return problem, current

@@ -11,8 +11,15 @@ import numpy as np
 from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.likelihood import SIZES
 from pa10cal.discovery.evidence.problem import Problem
-from pa10cal.discovery.linear import possible_sizes, residual_and_jacobian, residual_then_jacobian
-from pa10cal.discovery.with_effects import ModelWithEffects, at_unknowns, unknowns, with_base_term
+from pa10cal.discovery.linear import (
+    ModelWithEffects,
+    at_unknowns,
+    possible_sizes,
+    residual_and_jacobian,
+    residual_then_jacobian,
+    unknowns,
+    with_base_term,
+)
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.least_squares import Bounds, Equations, minimise
 from pa10cal.terms.effects.effect import Effect

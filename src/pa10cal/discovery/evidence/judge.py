@@ -13,11 +13,11 @@ from pa10cal.discovery.evidence.fit import Fit, covariance_of, fit
 from pa10cal.discovery.evidence.likelihood import Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem
 from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, evidence_about, less, threshold
-from pa10cal.discovery.family import effects_in, is_fault
 from pa10cal.discovery.finding import Finding, Unexplained
 from pa10cal.discovery.linear import mean_length, position_noise
+from pa10cal.discovery.preparation import effects_in, is_fault
 from pa10cal.discovery.verdict import MAP, Word, is_named, reported, word_of
-from pa10cal.observe.averages import reading_groups
+from pa10cal.observe.observations import reading_groups
 from pa10cal.terms.effects.effect import Effect
 
 #: Probability allowed that the truth is missing among an effect and its alternatives.

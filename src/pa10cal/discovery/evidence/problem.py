@@ -3,24 +3,196 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload, Statics
 from pa10cal.arrays import Array
-from pa10cal.discovery.evidence.cells import READINGS_A_CELL, gather, shared_error
-from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.in_time.wander import STILL, InTime
 from pa10cal.discovery.linear import by_every_joint, residual
-from pa10cal.discovery.noise import Noise, noise_of_repeats, same_circumstances
+from pa10cal.discovery.noise import Noise, mean_covariance, noise_of_repeats, same_circumstances
 from pa10cal.discovery.options import DiscoveryOptions
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of, static_loads
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import unknown_tool
-from pa10cal.observe.observations import Observations
+from pa10cal.observe.observations import Observations, average_groups
 from pa10cal.terms.effects.effect import CandidateContext
-from pa10cal.terms.kept import Kept
+from pa10cal.terms.model import Kept
+
+# Readings gathered into cells: one pose, one load, one direction of arrival, one stretch of time.
+#
+# A cell averages what does not differ; what may distinguish effects stays apart. The pose remains
+# the unit of evidence: cells of a pose share whatever is wrong there, and `SharedError` is the
+# covariance of an error of unknown cause that they share.
+
+#: Readings a cell at most: a drift shows between the cells of a longer row of repeats.
+READINGS_A_CELL = 4
+
+
+def gather(
+    readings: Observations, cov: Array, most: int = READINGS_A_CELL
+) -> tuple[Observations, Array]:
+    """Average readings into cells, ordered by pose, load, direction and time.
+
+    Args:
+        readings: P single readings.
+        cov: (P, b, b) covariances of their components.
+        most: readings a cell.
+
+    Returns:
+        The C cells, and the covariances (C, b, b) of their means.
+    """
+    circumstances = same_circumstances(readings)
+    order = np.lexsort((readings.states.time_s, circumstances))
+    stretch = np.empty(len(order), dtype=np.intp)
+    start = 0
+    for size in np.bincount(circumstances):
+        blocks = -(-size // most)
+        stretch[order[start : start + size]] = np.arange(size) * blocks // size
+        start += size
+    code = circumstances * (stretch.max() + 1) + stretch
+    code = np.unique(code, return_inverse=True)[1]
+    seen = readings.measured.components_seen
+    return average_groups(readings, code), mean_covariance(cov, seen, code)
+
+
+@dataclass(frozen=True)
+class SharedError:
+    """Errors that the cells of a pose share, in whitened rows.
+
+    A pose may be off, and differently with load, with direction, and in the course of time. In
+    `turn`ed rows that covariance is diagonal: 1 + variance * `size`.
+    """
+
+    turn: Array  # (C, C) orthogonal, block by block of the cells of a pose
+    # (C,) variance of each turned row a unit variance of the shared error, the unit being the
+    # variance of one reading
+    size: Array
+
+
+def shared_error(cells: Observations) -> SharedError:
+    """Lay out the errors that cells of a pose share.
+
+    Args:
+        cells: C cells, whose rows are whitened by the covariance of their own mean.
+    """
+    count = len(cells)
+    turn, size = np.zeros((count, count)), np.zeros(count)
+    for pose in np.unique(cells.pose):
+        rows = np.flatnonzero(cells.pose == pose)
+        shapes = _shapes(cells.take(rows))
+        # Whitening by the covariance of a mean of k readings makes a shared error sqrt(k) larger.
+        shapes *= np.sqrt(cells.readings[rows])[:, None]
+        values, vectors = np.linalg.eigh(shapes @ shapes.T)
+        turn[np.ix_(rows, rows)] = vectors.T
+        size[rows] = np.maximum(values, 0.0)
+    return SharedError(turn, size)
+
+
+def _shapes(cells: Observations) -> Array:
+    """Return how an error of one pose may go with its cells, (c, s), each of unit size."""
+    states = cells.states
+    columns = [np.ones(len(cells))]
+    for values in (states.load_N, states.time_s, _direction(states.arrival)):
+        centred = values - values.mean()
+        largest = float(np.abs(centred).max())
+        if largest > 0:
+            columns.append(centred / largest)
+    return np.column_stack(columns)
+
+
+def _direction(arrival: Array) -> Array:
+    """Return one number a cell that separates directions of arrival: along the main contrast."""
+    centred = arrival - arrival.mean(axis=0)
+    _, _, right = np.linalg.svd(centred, full_matrices=False)
+    along: Array = centred @ right[0]
+    return along
+
+
+# One kind of measured rows, poses or torques, and the covariance by which they are weighed.
+#
+# Three kinds of error add up: the noise of readings, independent from cell to cell; an error of
+# unknown cause that the cells of a pose share (`cells.SharedError`), of a variance found from the
+# data; and errors common to all poses (places of balls on the apparatus, masses, loads), whose
+# standard uncertainties are known.
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Rows of C cells with b components each."""
+
+    whitener: Array  # (C, b, b) makes the noise of each cell's mean independent and of unit size
+    shared: SharedError  # errors that the cells of a pose share
+    common: Array  # (C b, c) whitened rows of errors common to all poses, each of unit size
+    _whitenings: dict[float, Whitening] = field(default_factory=dict, repr=False, compare=False)
+
+    @classmethod
+    def of(cls, whitener: Array, shared: SharedError, common: Array) -> NoiseModel:
+        """Lay out a channel.
+
+        Args:
+            whitener: (C, b, b).
+            shared: errors that cells of a pose share.
+            common: (C, b, c) errors common to all poses, at their standard uncertainty.
+        """
+        bare = cls(whitener, shared, np.zeros((whitener.shape[0] * whitener.shape[1], 0)))
+        return cls(whitener, shared, bare.rows(common))
+
+    @property
+    def shared_size(self) -> Array:
+        """(R,) variance of each row a unit variance of the shared error."""
+        return np.repeat(self.shared.size, self.whitener.shape[1])
+
+    def rows(self, values: Array) -> Array:
+        """Return whitened, turned rows (C b, k) of values (C, b, k)."""
+        white = self.whitener @ values
+        count, b, k = white.shape
+        turned: Array = self._turn @ white.reshape(count, b * k)
+        return turned.reshape(count * b, k)
+
+    @cached_property
+    def _turn(self) -> csr_array:
+        """Return the turn without its zeros: few cells belong to one pose."""
+        return csr_array(self.shared.turn)
+
+    def whitening(self, variance: float) -> Whitening:
+        """Return the weights for a variance of the shared error, in those of one reading."""
+        if variance not in self._whitenings:
+            self._whitenings[variance] = self._whitening_for(variance)
+        return self._whitenings[variance]
+
+    def _whitening_for(self, variance: float) -> Whitening:
+        total = 1.0 + variance * self.shared_size
+        scale = 1.0 / np.sqrt(total)
+        left, sizes, _ = np.linalg.svd(scale[:, None] * self.common, full_matrices=False)
+        return Whitening(
+            scale=scale,
+            directions=left,
+            shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes**2),
+            log_determinant=float(np.log(total).sum() + np.log1p(sizes**2).sum()),
+        )
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """What makes rows of a channel independent and of unit variance."""
+
+    scale: Array  # (R,) by which each row is scaled
+    directions: Array  # (R, c) orthonormal directions of the common errors in scaled rows
+    shrink: Array  # (c,) part by which rows shrink along them
+    log_determinant: float  # of the covariance of the rows
+
+    def __call__(self, rows: Array) -> Array:
+        """Weigh rows (R, k)."""
+        scaled = self.scale[:, None] * rows
+        weighed: Array = scaled - self.directions @ (
+            self.shrink[:, None] * (self.directions.T @ scaled)
+        )
+        return weighed
+
 
 MM = 1e-3
 

@@ -11,8 +11,8 @@ from pa10cal.discovery.evidence.candidates import Linearised, indistinguishable,
 from pa10cal.discovery.evidence.fit import Fit, fit
 from pa10cal.discovery.evidence.likelihood import SIZES, Evidence, Score
 from pa10cal.discovery.evidence.problem import Problem, prepare
-from pa10cal.discovery.family import effects_in
 from pa10cal.discovery.linear import error_mm, residual
+from pa10cal.discovery.preparation import effects_in
 from pa10cal.discovery.verdict import Step
 from pa10cal.terms.effects.effect import Effect
 

@@ -11,9 +11,7 @@ from scipy.stats import rankdata
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.discovery.family import why_unknown
-from pa10cal.discovery.faults import Fault
-from pa10cal.discovery.finding import Unexplained
+from pa10cal.discovery.finding import Fault, Unexplained
 from pa10cal.discovery.in_time.find import find_in_time
 from pa10cal.discovery.in_time.wander import (
     STILL,
@@ -24,6 +22,7 @@ from pa10cal.discovery.in_time.wander import (
     sizes_of_six,
 )
 from pa10cal.discovery.linear import by_joints, by_targets, by_terms, error_mm, possible_sizes
+from pa10cal.discovery.preparation import why_unknown
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import Driver, Parting, drivers, measured_again, partings, slow_joints

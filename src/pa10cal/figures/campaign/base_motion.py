@@ -22,7 +22,7 @@ from pa10cal.figures.style import (
     panel,
     write_text_at,
 )
-from pa10cal.observe.base_targets import MotionFound
+from pa10cal.observe.instrument import MotionFound
 
 PICTURE = Picture(
     title="Motion of the instrument against targets on the base",

@@ -21,9 +21,8 @@ from pa10cal.results.discovery import (
     SetGap,
     VerdictRecord,
 )
-from pa10cal.results.effect_name import EffectName
-from pa10cal.results.explained import ExplainedEffect, percent
-from pa10cal.results.proposed import ProposedFormula
+from pa10cal.results.explained import ExplainedEffect, ProposedFormula, percent
+from pa10cal.results.record import EffectName
 
 PICTURE = Picture(
     title="Verdict: effects missing from the model",

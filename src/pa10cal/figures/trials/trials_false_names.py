@@ -8,8 +8,7 @@ from matplotlib.figure import Figure
 from pa10cal.figures.rates import draw_rates
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.style import BLACK, name_rows, new_figure, panel, write_text_at
-from pa10cal.results.trial_bars import Rate
-from pa10cal.results.trials import TrialScoresRecord
+from pa10cal.results.trials import Rate, TrialScoresRecord
 
 PICTURE = Picture(
     title="How often a verdict is wrong",

@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from pa10cal.figures.rates import draw_rates
 from pa10cal.figures.registry import NothingToShowError, Picture
 from pa10cal.figures.style import BLACK, name_rows, new_figure, panel, write_text_at
-from pa10cal.results.trial_bars import Rate
-from pa10cal.results.wild_trials import WildScoresRecord
+from pa10cal.results.trials import Rate, WildScoresRecord
 
 PICTURE = Picture(
     title="How often campaigns with stressors and faults go wrong",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.table import Shown, Table, frame_of
-from pa10cal.results.wild_trials import WildScoresRecord, WildSubject
+from pa10cal.results.trials import WildScoresRecord, WildSubject
 
 PICTURE = Picture(
     title="What became of each stressor, fault and effect",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pa10cal.figures.rates import BAR_HEADER, bar_row
 from pa10cal.figures.registry import Picture
 from pa10cal.figures.table import Shown, Table, frame_of
-from pa10cal.results.wild_trials import WildScoresRecord
+from pa10cal.results.trials import WildScoresRecord
 
 PICTURE = Picture(
     title="Targets, and values reached",

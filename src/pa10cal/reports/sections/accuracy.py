@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from pa10cal.reports.blocks import Block, Callout, Folded, Paragraph, Section, grid
+from pa10cal.reports.blocks import Block, Callout, Folded, Paragraph, Section, count, deg, grid, mm
 from pa10cal.reports.gathered import Gathered
-from pa10cal.reports.model_errors import FITTED, HELD_OUT, Errors, errors_of, headline
-from pa10cal.reports.pictures import errors_drawing
-from pa10cal.reports.written import count, deg, mm
+from pa10cal.reports.pictures import FITTED, HELD_OUT, Errors, errors_drawing, errors_of, headline
 from pa10cal.results.discovery import SetGap
 from pa10cal.results.evaluation import HoldoutRecord
 

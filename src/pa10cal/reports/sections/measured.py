@@ -10,9 +10,20 @@ import numpy as np
 import pandas as pd
 
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.reports.blocks import Block, Callout, Facts, Folded, Paragraph, Section, grid
+from pa10cal.reports.blocks import (
+    Block,
+    Callout,
+    Facts,
+    Folded,
+    Paragraph,
+    Section,
+    count,
+    grid,
+    listed,
+    mm,
+    sentence,
+)
 from pa10cal.reports.gathered import POSES, Gathered
-from pa10cal.reports.written import count, listed, mm, sentence
 
 #: Characters that a line of a fact holds.
 _ONE_LINE = 90

@@ -6,10 +6,22 @@ import re
 from collections.abc import Iterator
 
 from pa10cal.figures.parameter_names import written
-from pa10cal.reports.blocks import Block, Callout, Folded, Items, Paragraph, Section, grid
+from pa10cal.reports.blocks import (
+    Block,
+    Callout,
+    Folded,
+    Items,
+    Paragraph,
+    Section,
+    count,
+    grid,
+    listed,
+    mm,
+    parameters,
+    sentence,
+)
 from pa10cal.reports.gathered import Gathered
 from pa10cal.reports.pictures import poses_drawing
-from pa10cal.reports.written import count, listed, mm, parameters, sentence
 from pa10cal.results.discovery import NotTestable, VerdictRecord
 
 #: Of more suggested poses only the first are shown; all are in the file.

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pa10cal.reports.blocks import Block, Callout, Items, Paragraph, Section, grid
-from pa10cal.reports.gathered import Gathered
-from pa10cal.reports.written import (
+from pa10cal.reports.blocks import (
     NOT_KNOWN,
+    Block,
+    Callout,
+    Items,
+    Paragraph,
+    Section,
+    grid,
     listed,
     mm,
     named,
@@ -16,10 +20,10 @@ from pa10cal.reports.written import (
     sized,
     unbroken,
 )
+from pa10cal.reports.gathered import Gathered
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
-from pa10cal.results.explained import percent
+from pa10cal.results.explained import ProposedFormula, percent
 from pa10cal.results.health import UNRESERVED, Health
-from pa10cal.results.proposed import ProposedFormula
 
 _GRADES = {
     "good": "The calibration is good.",

@@ -5,10 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from pa10cal.figures.parameter_names import written
-from pa10cal.reports.blocks import Block, Callout, Paragraph, Section, grid
+from pa10cal.reports.blocks import (
+    NOT_KNOWN,
+    Block,
+    Callout,
+    Paragraph,
+    Section,
+    grid,
+    shown_in,
+    with_interval,
+)
 from pa10cal.reports.gathered import Gathered
 from pa10cal.reports.pictures import tolerances_drawing
-from pa10cal.reports.written import NOT_KNOWN, shown_in, with_interval
 from pa10cal.results.accuracy import Parameter
 
 #: Departures of what loads the springs, and how many that poses do not identify are listed.

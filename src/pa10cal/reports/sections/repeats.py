@@ -7,11 +7,22 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.reports.blocks import Block, Callout, Folded, Paragraph, Section, grid
+from pa10cal.reports.blocks import (
+    NOT_KNOWN,
+    Block,
+    Callout,
+    Folded,
+    Paragraph,
+    Section,
+    count,
+    deg,
+    grid,
+    listed,
+    mm,
+)
 from pa10cal.reports.gathered import Gathered
-from pa10cal.reports.model_errors import UNCALIBRATED, model_title
-from pa10cal.reports.written import NOT_KNOWN, count, deg, listed, mm
-from pa10cal.results.iso9283 import Iso9283Record, RepeatabilityRows
+from pa10cal.reports.pictures import UNCALIBRATED, model_title
+from pa10cal.results.evaluation import Iso9283Record, RepeatabilityRows
 
 #: What the standard asks for.
 _STANDARD_REPEATS = 30

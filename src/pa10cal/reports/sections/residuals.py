@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Paragraph, Section, grid
+from pa10cal.reports.blocks import Beside, Block, Callout, Drawing, Paragraph, Section, grid, mm
 from pa10cal.reports.gathered import Gathered
-from pa10cal.reports.looks import BLUE, ORANGE, new_space
-from pa10cal.reports.written import mm
+from pa10cal.reports.pictures import BLUE, ORANGE, new_space
 
 #: The longest line is this part of what the positions span.
 _LONGEST_PART = 0.25

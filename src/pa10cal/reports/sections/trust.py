@@ -5,9 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from pa10cal.reports.blocks import Block, Callout, Items, Section, grid
+from pa10cal.reports.blocks import (
+    NOT_KNOWN,
+    Block,
+    Callout,
+    Items,
+    Section,
+    grid,
+    mm,
+    named,
+    sentence,
+)
 from pa10cal.reports.gathered import Gathered
-from pa10cal.reports.written import NOT_KNOWN, mm, named, sentence
 from pa10cal.results.calibration import GeneralCalibrationRecord
 from pa10cal.results.discovery import EvidenceByBlocks, EvidenceOfSag, FoundEffect
 from pa10cal.results.health import Health

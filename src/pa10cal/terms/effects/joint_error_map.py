@@ -13,8 +13,63 @@ from scipy.sparse import csr_array
 from pa10cal.arm.state import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import JointEffect
-from pa10cal.terms.effects.spectrum import Spectrum
 from pa10cal.terms.term import Parameter
+
+# How large the harmonics of a joint's error are expected to be: its spectrum, a Gaussian prior.
+
+#: How steeply a band begins: the power of the order in its step.
+_STEEP = 8
+#: Highest order that an axis off its centre or an oval ring makes.
+_SLOW = 2
+
+
+@dataclass(frozen=True)
+class Fading:
+    """Sizes expected of a map's harmonics: the finer, the less.
+
+    Sine and cosine part of m cycles a turn have the standard deviation
+    size / (1 + (m / half_order)²), each for itself.
+    """
+
+    size_rad: float  # of the coarsest
+    half_order: float  # cycles a turn of which half as much is expected
+
+    def sizes_rad(self, orders: Array) -> Array:
+        """Return the standard deviation of sine and cosine part of orders (M,)."""
+        sizes: Array = self.size_rad / (1.0 + (orders / self.half_order) ** 2)
+        return sizes
+
+
+@dataclass(frozen=True)
+class Band:
+    """Sizes expected of a map's harmonics: a band of orders, less above it, down to a floor.
+
+    Sine and cosine part of m cycles a turn have the variance
+    (below² + (level² - below²) / (1 + (first / m)⁸)) / (1 + (m / last)^(2 decay)) + floor²;
+    those of one and of two cycles, which a ring off its axis or oval makes, slow² + floor².
+    """
+
+    slow_rad: float  # of one and of two cycles a turn
+    below_rad: float  # level of the orders between them and the band
+    level_rad: float  # level in the band
+    # first_order and last_order: where the band begins and ends, in cycles a turn
+    first_order: float
+    last_order: float
+    decay: float  # power of the order by which sizes fall above the band
+    floor_rad: float  # that no order falls below
+
+    def sizes_rad(self, orders: Array) -> Array:
+        """Return the standard deviation of sine and cosine part of orders (M,)."""
+        inside = orders**_STEEP / (orders**_STEEP + self.first_order**_STEEP)
+        level = self.below_rad**2 + (self.level_rad**2 - self.below_rad**2) * inside
+        above = 1.0 + (orders / self.last_order) ** (2.0 * self.decay)
+        variance = np.where(orders <= _SLOW, self.slow_rad**2, level / above)
+        sizes: Array = np.sqrt(variance + self.floor_rad**2)
+        return sizes
+
+
+Spectrum = Fading | Band
+
 
 KNOTS = 12
 _PLAUSIBLE_RAD = 3e-4
@@ -143,3 +198,45 @@ def _spline_of_knots(knots: int) -> CubicSpline[np.float64]:
     """Return the periodic spline of every knot alone, all in one."""
     alone = np.eye(knots)
     return CubicSpline(_knots_rad(knots), np.vstack([alone, alone[:1]]), bc_type="periodic")
+
+
+# A broad band of waves in a joint's angle: made by its sensor, or by its gear.
+#
+# Both have the same form, and poses alone cannot tell them apart: which name is given is decided
+# by a witness outside the map (`discovery/sensor_or_gear.py`). Neither is sought beside the map
+# whose place it takes.
+
+#: Knots a turn that follow every order in which such errors were ever found.
+FINE = 360
+#: Sizes found on a measured arm (a UR10 in two campaigns): where a search finds its own, those.
+TYPICAL = Band(
+    slow_rad=1.2e-4,
+    below_rad=4.5e-5,
+    level_rad=7.5e-5,
+    first_order=7.0,
+    last_order=23.0,
+    decay=3.4,
+    floor_rad=4.5e-6,
+)
+
+
+@dataclass(frozen=True)
+class SensorError(JointErrorMap):
+    """An error of the sensor at the joint's output, periodic in the joint's angle."""
+
+    knots: int = FINE
+    spectrum: Spectrum | None = TYPICAL
+    id: ClassVar[str] = "sensor_error"
+    sought: ClassVar[bool] = False
+    advice: ClassVar[str] = "; calibrate the joint's sensor against the map"
+
+
+@dataclass(frozen=True)
+class GearError(JointErrorMap):
+    """An error of the gear, periodic in the angle of the joint's output."""
+
+    knots: int = FINE
+    spectrum: Spectrum | None = TYPICAL
+    id: ClassVar[str] = "gear_error"
+    sought: ClassVar[bool] = False
+    advice: ClassVar[str] = "; look at the joint's gear"

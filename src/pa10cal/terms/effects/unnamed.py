@@ -21,9 +21,8 @@ from pa10cal.terms.effects.effect import (
     turning_joints,
 )
 from pa10cal.terms.effects.instrument import FalseReading
-from pa10cal.terms.effects.joint_windup import loaded_joints
-from pa10cal.terms.term import Parameter
-from pa10cal.terms.torque_only import TorqueOnly
+from pa10cal.terms.effects.joint_torque import loaded_joints
+from pa10cal.terms.term import Parameter, TorqueOnly
 
 #: A joint that turned less, or a campaign that was shorter, shows no shape [rad; s].
 _LEAST_SPAN = 1e-3

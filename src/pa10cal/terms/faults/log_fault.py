@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from pa10cal.arrays import Array
-from pa10cal.results.fault_kind import FaultKind
+from pa10cal.results.record import FaultKind
 from pa10cal.terms.effects.effect import NamedEffect
 
 

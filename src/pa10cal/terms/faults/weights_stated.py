@@ -10,11 +10,10 @@ import numpy as np
 
 from pa10cal.arm.state import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.results.fault_kind import FaultKind
+from pa10cal.results.record import FaultKind
 from pa10cal.terms.effects.effect import CandidateContext, static_loads_in
 from pa10cal.terms.faults.log_fault import FaultText, LogFault
-from pa10cal.terms.term import Parameter
-from pa10cal.terms.torque_only import TorqueOnly
+from pa10cal.terms.term import Parameter, TorqueOnly
 
 #: Part by which a load may well be misstated.
 _LOAD_PART = 0.1

@@ -12,7 +12,7 @@ import numpy as np
 from pa10cal.arm.state import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, NamedEffect
-from pa10cal.terms.effects.encoder import amplitude_and_phase
+from pa10cal.terms.effects.joint_angle import amplitude_and_phase
 from pa10cal.terms.term import Parameter, Report, report_as_solved
 
 Numbers = tuple[float, ...]

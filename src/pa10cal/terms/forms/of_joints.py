@@ -12,8 +12,7 @@ from pa10cal.arm.state import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import joint_of
 from pa10cal.terms.forms.form import Form, Numbers, Shape, sines, size
-from pa10cal.terms.term import Parameter
-from pa10cal.terms.torque_only import TorqueOnly
+from pa10cal.terms.term import Parameter, TorqueOnly
 
 #: Errors of angles to be expected [rad], and torques that go with an angle [N m].
 _ANGLE_RAD = 3e-4

@@ -1,0 +1,357 @@
+"""A calibrated arm for other programs: as URDF, in a user's own URDF, and as UR drivers take it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames, placed, roll_pitch_yaw
+from pa10cal.arm.urdf_reading import (
+    MOVING,
+    UrdfJoint,
+    UrdfTree,
+    as_comment,
+    origin_of,
+    parse_urdf,
+    read_tree,
+)
+from pa10cal.arrays import Array
+from pa10cal.errors import ArmError
+
+
+def urdf_text(
+    chain: Chain,
+    coordinates: Array,
+    name: str,
+    *comments: str,
+    frames: Mapping[str, Array] | None = None,
+) -> str:
+    """Write the rigid geometry of a chain.
+
+    Deflection under torque has no place in URDF and is omitted; so are masses. The frame that the
+    chain's base coordinates place is the link `base`; the end of the chain is the link `flange`.
+
+    Args:
+        chain: the chain.
+        coordinates: (m,) chain coordinates at zero joint positions and torques.
+        name: name of the robot.
+        comments: what a reader should know, above everything else.
+        frames: further links, and their poses (4, 4) in the flange.
+
+    Returns:
+        The text of the file; forward kinematics of its joints `joint_1` … `joint_n` is the chain's.
+    """
+    robot = ElementTree.Element("robot", name=name)
+    for comment in comments:
+        robot.append(ElementTree.Comment(as_comment(comment)))
+    ElementTree.SubElement(robot, "link", name="base")
+    constant, joint, parent = np.eye(4), 0, "base"
+    driven = {int(column): k for k, column in enumerate(chain.joint_columns)}
+    for column, motion in enumerate(chain.motions):
+        if motion.coordinate in BASE:
+            continue
+        value = float(coordinates[column])
+        constant = constant @ chain.constants.get(column, np.eye(4))
+        if column in driven:
+            joint += 1
+            child = f"link_{joint}"
+            kind = "prismatic" if not motion.turns else "revolute"
+            element = _joint(robot, f"joint_{joint}", kind, parent, child, constant)
+            ElementTree.SubElement(element, "axis", xyz="0 0 1")
+            lower, upper = chain.arm.limits_rad[driven[column]]
+            ElementTree.SubElement(
+                element,
+                "limit",
+                lower=repr(float(lower)),
+                upper=repr(float(upper)),
+                effort=repr(float(np.nan_to_num(chain.arm.torque_limit_Nm[driven[column]]))),
+                velocity="1.0",
+            )
+            constant, parent = np.eye(4), child
+        constant = constant @ _elementary(motion.axis, motion.turns, value)
+    _joint(robot, "to_flange", "fixed", parent, "flange", constant)
+    for link, T in (frames or {}).items():
+        _joint(robot, f"to_{link}", "fixed", "flange", link, T)
+    ElementTree.indent(robot)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
+
+
+def _joint(
+    robot: ElementTree.Element, name: str, kind: str, parent: str, child: str, T: Array
+) -> ElementTree.Element:
+    """Add a link and the joint that carries it, at pose T in its parent."""
+    ElementTree.SubElement(robot, "link", name=child)
+    joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
+    ElementTree.SubElement(joint, "origin", origin_of(T))
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=child)
+    return joint
+
+
+def _elementary(axis: int, turns: bool, value: float) -> Array:
+    T = np.eye(4)
+    if turns:
+        T[:3, :3] = Rotation.from_euler("xyz"[axis], value).as_matrix()
+    else:
+        T[axis, 3] = value
+    return T
+
+
+# A user's own URDF with the origins of a calibrated arm; all else in it stays.
+
+#: How far a URDF and the description of its arm may differ [m, rad]: its numbers may be rounded.
+_SAME = 1e-5
+FLANGE = "flange"
+
+
+@dataclass(frozen=True)
+class UrdfSource:
+    """The URDF that an arm came from."""
+
+    text: str  # its content
+    where: str  # its name, for messages
+    # base and tip: links between which the arm is
+    base: str
+    tip: str
+
+
+def patched_urdf(
+    source: UrdfSource,
+    chain: Chain,
+    coordinates: Array,
+    frames: Mapping[str, Array],
+    *comments: str,
+) -> str:
+    """Return a URDF with calibrated origins, and links for flange, tool and targets added.
+
+    Names, axes, limits, shapes and inertials stay. The link `flange` is that of the chain; where
+    the URDF has another link of a name that is added, the one added is called `<name>_pa10cal`.
+
+    Args:
+        source: the URDF.
+        chain: chain of the arm that came from it.
+        coordinates: (m,) calibrated coordinates at zero joint positions.
+        frames: further links, and their poses (4, 4) in the flange.
+        comments: what stands above all else.
+
+    Raises:
+        ArmError: when it cannot be read, or is of another arm.
+    """
+    tree = read_tree(source.text, source.where)
+    _, _, path = tree.path(source.base, source.tip)
+    joints = [joint for joint in path if joint.kind in MOVING]
+    T_root = _links_at_zero(tree)
+    T_base = {link: np.linalg.inv(T_root[source.base]) @ T for link, T in T_root.items()}
+    own = np.array([T_base[joint.child] for joint in joints])
+    _refuse_another_arm(source, chain, joints, own, T_base[source.tip])
+    moved, T_base_flange = moved_frames(chain, coordinates, own)
+    placed_at = {joint.child: T for joint, T in zip(joints, moved, strict=True)}
+    if path[-1].kind == "fixed":
+        placed_at[path[-1].child] = T_base_flange
+    origins, T = {}, T_base[path[0].parent]
+    for joint in path:
+        if joint.child in placed_at:
+            origins[joint.name] = np.linalg.inv(T) @ placed_at[joint.child]
+            T = placed_at[joint.child]
+        else:
+            T = T @ _origin(joint)
+    file = parse_urdf(source.text, comments=True)
+    for element in file.robot.findall("joint"):
+        if element.get("name") in origins:
+            _set_origin(element, origins[str(element.get("name"))])
+    _add_links(file.robot, tree, source.tip, np.linalg.inv(T) @ T_base_flange, frames)
+    return file.text(*comments)
+
+
+def _links_at_zero(tree: UrdfTree) -> dict[str, Array]:
+    """Return the poses of all links in the root, (4, 4) each, with all joints at zero."""
+    found, open_ = {tree.root: np.eye(4)}, [tree.root]
+    while open_:
+        parent = open_.pop()
+        for joint in tree.joints:
+            if joint.parent == parent:
+                found[joint.child] = found[parent] @ _origin(joint)
+                open_.append(joint.child)
+    return found
+
+
+def _origin(joint: UrdfJoint) -> Array:
+    return placed(np.array(joint.xyz), np.array(joint.rpy))
+
+
+def _refuse_another_arm(
+    source: UrdfSource, chain: Chain, joints: list[UrdfJoint], own: Array, T_base_tip: Array
+) -> None:
+    """Refuse a URDF whose joint axes or tip are not those of the chain as designed."""
+    off = np.inf
+    if len(joints) == chain.arm.n:
+        designed, T_base_flange = carried_frames(chain, chain.nominal)
+        axes = np.array([joint.axis for joint in joints])
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        along = np.einsum("kij,kj->ki", own[:, :3, :3], axes)
+        beside = np.cross(own[:, :3, 3] - designed[:, :3, 3], designed[:, :3, 2])
+        beside[chain.arm.prismatic] = 0.0
+        differences = (along - designed[:, :3, 2], beside, T_base_tip - T_base_flange)
+        off = max(float(np.abs(difference).max()) for difference in differences)
+    if off > _SAME:
+        raise ArmError(
+            "the URDF is not that of the arm",
+            where=source.where,
+            value=f"{len(joints)} joints, {off:.1e} m or rad off",
+            allowed=f"the URDF from which {chain.arm.name} was imported",
+            remedy="import the arm again from this URDF, or give the one it came from",
+        )
+
+
+def _set_origin(joint: ElementTree.Element, T: Array) -> None:
+    origin = joint.find("origin")
+    if origin is None:
+        origin = ElementTree.Element("origin")
+        origin.tail = joint.text
+        joint.insert(0, origin)
+    origin.attrib.update(origin_of(T))
+
+
+def _add_links(
+    robot: ElementTree.Element,
+    tree: UrdfTree,
+    tip: str,
+    T_tip_flange: Array,
+    frames: Mapping[str, Array],
+) -> None:
+    """Add the flange, where the tip is not its link, and further links fixed to it."""
+    taken = {link.name for link in tree.links} | {joint.name for joint in tree.joints}
+    flange = tip
+    if tip != FLANGE or np.abs(T_tip_flange - np.eye(4)).max() > 0.0:
+        flange = _add_fixed(robot, taken, tip, FLANGE, T_tip_flange)
+    for name, T in frames.items():
+        _add_fixed(robot, taken, flange, name, T)
+
+
+def _add_fixed(
+    robot: ElementTree.Element, taken: set[str], parent: str, name: str, T: Array
+) -> str:
+    """Add a link and the fixed joint that carries it; return the link's name."""
+    link, joint = (
+        each if each not in taken else f"{each}_pa10cal" for each in (name, f"to_{name}")
+    )
+    taken.update((link, joint))
+    ElementTree.SubElement(robot, "link", name=link).tail = "\n  "
+    element = ElementTree.SubElement(robot, "joint", name=joint, type="fixed")
+    ElementTree.SubElement(element, "origin", origin_of(T))
+    ElementTree.SubElement(element, "parent", link=parent)
+    ElementTree.SubElement(element, "child", link=link)
+    element.tail = "\n"
+    return link
+
+
+# Kinematics of an arm of Universal Robots in the form that their driver for ROS 2 reads.
+#
+# The driver takes the origin of each of six joints, all of which turn about z, in the frame that
+# the joint before carries along. The frame of the last joint is the flange.
+
+LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+_QUARTER = np.pi / 2.0
+
+
+def ur_kinematics(chain: Chain, coordinates: Array, *comments: str) -> str | None:
+    """Return the calibration file of the driver; None where the arm has another layout.
+
+    What the last row departs by across its joint's axis (a, alpha, beta) has no place in it; see
+    `flange_off_m`.
+
+    Args:
+        chain: the chain of the arm.
+        coordinates: (m,) calibrated coordinates at zero joint positions.
+        comments: lines that stand first.
+    """
+    T_base_frames = _frames_as_designed(chain)
+    if T_base_frames is None:
+        return None
+    moved, T_base_flange = moved_frames(chain, coordinates, T_base_frames)
+    along_m = float((np.linalg.inv(moved[-1]) @ T_base_flange)[2, 3])
+    moved[-1, :3, 3] += along_m * moved[-1, :3, 2]
+    # The driver counts from the frame that the first joint stands on, turned with its own base.
+    before = np.concatenate([_turned_base(T_base_frames)[None], moved[:-1]])
+    lines = [f"# {line}".rstrip() for line in comments] + ["kinematics:"]
+    for name, T in zip(LINKS, np.linalg.inv(before) @ moved, strict=True):
+        lines.append(f"  {name}:")
+        values = (*T[:3, 3], *roll_pitch_yaw(T[:3, :3]))
+        keys = ("x", "y", "z", "roll", "pitch", "yaw")
+        lines += [f"    {key}: {float(value)!r}" for key, value in zip(keys, values, strict=True)]
+    digest = hashlib.sha256("\n".join(lines).encode()).hexdigest()
+    return "\n".join([*lines, f"  hash: calib_{int(digest[:15], 16)}"]) + "\n"
+
+
+def flange_off_m(chain: Chain, coordinates: Array) -> float:
+    """Return how far the flange is from where the last joint's axis, as designed, would have it.
+
+    Args:
+        chain: the chain of the arm.
+        coordinates: (m,) calibrated coordinates at zero joint positions.
+    """
+    ends = []
+    for at in (chain.nominal, coordinates):
+        carried, T_base_flange = carried_frames(chain, at)
+        ends.append(np.linalg.inv(carried[-1]) @ T_base_flange)
+    return float(np.linalg.norm(ends[1][:2, 3] - ends[0][:2, 3]))
+
+
+def _turned_base(T_base_frames: Array) -> Array:
+    """Return the base that the first joint stands on, about z in line with its frame."""
+    T = np.eye(4)
+    T[:3, :3] = T_base_frames[0, :3, :3]
+    return T
+
+
+def _frames_as_designed(chain: Chain) -> Array | None:
+    """Return the driver's frames (6, 4, 4) of the arm as designed; None for another layout."""
+    arm = chain.arm
+    if arm.n != 6 or arm.prismatic.any():
+        return None
+    carried, T_base_flange = carried_frames(chain, chain.nominal)
+    h, p = carried[:, :3, 2], carried[:, :3, 3]
+    for yaw in (0.0, np.pi):
+        base = placed(np.zeros(3), np.array([0.0, 0.0, yaw]))
+        axes, points = h @ base[:3, :3], p @ base[:3, :3]
+        T_flange = base.T @ T_base_flange
+        # Heights and lengths along x, from places that the axes go through.
+        d1, d14 = points[1, 2], -T_flange[1, 3]
+        a2, a3 = points[2, 0], points[3, 0] - points[2, 0]
+        d5, d6 = d1 - T_flange[2, 3], _d6(axes, points, T_flange)
+        origins = (
+            placed(np.array([0.0, 0.0, d1]), np.zeros(3)),
+            placed(np.zeros(3), np.array([_QUARTER, 0.0, 0.0])),
+            placed(np.array([a2, 0.0, 0.0]), np.zeros(3)),
+            placed(np.array([a3, 0.0, d14 - d6]), np.zeros(3)),
+            placed(np.array([0.0, -d5, 0.0]), np.array([_QUARTER, 0.0, 0.0])),
+            placed(np.array([0.0, d6, 0.0]), np.array([-_QUARTER, 0.0, 0.0])),
+        )
+        found, T = [], base
+        for origin in origins:
+            T = T @ origin
+            found.append(T)
+        if _agree(np.array(found), carried, T_base_flange):
+            return np.array(found)
+    return None
+
+
+def _d6(axes: Array, points: Array, T_flange: Array) -> float:
+    """Return how far the flange is beyond the fifth axis, along the sixth."""
+    across = np.cross(axes[4], axes[5])
+    return float((T_flange[:3, 3] - points[4]) @ axes[5]) if np.linalg.norm(across) > 0.5 else 0.0
+
+
+def _agree(found: Array, carried: Array, T_base_flange: Array) -> bool:
+    """Return whether axes and flange of a layout are those of an arm."""
+    along = found[:, :3, 2] - carried[:, :3, 2]
+    beside = np.cross(found[:, :3, 3] - carried[:, :3, 3], carried[:, :3, 2])
+    return bool(
+        max(np.abs(along).max(), np.abs(beside).max(), np.abs(found[-1] - T_base_flange).max())
+        < _SAME
+    )

@@ -1,0 +1,148 @@
+"""Maps of joints in the results of discovery: form, bands, angles seen, what the ripple says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from pa10cal.results.record import Key, Numbers, ParameterKey, Part, Shape, optional
+
+
+class AnglesSeen(Part):
+    """Values of a joint that the fit has seen."""
+
+    turns: bool = Field(description="whether the joint turns; else it slides")
+    stretches: Annotated[NDArray[np.float64], Shape("stretches", 2)] = Field(
+        description="intervals seen [rad; m of a sliding joint]"
+    )
+
+
+class FallsBack(Part):
+    """Where the effects found do not hold: there the extended model is the calibrated one."""
+
+    within: tuple[AnglesSeen, ...] = Field(
+        description="values of each joint in which the effects hold; no stretches: nowhere"
+    )
+    why: str = Field(description="what held-out poses show, one sentence")
+
+
+# Spacing and smoothness of a map of a joint's error, in the records of discovery.
+
+
+class Fading(Part):
+    """How the amplitudes of a map fade with their order."""
+
+    size_rad: float = Field(description="standard deviation of an amplitude of low order [rad]")
+    half_order: float = Field(description="order at which amplitudes are half as large")
+
+
+class Band(Part):
+    """How large the amplitudes of a map are in a band of orders, below it and above it."""
+
+    slow_rad: float = Field(
+        description="standard deviation of an amplitude of one or two cycles a turn [rad]"
+    )
+    below_rad: float = Field(description="standard deviation of an amplitude below the band [rad]")
+    level_rad: float = Field(description="standard deviation of an amplitude in the band [rad]")
+    first_order: float = Field(description="order at which the band begins")
+    last_order: float = Field(description="order at which the band ends")
+    decay: float = Field(description="power of the order by which amplitudes fall above the band")
+    floor_rad: float = Field(description="size that no amplitude is expected to fall below [rad]")
+
+
+class MapForm(Part):
+    """Spacing and smoothness of a map that has its own."""
+
+    knots: int = Field(description="knots a turn")
+    fading: Fading | None = optional("how its amplitudes fade with their order, where they do")
+    band: Band | None = optional("the band that its amplitudes have, where they do not fade")
+
+
+# The bands that maps were given, and what single poses scatter by, in the records of discovery.
+
+
+class BandOfMap(Part):
+    """How well the band of one map is known; its numbers stand with the effect, as `form.band`."""
+
+    of: str = Field(description="joint of the map")
+    log_std: Mapping[ParameterKey, float] = Field(
+        description="standard uncertainty of the logarithm of each number of the band"
+    )
+
+
+class LeftOut(Part):
+    """Weighed squared error of poses left out, before maps had a band and with it."""
+
+    before: float = Field(description="with sizes that fade with the order")
+    after: float = Field(description="with the band")
+
+
+class Bands(Part):
+    """Bands found by marginal likelihood."""
+
+    shared: bool = Field(description="whether all maps have one band")
+    scatter: float = Field(description="scatter of the weighed rows that goes with them")
+    maps: tuple[BandOfMap, ...] = Field(description="map by map")
+    of_time: LeftOut = Field(description="stretches of time left out")
+    of_angles: LeftOut = Field(description="stretches of angles of one joint left out")
+
+
+class PoseScatter(Part):
+    """What single poses scatter by about the extended model."""
+
+    joints: tuple[float, ...] = Field(
+        description="standard deviation of each joint's position [rad, m]: where it comes to stand"
+    )
+    kinds: Mapping[Annotated[str, Key("kind")], float] = Field(
+        description="standard deviation of each kind of component [m, rad]"
+    )
+    inside95_train: float = Field(
+        description="part of the coordinates of positions fitted that lie in their 95 % intervals, "
+        "by this scatter and the uncertainty of the model"
+    )
+    inside95_holdout: float | None = Field(
+        description="the same of held-out poses; null where there are none"
+    )
+
+
+# What the motor's ripple says of a joint's error, in the records of discovery.
+
+
+class Agreement(Part):
+    """How well campaigns, or turns of the joint, agree on its error where two of them were."""
+
+    correlation: float = Field(description="of their means in arcs of 3 deg, noise taken off")
+    slope: float = Field(description="of one by the other")
+    arcs: int = Field(description="pairs of means compared")
+
+
+class MotorRipple(Part):
+    """Lines of the residual at multiples of the gear ratio: who errs, the sensor or the gear."""
+
+    ratio: float = Field(description="motor turns a joint turn")
+    orders: tuple[int, ...] = Field(description="multiples of the ratio at which there are lines")
+    alpha: float = Field(
+        description="share of the error that the motor followed: 0 where the gear errs, 1 where "
+        "the sensor does"
+    )
+    interval95: tuple[float, float] = Field(description="its 95 % interval, by profile likelihood")
+    gain_nats: float = Field(description="log-likelihood over alpha = 0")
+    gain_over_one_nats: float = Field(description="log-likelihood over alpha = 1")
+    beta_rad_Nm: float | None = Field(
+        description="turn of the motor a torque [rad/(N m)]; null where torques do not vary"
+    )
+    alphas: Numbers = Field(description="shares tried")
+    profile_nats: Numbers = Field(description="log-likelihood of each, less that of the best")
+
+
+class JointWitness(Part):
+    """What says whose error a joint's error by its angle is."""
+
+    ripple: MotorRipple | None = Field(description="of its motor; null where it shows none")
+    agreement: Agreement | None = Field(
+        description="of campaigns or turns; null where no angle was seen in two of them"
+    )
