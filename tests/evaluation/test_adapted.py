@@ -12,7 +12,7 @@ from pa10cal.calibration.general.case import fitted
 from pa10cal.cell.options import TrackerOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.evaluation.adapted import adapted_steps
-from pa10cal.figures.adaptation import write_adaptation
+from pa10cal.figures.over_campaigns import write_adaptation
 from pa10cal.files.arms import load_arm
 from pa10cal.results.comparison import AdaptationRecord
 from pa10cal.studies.changes import Change, draw_changed

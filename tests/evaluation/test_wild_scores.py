@@ -18,7 +18,7 @@ from pa10cal.evaluation.blind_trial import (
     Verdict,
 )
 from pa10cal.evaluation.wild_scores import bars, failings, scores_record
-from pa10cal.figures.wild import wild_rates, wild_subjects, wild_summary
+from pa10cal.figures.registry import entries
 from pa10cal.results.codec import lines, write
 from pa10cal.results.trials import FailedTrialRecord, PutIn, TrialTruthRecord
 
@@ -173,9 +173,7 @@ def test_scores_are_drawn_and_listed(tmp_path):
     for name in ("wild_summary", "wild_subjects"):
         assert "Synthetic data" in (tmp_path / f"tables/{name}.md").read_text("utf-8")
     assert (tmp_path / "figures/wild_rates.svg").exists()
-    assert all(
-        "ynthetic" in module.PICTURE.caption for module in (wild_rates, wild_summary, wild_subjects)
-    )
+    assert all("ynthetic" in entry.picture.caption for entry in entries("wild").values())
 
 
 def test_wild_truths_are_scored_as_such(tmp_path):

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from pa10cal.figures.campaign.base_motion import draw
+from pa10cal.figures.campaign.residuals import draw_base_motion
 
 
 def test_shift_and_turn_are_drawn_with_their_bands(watched):
     assert watched.lacks("base_motion") is None
-    figure = draw(watched)
+    figure = draw_base_motion(watched)
     shift, turn = figure.axes
     assert shift.get_ylabel() == "shift [mm]"
     drawn = [line.get_ydata() for line in shift.get_lines()]

@@ -9,14 +9,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.quiver import Quiver, QuiverKey
 from matplotlib.text import Text
 
-from pa10cal.figures.campaign import (
-    gap_by_step,
-    parameter_shifts,
-    residual_field,
-    verdict,
-    where_breakdown,
-    where_torque,
-)
+from pa10cal.figures.campaign import by_joint, where
+from pa10cal.figures.campaign import residuals as residuals_pictures
+from pa10cal.figures.campaign import verdict as verdict_pictures
 from pa10cal.figures.registry import NothingToShowError
 from pa10cal.figures.results import PLACE_MM
 from pa10cal.figures.table import write_table
@@ -45,7 +40,7 @@ def test_discovery_names_what_the_spoiled_campaign_hides(named):
 class TestBreakdown:
     def test_shows_both_fits_beside_the_floor(self, named):
         found = named.analysis()
-        by_load = where_breakdown.draw(named).axes[0]
+        by_load = where.draw_where_breakdown(named).axes[0]
         floor, before, after = (line.get_ydata() for line in by_load.lines[:3])
         np.testing.assert_allclose(floor, [part.floor_mm for part in found.before.by_load])
         np.testing.assert_allclose(before, [part.rms_mm for part in found.before.by_load])
@@ -54,16 +49,18 @@ class TestBreakdown:
         np.testing.assert_allclose(after, floor, rtol=0.3)
 
     def test_the_joint_stands_out(self, named):
-        by_joint = where_breakdown.draw(named).axes[2]
+        by_joint = where.draw_where_breakdown(named).axes[2]
         floor, before, after = (line.get_ydata() for line in by_joint.lines[:3])
         assert np.argmax(before / floor) == 1
         assert (after / floor).max() < 1.5
 
     def test_says_how_it_compares_with_repeats(self, named, results):
-        (said,) = (t for t in texts_of(where_breakdown.draw(named)) if t.startswith("F, variance"))
+        (said,) = (
+            t for t in texts_of(where.draw_where_breakdown(named)) if t.startswith("F, variance")
+        )
         assert f"{named.analysis().before.pose.shared.F:.0f} before (p < 0.001)" in said
         (said,) = (
-            t for t in texts_of(where_breakdown.draw(results)) if t.startswith("F, variance")
+            t for t in texts_of(where.draw_where_breakdown(results)) if t.startswith("F, variance")
         )
         assert "< 0.001" not in said
 
@@ -76,7 +73,7 @@ class TestBreakdown:
                     drift["by_temperature_mm_per_K"] = None
 
         def errorbars(results):
-            return len(where_breakdown.draw(results).axes[4].containers)
+            return len(where.draw_where_breakdown(results).axes[4].containers)
 
         assert errorbars(named) == 4
         assert errorbars(changed("discovery/analysis.json", unlogged)) == 2
@@ -88,7 +85,7 @@ class TestBreakdown:
                 for joint in record[fit]["by_joint"]:
                     joint["arrivals"] = []
 
-        texts = texts_of(where_breakdown.draw(changed("discovery/analysis.json", once)))
+        texts = texts_of(where.draw_where_breakdown(changed("discovery/analysis.json", once)))
         assert "no direction was logged" in texts
         assert any(text.startswith("No pose was repeated") for text in texts)
 
@@ -96,7 +93,7 @@ class TestBreakdown:
 class TestTorque:
     def test_every_cell_is_drawn_by_its_direction(self, results):
         joint = results.analysis().before.cells.joints[2]
-        axes = where_torque.draw(results).axes[2]
+        axes = by_joint.draw_where_torque(results).axes[2]
         drawn = {line.get_marker(): line.get_ydata() for line in axes.lines[:-1]}
         forward = np.sign(joint.arrival) > 0
         np.testing.assert_allclose(drawn["^"], np.array(joint.torque_residual_Nm)[forward])
@@ -110,7 +107,7 @@ class TestTorque:
                     joint["torque_residual_Nm"] = None
 
         with pytest.raises(NothingToShowError, match="no torques were logged, or the weights are"):
-            where_torque.draw(changed("discovery/analysis.json", unlogged))
+            by_joint.draw_where_torque(changed("discovery/analysis.json", unlogged))
 
     def test_a_calculated_log_has_nothing_to_show(self, changed):
         def none_left(record):
@@ -121,13 +118,13 @@ class TestTorque:
                     part["noise_Nm"] = 0.0
 
         with pytest.raises(NothingToShowError, match="none remain"):
-            where_torque.draw(changed("discovery/analysis.json", none_left))
+            by_joint.draw_where_torque(changed("discovery/analysis.json", none_left))
 
 
 class TestGapByStep:
     def test_a_row_a_name_with_its_errors(self, named):
         found = named.analysis()
-        texts = texts_of(gap_by_step.draw(named))
+        texts = texts_of(verdict_pictures.draw_gap_by_step(named))
         assert {"calibrated model", "+ transmission error\n   joint 2"} <= set(texts)
         for step in found.naming:
             for errors in (step.train, step.holdout):
@@ -136,21 +133,26 @@ class TestGapByStep:
         assert found.naming[1].holdout.mean_mm < 0.3 * found.naming[0].holdout.mean_mm
 
     def test_one_row_where_nothing_was_named(self, results):
-        assert any("No effect was named" in text for text in texts_of(gap_by_step.draw(results)))
+        assert any(
+            "No effect was named" in text
+            for text in texts_of(verdict_pictures.draw_gap_by_step(results))
+        )
 
     def test_without_held_out_poses(self, changed):
         def none(record):
             for step in record["naming"]:
                 step["holdout"] = None
 
-        texts = texts_of(gap_by_step.draw(changed("discovery/analysis.json", none)))
+        texts = texts_of(
+            verdict_pictures.draw_gap_by_step(changed("discovery/analysis.json", none))
+        )
         assert "poses fitted" in texts
         assert not any("held-out" in text for text in texts)
 
 
 class TestResidualField:
     def test_arrows_run_from_the_predicted_to_the_measured_place(self, named):
-        figure = residual_field.draw(named)
+        figure = residuals_pictures.draw_residual_field(named)
         arrows = [artist for axes in figure.axes for artist in axes.findobj(Quiver)]
         assert len(arrows) == 8
         rows = named.analysis().gap.train
@@ -179,7 +181,7 @@ class TestResidualField:
                 row["extrapolated"] = k < 5
 
         source = changed("discovery/analysis.json", beyond)
-        figure = residual_field.draw(source)
+        figure = residuals_pictures.draw_residual_field(source)
         said = [text.get_text() for text in figure.legends[0].get_texts()]
         assert [text.partition(",")[0] for text in said] == [
             "poses fitted",
@@ -191,7 +193,7 @@ class TestResidualField:
         np.testing.assert_allclose(arrows[2].X, rows.place_mm[:5, 0])
         error = np.linalg.norm(rows.after_mm[:5], axis=1)
         said = f"{np.sqrt(np.mean(error**2)):.3f} mm in 5 of {len(rows)}"
-        drawn = gap_by_step.draw(source)
+        drawn = verdict_pictures.draw_gap_by_step(source)
         (line,) = (text for text in drawn.findobj(Text) if said in text.get_text())
         FigureCanvasAgg(drawn).draw()
         assert line.get_window_extent().x1 < drawn.bbox.x1
@@ -201,7 +203,9 @@ class TestResidualField:
             for row in record["gap"]["holdout"]:
                 row["extrapolated"] = True
 
-        texts = texts_of(gap_by_step.draw(changed("discovery/analysis.json", beyond)))
+        texts = texts_of(
+            verdict_pictures.draw_gap_by_step(changed("discovery/analysis.json", beyond))
+        )
         assert any("mm; all poses are extrapolated." in text for text in texts)
         assert not any("nan" in text for text in texts)
 
@@ -209,7 +213,7 @@ class TestResidualField:
 class TestParameterShifts:
     def test_links_in_tolerances_and_springs_in_percent(self, named):
         shifts = {s.name: s for s in named.analysis().parameter_shifts if s.identifiable}
-        links, springs = parameter_shifts.draw(named).axes
+        links, springs = where.draw_parameter_shifts(named).axes
         names = [label.get_text() for label in links.get_yticklabels()]
         drawn = dict(zip(names, (bar.get_width() for bar in links.patches), strict=False))
         shift = shifts["delta_a_2"]
@@ -228,13 +232,13 @@ class TestParameterShifts:
                 if shift["name"].startswith("K_cub"):
                     shift.update(before=0.0, after=0.0, std=0.0)
 
-        _, springs = parameter_shifts.draw(changed("discovery/analysis.json", linear)).axes
+        _, springs = where.draw_parameter_shifts(changed("discovery/analysis.json", linear)).axes
         assert [t.get_text() for t in springs.get_yticklabels()] == [
             f"K_lin_{j}" for j in (2, 3, 5)
         ]
 
     def test_only_the_weighing_moves_parameters_where_nothing_was_named(self, results):
-        figure = parameter_shifts.draw(results)
+        figure = where.draw_parameter_shifts(results)
         assert any("No effect was named" in text for text in texts_of(figure))
         assert max(abs(bar.get_width()) for bar in figure.axes[0].patches[:-1]) < 0.1  # tolerances
 
@@ -244,13 +248,13 @@ class TestParameterShifts:
                 shift for shift in record["parameter_shifts"] if not shift["name"].startswith("K_")
             ]
 
-        texts = texts_of(parameter_shifts.draw(changed("discovery/analysis.json", rigid)))
+        texts = texts_of(where.draw_parameter_shifts(changed("discovery/analysis.json", rigid)))
         assert "all joints held rigid" in texts
 
 
 class TestVerdictTable:
     def rows(self, results, folder):
-        write_table(verdict.tabulate(results), results.footer, folder, "verdict")
+        write_table(verdict_pictures.tabulate_verdict(results), results.footer, folder, "verdict")
         with (folder / "verdict.csv").open(encoding="utf-8", newline="") as file:
             return list(csv.DictReader(file))
 

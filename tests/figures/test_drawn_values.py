@@ -10,18 +10,11 @@ import pytest
 from matplotlib.quiver import Quiver, QuiverKey
 from matplotlib.text import Text
 
-from pa10cal.figures.campaign import (
-    fig4_test_path,
-    fig5_before_after,
-    fig6_holdout,
-    l_curve,
-    montecarlo_convergence,
-    montecarlo_map,
-    montecarlo_planes,
-    paper_against_ours,
-    parameter_uncertainty,
-    residual_vectors,
-)
+from pa10cal.figures.campaign import errors as errors_pictures
+from pa10cal.figures.campaign import health as health_pictures
+from pa10cal.figures.campaign import montecarlo, paper_against_ours, paper_figures
+from pa10cal.figures.campaign import parameters as parameters_pictures
+from pa10cal.figures.campaign import residuals as residuals_pictures
 from pa10cal.figures.registry import NothingToShowError
 from pa10cal.figures.results import PLACE_MM
 from pa10cal.results.calibration import LCurvePoint
@@ -44,7 +37,7 @@ def changed(results, changed_from):
 
 
 def test_the_path_is_that_of_the_arm_in_its_own_frame(results):
-    figure = fig4_test_path.draw(results)
+    figure = paper_figures.draw_fig4_test_path(results)
     space = figure.axes[0]
     grid, held_out, line_x, line_y = (np.array(line.get_data_3d()) for line in space.lines[:4])
     assert grid.shape == (3, 27)
@@ -59,7 +52,7 @@ def test_the_path_is_that_of_the_arm_in_its_own_frame(results):
 
 
 def test_before_and_after_are_written_as_recorded(results):
-    texts = texts_of(fig5_before_after.draw(results))
+    texts = texts_of(paper_figures.draw_fig5_before_after(results))
     alone, together = results.load_cases(), results.calibration()
     for load, case in alone.items():
         before, after = case.errors[load].before, case.errors[load].after
@@ -84,10 +77,10 @@ def test_an_attitude_that_was_not_seen_has_no_panel(results, tmp_path):
         without_attitude(record)
         path.write_text(json.dumps(record), encoding="utf-8")
     source = replace(results, folder=folder)
-    figure = fig5_before_after.draw(source)
+    figure = paper_figures.draw_fig5_before_after(source)
     assert [axes.get_ylabel() for axes in figure.axes] == ["position error [mm]"]
     assert figure.axes[0].get_xlabel() == "external load"
-    rows = paper_against_ours.tabulate(source).data.to_numpy()
+    rows = paper_against_ours.tabulate_paper_against_ours(source).data.to_numpy()
     said = {row[5] for row in rows if row[0].startswith("mean orientation error before")}
     assert said == {"not measured"}
 
@@ -100,25 +93,29 @@ def test_held_out_errors_without_attitude(changed):
                 row["rotation_deg"] = None
 
     source = changed("evaluation/holdout.json", unseen)
-    texts = texts_of(fig6_holdout.draw(source))
+    texts = texts_of(errors_pictures.draw_fig6_holdout(source))
     assert not any("orientation" in text and "paper" not in text for text in texts)
-    rows = paper_against_ours.tabulate(source).data.to_numpy()
+    rows = paper_against_ours.tabulate_paper_against_ours(source).data.to_numpy()
     held_out = [row for row in rows if row[0] == "mean orientation error, held out"]
     assert {(row[5], row[7]) for row in held_out} == {("not measured", "")}
 
 
 def test_the_papers_figures_stand_beside_its_own_arm_only(results):
     other = replace(results, robot="other")
-    for module in (fig5_before_after, montecarlo_planes, parameter_uncertainty):
-        ours = legend_of(module.draw(other))
-        with_paper = legend_of(module.draw(results))
+    for make in (
+        paper_figures.draw_fig5_before_after,
+        montecarlo.draw_montecarlo_planes,
+        parameters_pictures.draw_parameter_uncertainty,
+    ):
+        ours = legend_of(make(other))
+        with_paper = legend_of(make(results))
         assert set(ours) < set(with_paper)
         assert all("paper" in text for text in set(with_paper) - set(ours))
-    assert not any("paper:" in text for text in texts_of(fig6_holdout.draw(other)))
+    assert not any("paper:" in text for text in texts_of(errors_pictures.draw_fig6_holdout(other)))
 
 
 def test_held_out_errors_are_drawn_load_by_load(results):
-    axes = fig6_holdout.draw(results).axes[0]
+    axes = errors_pictures.draw_fig6_holdout(results).axes[0]
     models = results.held_out().models
     for line, (name, model) in zip(axes.lines, models.items(), strict=False):
         assert name.split("_")[0] in line.get_label()
@@ -134,7 +131,7 @@ def test_what_is_extrapolated_is_hollow(changed):
         for k, row in enumerate(record["models"]["cubic"]["rows"]):
             row["extrapolated"] = k < 3
 
-    figure = fig6_holdout.draw(changed("evaluation/holdout.json", beyond))
+    figure = errors_pictures.draw_fig6_holdout(changed("evaluation/holdout.json", beyond))
     (hollow,) = (line for line in figure.axes[0].lines if line.get_label() == "extrapolated")
     assert len(hollow.get_ydata()) == 3
     assert hollow.get_markerfacecolor() == "white"
@@ -145,11 +142,11 @@ def test_a_campaign_without_held_out_points_has_nothing_to_show(changed):
         record.update(models={}, configurations=0)
 
     with pytest.raises(NothingToShowError, match=r"^no held-out configuration was"):
-        fig6_holdout.draw(changed("evaluation/holdout.json", empty))
+        errors_pictures.draw_fig6_holdout(changed("evaluation/holdout.json", empty))
 
 
 def test_arrows_run_from_the_predicted_to_the_measured_place(results):
-    figure = residual_vectors.draw(results)
+    figure = residuals_pictures.draw_residual_vectors(results)
     arrows = [artist for axes in figure.axes for artist in axes.findobj(Quiver)]
     assert len(arrows) == 6
     residuals = results.calibration().residuals
@@ -167,7 +164,9 @@ def test_open_and_bound_parameters_are_named(changed):
     def bound(record):
         record["parameters"]["K_cub_3"]["at_bound"] = True
 
-    texts = texts_of(parameter_uncertainty.draw(changed("calibration/combined.json", bound)))
+    texts = texts_of(
+        parameters_pictures.draw_parameter_uncertainty(changed("calibration/combined.json", bound))
+    )
     assert texts.count("not identifiable: set by the tolerance") == 2
     assert "joint 3\nat bound" in texts
     assert "joint 5" in texts
@@ -180,12 +179,16 @@ def held_rigid(record):
 
 
 def test_an_arm_without_springs_is_drawn(changed):
-    figure = parameter_uncertainty.draw(changed("calibration/combined.json", held_rigid))
+    figure = parameters_pictures.draw_parameter_uncertainty(
+        changed("calibration/combined.json", held_rigid)
+    )
     assert texts_of(figure).count("all joints held rigid") == 2
 
 
 def test_an_arm_without_springs_has_one_calibrated_model(changed):
-    texts = texts_of(fig6_holdout.draw(changed("calibration/combined.json", held_rigid)))
+    texts = texts_of(
+        errors_pictures.draw_fig6_holdout(changed("calibration/combined.json", held_rigid))
+    )
     assert "calibrated" in texts
     assert not any("springs" in text for text in texts)
 
@@ -194,27 +197,39 @@ def test_the_spread_of_a_stiffness_ends_at_zero(changed):
     def wide(record):
         record["inner_dependence"]["std"]["K_lin_2"] = 1e9
 
-    axes = parameter_uncertainty.draw(changed("calibration/combined.json", wide)).axes[2]
+    axes = parameters_pictures.draw_parameter_uncertainty(
+        changed("calibration/combined.json", wide)
+    ).axes[2]
     assert axes.get_title(loc="left") == "linear stiffness"
     starts = [min(line.get_xdata()) for line in axes.lines if len(line.get_xdata()) == 2]
     assert min(starts) == 0.0
 
 
 def test_says_when_the_intervals_do_not_cover_what_the_model_lacks(results, changed):
-    assert not any("incomplete" in text for text in texts_of(parameter_uncertainty.draw(results)))
+    assert not any(
+        "incomplete" in text
+        for text in texts_of(parameters_pictures.draw_parameter_uncertainty(results))
+    )
 
     def worse(record):
         for errors in record["errors"].values():
             errors["after"]["mean_mm"] = 1.0
 
-    texts = texts_of(parameter_uncertainty.draw(changed("calibration/combined.json", worse)))
+    texts = texts_of(
+        parameters_pictures.draw_parameter_uncertainty(changed("calibration/combined.json", worse))
+    )
     assert any("the model is incomplete" in text for text in texts)
 
 
 def test_says_which_calibration_was_evaluated(results, changed):
-    assert any("with all loads together" in text for text in texts_of(fig6_holdout.draw(results)))
+    assert any(
+        "with all loads together" in text
+        for text in texts_of(errors_pictures.draw_fig6_holdout(results))
+    )
     other = changed("evaluation/holdout.json", lambda record: record.update(calibration="22N"))
-    assert any("with 22N alone" in text for text in texts_of(fig6_holdout.draw(other)))
+    assert any(
+        "with 22N alone" in text for text in texts_of(errors_pictures.draw_fig6_holdout(other))
+    )
 
 
 def points(weights, values):
@@ -231,7 +246,9 @@ def test_both_readings_of_epsilon_are_marked_where_the_curve_reaches(changed):
 
         return put
 
-    short = legend_of(l_curve.draw(changed("calibration/combined.json", curve(1e-2))))
+    short = legend_of(
+        health_pictures.draw_l_curve(changed("calibration/combined.json", curve(1e-2)))
+    )
     assert any("weight 0.00016: remaining error 4.000 mm" in text for text in short)
     assert any("weight 0.013: beyond the weights tried" in text for text in short)
 
@@ -241,23 +258,25 @@ def test_the_second_reading_is_marked_on_a_curve_that_reaches_it(changed):
         weights = [1e-6, 1.6e-4, 1.6e-4**0.5, 1e-1]
         record["l_curve"] = [p.model_dump() for p in points(weights, [1, 2, 3, 4])]
 
-    long = legend_of(l_curve.draw(changed("calibration/combined.json", put)))
+    long = legend_of(health_pictures.draw_l_curve(changed("calibration/combined.json", put)))
     assert any("weight 0.013: remaining error 6.000 mm" in text for text in long)
 
 
 def test_says_how_the_terms_act_in_the_calibration_itself(results, changed):
-    assert any("poses do not identify" in text for text in texts_of(l_curve.draw(results)))
+    assert any(
+        "poses do not identify" in text for text in texts_of(health_pictures.draw_l_curve(results))
+    )
 
     def as_printed(record):
         record["settings"].update(tolerance_terms="all", epsilon_acts_on="cost")
 
-    texts = texts_of(l_curve.draw(changed("calibration/combined.json", as_printed)))
+    texts = texts_of(health_pictures.draw_l_curve(changed("calibration/combined.json", as_printed)))
     assert any("act on every departure, with ε on the cost" in text for text in texts)
 
 
 def test_the_map_shows_every_point_and_nothing_elsewhere(results):
     plane = results.planes()[0]
-    image = montecarlo_map.draw(results).axes[0].images[0]
+    image = montecarlo.draw_montecarlo_map(results).axes[0].images[0]
     shown = image.get_array()
     assert shown.count() == len(plane.map.rows)
     left, right, bottom, top = image.get_extent()
@@ -272,16 +291,16 @@ def test_a_plane_without_a_grid_point_in_reach_says_so(results, changed):
         record["map"]["rows"] = []
 
     part = changed("montecarlo/z500.json", empty)
-    assert texts_of(montecarlo_map.draw(part)).count("no grid point in reach") == 1
+    assert texts_of(montecarlo.draw_montecarlo_map(part)).count("no grid point in reach") == 1
     settings = part.settings.model_copy(
         update={"montecarlo": part.settings.montecarlo.model_copy(update={"planes_mm": (500,)})}
     )
-    alone = montecarlo_map.draw(replace(part, settings=settings))
+    alone = montecarlo.draw_montecarlo_map(replace(part, settings=settings))
     assert "no grid point in reach" in texts_of(alone)
 
 
 def test_convergence_ends_where_the_record_does(results):
-    running = montecarlo_convergence.draw(results).axes[0]
+    running = montecarlo.draw_montecarlo_convergence(results).axes[0]
     for line, plane in zip(running.lines, results.planes(), strict=False):
         percent = 100 * (plane.mean_mm / plane.closed_form_mean_mm - 1)
         assert line.get_ydata()[-1] == pytest.approx(percent, abs=1e-5)

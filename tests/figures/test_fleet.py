@@ -3,7 +3,7 @@
 import pytest
 from matplotlib.figure import Figure
 
-from pa10cal.figures.fleet import write_fleet
+from pa10cal.figures.over_campaigns import write_fleet
 from pa10cal.results.fleet import ChainRecord, FleetArm, FleetCampaign, FleetRecord
 
 

@@ -8,14 +8,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.quiver import Quiver
 from matplotlib.text import Text
 
-from pa10cal.figures.campaign import (
-    error_by_joint,
-    health,
-    held_out_errors,
-    joint_error_maps,
-    residual_field,
-)
-from pa10cal.figures.campaign.error_by_joint import PoseResiduals, joint_errors, running_mean
+from pa10cal.figures.campaign import by_joint, joint_maps
+from pa10cal.figures.campaign import errors as errors_pictures
+from pa10cal.figures.campaign import health as health_pictures
+from pa10cal.figures.campaign import residuals as residuals_pictures
+from pa10cal.figures.campaign.by_joint import PoseResiduals, joint_errors, running_mean
 from pa10cal.figures.registry import NothingToShowError
 from pa10cal.figures.style import looks, write_figure
 
@@ -43,7 +40,7 @@ class TestHealth:
     def test_shows_both_orders_and_what_is_wanted(self, results, sighted, kind):
         source = results if kind == "nothing" else sighted[kind]
         found = source.any_calibration().health.poses
-        curve = health.draw(source).axes[0]
+        curve = health_pictures.draw_health(source).axes[0]
         optimal, measured = curve.lines[:2]
         assert list(optimal.get_xdata()) == [point.poses for point in found.expected]
         assert list(optimal.get_ydata()) == [point.u_optimal_mm for point in found.expected]
@@ -55,7 +52,7 @@ class TestHealth:
 
     def test_says_the_grade_and_what_it_rests_on(self, sighted):
         found = sighted["distance"].general().health
-        said = " ".join(texts_of(health.draw(sighted["distance"])))
+        said = " ".join(texts_of(health_pictures.draw_health(sighted["distance"])))
         assert f"{found.grade.replace('_', ' ').capitalize()}: {found.line}." in said
         assert f"Rank {found.rank} of {found.unknowns}" in said
         assert f"{found.held_out_rms_mm:.3f}" in said
@@ -69,7 +66,7 @@ class TestHealth:
         source = copied(
             sighted["pose"], COMBINED, lambda r: r["health"].update(correlated_pairs=pairs)
         )
-        texts = texts_of(health.draw(source))
+        texts = texts_of(health_pictures.draw_health(source))
         assert "δa₂ and δd₁: -0.988" in texts
         assert "and 3 more, see the table" in texts
 
@@ -79,7 +76,7 @@ class TestHealth:
             record["health"]["poses"].update(needed=None, u_model_mm=None)
             record["health"]["poses"]["expected"][0]["u_measured_mm"] = None
 
-        figure = health.draw(copied(sighted["pose"], COMBINED, unknown))
+        figure = health_pictures.draw_health(copied(sighted["pose"], COMBINED, unknown))
         assert texts_of(figure).count("not known") == 3
         ordered = len(sighted["pose"].general().health.poses.d_optimal_order)
         assert any(f"not reached with {ordered} chosen poses" in text for text in legend_of(figure))
@@ -92,7 +89,7 @@ class TestHealth:
             record["health"].update(noise_mm=high, held_out_rms_mm=high, train_rms_mm=low)
             record["health"]["poses"].update(u_model_mm=low, u_needed_mm=0.00736)
 
-        figure = health.draw(copied(sighted["distance"], COMBINED, between))
+        figure = health_pictures.draw_health(copied(sighted["distance"], COMBINED, between))
         expected, errors = figure.axes
         assert box_of(expected).x0 > 0.0
         assert not box_of(expected).overlaps(box_of(errors))
@@ -103,7 +100,7 @@ class TestHealth:
 class TestHeldOutErrors:
     def test_every_model_is_drawn_with_its_rms(self, sighted):
         found = sighted["pose"].held_out()
-        figure = held_out_errors.draw(sighted["pose"])
+        figure = errors_pictures.draw_held_out_errors(sighted["pose"])
         assert len(figure.axes) == 2  # the attitude was seen
         titles = ("nominal, frames fitted", "geometry", "geometry and springs")
         for said, title, model in zip(
@@ -116,7 +113,7 @@ class TestHeldOutErrors:
         np.testing.assert_allclose(uncalibrated.get_ydata()[[0, -1]], [100 / len(errors), 100])
 
     def test_poses_beyond_the_angles_learnt_are_apart(self, learnt):
-        figure = held_out_errors.draw(learnt)
+        figure = errors_pictures.draw_held_out_errors(learnt)
         extended = learnt.held_out().models["extended"]
         inside, beyond = legend_of(figure)[-2:]
         assert inside.startswith("with discovered effects, angles seen: rms ")
@@ -136,7 +133,7 @@ class TestHeldOutErrors:
         ],
     )
     def test_without_attitude_says_what_the_error_is_of(self, sighted, kind, axis, said):
-        figure = held_out_errors.draw(sighted[kind])
+        figure = errors_pictures.draw_held_out_errors(sighted[kind])
         assert [axes.get_xlabel() for axes in figure.axes] == [axis]
         assert any(said in text for text in texts_of(figure))
         assert not any("°" in text for text in legend_of(figure))
@@ -149,7 +146,9 @@ class TestHeldOutErrors:
             for model in record["models"].values():
                 model["rows"] = [model["rows"][0] | {"error_mm": error} for error in error_mm]
 
-        axes = held_out_errors.draw(copied(sighted["distance"], HOLDOUT, many)).axes[0]
+        axes = errors_pictures.draw_held_out_errors(
+            copied(sighted["distance"], HOLDOUT, many)
+        ).axes[0]
         line, mark = axes.lines[:2]
         share = [100.0 * np.mean(error_mm <= x) for x in line.get_xdata()]
         np.testing.assert_allclose(line.get_ydata(), share)
@@ -159,20 +158,20 @@ class TestHeldOutErrors:
         assert mark.get_ydata()[0] == line.get_ydata()[step]
 
     def test_lines_that_coincide_are_all_seen(self, sighted):
-        figure = held_out_errors.draw(sighted["pose"])
+        figure = errors_pictures.draw_held_out_errors(sighted["pose"])
         geometry, springs = figure.axes[0].lines[2], figure.axes[0].lines[4]
         assert geometry.get_linestyle() == "--"
         assert geometry.get_zorder() > springs.get_zorder()
         assert geometry.get_linewidth() < springs.get_linewidth()
 
     def test_without_springs_there_is_one_calibrated_model(self, sighted):
-        said = legend_of(held_out_errors.draw(sighted["points"]))
+        said = legend_of(errors_pictures.draw_held_out_errors(sighted["points"]))
         assert [text.partition(":")[0] for text in said] == ["nominal, frames fitted", "calibrated"]
 
     def test_without_held_out_poses(self, copied, sighted):
         source = copied(sighted["pose"], HOLDOUT, lambda r: r.update(models={}, configurations=0))
         with pytest.raises(NothingToShowError, match=r"^no held-out configuration was"):
-            held_out_errors.draw(source)
+            errors_pictures.draw_held_out_errors(source)
 
 
 class TestErrorByJoint:
@@ -182,7 +181,7 @@ class TestErrorByJoint:
         joints, case = source.joints(), source.general()
         rows = case.residuals
         q = joints.of(rows.pose.tolist(), rows.load_N.tolist())
-        figure = error_by_joint.draw(source)
+        figure = by_joint.draw_error_by_joint(source)
         n = len(joints.slides)
         assert len(figure.axes) == 2 * n
         fitted = figure.axes[0].lines[0]
@@ -197,7 +196,7 @@ class TestErrorByJoint:
     def test_a_sliding_joint_is_in_millimetres(self, sighted):
         joints = sighted["points"].joints()
         assert list(joints.slides) == [False, False, True, False]
-        figure = error_by_joint.draw(sighted["points"])
+        figure = by_joint.draw_error_by_joint(sighted["points"])
         third = figure.axes[2].lines[0].get_xdata()
         poses = sighted["points"].poses()
         q3_m = poses[poses["kind"] == "grid"]["q3_m"]
@@ -206,7 +205,7 @@ class TestErrorByJoint:
         assert any("Positions alone were measured" in text for text in texts_of(figure))
 
     def test_what_was_discovered_has_a_row(self, learnt):
-        figure = error_by_joint.draw(learnt)
+        figure = by_joint.draw_error_by_joint(learnt)
         before, after = (figure.axes[n].lines[0].get_ydata() for n in (6, 12))
         labels = [axes.get_ylabel().partition("\n")[0] for axes in figure.axes[::6]]
         assert labels == ["fitted, before", "held out, before", "held out, after"]
@@ -251,14 +250,16 @@ class TestErrorByJoint:
 
         source = copied(sighted["pose"], COMBINED, many)
         with looks():
-            write_figure(error_by_joint.draw(source), source.footer, tmp_path, "light", 100)
+            write_figure(
+                by_joint.draw_error_by_joint(source), source.footer, tmp_path, "light", 100
+            )
         for ending in ("svg", "pdf"):
             assert (tmp_path / f"light.{ending}").stat().st_size < 600e3
 
 
 class TestJointErrorMaps:
     def test_the_line_runs_through_the_knots_and_the_band_is_theirs(self, learnt):
-        figure = joint_error_maps.draw(learnt)
+        figure = joint_maps.draw_joint_error_maps(learnt)
         first, third = figure.axes[1], figure.axes[0]
         assert first.get_title(loc="left").startswith("joint 1: rms 0.212 mrad over the turn")
         assert third.get_title(loc="left").startswith("joint 3: ")
@@ -278,7 +279,7 @@ class TestJointErrorMaps:
             assert np.ptp(ends) == pytest.approx(2 * 1.96e3 * std)
 
     def test_angles_that_the_poses_fitted_have_not_seen_are_extrapolated(self, learnt):
-        figure = joint_error_maps.draw(learnt)
+        figure = joint_maps.draw_joint_error_maps(learnt)
         known, guessed = figure.axes[0].lines[:2]
         angle = known.get_xdata()
         inside = (angle > 10.2) & (angle < 27.8)
@@ -290,13 +291,13 @@ class TestJointErrorMaps:
 
     def test_a_map_judged_by_repeats_is_drawn_without_angles_seen(self, copied, learnt):
         source = copied(learnt, "discovery/verdict.json", lambda r: r.pop("angles_seen"))
-        known = joint_error_maps.draw(source).axes[0].lines[0]
+        known = joint_maps.draw_joint_error_maps(source).axes[0].lines[0]
         assert np.isfinite(known.get_ydata()).all()
 
     def test_says_when_there_is_no_map(self, copied, learnt):
         source = copied(learnt, "discovery/verdict.json", lambda r: r.update(effects=[]))
         with pytest.raises(NothingToShowError, match="no error that depends on a joint's angle"):
-            joint_error_maps.draw(source)
+            joint_maps.draw_joint_error_maps(source)
 
 
 class TestResidualField:
@@ -304,7 +305,7 @@ class TestResidualField:
     def test_where_effects_are_not_sought_the_calibrated_model_is_drawn(self, sighted, kind):
         source = sighted[kind]
         assert source.verdict().verdict == "not_sought"
-        figure = residual_field.draw(source)
+        figure = residuals_pictures.draw_residual_field(source)
         arrows = [artist for axes in figure.axes for artist in axes.findobj(Quiver)]
         rows = source.general().residuals
         assert len(arrows) == 2
@@ -314,7 +315,7 @@ class TestResidualField:
 
     @pytest.mark.parametrize("kind", ["points", "distance"])
     def test_views_side_by_side_are_alike_and_apart(self, sighted, kind):
-        figure = residual_field.draw(sighted[kind])
+        figure = residuals_pictures.draw_residual_field(sighted[kind])
         above, side = figure.axes
         assert above.get_position().y0 == side.get_position().y0
         assert above.get_position().y1 == side.get_position().y1
@@ -329,7 +330,7 @@ class TestResidualField:
         def many(record):
             record["residuals"] = record["residuals"] * 60
 
-        figure = residual_field.draw(copied(sighted["points"], COMBINED, many))
+        figure = residuals_pictures.draw_residual_field(copied(sighted["points"], COMBINED, many))
         rows = sighted["points"].general().residuals
         (said,) = legend_of(figure)
         mean = np.linalg.norm(rows.position_mm, axis=1).mean()
@@ -344,7 +345,7 @@ def test_a_pose_that_is_not_in_the_table_is_named(copied, sighted):
 
     source = copied(sighted["pose"], COMBINED, stray)
     with pytest.raises(Exception, match=r"not in the table of poses \(got 'P999 at 0 N'\)"):
-        error_by_joint.draw(source)
+        by_joint.draw_error_by_joint(source)
 
 
 def test_the_held_out_poses_of_the_fixture_are_told_apart(learnt):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.figures.orders_told import highest_told
+from pa10cal.figures.campaign.by_joint import highest_told
 
 ORDERS = np.arange(0.5, 300.0, 0.5)
 

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.figures.repeats import Scatter, incompleteness, scatter_by_load
-from pa10cal.figures.results import PLACE_MM
+from pa10cal.figures.results import PLACE_MM, Scatter, incompleteness, scatter_by_load
 
 
 def poses(p_mm, loads, kind="grid"):

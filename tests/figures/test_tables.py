@@ -10,14 +10,15 @@ from pathlib import Path
 import pytest
 
 from pa10cal.figures import published
-from pa10cal.figures.campaign import paper_against_ours, table1_parameters
+from pa10cal.figures.campaign import paper_against_ours
+from pa10cal.figures.campaign import parameters as parameters_pictures
 from pa10cal.figures.options import PictureOptions
 from pa10cal.figures.table import Table, figures, frame_of, shown, with_half_width, write_table
 
 
 @pytest.fixture(scope="module")
 def compared(results):
-    return rows_of(paper_against_ours.tabulate(results))
+    return rows_of(paper_against_ours.tabulate_paper_against_ours(results))
 
 
 def rows_of(table):
@@ -150,8 +151,8 @@ class TestPaperAgainstOurs:
         path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), "models": {}}))
         settings = PictureOptions.model_validate({"montecarlo": {"planes_mm": [300]}})
         part = replace(results, folder=tmp_path / "part", settings=settings)
-        whole = rows_of(paper_against_ours.tabulate(results))
-        rows = rows_of(paper_against_ours.tabulate(part))
+        whole = rows_of(paper_against_ours.tabulate_paper_against_ours(results))
+        rows = rows_of(paper_against_ours.tabulate_paper_against_ours(part))
         keys = [(row["quantity"], row["condition"]) for row in rows]
         assert keys == [(row["quantity"], row["condition"]) for row in whole]
         assert one(rows, "peak position error, held out", "cubic")["ours"] == "not measured"
@@ -172,7 +173,9 @@ class TestPaperAgainstOurs:
             record["errors"]["10N"] = record["errors"].pop("0N")
             target = path if name == "combined" else path.with_name("10N.json")
             target.write_text(json.dumps(record), encoding="utf-8")
-        rows = rows_of(paper_against_ours.tabulate(replace(results, folder=folder)))
+        rows = rows_of(
+            paper_against_ours.tabulate_paper_against_ours(replace(results, folder=folder))
+        )
         for quantity in (*BY_LOAD, *AFTER_BY_LOAD):
             ours = [r for r in rows if (r["quantity"], r["condition"]) == (quantity, "10 N")]
             assert len(ours) == (1 if quantity in BY_LOAD else 2)
@@ -193,7 +196,9 @@ class TestPaperAgainstOurs:
         }.items():
             path = folder / f"montecarlo/z{plane_mm}.json"
             path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), **changes}))
-        rows = rows_of(paper_against_ours.tabulate(replace(results, folder=folder)))
+        rows = rows_of(
+            paper_against_ours.tabulate_paper_against_ours(replace(results, folder=folder))
+        )
         name = "Monte Carlo mean, difference of a parallel plane"
         assert "reproduce" not in one(rows, name, "z = 300 mm")["remark"]
         remark = one(rows, name, "z = 700 mm")["remark"]
@@ -204,7 +209,9 @@ class TestPaperAgainstOurs:
         folder = shutil.copytree(results.folder, tmp_path / "single")
         path = folder / "evaluation/holdout.json"
         path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), "calibration": "22N"}))
-        rows = rows_of(paper_against_ours.tabulate(replace(results, folder=folder)))
+        rows = rows_of(
+            paper_against_ours.tabulate_paper_against_ours(replace(results, folder=folder))
+        )
         left = results.calibration("22N").errors["22N"].after.orientation_deg
         remark = one(rows, "mean orientation error, held out", "cubic")["remark"]
         said = remark.partition("calibration (22N) leaves ")[2].split()[0]
@@ -219,16 +226,19 @@ class TestPaperAgainstOurs:
         for errors in record["errors"].values():
             errors["after"]["mean_mm"] = 1.0
         path.write_text(json.dumps(record), encoding="utf-8")
-        for module in (paper_against_ours, table1_parameters):
-            complete = module.tabulate(results).notes
-            lacking = module.tabulate(replace(results, folder=folder)).notes
+        for make in (
+            paper_against_ours.tabulate_paper_against_ours,
+            parameters_pictures.tabulate_table1_parameters,
+        ):
+            complete = make(results).notes
+            lacking = make(replace(results, folder=folder)).notes
             assert set(complete) < set(lacking)
             assert "the model is incomplete" in lacking[-1]
 
 
 class TestTableOne:
     def test_holds_every_parameter_of_every_calibration(self, results):
-        rows = rows_of(table1_parameters.tabulate(results))
+        rows = rows_of(parameters_pictures.tabulate_table1_parameters(results))
         assert len(rows) == 4 * 30
         combined = {row["parameter"]: row for row in rows if row["calibration"] == "combined"}
         assert set(combined) == {*published.DEPARTURES} | {
@@ -240,7 +250,7 @@ class TestTableOne:
         assert unknown == {"delta_d_1", "delta_theta_1"}
 
     def test_is_laid_out_as_in_the_paper(self, results):
-        first_part, *alone = table1_parameters.tabulate(results).shown
+        first_part, *alone = parameters_pictures.tabulate_table1_parameters(results).shown
         together = first_part.frame
         assert together["joint"].tolist() == list("123456")
         assert together.shape[1] == 1 + 2 * 7
@@ -254,7 +264,7 @@ class TestTableOne:
     @pytest.mark.parametrize(("reading", "value"), [("text_e7", "38.3"), ("table_e8", "384")])
     def test_shows_the_chosen_reading_of_the_papers_cubic_stiffness(self, results, reading, value):
         settings = PictureOptions.model_validate({"kcub_reading": reading})
-        table = table1_parameters.tabulate(replace(results, settings=settings))
+        table = parameters_pictures.tabulate_table1_parameters(replace(results, settings=settings))
         assert table.shown[0].frame.iloc[4, -1] == value
         assert any(reading[-2:] in note.replace("1e", "e") for note in table.notes)
 
@@ -266,14 +276,14 @@ class TestTableOne:
             record["parameters"] = {n: p for n, p in parameters if not n.startswith("K_")}
             path.write_text(json.dumps(record), encoding="utf-8")
         rigid = replace(results, folder=folder)
-        table = table1_parameters.tabulate(rigid)
+        table = parameters_pictures.tabulate_table1_parameters(rigid)
         assert len(rows_of(table)) == 4 * 24
         assert all((part.frame.iloc[:, -1] == "∞").all() for part in table.shown[1:])
-        rows = rows_of(paper_against_ours.tabulate(rigid))
+        rows = rows_of(paper_against_ours.tabulate_paper_against_ours(rigid))
         assert one(rows, "K_lin", "joint 2")["ours"] == "not estimated"
 
     def test_leaves_the_paper_out_for_another_arm(self, results):
-        table = table1_parameters.tabulate(replace(results, robot="other"))
+        table = parameters_pictures.tabulate_table1_parameters(replace(results, robot="other"))
         assert "paper" not in table.shown[0].frame
         assert not any("paper" in note for note in table.notes)
 

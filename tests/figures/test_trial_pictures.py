@@ -16,11 +16,11 @@ from pa10cal.errors import RecordError
 from pa10cal.figures.registry import NothingToShowError
 from pa10cal.figures.style import WIDTH_MM
 from pa10cal.figures.trials import (
-    trials_confusion,
-    trials_false_names,
-    trials_intervals,
-    trials_power,
-    trials_summary,
+    draw_trials_confusion,
+    draw_trials_false_names,
+    draw_trials_intervals,
+    draw_trials_power,
+    tabulate_trials_summary,
 )
 from pa10cal.results.codec import lines, read
 from pa10cal.results.discovery import VerdictRecord
@@ -32,7 +32,7 @@ from pa10cal.results.trials import (
     TrialTruthRecord,
 )
 
-DRAWN = (trials_confusion, trials_power, trials_false_names, trials_intervals)
+DRAWN = (draw_trials_confusion, draw_trials_power, draw_trials_false_names, draw_trials_intervals)
 LEAST_POINTS = 8.0
 COUNTS = {"null": 9, "wrong_noise": 3, "wrong_mass": 3, "pair": 6, "triple": 5}
 
@@ -151,9 +151,9 @@ def texts_of(figure):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("project_looks")
-@pytest.mark.parametrize("module", DRAWN, ids=lambda module: module.__name__.split(".")[-1])
-def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(full, module):
-    figure = module.draw(read(TrialScoresRecord, full))
+@pytest.mark.parametrize("draw", DRAWN, ids=lambda draw: draw.__name__)
+def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(full, draw):
+    figure = draw(read(TrialScoresRecord, full))
     texts, renderer = texts_of(figure)
     assert len(texts) > 10
     assert figure.get_figwidth() * 25.4 == pytest.approx(WIDTH_MM)
@@ -172,19 +172,19 @@ def test_texts_are_large_enough_inside_the_picture_and_clear_of_each_other(full,
 
 
 @pytest.mark.usefixtures("project_looks")
-@pytest.mark.parametrize("module", DRAWN, ids=lambda module: module.__name__.split(".")[-1])
-def test_of_a_few_trials_it_is_drawn_or_has_nothing_to_show(few, module):
-    if module is trials_false_names:
-        assert texts_of(module.draw(read(TrialScoresRecord, few)))[0]
+@pytest.mark.parametrize("draw", DRAWN, ids=lambda draw: draw.__name__)
+def test_of_a_few_trials_it_is_drawn_or_has_nothing_to_show(few, draw):
+    if draw is draw_trials_false_names:
+        assert texts_of(draw(read(TrialScoresRecord, few)))[0]
         return
     with pytest.raises(NothingToShowError, match=r"^no (trial|hidden effect)"):
-        module.draw(read(TrialScoresRecord, few))
+        draw(read(TrialScoresRecord, few))
 
 
 @pytest.mark.usefixtures("project_looks")
 def test_the_matrix_shows_every_count(full):
     scores = read(TrialScoresRecord, full)
-    texts, _ = texts_of(trials_confusion.draw(scores))
+    texts, _ = texts_of(draw_trials_confusion(scores))
     shown = [int(text.get_text()) for text, _ in texts if text.get_text().isdigit()]
     rows = [*scores.confusion.single.values(), *scores.confusion.outside.values()]
     assert sum(shown) == 2 * sum(sum(row.values()) for row in rows)  # cells, and sums of rows
@@ -192,7 +192,7 @@ def test_the_matrix_shows_every_count(full):
 
 @pytest.mark.usefixtures("project_looks")
 def test_shares_are_drawn_where_they_are_with_what_is_allowed(full):
-    axes = trials_false_names.draw(read(TrialScoresRecord, full)).axes[0]
+    axes = draw_trials_false_names(read(TrialScoresRecord, full)).axes[0]
     named = read(TrialScoresRecord, full).nothing_hidden["null"].named
     label = axes.get_yticklabels()[0].get_text()
     assert label.startswith("nothing hidden")
@@ -204,7 +204,7 @@ def test_shares_are_drawn_where_they_are_with_what_is_allowed(full):
 
 def test_the_table_has_a_row_a_bar_with_its_figure(full):
     scores = read(TrialScoresRecord, full)
-    table = trials_summary.tabulate(scores)
+    table = tabulate_trials_summary(scores)
     assert len(table.data) == len(scores.bars)
     first = table.data.iloc[0]
     assert first["to reach"] == "≤ 2.0 %"
@@ -219,7 +219,7 @@ def test_the_stage_writes_pictures_and_tables(full, tmp_path):
     words = ["--results", str(full.parent), "--settings", '{"figures": {"png_dpi": 60}}']
     assert run_command("figures", [*words, "--out-dir", str(tmp_path)]) == 0
     written = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.*")}
-    names = [module.__name__.rpartition(".")[2] for module in DRAWN]
+    names = [draw.__name__.removeprefix("draw_") for draw in DRAWN]
     expected = {f"figures/{name}.{ending}" for name in names for ending in ("svg", "pdf", "png")}
     expected |= {f"tables/trials_summary.{ending}" for ending in ("csv", "md", "html")}
     assert written == expected | {"pictures.json"}

@@ -1,6 +1,6 @@
 """What pictures are drawn from, and what the report says of them."""
 
-from pa10cal.figures.report import Captions, titles
+from pa10cal.figures.registry import Captions, titles
 
 
 def found_of(*names):

@@ -66,7 +66,7 @@ def adapt(
     )
     write(record, out)
     if figures is not None:
-        from pa10cal.figures.adaptation import write_adaptation
         from pa10cal.figures.options import FigureOptions
+        from pa10cal.figures.over_campaigns import write_adaptation
 
         write_adaptation(record, figures, out.stem, FigureOptions().png_dpi)

@@ -31,8 +31,8 @@ def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -
     record = over_campaigns(found, names)
     write(record, out)
     if figures is not None:
-        from pa10cal.figures.drift import write_drift
         from pa10cal.figures.options import FigureOptions
+        from pa10cal.figures.over_campaigns import write_drift
 
         write_drift(record, figures, out.stem, FigureOptions().png_dpi)
     for step in record.steps:

@@ -32,8 +32,7 @@ def figures(
         pa10cal figures --results results/mine --campaign-dir data/raw/mine --figure health \\
           --out-dir /tmp/one
     """
-    from pa10cal.figures.draw import draw_all, draw_one, summary
-    from pa10cal.figures.sources import read_source
+    from pa10cal.figures.draw import draw_all, draw_one, read_source, summary
 
     source = read_source(results, campaign_dir, settings, force=force)
     out = out_dir or results

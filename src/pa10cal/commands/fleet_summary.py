@@ -18,8 +18,8 @@ def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) ->
         pa10cal fleet_summary --campaigns arms.csv --raw-dir data/raw --results results \\
           --out results/fleet
     """
-    from pa10cal.figures.fleet import write_fleet
     from pa10cal.figures.options import FigureOptions
+    from pa10cal.figures.over_campaigns import write_fleet
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.fleet.campaigns import campaigns_of, fleet_csv
     from pa10cal.fleet.standing import fleet_record

@@ -1,26 +1,26 @@
-"""Pictures and tables find themselves: every module of a folder of this package is one of them.
+"""Pictures and tables find themselves: every function of some modules that says what it shows.
 
-A module states what it is in `PICTURE` and holds one function: `draw` returns a figure,
-`tabulate` a table, `film` writes a film. Its name is that of the files written.
+`@picture` says it; the function's name says what it makes and what the files are called:
+`draw_l_curve` returns the figure `l_curve`, `tabulate_` a table, `film_` writes a film.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
-from types import ModuleType
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import pa10cal.figures
 
 Kind = Literal["figure", "table", "film"]
+F = TypeVar("F", bound=Callable[..., Any])
 
-#: Folders of this package that hold pictures, by what the pictures are of.
+#: Modules and packages here that hold pictures, by what the pictures are of.
 FOLDERS = ("campaign", "trials", "wild", "curve", "chain")
-_FUNCTIONS: dict[str, Kind] = {"draw": "figure", "tabulate": "table", "film": "film"}
+_KINDS: dict[str, Kind] = {"draw": "figure", "tabulate": "table", "film": "film"}
 
 
 @dataclass(frozen=True)
@@ -37,31 +37,82 @@ class Picture:
 
 @dataclass(frozen=True)
 class Entry:
-    """A picture with its module."""
+    """A picture with the function that makes it."""
 
-    name: str  # of the module and of the files
+    name: str  # of the files
     kind: Kind  # what it makes
-    picture: Picture  # as its module states it
-    module: ModuleType  # holds the function that makes it
+    picture: Picture
+    make: Callable[..., Any]
 
 
 class NothingToShowError(Exception):
     """Results are all there, and hold nothing that a picture could show; says why."""
 
 
+def picture(*, title: str, needs: tuple[str, ...], caption: str) -> Callable[[F], F]:
+    """Say of a function what it shows; see `Picture`."""
+
+    def said(function: F) -> F:
+        function.__dict__["picture"] = Picture(title, needs, caption)
+        return function
+
+    return said
+
+
 @cache
 def entries(folder: str) -> dict[str, Entry]:
-    """Return the pictures and tables of a folder by name, in alphabetical order."""
-    return {entry.name: entry for entry in _found(folder)}
+    """Return the pictures and tables of one of `FOLDERS` by name, in alphabetical order."""
+    return {entry.name: entry for entry in sorted(_found(folder), key=lambda entry: entry.name)}
 
 
 def _found(folder: str) -> Iterator[Entry]:
     package = import_module(f"{pa10cal.figures.__name__}.{folder}")
-    for info in iter_modules(package.__path__):
-        module = import_module(f"{package.__name__}.{info.name}")
-        kinds = [kind for name, kind in _FUNCTIONS.items() if hasattr(module, name)]
-        if len(kinds) != 1 or not isinstance(getattr(module, "PICTURE", None), Picture):
-            raise TypeError(
-                f"{module.__name__} must state PICTURE and hold one of {', '.join(_FUNCTIONS)}"
-            )
-        yield Entry(info.name, kinds[0], module.PICTURE, module)
+    within = [info.name for info in iter_modules(getattr(package, "__path__", ()))]
+    for module in [package, *(import_module(f"{package.__name__}.{name}") for name in within)]:
+        for function in vars(module).values():
+            said = getattr(function, "__dict__", {}).get("picture")
+            if not isinstance(said, Picture) or function.__module__ != module.__name__:
+                continue
+            kind, _, name = function.__name__.partition("_")
+            if kind not in _KINDS:
+                raise TypeError(f"{function.__name__} must begin with {', '.join(_KINDS)}")
+            yield Entry(name, _KINDS[kind], said, function)
+
+
+# What the report says of pictures: titles and captions, read only when the report is made.
+
+_ORIGIN = {
+    "campaign": "The campaigns shipped with this project are synthetic data. The provenance of the "
+    "data is stated with the picture."
+}
+
+
+class Captions:
+    """Captions of the pictures of a folder.
+
+    A rule's parameter that the template of captions reads. It looks the same whatever the captions
+    say, so that changing one draws nothing anew.
+    """
+
+    def __init__(self, folder: str, name: str) -> None:
+        """Take a folder of `registry.FOLDERS`, and the wildcard with the campaign or study."""
+        self._folder, self._name = folder, name
+
+    def __repr__(self) -> str:
+        return f"captions of {self._folder}"
+
+    def of(self, wildcards: Any) -> str:
+        """Return the caption of the picture `wildcards.picture` in reStructuredText."""
+        name = str(getattr(wildcards, self._name, ""))
+        return caption(self._folder, wildcards.picture, name)
+
+
+def caption(folder: str, picture: str, name: str) -> str:
+    """Return a caption; the name is that of the campaign or study."""
+    text = entries(folder)[picture].picture.caption.strip().replace("{name}", name)
+    return f"{text}\n{_ORIGIN.get(folder, 'All of this is synthetic data.')}"
+
+
+def titles(folder: str) -> Callable[[Any], dict[str, str]]:
+    """Return the function that labels `wildcards.picture` in the report with its title."""
+    return lambda wildcards: {"picture": entries(folder)[wildcards.picture].picture.title}

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar, cast
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arrays import Array
@@ -17,7 +18,6 @@ from pa10cal.campaign.description import read_description
 from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError
 from pa10cal.figures import published
-from pa10cal.figures.joint_positions import JointPositions
 from pa10cal.figures.options import PictureOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.instrument import Instrument
@@ -36,6 +36,37 @@ from pa10cal.results.health import UNRESERVED
 from pa10cal.results.montecarlo import PlaneRecord
 from pa10cal.results.record import Record
 from pa10cal.results.seed import BaseFrameRecord
+
+# Joint positions of the configurations of a campaign, looked up by pose and load.
+
+
+@dataclass(frozen=True)
+class JointPositions:
+    """Mean joint positions of configurations over their repeats."""
+
+    q: pd.DataFrame  # one row a pose and load, one column a joint [rad; m of a prismatic joint]
+    slides: NDArray[np.bool_]  # (n,) which joints slide
+
+    def of(self, poses: Sequence[str], loads_N: Sequence[float]) -> Array:
+        """Return the joint positions (P, n) of P poses, each at its load.
+
+        Raises:
+            RecordError: when one of them was not measured.
+        """
+        rows = pd.MultiIndex.from_arrays([list(poses), list(loads_N)])
+        found = self.q.reindex(rows).to_numpy(dtype=float)
+        unknown = np.isnan(found).any(axis=1)
+        if unknown.any():
+            pose, load_N = rows[int(np.argmax(unknown))]
+            raise RecordError(
+                "a pose of the results is not in the table of poses",
+                where="ingest/poses.parquet",
+                value=f"{pose} at {load_N:g} N",
+                allowed="results of the poses that ingest wrote",
+                remedy="run pa10cal calibrate and pa10cal evaluate again",
+            )
+        return found
+
 
 _R = TypeVar("_R", bound=Record)
 _T = TypeVar("_T")
@@ -381,3 +412,71 @@ def _first_sentences(text: str) -> str:
             return f"{first.removesuffix('.')}. More in its campaign.yaml."
         first = f"{first} {sentence}"
     return f"{first.removesuffix('.')}."
+
+
+# How much the repeats of one configuration scatter: the paper's repeatability.
+
+#: A mean error up to so many times the scatter of averaged repeats may be scatter alone.
+_COMPLETE_WITHIN = 3.0
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Standard deviation of the measured position within one grid configuration, at one load.
+
+    That of the distance: the root of the variances along three axes together.
+    """
+
+    largest_mm: float  # over the configurations
+    mean_mm: float  # over the configurations
+    # that of the average of a configuration's repeats, over the configurations
+    mean_of_average_mm: float
+
+    @property
+    def largest_per_axis_mm(self) -> float:
+        """Return the largest along one axis, nearest to the paper's scatter of a scalar error."""
+        return float(self.largest_mm / np.sqrt(3.0))
+
+
+def scatter_by_load(poses: pd.DataFrame) -> dict[str, Scatter]:
+    """Return the scatter at each load with repeats, by load as `0N`, `22N`, ….
+
+    Args:
+        poses: the table of poses.
+    """
+    grid = poses[poses["kind"] == "grid"].groupby(["load_N", "pose"])
+    count = grid.size()
+    variance = grid[list(PLACE_MM)].var(ddof=1).sum(axis=1, skipna=False)
+    found = pd.DataFrame({"std": np.sqrt(variance), "count": count})[count > 1]
+    found["of_average"] = found["std"] / np.sqrt(found["count"])
+    return {
+        f"{load_N:g}N": Scatter(
+            largest_mm=float(at["std"].max()),
+            mean_mm=float(at["std"].mean()),
+            mean_of_average_mm=float(at["of_average"].mean()),
+        )
+        for load_N, at in found.groupby(level="load_N")
+    }
+
+
+def incompleteness(case: PaperCalibrationRecord, scatter: dict[str, Scatter]) -> str | None:
+    """Say that a calibrated model is incomplete, None where repeats do not show that it is.
+
+    What a general model leaves is the scatter of averaged repeats, on which it was calibrated.
+
+    Args:
+        case: the calibration.
+        scatter: of repeats, by load.
+    """
+    loads = [load for load in case.errors if load in scatter]
+    if not loads:
+        return None
+    left_mm = np.mean([case.errors[load].after.mean_mm for load in loads])
+    repeats_mm = np.mean([scatter[load].mean_of_average_mm for load in loads])
+    if left_mm <= _COMPLETE_WITHIN * repeats_mm:
+        return None
+    times = f"{left_mm / repeats_mm:.0f}" if repeats_mm > 0.0 else "infinitely many"
+    return (
+        f"The remaining error is {times} times the scatter of averaged repeats: the model is "
+        "incomplete, and ± does not cover the missing effect."
+    )

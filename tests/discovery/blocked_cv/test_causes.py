@@ -15,7 +15,7 @@ from pa10cal.discovery.blocked_cv.bands import in_bands
 from pa10cal.discovery.blocked_cv.finest import level
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.rows import ShapedEffect
-from pa10cal.discovery.discover import discover as by_blocks
+from pa10cal.discovery.discover import discover
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.records import discovery_records, summary, verdict_keys
 from pa10cal.discovery.verdict import Plan

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pa10cal.figures.registry import Picture
+from pa10cal.figures.parameter_names import written
+from pa10cal.figures.registry import picture
 from pa10cal.figures.style import (
     AFTER,
     AFTER_COMBINED,
@@ -24,9 +26,20 @@ from pa10cal.figures.style import (
     panel,
     plain_log,
 )
-from pa10cal.results.studies import CurveCalibrationRecord, Individual
+from pa10cal.figures.table import Row, Shown, Table, frame_of, shown
+from pa10cal.results.studies import CurveCalibrationRecord, CurveStudySummary, Individual, OverFloor
 
-PICTURE = Picture(
+#: How individuals depart, in short.
+DEPARTS = {"rows": "by its rows", "any_way": "in any way"}
+_MOST_POSTURES = 24
+_COLOURS = {"spline": BLUE, "helix": ORANGE, "wave": GREEN}
+_OF_MODEL = {"two_level": AFTER, "two_level_all": AFTER_COMBINED, "general": GREEN}
+_SHORT = {"two_level": "two-level", "two_level_all": "all inside", "general": "general"}
+#: Beside each other: fitted, held out.
+_ASIDE = {"fitted": -0.14, "held_out": 0.14}
+
+
+@picture(
     title="A chain of links, calibrated",
     needs=(),
     caption="""
@@ -40,18 +53,7 @@ level; it has no tool parameters and cannot represent a flange that departs in a
 right, the errors of its parameters in standard uncertainties.
 """,
 )
-
-#: How individuals depart, in short.
-DEPARTS = {"rows": "by its rows", "any_way": "in any way"}
-_MOST_POSTURES = 24
-_COLOURS = {"spline": BLUE, "helix": ORANGE, "wave": GREEN}
-_OF_MODEL = {"two_level": AFTER, "two_level_all": AFTER_COMBINED, "general": GREEN}
-_SHORT = {"two_level": "two-level", "two_level_all": "all inside", "general": "general"}
-#: Beside each other: fitted, held out.
-_ASIDE = {"fitted": -0.14, "held_out": 0.14}
-
-
-def draw(study: CurveCalibrationRecord) -> Figure:
+def draw_curve_calibration(study: CurveCalibrationRecord) -> Figure:
     """Draw postures, errors pose by pose, means over the noise floor, and scores."""
     figure = new_figure(
         150.0, f"A chain of {study.joints} joints, posed along curves and calibrated (synthetic)"
@@ -171,3 +173,134 @@ def _by_rows(study: CurveCalibrationRecord) -> list[Individual]:
 
 def _rms(scores: np.ndarray[Any, Any]) -> float:
     return float(np.sqrt(np.mean(scores**2)))
+
+
+# The chain of links calibrated: rank, null directions and errors of both models.
+
+_MODELS = {
+    "two_level": "two-level (paper)",
+    "two_level_all": "two-level, all poses inside",
+    "general": "general",
+}
+_HEADER = (
+    "arm departs",
+    "model",
+    "unknowns",
+    "rank",
+    "converged",
+    "fitted / floor",
+    "held out / floor",
+    "arms within the bar, fitted",
+    "held out",
+    "rms score",
+)
+_ERRORS_HEADER = ("arm departs", "model", "fitted", "peak", "held out", "peak", "held out, true")
+
+
+@picture(
+    title="Rank, null directions and errors of the chain",
+    needs=(),
+    caption="""
+Results for the chains that were calibrated: unknowns, rank, directions that no pose determines,
+and errors relative to the noise floor, for arms that depart by the parameters of their rows and
+for arms that depart in any way. Null directions of the two-level model are the height and the
+zero of the first joint, which the base frame contains as well; the general model omits
+redundant parameters beforehand. Errors are mean distances between predicted and measured
+positions, of fitted and of held-out poses.
+""",
+)
+def tabulate_curve_calibration_summary(study: CurveCalibrationRecord) -> Table:
+    """Return a row for each way to depart and each model."""
+    first = [each for each in study.individuals if each.number == 1]
+    redundant = first[0].models["general"].redundant
+    data = frame_of(_HEADER, map(_row, study.summaries))
+    return Table(
+        title=f"A chain of {study.joints} joints, calibrated (synthetic)",
+        data=data,
+        shown=(
+            Shown(data),
+            shown(
+                _ERRORS_HEADER,
+                [row for each in first for row in _error_rows(each)],
+                "The first arm of each, position errors [mm]",
+            ),
+            shown(("model", "direction"), _directions(study), "Null directions"),
+            shown(
+                ("parameter", "the same as"),
+                [(written(name), _said(said)) for name, said in redundant.items()],
+                "Omitted: redundant parameters of the general model",
+            ),
+        ),
+        notes=(
+            f"Noise floor: {study.noise_floor_mm:.4f} mm, the mean error that the stated noise of "
+            f"a position alone leaves. Bar: {study.bar:g} times the floor.",
+            "Over the floor: mean over the arms, in brackets the largest. True: against the pose "
+            "itself, without the noise of its reading.",
+            "The two-level model has no tool parameters: where the flange departs in any way, "
+            "it cannot represent two directions. All poses inside: M = N.",
+            "Score: (value − truth) / standard uncertainty, of identifiable parameters.",
+        ),
+    )
+
+
+def _row(found: CurveStudySummary) -> Row:
+    return (
+        DEPARTS[found.departs],
+        _MODELS[found.model],
+        str(found.unknowns),
+        str(found.rank),
+        _of(found.converged, found),
+        _times(found.fitted),
+        _times(found.held_out),
+        _of(found.fitted.within_bar, found),
+        _of(found.held_out.within_bar, found),
+        "" if found.rms_score is None else f"{found.rms_score:.2f}",
+    )
+
+
+def _error_rows(each: Individual) -> list[Row]:
+    names = {"nominal": "nominal", **_MODELS}
+    return [
+        (
+            DEPARTS[each.departs],
+            names[model],
+            *(
+                f"{value:.4f}"
+                for value in (
+                    errors.fitted.mean_mm,
+                    errors.fitted.peak_mm,
+                    errors.held_out.mean_mm,
+                    errors.held_out.peak_mm,
+                    errors.held_out_true.mean_mm,
+                )
+            ),
+        )
+        for model, errors in each.errors.items()
+    ]
+
+
+def _directions(study: CurveCalibrationRecord) -> tuple[Row, ...]:
+    return tuple(
+        (_MODELS[found.model], _said(weights))
+        for found in study.summaries
+        if found.departs == study.summaries[0].departs and found.model != "two_level_all"
+        for weights in found.null_directions
+    )
+
+
+def _said(weights: Mapping[str, float]) -> str:
+    """Return a combination of parameters in words, such as `δd₁ − base z`."""
+    parts = []
+    for name, weight in weights.items():
+        size = f"{abs(weight):.3g}"
+        times = "" if size == "1" else f"{size} "
+        parts.append(f"{'+' if weight > 0 else '−'} {times}{written(name)}")
+    return " ".join(parts).removeprefix("+ ")
+
+
+def _times(found: OverFloor) -> str:
+    return f"{found.mean:.2f} ({found.largest:.2f})"
+
+
+def _of(count: int, found: CurveStudySummary) -> str:
+    return f"{count} of {found.individuals}"

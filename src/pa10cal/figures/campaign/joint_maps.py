@@ -1,0 +1,365 @@
+"""Errors by a joint's angle as discovery found them, of all campaigns and of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from pa10cal.arrays import Array
+from pa10cal.figures.registry import NothingToShowError, picture
+from pa10cal.figures.results import Results
+from pa10cal.figures.style import (
+    AFTER,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SEPARATOR,
+    SKY,
+    legend_at,
+    name_rows,
+    new_figure,
+    panel,
+    write_text_at,
+)
+from pa10cal.results.discovery import FoundEffect
+from pa10cal.results.group import CampaignsAgree, EffectByCampaign
+
+_TITLE = "Errors that depend on a joint angle, as found"
+_MAPS = ("joint_error_map", "sensor_error", "gear_error")
+_HALF_WIDTH_95 = 1.96
+_ROW_MM, _BETWEEN_MM, _BELOW_MM, _ABOVE_MM = 24.0, 7.0, 28.0, 14.0
+_ARC_SECONDS_A_MRAD = 206.265
+#: Points of a line over a turn, about, a whole number for every knot.
+_POINTS = 720
+#: How strongly the band is drawn over angles seen and over others.
+_STRONG, _WEAK = 0.6, 0.25
+
+
+@dataclass(frozen=True)
+class _Map:
+    """The map of one joint: errors (K,) at even knots of a turn, and their standard deviations."""
+
+    joint: int
+    error_mrad: Array
+    std_mrad: Array
+
+    @property
+    def angle_deg(self) -> Array:
+        """Return the angles at which it is drawn, over a turn."""
+        knots = len(self.error_mrad)
+        return np.linspace(0.0, 360.0, max(_POINTS // knots, 2) * knots + 1)
+
+    @property
+    def line_mrad(self) -> Array:
+        """Return the error at these angles: a periodic cubic spline through the knots."""
+        around = np.append(self.error_mrad, self.error_mrad[0])
+        spline = CubicSpline(np.linspace(0.0, 360.0, len(around)), around, bc_type="periodic")
+        return np.asarray(spline(self.angle_deg))
+
+    @property
+    def half_width_mrad(self) -> Array:
+        """Return half the 95 % interval at these angles, between knots that of its neighbours."""
+        around = np.append(self.std_mrad, self.std_mrad[0])
+        knots = np.linspace(0.0, 360.0, len(around))
+        return np.asarray(_HALF_WIDTH_95 * np.interp(self.angle_deg, knots, around))
+
+
+@picture(
+    title="Where: error maps of the joints",
+    needs=("verdict",),
+    caption="""
+Errors that depend on a joint angle, as discovery found them in ``{name}``: the position error
+of each joint over a whole turn, with a 95 % band from the uncertainty of the knots. A constant
+over the measured angles can hardly be separated from the joint zero or the base and widens the
+band equal at all knots. Shaded: angles without fitted poses, where the line is a smooth
+continuation of its neighbours and the model extrapolates. A map shows at which joint an error
+is and how it depends on the angle, not whether encoder, gear or controller causes it. Joints
+without a map showed no need of one.
+""",
+)
+def draw_joint_error_maps(results: Results) -> Figure:
+    """Draw every map with its band, a row a joint; what is extrapolated is shaded and dotted."""
+    found = results.verdict()
+    maps = [_map(effect) for effect in found.effects if effect.id in _MAPS]
+    if not maps:
+        raise NothingToShowError("no error that depends on a joint's angle was named")
+    maps.sort(key=lambda each: each.joint)
+    rows = len(maps) * (_ROW_MM + _BETWEEN_MM) - _BETWEEN_MM
+    figure = new_figure(_BELOW_MM + rows + _ABOVE_MM, _TITLE)
+    limit = 1.1 * max(float(np.abs(each.line_mrad).max()) for each in maps)
+    for k, each in enumerate(reversed(maps)):
+        bottom = _BELOW_MM + k * (_ROW_MM + _BETWEEN_MM)
+        axes = panel(figure, 20.0, bottom, 130.0, _ROW_MM)
+        stretches = found.angles_seen[each.joint - 1].stretches if found.angles_seen else None
+        _draw_map(axes, each, stretches)
+        axes.set_ylim(-limit, limit)
+        axes.tick_params(labelbottom=k == 0)
+        if k == 0:
+            axes.set_xlabel("joint angle [deg], by the turn")
+    _draw_legend(figure)
+    return figure
+
+
+def _map(effect: FoundEffect) -> _Map:
+    """Return the map of an effect, its knots in order."""
+    knots = sorted(
+        (int(name.rpartition("_")[2]), parameter) for name, parameter in effect.parameters.items()
+    )
+    return _Map(
+        joint=int(effect.of.removeprefix("joint ")),
+        error_mrad=1e3 * np.array([parameter.value for _, parameter in knots]),
+        std_mrad=1e3 * np.array([parameter.std for _, parameter in knots]),
+    )
+
+
+def _draw_map(axes: Axes, each: _Map, stretches: Array | None) -> None:
+    """Draw a map; `stretches` are the angles seen [rad], None where that is not known."""
+    angle, line, half = each.angle_deg, each.line_mrad, each.half_width_mrad
+    unseen = np.zeros(len(angle), dtype=bool)
+    if stretches is not None:
+        unseen = ~_within(angle, np.degrees(stretches))
+    axes.fill_between(
+        angle, 0.0, 1.0, where=unseen, transform=axes.get_xaxis_transform(), color=SEPARATOR,
+        alpha=0.45, linewidth=0.0,
+    )  # fmt: skip
+    band: dict[str, Any] = {"color": SKY, "linewidth": 0.0}
+    axes.fill_between(angle, line - half, line + half, where=~unseen, alpha=_STRONG, **band)
+    axes.fill_between(angle, line - half, line + half, where=unseen, alpha=_WEAK, **band)
+    axes.plot(angle, np.where(unseen, np.nan, line), color=AFTER)
+    axes.plot(angle, np.where(unseen, line, np.nan), color=AFTER, linestyle=":")
+    axes.axhline(0.0, color=GREY, linewidth=0.6)
+    spacing = 360.0 / len(each.error_mrad)
+    shown, over = (line, "the turn") if unseen.all() else (line[~unseen], "the measured angles")
+    axes.set_title(
+        f"joint {each.joint}: rms {np.sqrt(np.mean(shown**2)):.3f} mrad over {over}; "
+        f"{100.0 * np.mean(~unseen):.0f} % of the turn measured; knots {spacing:.3g}° apart"
+    )
+    axes.set_xlim(0.0, 360.0)
+    axes.set_xticks(range(0, 361, 45))
+    axes.set_ylabel("error [mrad]")
+    right = axes.secondary_yaxis("right", functions=(_to_arc_seconds, _to_mrad))
+    right.set_ylabel("arc seconds")
+
+
+def _to_arc_seconds(mrad: ArrayLike) -> ArrayLike:
+    return np.asarray(mrad) * _ARC_SECONDS_A_MRAD
+
+
+def _to_mrad(arc_seconds: ArrayLike) -> ArrayLike:
+    return np.asarray(arc_seconds) / _ARC_SECONDS_A_MRAD
+
+
+def _within(angle: Array, stretches: Array) -> NDArray[np.bool_]:
+    """Return which angles (N,) lie in any of the stretches (m, 2)."""
+    low, high = stretches.T[:, None]
+    return np.asarray(((angle[:, None] >= low) & (angle[:, None] <= high)).any(axis=1))
+
+
+def _draw_legend(figure: Figure) -> None:
+    handles = [
+        Line2D([], [], color=AFTER, label="map"),
+        Patch(color=SKY, alpha=_STRONG, label="95 % band"),
+        Line2D([], [], color=AFTER, linestyle=":", label="extrapolated"),
+        Patch(color=SEPARATOR, alpha=0.45, label="angles without fitted poses"),
+    ]
+    legend_at(figure, 4.0, 11.0, handles, ncols=4, columnspacing=1.4)
+    note = "A map shows at which joint an error is and how it depends on the angle, not its cause."
+    write_text_at(figure, 2.0, 6.5, note, color=GREY)
+
+
+# Every joint's error by its angle, the campaigns of a group on top of each other.
+
+#: Common angles from which campaigns are drawn about one mean [deg].
+_LEAST_COMMON_DEG = 10
+(
+    _ROW_MM_OF_BY_CAMPAIGN,
+    _BETWEEN_MM_OF_BY_CAMPAIGN,
+    _BELOW_MM_OF_BY_CAMPAIGN,
+    _ABOVE_MM_OF_BY_CAMPAIGN,
+) = 26.0, 8.0, 24.0, 14.0
+#: Colour and line of one campaign after the other.
+_LINES: tuple[tuple[str, Literal["-", "--", "-."]], ...] = (
+    (BLUE, "-"),
+    (ORANGE, "-"),
+    (GREEN, "--"),
+    (PURPLE, "-."),
+)
+
+
+@picture(
+    title="Where: one robot, several campaigns",
+    needs=("verdict",),
+    caption="""
+The errors by joint angles that discovery found in ``{name}``, as each campaign alone has them,
+where it has poses. Where campaigns lie on top of each other the error
+belongs to the robot. Above each joint: the correlation of the campaigns with its 95 % interval,
+and α, the share of the error that the joint's motor followed, with its 95 % interval, where the
+motor's own ripple shows it: 0 if the gear makes the error, 1 if the sensor does.
+""",
+)
+def draw_joint_errors_by_campaign(results: Results) -> Figure:
+    """Draw every joint that has such an error, a row each."""
+    verdict = results.verdict()
+    found = sorted(
+        (each for each in verdict.by_campaign or () if each.errors), key=lambda each: each.of
+    )
+    if not found:
+        raise NothingToShowError("no group, or no error by a joint's angle was found in it")
+    names = list(dict.fromkeys(name for each in found for name in each.errors or ()))
+    effects = {(effect.id, effect.of): effect for effect in verdict.effects}
+    rows = (
+        len(found) * (_ROW_MM_OF_BY_CAMPAIGN + _BETWEEN_MM_OF_BY_CAMPAIGN)
+        - _BETWEEN_MM_OF_BY_CAMPAIGN
+    )
+    figure = new_figure(
+        _BELOW_MM_OF_BY_CAMPAIGN + rows + _ABOVE_MM_OF_BY_CAMPAIGN,
+        "Errors by joint angles, as each campaign alone has them",
+    )
+    errors = [error for each in found for error in _shown(each).values()]
+    limit = 1.05 * float(np.nanmax(np.abs(errors)))
+    for k, each in enumerate(reversed(found)):
+        bottom = _BELOW_MM_OF_BY_CAMPAIGN + k * (
+            _ROW_MM_OF_BY_CAMPAIGN + _BETWEEN_MM_OF_BY_CAMPAIGN
+        )
+        axes = panel(figure, 16.0, bottom, 148.0, _ROW_MM_OF_BY_CAMPAIGN)
+        _draw_joint(axes, each, names)
+        axes.set_title(_said(each, effects.get((each.id, each.of))))
+        axes.set_ylim(-limit, limit)
+        axes.tick_params(labelbottom=k == 0)
+        if k == 0:
+            axes.set_xlabel("joint angle [deg], by the turn")
+    handles = [
+        Line2D([], [], color=color, linestyle=line, label=name)
+        for name, (color, line) in zip(names, _LINES, strict=False)
+    ]
+    legend_at(figure, 4.0, 11.0, handles, ncols=4, columnspacing=1.4)
+    note = "Less the mean over the angles that all visited, or else its own; gaps: no poses there."
+    write_text_at(figure, 2.0, 6.5, note, color=GREY)
+    return figure
+
+
+def _shown(each: EffectByCampaign) -> dict[str, Array]:
+    """Return the error of every campaign at whole degrees, nan where it has no poses.
+
+    Less its mean over the angles that all campaigns visited, or else over its own.
+    """
+    errors = each.errors or {}
+    common = np.all([alone.visited for alone in errors.values()], axis=0)
+    shown = {}
+    for name, alone in errors.items():
+        error = np.where(alone.visited, alone.error_mrad, np.nan)
+        about = common if common.sum() >= _LEAST_COMMON_DEG else alone.visited
+        shown[name] = np.asarray(error - error[about].mean() if about.any() else error)
+    return shown
+
+
+def _draw_joint(axes: Axes, each: EffectByCampaign, names: list[str]) -> None:
+    shown = _shown(each)
+    for name, (color, line) in zip(names, _LINES, strict=False):
+        if name in shown:
+            axes.plot(np.arange(360), shown[name], color=color, linestyle=line, alpha=0.85)
+    axes.axhline(0.0, color=GREY, linewidth=0.6)
+    axes.set_xlim(0.0, 360.0)
+    axes.set_xticks(range(0, 361, 45))
+    axes.set_ylabel("error [mrad]")
+
+
+def _said(each: EffectByCampaign, effect: FoundEffect | None) -> str:
+    """Return what stands above a joint."""
+    parts = []
+    for pair in each.agreement:
+        if pair.correlation is None or pair.correlation95 is None:
+            continue
+        low, high = pair.correlation95
+        parts.append(f"r {pair.correlation:.2f} ({low:.2f} to {high:.2f})")
+    ripple = effect.witness.ripple if effect is not None and effect.witness else None
+    if ripple is not None:
+        low, high = ripple.interval95
+        parts.append(f"α {ripple.alpha:.2f} ({low:.2f} to {high:.2f})")
+    return f"{each.of}: {', '.join(parts) or 'seen by the campaigns at other angles'}"
+
+
+# Whether the campaigns of a group agree on the errors by joint angles, joint by joint.
+
+Compared = tuple[str, CampaignsAgree]
+
+_ROW_MM_OF_AGREE, _BELOW_MM_OF_AGREE, _ABOVE_MM_OF_AGREE = 7.0, 21.0, 12.0
+
+
+@picture(
+    title="Where: campaigns that agree",
+    needs=("verdict",),
+    caption="""
+The errors by joint angles that discovery found in ``{name}``, fitted to each campaign alone and
+compared over the angles that two campaigns both visited, each less its mean there. Left: their
+correlation; right: the slope of the second by the first, both uncertain alike; with 95 %
+intervals. Written beside: root mean square of both and of what they differ by, and the part of
+the turn that both visited. A correlation and a slope near one show that the error belongs to the
+robot, and not to one set-up.
+""",
+)
+def draw_campaigns_agree(results: Results) -> Figure:
+    """Draw correlation and slope, a row a joint and pair of campaigns."""
+    found = [
+        (each.of, pair)
+        for each in results.verdict().by_campaign or ()
+        for pair in each.agreement
+        if pair.correlation is not None
+    ]
+    if not found:
+        raise NothingToShowError("no joint's error was seen by two campaigns at the same angles")
+    found.sort(key=lambda each: each[0])
+    height = _ROW_MM_OF_AGREE * max(len(found), 2)
+    figure = new_figure(
+        _BELOW_MM_OF_AGREE + height + _ABOVE_MM_OF_AGREE,
+        "Errors by joint angles, campaign against campaign",
+    )
+    left = panel(figure, 36.0, _BELOW_MM_OF_AGREE, 36.0, height)
+    right = panel(figure, 78.0, _BELOW_MM_OF_AGREE, 36.0, height)
+    _draw(left, [p.correlation for _, p in found], [p.correlation95 for _, p in found])
+    _draw(right, [p.slope for _, p in found], [p.slope95 for _, p in found])
+    left.set_xlabel("correlation")
+    right.set_xlabel("slope")
+    name_rows(left, [f"{of}: {p.first}, {p.second}" for of, p in found], 0.6)
+    name_rows(right, ["" for _ in found], 0.6)
+    for row, (_, pair) in enumerate(found):
+        right.annotate(
+            _beside(pair), (1.03, row), xycoords=("axes fraction", "data"), va="center", fontsize=6
+        )
+    write_text_at(
+        figure, 2.0, 6.5, "Beside: rms of both / of the difference [mrad]; turn both visited.",
+        color=GREY,
+    )  # fmt: skip
+    return figure
+
+
+def _draw(
+    axes: Axes,
+    values: list[float | None],
+    intervals: list[tuple[float, float] | None],
+) -> None:
+    """Draw values with their intervals, row by row."""
+    at = np.array(values, dtype=float)
+    ends = np.array(intervals, dtype=float).reshape(-1, 2)
+    off = np.abs(ends - at[:, None]).T
+    axes.errorbar(at, np.arange(len(at)), xerr=off, fmt="o", ms=3.0, color=AFTER, capsize=2.0)
+    axes.axvline(1.0, color=GREY, linewidth=0.6)
+    low = min(0.8, float(ends.min()) - 0.02)
+    axes.set_xlim(low, max(1.02, float(ends.max()) + 0.02))
+
+
+def _beside(pair: CampaignsAgree) -> str:
+    return (
+        f"{pair.first_rms_mrad:.3f}, {pair.second_rms_mrad:.3f} / "
+        f"{pair.difference_rms_mrad:.3f}; {100.0 * pair.share_of_turn:.0f} %"
+    )

@@ -1,1 +1,0 @@
-"""Pictures and tables of the study of a chain posed along curves, one a module."""

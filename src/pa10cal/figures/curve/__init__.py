@@ -1,1 +1,0 @@
-"""Pictures of a chain laid along a curve, one a module."""

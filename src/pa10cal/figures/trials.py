@@ -1,0 +1,490 @@
+"""Blind trials in pictures: what was hidden and named, rates, power, intervals, targets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from scipy.special import ndtri
+
+from pa10cal.figures.registry import NothingToShowError, picture
+from pa10cal.figures.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    ORANGE,
+    SEPARATOR,
+    SKY,
+    VERMILLION,
+    name_rows,
+    new_figure,
+    panel,
+    plain_log,
+    write_beside,
+    write_text_at,
+)
+from pa10cal.figures.table import Shown, Table, frame_of
+from pa10cal.results.trials import Bar, JudgedEffect, JudgedTrial, Rate, TrialScoresRecord
+
+BAR_HEADER = ("quantity", "to reach", "reached", "95 % interval", "trials", "met")
+
+
+def draw_rates(axes: Axes, rates: Sequence[Rate]) -> None:
+    """Draw a row a rate, its share in percent and of how many beside it."""
+    for y, rate in enumerate(rates):
+        share = 100.0 * (rate.share or 0.0)
+        axes.errorbar(
+            share,
+            y,
+            xerr=[[share - 100.0 * rate.low], [100.0 * rate.high - share]],
+            color=BLUE,
+            ecolor=SKY,
+            marker="o",
+            capsize=2.0,
+        )
+        write_beside(axes, y, f"{rate.count} of {rate.of}", color=GREY)
+
+
+def bar_row(bar: Bar) -> tuple[object, ...]:
+    """Return a figure to reach, and the one reached, as a row under `BAR_HEADER`."""
+    return (
+        bar.what,
+        f"{'≥' if bar.at_least else '≤'} {_figure(bar.limit, bar)}",
+        "" if bar.reached is None else _figure(bar.reached, bar),
+        ""
+        if bar.low is None or bar.high is None or not bar.trials
+        else f"{_figure(bar.low, bar)} to {_figure(bar.high, bar)}",
+        bar.trials,
+        bar.verdict,
+    )
+
+
+def _figure(value: float, bar: Bar) -> str:
+    return f"{100.0 * value:.1f} %" if bar.share else f"{value:.3g}"
+
+
+# What was hidden in blind trials, and what was named: the confusion matrix.
+
+_TITLE = "Blind trials with one hidden effect: what was hidden, and what was named"
+_CELL_MM = 4.6
+_LEFT_MM, _TOP_MM, _BOTTOM_MM = 37.0, 44.0, 16.0
+#: Outcomes that are no id, in the order of the columns, and those that are no fault.
+_WORDS = (
+    "in the alternatives",
+    "no name, right place",
+    "said to be not testable",
+    "nothing found",
+    "right id elsewhere",
+    "no name, other place",
+    "failed",
+)
+_HONEST = _WORDS[:4]
+_RIGHT_WITHOUT_NAME = _WORDS[1]
+
+
+@picture(
+    title="What was hidden, and what was named",
+    needs=(),
+    caption="""
+Simulated campaigns in which one effect was hidden, judged without knowledge of it ({name}). A
+row is the effect that was hidden, a column the effect that was named. Blue: right name at the
+right place. *In the alternatives*: the data cannot distinguish the truth from the name given,
+and the verdict lists both. *No name, right place* is the correct answer for effects outside the
+vocabulary (below the line). Red: wrong name. The hidden effects go down to a tenth of their
+usual size, so *nothing found* is no fault by itself. Errors of real robots that the simulation
+does not have are not tested.
+""",
+)
+def draw_trials_confusion(scores: TrialScoresRecord) -> Figure:
+    """Draw a row an effect, a column a name that was given, and columns for what is no name."""
+    inside, outside = scores.confusion.single, scores.confusion.outside
+    rows = [*((name, inside[name]) for name in sorted(inside))]
+    rows += [(name, outside[name]) for name in sorted(outside)]
+    if not rows:
+        raise NothingToShowError("no trial hid one effect")
+    given = {outcome for _, counts in rows for outcome in counts}
+    ids = sorted({*inside, *(given - set(_WORDS))})
+    columns = [*ids, *(word for word in _WORDS if word in given)]
+    width, height = _CELL_MM * (len(columns) + 1), _CELL_MM * len(rows)
+    figure = new_figure(_TOP_MM + height + _BOTTOM_MM, _TITLE)
+    axes = panel(figure, _LEFT_MM, _BOTTOM_MM, width, height)
+    _draw_cells(axes, rows, columns, set(outside))
+    _name(axes, rows, columns, len(ids), len(inside))
+    write_text_at(
+        figure,
+        2.0,
+        6.0,
+        "Blue: right id at the right place, or rightly without a name. Orange: not named alone, "
+        "but no wrong name\neither. Red: wrong. Shade: share of the row. Last column: trials.",
+    )
+    return figure
+
+
+def _draw_cells(
+    axes: Axes,
+    rows: list[tuple[str, Mapping[str, int]]],
+    columns: list[str],
+    without_name: set[str],
+) -> None:
+    shades = {
+        color: LinearSegmentedColormap.from_list("shade", ["white", color])
+        for color in (BLUE, ORANGE, VERMILLION)
+    }
+    for y, (name, counts) in enumerate(rows):
+        total = sum(counts.values())
+        best = _RIGHT_WITHOUT_NAME if name in without_name else name
+        for x, column in enumerate(columns):
+            count = counts.get(column, 0)
+            if not count:
+                continue
+            right = BLUE if column == best else ORANGE if column in _HONEST else VERMILLION
+            share = 0.15 + 0.6 * count / total
+            box = (x - 0.5, y - 0.5)
+            axes.add_patch(Rectangle(box, 1.0, 1.0, facecolor=shades[right](share), linewidth=0.0))
+            axes.text(x, y, str(count), ha="center", va="center")
+        axes.text(len(columns), y, str(total), ha="center", va="center", color=GREY)
+
+
+def _name(
+    axes: Axes, rows: list[tuple[str, Mapping[str, int]]], columns: list[str], ids: int, inside: int
+) -> None:
+    axes.set_xlim(-0.5, len(columns) + 0.5)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_xticks(range(len(columns)), columns, rotation=90.0)
+    axes.set_yticks(range(len(rows)), [name for name, _ in rows])
+    axes.tick_params(
+        axis="both", length=0.0, top=False, labeltop=True, bottom=False, labelbottom=False
+    )
+    axes.grid(visible=False)
+    axes.set_ylabel("hidden")
+    axes.axvline(ids - 0.5, color=SEPARATOR, linewidth=0.8)
+    axes.axvline(len(columns) - 0.5, color=SEPARATOR, linewidth=0.8)
+    if 0 < inside < len(rows):
+        axes.axhline(inside - 0.5, color=SEPARATOR, linewidth=0.8)
+
+
+# How often a verdict on a blind trial is wrong, beside what is allowed.
+
+#: Shares allowed, as the bars have them.
+_NULL, _EXTRA, _OUTSIDE = 0.02, 0.05, 0.05
+_ROW_MM = 6.0
+
+
+@picture(
+    title="How often a verdict is wrong",
+    needs=(),
+    caption="""
+Rate of wrong verdicts in blind trials, with exact intervals ({name}): names where nothing was
+hidden, also where the campaign misstates the uncertainty of its instrument or the mass of a
+link; names beyond the hidden effects; confident names for effects outside the vocabulary. The
+dash is the largest rate allowed. *Unexplained* where nothing was hidden is no wrong name, but a
+false alarm nevertheless. A few trials leave wide intervals; the full study has its own target.
+""",
+)
+def draw_trials_false_names(scores: TrialScoresRecord) -> Figure:
+    """Draw the share of wrong verdicts of every kind of trial with its interval."""
+    rows = _rows(scores)
+    height = _ROW_MM * len(rows)
+    figure = new_figure(height + 36.0, "How often a verdict on a blind trial is wrong")
+    axes = panel(figure, 84.0, 24.0, 60.0, height)
+    _draw_rates(axes, rows)
+    write_text_at(
+        figure,
+        2.0,
+        6.0,
+        "Bars: 95 % intervals (Clopper and Pearson). Upright dash: at most this is allowed.",
+    )
+    return figure
+
+
+def _rows(scores: TrialScoresRecord) -> list[tuple[str, Rate, float | None]]:
+    hidden = scores.nothing_hidden
+    rows: list[tuple[str, Rate, float | None]] = [
+        ("nothing hidden: a name", hidden["null"].named, _NULL),
+        ("nothing hidden: “unexplained”", hidden["null"].unexplained, None),
+        ("wrong noise figure: a name", hidden["wrong_noise"].named, _NULL),
+        ("wrong noise figure: “unexplained”", hidden["wrong_noise"].unexplained, None),
+        ("wrong link mass: a name", hidden["wrong_mass"].named, _NULL),
+        ("wrong link mass: “unexplained”", hidden["wrong_mass"].unexplained, None),
+        ("one effect: something else named (too)", scores.single.wrong, None),
+        ("two effects: something extra", _not(scores.several["pair"].nothing_extra), _EXTRA),
+        ("three effects: something extra", _not(scores.several["triple"].nothing_extra), _EXTRA),
+        ("no name for it: a confident wrong name", scores.outside.confidently_wrong, _OUTSIDE),
+        ("no name for it: nothing found", scores.outside.silent, None),
+    ]
+    return [row for row in rows if row[1].of]
+
+
+def _not(found: Rate) -> Rate:
+    """Return the rate of the opposite."""
+    share = None if found.share is None else 1.0 - found.share
+    return Rate(
+        count=found.of - found.count,
+        of=found.of,
+        low=1.0 - found.high,
+        high=1.0 - found.low,
+        share=share,
+    )
+
+
+def _draw_rates(axes: Axes, rows: list[tuple[str, Rate, float | None]]) -> None:
+    draw_rates(axes, [found for _, found, _ in rows])
+    for y, (_, _, allowed) in enumerate(rows):
+        if allowed is not None:
+            axes.plot(
+                100.0 * allowed, y, color=BLACK, marker="|", markersize=10.0, linestyle="none"
+            )
+    highest = max(5.0, *(100.0 * found.high for _, found, _ in rows))
+    axes.set_xlim(-0.02 * highest, 1.02 * highest)
+    name_rows(axes, [name for name, _, _ in rows])
+    axes.set_xlabel("share of trials [%]")
+
+
+# Coverage of the intervals of named effects.
+
+_TITLE_OF_INTERVALS = "Coverage of the intervals of named effects: blind trials"
+_ROW_MM_OF_INTERVALS = 4.6
+
+
+@picture(
+    title="Coverage of the intervals of effects",
+    needs=(),
+    caption="""
+Coverage of the intervals that a verdict gives for the parameters of an effect ({name}). Left,
+the share of true values inside the interval at the usual level, by parameter. Right, the share
+inside at every level, over all parameters: on the line the stated uncertainties are right,
+below it they are too small. Only effects named at their place count, so the smallest of them
+are those that chance made larger.
+""",
+)
+def draw_trials_intervals(scores: TrialScoresRecord) -> Figure:
+    """Draw the share inside the 95 % interval by parameter, and by level over all of them."""
+    found = scores.intervals
+    if not found.scores:
+        raise NothingToShowError("no hidden effect with parameters was named")
+    height = max(50.0, _ROW_MM_OF_INTERVALS * len(found.by_parameter))
+    figure = new_figure(height + 44.0, _TITLE_OF_INTERVALS)
+    _draw_parameters(panel(figure, 50.0, 30.0, 42.0, height), scores)
+    _draw_levels(panel(figure, 123.0, 30.0 + height - 44.0, 44.0, 44.0), scores)
+    inside = found.inside
+    write_text_at(
+        figure,
+        2.0,
+        6.0,
+        f"{inside.count} of {inside.of} parameters lie inside their 95 % interval "
+        f"({100 * inside.low:.1f} to {100 * inside.high:.1f} %);\nroot mean square of "
+        f"(value − truth) / std: {found.rms:.2f}. Of trials in which the hidden effect is named "
+        "at its place;\nmaps are omitted. Bars: 95 % intervals (Clopper and Pearson).",
+    )
+    return figure
+
+
+def _draw_parameters(axes: Axes, scores: TrialScoresRecord) -> None:
+    rows = scores.intervals.by_parameter
+    draw_rates(axes, rows)
+    axes.axvline(95.0, color=BLACK, linewidth=0.8)
+    axes.set_xlim(0.0, 102.0)
+    name_rows(axes, [f"{row.id} {row.parameter}" for row in rows])
+    axes.set_xlabel("inside, 95 % interval [%]")
+
+
+def _draw_levels(axes: Axes, scores: TrialScoresRecord) -> None:
+    size = np.abs([score.score for score in scores.intervals.scores])
+    level = np.linspace(0.0, 0.995, 200)
+    half_width = ndtri(0.5 + level / 2.0)
+    share = (size[:, None] <= half_width).mean(axis=0)
+    band = 1.96 * np.sqrt(level * (1.0 - level) / len(size))
+    axes.fill_between(
+        100.0 * level, 100.0 * (level - band), 100.0 * (level + band), color=GREY, alpha=0.25, lw=0
+    )
+    axes.plot([0.0, 100.0], [0.0, 100.0], color=BLACK, linewidth=0.8)
+    axes.plot(100.0 * level, 100.0 * share, color=BLUE)
+    axes.set_xlim(0.0, 100.0)
+    axes.set_ylim(0.0, 100.0)
+    axes.set_xlabel("level of the interval [%]")
+    axes.set_ylabel("parameters inside [%]")
+    axes.set_title("every level (grey: chance)")
+
+
+# How large an effect must be to be found: blind trials by size and by residual.
+
+_TITLE_OF_POWER = "How large an effect must be: blind trials with one hidden effect"
+_ROW_MM_OF_POWER = 4.8
+#: Markers of layouts, in order of their names, and what they are called.
+_MARKERS = {
+    "o": "dots",
+    "s": "squares",
+    "^": "triangles up",
+    "v": "triangles down",
+    "D": "diamonds",
+    "P": "crosses",
+}
+#: How far the rows of the first and of the last layout are apart.
+_SPREAD = {1: 0.0, 2: 0.34}
+_WIDEST_SPREAD = 0.6
+#: Characters of a line below the panels.
+_LINE = 96
+_LOWEST, _HIGHEST = 0.03, 60.0
+#: Where the residual is so many times the floor.
+_RATIOS = {1.5: "right", 3.0: "left"}
+
+
+@picture(
+    title="How large an effect must be to be found",
+    needs=(),
+    caption="""
+Size at which an effect is named or among the alternatives ({name}). Left, every trial by the
+size of its hidden effect, in units of the usual size in robots of this kind; hollow markers
+were missed. Right, the same trials by the effect on the poses: the difference between the
+residual of the calibrated model and that of the same campaign without the effect, relative to
+the residual that noise alone leaves. Effects that only the logged torque shows are omitted
+there.
+""",
+)
+def draw_trials_power(scores: TrialScoresRecord) -> Figure:
+    """Draw every trial by its effect and size, and the share found by what it does to poses."""
+    trials = [trial for trial in scores.per_trial if trial.kind == "single"]
+    if not trials:
+        raise NothingToShowError("no trial hid one effect of the vocabulary")
+    names = sorted({trial.hidden[0].id for trial in trials})
+    markers = dict(zip(sorted({trial.layout for trial in trials}), cycle(_MARKERS), strict=False))
+    height, below = _ROW_MM_OF_POWER * len(names), 32.0 + 3.5 * ((len(markers) + 2) // 3)
+    figure = new_figure(height + below + 15.0, _TITLE_OF_POWER)
+    by_size = panel(figure, 37.0, below, 60.0, height)
+    _draw_sizes(by_size, trials, names, markers)
+    for k, name in enumerate(names):
+        curve = scores.power.by_id.get(name)
+        if curve is not None and curve.most is not None:
+            by_size.plot(curve.most, k, color=BLACK, marker="|", markersize=9.0, linestyle="none")
+    _draw_moved(panel(figure, 112.0, below, 55.0, height), scores)
+    _explain(figure, markers)
+    return figure
+
+
+def _draw_sizes(
+    axes: Axes, trials: list[JudgedTrial], names: list[str], markers: dict[str, str]
+) -> None:
+    half = 0.5 * _SPREAD.get(len(markers), _WIDEST_SPREAD)
+    offsets = dict(zip(markers, np.linspace(-half, half, len(markers)), strict=True))
+    for trial in trials:
+        hidden = trial.hidden[0]
+        y = names.index(hidden.id) + offsets[trial.layout]
+        axes.plot(hidden.size, y, marker=markers[trial.layout], **_look(hidden))
+    plain_log(axes, "x", 0.085, 3.5)
+    name_rows(axes, names)
+    axes.set_xlabel("size, in the reference size of the effect")
+    axes.set_title("every trial")
+
+
+def _look(hidden: JudgedEffect) -> dict[str, Any]:
+    color = BLUE if hidden.listed else VERMILLION if hidden.testable else GREY
+    face = color if hidden.listed else "white"
+    return {"color": color, "markerfacecolor": face, "markersize": 2.8, "markeredgewidth": 0.7}
+
+
+def _draw_moved(axes: Axes, scores: TrialScoresRecord) -> None:
+    for entry in scores.power.bins:
+        found = entry.listed
+        if found.share is None:
+            continue
+        x = np.sqrt(max(entry.low, _LOWEST) * (entry.high or _HIGHEST))
+        axes.errorbar(
+            x,
+            found.share,
+            yerr=[[found.share - found.low], [found.high - found.share]],
+            color=BLUE,
+            ecolor=SKY,
+            marker="o",
+            capsize=2.0,
+        )
+        axes.text(x, -0.06, str(found.of), ha="center", color=GREY)
+    curve = scores.power.by_moved
+    if curve is not None:
+        moved = np.geomspace(_LOWEST, _HIGHEST, 200)
+        odds = curve.intercept + curve.slope * np.log(moved)
+        axes.plot(moved, 1.0 / (1.0 + np.exp(-odds)), color=BLACK, linewidth=0.8)
+    for ratio, side in _RATIOS.items():
+        x = np.sqrt(ratio**2 - 1.0)
+        axes.axvline(x, color=GREY, linewidth=0.8, linestyle=":")
+        axes.text(x, 1.06, f" {ratio:g} × ", ha=side, color=GREY)
+    plain_log(axes, "x", _LOWEST, _HIGHEST)
+    axes.set_ylim(-0.1, 1.12)
+    axes.set_yticks(np.linspace(0.0, 1.0, 6))
+    axes.set_xlabel("residual moved, over the noise floor")
+    axes.set_title("share named or in the alternatives")
+
+
+def _explain(figure: Figure, markers: dict[str, str]) -> None:
+    layouts = "; ".join(f"{_MARKERS[marker]}: {layout}" for layout, marker in markers.items())
+    layouts = fill(f"{layouts[0].upper()}{layouts[1:]}.", _LINE)
+    write_text_at(
+        figure,
+        2.0,
+        6.0,
+        "Filled blue: named or in the alternatives; hollow red: neither; hollow grey: declared "
+        f"not testable.\n{layouts}\n"
+        "Upright dash: size found in 95 of 100. Right: effects that move poses, by how far the "
+        "residual of the\ncalibrated baseline differs from that with nothing hidden (numbers: "
+        "trials; bars: 95 % intervals; line: logistic;\ndotted: the residual is so many times "
+        "the floor).",
+    )
+
+
+# The figures that blind trials are to reach, and those reached.
+
+_NOTES = (
+    "Too few to judge: one trial alone weighs more than the target leaves, and the interval holds "
+    "the target.",
+    "Ratio: remaining position error of the calibrated model over that of noise alone, from the "
+    "difference to the same campaign without the effect. A rotation about the last axis, a gain of "
+    "the logged torque and friction at a rigid joint do not change it.",
+    "Separable: distinguishable from every other name by the geometry of the poses alone. A map of "
+    "a joint's error can represent any named error of that joint and is no alternative to one.",
+    "A trial that failed counts against every target it belongs to.",
+)
+
+
+@picture(
+    title="Targets, and values reached",
+    needs=(),
+    caption="""
+Targets of discovery in blind trials, and the values reached ({name}). Each trial is a simulated
+campaign with robot, poses, noise and hidden effects drawn at random; the verdict uses its raw
+files only and is compared with the truth afterwards. The interval is that of a share of so many
+trials. A target that is missed is reported like any other. The result says how well discovery
+does on errors that the simulation can produce.
+""",
+)
+def tabulate_trials_summary(scores: TrialScoresRecord) -> Table:
+    """Return a row a figure."""
+    data = frame_of(BAR_HEADER, map(bar_row, scores.bars))
+    return Table(
+        "Blind trials: targets, and values reached",
+        data,
+        (Shown(data.astype(str)),),
+        _notes(scores),
+    )
+
+
+def _notes(scores: TrialScoresRecord) -> tuple[str, ...]:
+    singles, gap = scores.single, scores.gap
+    notes = [*_NOTES]
+    if singles.alternatives is not None:
+        notes.append(
+            f"One effect: {singles.alternatives:.2f} alternatives beside the truth on average; "
+            f"{singles.not_testable} trials hid what the verdict had said it could not show."
+        )
+    if gap is not None:
+        notes.append(
+            f"Held-out error after naming over the mean where nothing is missing: median "
+            f"{gap.median:.2f}, 95 of 100 below {gap.high:.2f}; where nothing is missing itself 95 "
+            f"of 100 below {gap.null_high:.2f}."
+        )
+    return tuple(notes)

@@ -1,1 +1,0 @@
-"""Pictures and tables of a study of blind trials, one a module."""

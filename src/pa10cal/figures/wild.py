@@ -1,0 +1,187 @@
+"""Wild trials in pictures: how often the pipeline fails, what became of what was put in."""
+
+from __future__ import annotations
+
+from textwrap import fill
+
+from matplotlib.figure import Figure
+
+from pa10cal.figures.registry import NothingToShowError, picture
+from pa10cal.figures.style import BLACK, name_rows, new_figure, panel, write_text_at
+from pa10cal.figures.table import Shown, Table, frame_of
+from pa10cal.figures.trials import BAR_HEADER, bar_row, draw_rates
+from pa10cal.results.trials import Rate, WildScoresRecord, WildSubject
+
+_ROW_MM = 9.0
+#: Names of the bars of stressors and faults short enough to stand beside them, in their order;
+#: those of other kinds stand as they are, in lines of so many characters.
+_WIDTH = 30
+_NAMES = (
+    "crash, or discovery\nwithheld",
+    "no fault: a false name",
+    "fault in the log:\na confident false name",
+    "outside the vocabulary:\na confident false name",
+    "fault above the noise: told",
+    "something wrong: “none”",
+    "held out worse",
+    "one effect among stressors:\nlisted",
+    "of these, above the\ndetection limit: listed",
+    "right data called suspect",
+    "an effect, no fault:\ncalled suspect",
+)
+
+
+@picture(
+    title="How often campaigns with stressors and faults go wrong",
+    needs=(),
+    caption="""
+Rates of wild trials with exact intervals ({name}): simulated campaigns of several arms and
+instruments, with stressors of ordinary logs or faults in their raw files, without stated masses, or
+with rows that are sorted. Every command runs on
+these files alone; what was put in is compared afterwards. The dash is the largest rate allowed, for
+faults told and effects listed the least required. A fault counts where it is above three times the
+noise. Synthetic data.
+""",
+)
+def draw_wild_rates(scores: WildScoresRecord) -> Figure:
+    """Draw the shares with their intervals."""
+    shares = [bar for bar in scores.bars if bar.share]
+    names = _NAMES if len(shares) == len(_NAMES) else [fill(bar.what, _WIDTH) for bar in shares]
+    rows = [(name, bar) for name, bar in zip(names, shares, strict=True) if bar.trials]
+    if not rows:
+        raise NothingToShowError("no trial counts")
+    height = _ROW_MM * len(rows)
+    figure = new_figure(height + 36.0, "How often campaigns with stressors and faults go wrong")
+    axes = panel(figure, 62.0, 24.0, 82.0, height)
+    rates = [
+        Rate(
+            count=round((bar.reached or 0.0) * bar.trials),
+            of=bar.trials,
+            low=bar.low or 0.0,
+            high=bar.high if bar.high is not None else 1.0,
+            share=bar.reached,
+        )
+        for _, bar in rows
+    ]
+    draw_rates(axes, rates)
+    for y, (_, bar) in enumerate(rows):
+        axes.plot(100.0 * bar.limit, y, color=BLACK, marker="|", markersize=10.0, linestyle="none")
+    axes.set_xlim(-2.0, 102.0)
+    name_rows(axes, [name for name, _ in rows])
+    axes.set_xlabel("share of trials [%]")
+    write_text_at(
+        figure,
+        2.0,
+        6.0,
+        "Bars: 95 % intervals (Clopper and Pearson). Upright dash: what is allowed, or required.",
+    )
+    return figure
+
+
+# What became of wild trials, by what was put into them.
+
+_HEADER = (
+    "kind",
+    "put in",
+    "trials",
+    "crashed",
+    "refused",
+    "false name",
+    "above the noise",
+    "told",
+    "found",
+    "false comfort",
+    "worse held out",
+    "unexplained",
+    "suspect",
+)
+_FOUND_IN = ("effect", "beyond", "unstated_masses", "sorted_rows")
+
+
+@picture(
+    title="What became of each stressor, fault and effect",
+    needs=(),
+    caption="""
+Wild trials by what was put into their raw files ({name}): how many there are, and how many crashed,
+were refused before calibration, were given a false name (a confident one where a fault or an effect
+outside the vocabulary is in them), were told of the fault or named the effect, got *none* where
+something above three times the noise is wrong, predict held-out poses worse than before, were left
+unexplained, or were called suspect. Of unstated masses and sorted rows, effects count as above the
+noise where they leave half as much again, and as told where they are named or listed. Synthetic
+data.
+""",
+)
+def tabulate_wild_subjects(scores: WildScoresRecord) -> Table:
+    """Return a row a disturbance or an effect."""
+    data = frame_of(_HEADER, map(_row, scores.subjects))
+    shown = data.astype(str).replace("<NA>", "")
+    notes = tuple(
+        f"{trial.campaign} ({trial.bench}, {'; '.join(trial.put_in) or 'nothing'}): "
+        f"{', '.join(trial.failings)}: {trial.said}"
+        for trial in scores.per_trial
+        if trial.failings
+    )
+    return Table("Wild trials: what became of each", data, (Shown(shown),), notes)
+
+
+def _row(subject: WildSubject) -> tuple[object, ...]:
+    return (
+        subject.kind,
+        subject.id.replace("_", " "),
+        subject.trials,
+        subject.crashed,
+        subject.refused,
+        subject.false_names,
+        subject.above_noise,
+        subject.told,
+        subject.found if subject.kind in _FOUND_IN else "",
+        subject.false_comfort,
+        subject.worse,
+        subject.unexplained,
+        subject.suspected,
+    )
+
+
+# The figures that wild trials are to reach, and those reached.
+
+_NOTES = (
+    "Too few to judge: one trial alone weighs more than the target leaves, and the interval holds "
+    "the target.",
+    "A fault is above the noise where it moves the residual of the calibrated model by more than "
+    "three times what repeatability leaves, against the same campaign without it; faults of single "
+    "rows, signs, zeros and units always are.",
+    "Told: by kind and place in the faults of the verdict, by suspect_input, by a refusal before "
+    "calibration, or, of a single reading, by its quarantine or among the suspected outliers.",
+    "A refusal after calibration counts as a crash.",
+)
+_NOTES_MEASURED = (
+    _NOTES[0],
+    "What an effect leaves is worked out from the truth: the readings without noise, with the "
+    "effect and without it, less all motions of base, joint frames and tool; with the noise it "
+    "makes the residual of so many times the noise.",
+    "Listed: as the name of an effect of the verdict, or among its alternatives. A name is wrong "
+    "where neither it nor one of its alternatives is hidden.",
+    "A motion is a fact where no joint, rail, load or order of the rows is named as another cause.",
+)
+
+
+@picture(
+    title="Targets, and values reached",
+    needs=(),
+    caption="""
+Targets of the whole pipeline in wild trials, and the values reached ({name}). Each trial is a
+simulated campaign of one of several arms and instruments; stressors of ordinary logs or faults are
+put into its raw files, or its masses are not stated, or its rows are sorted. Every command runs on
+these files alone, and what is said is compared with what was put in afterwards. The interval is
+that of a share of so many trials. A target that is missed is reported like any other. The data are
+synthetic: rates hold for errors that the simulation can produce.
+""",
+)
+def tabulate_wild_summary(scores: WildScoresRecord) -> Table:
+    """Return a row a figure."""
+    data = frame_of(BAR_HEADER, map(bar_row, scores.bars))
+    kinds = {trial.kind for trial in scores.per_trial}
+    notes = _NOTES_MEASURED if kinds <= {"unstated_masses", "sorted_rows"} else _NOTES
+    return Table(
+        "Wild trials: targets, and values reached", data, (Shown(data.astype(str)),), notes
+    )

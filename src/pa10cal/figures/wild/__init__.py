@@ -1,1 +1,0 @@
-"""Pictures of wild trials: campaigns with stressors and faults."""
